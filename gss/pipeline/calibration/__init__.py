@@ -1,1 +1,1 @@
-"""A camera made accurate from its own frames: geometry, photometry, detector. Start with ``self_calibrate``."""
+"""Camera calibration from its own frames: geometry, photometry, detector. Start with ``self_calibrate``."""

@@ -1,4 +1,4 @@
-"""What is wrong with the data, and what to do about it: a value beside the result, not an exception."""
+"""Warnings about the data with suggested actions, returned with a result instead of raised as exceptions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Advice:
-    """One finding. ``code`` is stable and short ("one-part"), ``text`` says what was found, ``hint`` what to do;
-    ``severe``: the result should not be used as it is."""
+    """One warning. ``code``: stable and short ("one-part"), ``text``: the problem, ``hint``: what to do;
+    ``severe``: True if the result should not be used as it is."""
 
     code: str
     text: str

@@ -1,4 +1,4 @@
-"""A calibration put to use: the profile it makes, and how far two cameras differ where it matters."""
+"""Application of a calibration: the calibrated profile, and the difference between two cameras."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GRID = 15
 
 @dataclass(frozen=True)
 class DetectorFigures:
-    """What detector calibrations found; None leaves the profile's own."""
+    """Results of detector calibrations; None keeps the profile's value."""
 
     gain_e_per_dn: float | None = None
     read_noise_e: float | None = None
@@ -35,7 +35,7 @@ class DetectorFigures:
 def detector_figures(
     transfer: PhotonTransfer | None = None, dark_current_e_s: float | None = None, psf_sigma_px: float | None = None
 ) -> DetectorFigures:
-    """From the results of the detector's calibrations. Figures that are not numbers are left out."""
+    """Collect the results of the detector's calibrations. Figures that are NaN are omitted."""
 
     def known(value: float | None) -> float | None:
         return value if value is not None and np.isfinite(value) and value > 0 else None
@@ -59,7 +59,7 @@ def calibrated_profile(
     photometry: PhotometricCalibration | None = None,
     detector: DetectorFigures | None = None,
 ) -> CameraProfile:
-    """The profile with what was calibrated in place of its own; BadInput where the detector has another size."""
+    """Return the profile with the calibrated values. Raises BadInput if the detector has another size."""
     camera = geometry.camera if isinstance(geometry, CameraCalibration) else geometry or profile.camera
     if (camera.columns, camera.rows) != (profile.camera.columns, profile.camera.rows):
         raise BadInput(
@@ -86,8 +86,8 @@ def _measured(sensor: Sensor, found: DetectorFigures) -> Sensor:
 
 @dataclass(frozen=True)
 class Difference:
-    """``rms_px`` (per axis), ``max_px`` (length) over the detector, after the best small rotation, which is ``rotation_rad``:
-    what an attitude would be off by between the two calibrations."""
+    """``rms_px`` (per axis), ``max_px`` (length) over the detector, after removing the best small rotation ``rotation_rad``, which
+    is the attitude difference between the two calibrations."""
 
     rms_px: float
     max_px: float
@@ -95,8 +95,8 @@ class Difference:
 
 
 def camera_difference(first: Camera, second: Camera) -> Difference:
-    """How differently two cameras of one detector map the sky. Centre, tilt and focal length trade against each other and
-    against attitude; this does not."""
+    """Compare how two cameras with the same detector map the sky. Unlike the single parameters (centre, tilt, focal length),
+    this difference is not affected by their correlations with each other and with the attitude."""
     if (first.columns, first.rows) != (second.columns, second.rows):
         raise BadInput(
             "cameras of different size cannot be compared",

@@ -1,8 +1,8 @@
-"""Attitudes of all frames and one camera fitted together: bundle adjustment with the attitudes eliminated.
+"""Joint fit of one camera and the attitudes of all frames: bundle adjustment with the attitudes eliminated.
 
-Each star touches its own frame's three angles and the few camera parameters, so the normal equations are an arrow: 3 x 3
+Each star depends on its frame's three angles and the few camera parameters, so the normal equations have arrow structure: 3 x 3
 blocks of frames, a border, a small corner. The Schur complement of the blocks is the information about the camera alone
-(Triggs et al. 2000 §6.1), and its inverse is the camera's covariance with every attitude's error in it.
+(Triggs et al. 2000 §6.1), and its inverse is the camera's covariance including the errors of all attitudes.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from gss.pipeline.calibration.star_stack import Stack
 ROUNDS = 40
 DONE = 1e-12
 SETTLED = 1e-6  # in squared standard deviations of all stars together
-HUBER = 2.5  # lengths of scaled residuals from here on count linearly
-REJECT = 5.0  # and from here on not at all
+HUBER = 2.5  # scaled residuals beyond this length have linear loss
+REJECT = 5.0  # scaled residuals beyond this length are rejected
 RAYLEIGH_MEDIAN = 1.1774
 TURN_STEP_RAD = 1e-6
 DAMPED, EASED = 10.0, 0.2
@@ -31,7 +31,7 @@ DAMPED, EASED = 10.0, 0.2
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter beforehand, for example from the bench. ``sigma`` in the parameter's own unit: pixels
+    """Prior value of a parameter, for example from a bench measurement. ``sigma`` in the parameter's unit: pixels
     for the focal length and the centre, radians for tilts."""
 
     value: float
@@ -40,9 +40,9 @@ class Prior:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """A fit. ``residual_px``: (n, 2) measured − predicted. ``used``: (n,) not rejected. ``scale``: how many times larger the
-    errors are than the stars' own say. ``covariance``: of the free parameters (as ``Vector.value`` counts them), errors of all
-    attitudes included. ``attitude_covariance_rad2``: (f, 3, 3), the camera's error included."""
+    """Result of a fit. ``residual_px``: (n, 2) measured − predicted. ``used``: (n,) False if rejected. ``scale``: ratio of the
+    actual to the stated errors of the stars. ``covariance``: of the free parameters (in the units of ``Vector.value``), including
+    the errors of all attitudes. ``attitude_covariance_rad2``: (f, 3, 3), including the camera's error."""
 
     vector: Vector
     cam_from_icrs: Array
@@ -55,7 +55,7 @@ class Adjusted:
 
     @property
     def camera(self) -> Camera:
-        """The camera found."""
+        """The fitted camera."""
         return self.vector.camera()
 
 
@@ -77,8 +77,8 @@ def adjust(
     rounds: int = ROUNDS,
     used: NDArray[np.bool_] | None = None,
 ) -> Adjusted:
-    """Levenberg–Marquardt over all (f, 3, 3) attitudes and the free parameters, Huber's loss and rejection beyond 5 σ of the
-    scatter found. ``used``: stars to keep to instead of rejecting."""
+    """Fit all (f, 3, 3) attitudes and the free parameters by Levenberg–Marquardt, with Huber loss and rejection beyond 5 σ of the
+    measured scatter. ``used``: fixed selection of stars, replacing the rejection."""
     known = priors or {}
     turns, damping, rejecting = cam_from_icrs, 1e-3, used is None
     keep = np.ones(len(stars), bool) if used is None else used
@@ -123,7 +123,7 @@ def _finished(
         keep = _kept(stars, length, scale)
     freedom = 2 * int(keep.sum()) - 3 * stars.frames - len(vector.free)
     chi2 = float(np.sum(np.minimum(length[keep], HUBER * scale) ** 2)) / max(1, freedom)
-    # Where few stars say how large the errors are, their own word counts too.
+    # If few stars determine the size of the errors, the stated errors are included with some weight.
     spread = float(np.sqrt((chi2 * max(0, freedom) + 20.0) / (max(0, freedom) + 20.0)))
     normal = _normal(stars, vector, turns, residual, np.where(keep, 1 / (stars.sigma_px * spread) ** 2, 0.0), priors)
     covariance, attitudes = _covariances(normal)
@@ -141,7 +141,7 @@ def _length(residual: Array, stars: Stack) -> Array:
 
 
 def _scale(length: Array, stars: Stack, parameters: int, keep: NDArray[np.bool_]) -> float:
-    """How many times the stars' own errors the typical residual is, with the freedom that the fit took given back."""
+    """Ratio of the typical residual to the stars' stated errors, corrected for the fitted degrees of freedom."""
     if not len(length):
         return 1.0
     freedom = max(2 * int(keep.sum()) - 3 * stars.frames - parameters, 1)
@@ -149,7 +149,7 @@ def _scale(length: Array, stars: Stack, parameters: int, keep: NDArray[np.bool_]
 
 
 def _kept(stars: Stack, length: Array, scale: float) -> NDArray[np.bool_]:
-    """Stars within the limit; a frame that would keep fewer than two keeps its best two, so that its block can be solved."""
+    """Mask of stars within the limit; a frame with fewer than two keeps its best two, so that its block can be solved."""
     keep = length < REJECT * scale
     short = np.flatnonzero(np.add.reduceat(keep.astype(int), stars.first) < 2)
     for f in short:
@@ -164,17 +164,17 @@ def _weights(length: Array, scale: float, stars: Stack, keep: NDArray[np.bool_])
 
 
 def _cost(length: Array, scale: float, keep: NDArray[np.bool_], vector: Vector, priors: Mapping[str, Prior]) -> float:
-    """Huber's loss in squared standard deviations, and the priors'."""
+    """Huber loss in squared standard deviations, including the priors."""
     return huber_cost(length[keep] / scale) + float(np.sum([(d / s) ** 2 for d, s in _off(vector, priors) if s]))
 
 
 def huber_cost(scaled: Array) -> float:
-    """Sum of squares below the limit, linear above."""
+    """Huber loss: squares below the limit, linear above."""
     return float(np.sum(np.where(scaled < HUBER, scaled**2, HUBER * (2 * scaled - HUBER))))
 
 
 def _off(vector: Vector, priors: Mapping[str, Prior]) -> list[tuple[float, float]]:
-    """Per free parameter: distance from what was known (0 without), and its σ (0 without)."""
+    """Return, per free parameter, the deviation from its prior and the prior's σ (both 0 without a prior)."""
     off = []
     for name in vector.free:
         p = priors.get(name)
@@ -205,7 +205,7 @@ def _normal(
 
 
 def derivatives(stars: Stack, vector: Vector, turns: Array) -> tuple[Array, Array]:
-    """(n, 2, 3) and (n, 2, p) derivatives of the predicted places; zero where a place is outside the lens's domain."""
+    """(n, 2, 3) and (n, 2, p) derivatives of the predicted positions; zero for positions outside the lens's domain."""
     camera = vector.camera()
     cam = np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs)
 
@@ -247,7 +247,7 @@ def _scaled_solve(matrix: Array, right: Array) -> Array:
 
 
 def _covariances(normal: _Normal) -> tuple[Array, Array]:
-    """Of the camera, and of each attitude with the camera's error in it."""
+    """Covariances of the camera and of each attitude, the latter including the camera's error."""
     inverse = np.linalg.inv(normal.blocks + 1e-9 * np.eye(3))
     schur = normal.corner - np.einsum("fip,fij,fjq->pq", normal.border, inverse, normal.border)
     camera = _scaled_inverse(schur)
@@ -256,7 +256,7 @@ def _covariances(normal: _Normal) -> tuple[Array, Array]:
 
 
 def _scaled_inverse(matrix: Array) -> Array:
-    """Inverse with directions that the data leave open at a very large variance instead of a wrong one."""
+    """Inverse in which directions not determined by the data have a very large variance instead of a wrong one."""
     if not len(matrix):
         return matrix
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -266,7 +266,7 @@ def _scaled_inverse(matrix: Array) -> Array:
 
 
 def _turned(turns: Array, by: Array) -> Array:
-    """(f, 3, 3) attitudes turned by (f, 3) rotation vectors."""
+    """(f, 3, 3) attitudes rotated by (f, 3) rotation vectors."""
     vector = np.clip(by, -0.3, 0.3)
     half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
     quaternion = np.concatenate([vector * 0.5 * np.sinc(half / np.pi), np.cos(half)], axis=1)

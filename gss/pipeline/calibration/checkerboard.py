@@ -1,4 +1,4 @@
-"""Camera from pictures of a checkerboard, by Zhang's method through OpenCV where it is installed (Erlank 2013 §5.4)."""
+"""Camera calibration from checkerboard images by Zhang's method; requires OpenCV (Erlank 2013 §5.4)."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ UPRIGHT_RAD = 0.25
 
 @dataclass(frozen=True)
 class CheckerboardCalibration:
-    """``values`` and ``sigma`` of ``names`` (σ 0: held). ``found``: per picture, whether the board was seen; ``rms_px`` of each
-    (NaN where not) and ``residual_rms_px`` of all, per axis. ``covered``: share of the field that corners fell into."""
+    """``values`` and ``sigma`` of ``names`` (σ 0: not fitted). ``found``: per image, True if the board was detected; ``rms_px`` of
+    each (NaN if not) and ``residual_rms_px`` of all, per axis. ``covered``: share of the field covered by corners."""
 
     camera: Camera
     names: tuple[str, ...]
@@ -43,7 +43,7 @@ class CheckerboardCalibration:
 
 
 def opencv() -> Any:
-    """The library; BadInput that says how to get it where it is absent."""
+    """Return the OpenCV module. Raises BadInput with installation instructions if it is not installed."""
     try:
         return importlib.import_module("cv2")
     except ImportError:
@@ -58,7 +58,8 @@ def opencv() -> Any:
 def calibrate_checkerboard(
     images: Sequence[NDArray[Any]], inner_corners: tuple[int, int], square_mm: float, *, fit_k3: bool = False
 ) -> CheckerboardCalibration:
-    """From (rows, columns) pictures of a board with ``inner_corners`` (across, down) where four squares meet, of ``square_mm``."""
+    """Calibrate from (rows, columns) images of a board with ``inner_corners`` (across, down), where four squares of ``square_mm``
+    meet."""
     cv = opencv()
     if min(inner_corners) < 3 or not square_mm > 0:
         raise BadInput("this is no checkerboard", expected="3 or more inner corners both ways", got=str(inner_corners))

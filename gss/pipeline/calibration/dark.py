@@ -1,5 +1,5 @@
-"""Dark frames: the median frame, what of it is a fixed pattern, which pixels are hot, noisy or dead (Huffman 2006 §4.1,
-Moniteq 1983 §4.3)."""
+"""Dark-frame calibration: median frame, fixed pattern, and hot, noisy and dead pixels (Huffman 2006 §4.1, Moniteq 1983
+§4.3)."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ Frames = Sequence[NDArray[Any]] | NDArray[Any]
 @dataclass(frozen=True)
 class DarkCalibration:
     """(rows, columns) maps ``median_dn`` and ``noise_map_dn`` (standard deviation over the frames). ``noise_dn``: of the typical
-    pixel. ``pattern_sigma_dn``: fixed spread of pixels, its noise taken off; ``column_sigma_dn`` and ``row_sigma_dn``: of whole
+    pixel. ``pattern_sigma_dn``: fixed spread of pixels, corrected for noise; ``column_sigma_dn`` and ``row_sigma_dn``: of whole
     columns and rows. ``hot`` (k, 2) col, row with ``hot_excess_dn`` (k,) above their neighbours, hottest first; ``noisy`` (m, 2)
-    three times noisier than the typical. ``level_dn``: median of each frame."""
+    three times noisier than the typical pixel. ``level_dn``: median of each frame."""
 
     exposure_s: float
     frames: int
@@ -49,19 +49,19 @@ class DarkCalibration:
     warnings: tuple[Advice, ...]
 
     def dark_e_s(self, bias_dn: float, gain_e_per_dn: float) -> float:
-        """Electrons per second of the typical pixel above a bias."""
+        """Dark current of the typical pixel in electrons per second, for a given bias."""
         return (self.typical_dn - bias_dn) * gain_e_per_dn / self.exposure_s
 
 
 def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
-    """From three or more frames of equal exposure with the lens covered."""
-    from scipy.stats import trim_mean  # half a second of import, paid only by who calibrates
+    """Calibrate from three or more frames of equal exposure with the lens covered."""
+    from scipy.stats import trim_mean  # imported here because it takes half a second
 
     cube = _cube(frames, 3)
     median = np.median(cube, axis=0)
     noise = cube.std(axis=0, ddof=1)
     typical_noise = float(np.sqrt(np.mean(_middle(noise**2))))
-    # Whole numbers hide what is below one step from a median: the pattern is told by means, without cosmic rays.
+    # A median of integers hides a pattern below one step, so the pattern is computed from means without cosmic rays.
     strays = cube.max(axis=0) - median > RAY_SIGMAS * max(typical_noise, 0.3)
     steady = np.where(strays, median, cube.mean(axis=0)).astype(float)
     middle = float(np.median(steady))
@@ -94,13 +94,13 @@ def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
 
 
 def _spread_beyond(line: Array, spread: float, other: int) -> float:
-    """Spread of columns or rows that is not the pixels' own, averaged."""
+    """Spread of columns or rows in excess of the averaged spread of their pixels."""
     variance = float(np.var(line)) - spread**2 / other
     return float(np.sqrt(max(variance, 0.0)))
 
 
 def _middle(values: Array) -> Array:
-    """Without the outer hundredth on both sides."""
+    """Return the values without the lowest and highest hundredth."""
     low, high = np.percentile(values, [1, 99])
     return np.asarray(values[(values >= low) & (values <= high)], float)
 
@@ -129,7 +129,7 @@ def _said(cube: NDArray[np.float32], level: Array, alone: Array, noise: float) -
     low = float(np.percentile(cube, 2))
     if float(np.mean(cube <= 0)) > LIT_SHARE and low <= 0:
         said.append(Advice("bias", "many pixels read zero: the noise is cut off", "raise the bias of the read-out"))
-    # Large smooth structure in the dark is light.
+    # Large smooth structure in dark frames indicates stray light or heat.
     rows, columns = alone.shape
     if min(rows, columns) >= 32:
         blocks = alone[: rows // 8 * 8, : columns // 8 * 8].reshape(8, rows // 8, 8, columns // 8)
@@ -143,7 +143,7 @@ def _said(cube: NDArray[np.float32], level: Array, alone: Array, noise: float) -
 @dataclass(frozen=True)
 class Response:
     """``response``: (rows, columns) relative to the local mean, 1 = typical; ``response_sigma``: its fixed spread; ``dead`` (k, 2)
-    col, row that answer less than half."""
+    col, row of pixels with less than half the response."""
 
     response: NDArray[np.float32]
     response_sigma: float
@@ -152,8 +152,8 @@ class Response:
 
 
 def pixel_response(flats: Frames, dark_dn: NDArray[Any] | float) -> Response:
-    """From three or more frames of even light, and the median dark frame of their exposure. Slow changes (vignetting, an uneven
-    lamp) are taken out by a polynomial of second order."""
+    """Measure the pixel response from three or more flat frames and the median dark frame of the same exposure. Smooth variations
+    (vignetting, an uneven lamp) are removed by a second-order polynomial."""
     cube = _cube(flats, 3)
     light = np.median(cube, axis=0) - np.asarray(dark_dn, np.float32)
     rows, columns = light.shape

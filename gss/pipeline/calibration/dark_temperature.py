@@ -1,4 +1,4 @@
-"""Dark current against temperature: the diode law, and by how many degrees it doubles (Jacobs 1995 eq. H.1–H.2)."""
+"""Dark current against temperature: the diode law and its doubling temperature (Jacobs 1995 eq. H.1–H.2)."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ EV_PER_K = 2 * 8.617333e-5
 
 @dataclass(frozen=True)
 class DarkLaw:
-    """Dark current = ``at_reference_e_s``·exp(``exponent_k``·(1/``reference_k`` − 1/T)). ``band_gap_ev``: the gap that the exponent
-    stands for. ``doubling_k``: warming that doubles it at the reference. ``residual``: (n,) relative, measured over law − 1."""
+    """Dark current = ``at_reference_e_s``·exp(``exponent_k``·(1/``reference_k`` − 1/T)). ``band_gap_ev``: band gap that gives the
+    exponent. ``doubling_k``: temperature increase that doubles it at the reference. ``residual``: (n,) measured over fitted − 1."""
 
     at_reference_e_s: float
     reference_k: float
@@ -32,13 +32,13 @@ class DarkLaw:
     warnings: tuple[Advice, ...]
 
     def dark_e_s(self, temperature_k: ArrayLike) -> Array:
-        """Electrons per second at a temperature."""
+        """Dark current in electrons per second at a temperature."""
         step = 1 / self.reference_k - 1 / np.asarray(temperature_k, float)
         return np.asarray(self.at_reference_e_s * np.exp(self.exponent_k * step))
 
 
 def dark_against_temperature(temperature_k: Array, dark_e_s: Array, relative_sigma: Array | None = None) -> DarkLaw:
-    """Fit to (n,) temperatures in kelvin and dark currents above zero, three or more over 5 K or more."""
+    """Fit the law to (n,) temperatures in kelvin and positive dark currents; at least three over at least 5 K."""
     t, dark = np.asarray(temperature_k, float), np.asarray(dark_e_s, float)
     if len(t) != len(dark) or len(t) < 3 or np.ptp(t) < 5 or not (dark > 0).all() or not (t > 150).all():
         raise BadInput(

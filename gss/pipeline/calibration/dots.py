@@ -1,5 +1,5 @@
-"""The bench with one or two bright dots: the camera turns about its axis and the dots show its centre and the detector's tilt
-(Jacobs 1995 §6.2.1, §6.2.3.1, app. F.2)."""
+"""Bench calibration with one or two bright dots: rotating the camera about its axis gives the optical centre and the detector
+tilt (Jacobs 1995 §6.2.1, §6.2.3.1, app. F.2)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 
 FEWEST_TURNS = 6
-ROUND = 5.0  # a cloud of places without a circle has a radius of about twice its scatter
+ROUND = 5.0  # positions that are not on a circle have a radius of about twice their scatter
 FULL_BOX_PX = 20.0  # Jacobs' dot stayed within 12 x 12 px
 TURN_COVERED = 2 / 3
 LARGEST_PX = 1e6
@@ -24,8 +24,8 @@ SHORTEST_ARM_PX = 1.0
 
 @dataclass(frozen=True)
 class OpticalCentre:
-    """``circle``: the centre by a circle through the places, else the middle of their box. ``sigma_px``: per axis. ``radius_px``
-    of the circle, ``box_px``: extent in col and row."""
+    """``circle``: True if the centre is from a circle through the positions, False if it is the middle of their bounding box.
+    ``sigma_px``: per axis. ``radius_px`` of the circle, ``box_px``: extent in col and row."""
 
     col_px: float
     row_px: float
@@ -37,14 +37,14 @@ class OpticalCentre:
 
 
 def optical_centre(dots_px: Array) -> OpticalCentre:
-    """Where the optical axis meets the detector, from (n, 2) places of one dot near it while the camera is turned about the axis.
+    """Find the optical axis on the detector from (n, 2) positions of one dot near it while the camera is rotated about the axis.
 
-    A dot runs on a circle round the centre. Where the clamp's play is larger than the circle, the document's way is left: the
-    middle of the box that the dot stayed in.
+    The dot moves on a circle around the centre. If the play of the clamp is larger than the circle, the document's method is
+    used: the middle of the dot's bounding box.
     """
     dots = _checked(dots_px)
     box = np.ptp(dots, axis=0)
-    # x² + y² = 2ax + 2by + c: a circle as a linear fit (Kåsa).
+    # Linear fit of a circle, x² + y² = 2ax + 2by + c (Kåsa).
     middle = dots.mean(axis=0)
     off = dots - middle
     design = np.column_stack([2 * off, np.ones(len(off))])
@@ -78,8 +78,8 @@ def optical_centre(dots_px: Array) -> OpticalCentre:
 
 @dataclass(frozen=True)
 class DetectorTilt:
-    """Eq. 6.14: largest tilt and the direction it is met in, from camera +x (col) towards +y (row). ``sigma_rad``: of both.
-    ``radius_mm``: undisturbed distance of the dots. ``residual_mm``: (n,) measured − eq. 6.15."""
+    """Eq. 6.14: maximum tilt and its direction, from camera +x (col) towards +y (row). ``sigma_rad``: of both.
+    ``radius_mm``: distance of the dots without tilt. ``residual_mm``: (n,) measured − eq. 6.15."""
 
     tilt_max_rad: float
     tilt_direction_rad: float
@@ -93,8 +93,8 @@ class DetectorTilt:
 
 
 def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: float) -> DetectorTilt:
-    """Least squares of eq. 6.15 on the distance between a dot near the optical centre and one far out, from (n, 2) places of both
-    while the camera is turned. ``camera``: centre and plate scale; ``focal_mm``: its focal length."""
+    """Fit eq. 6.15 by least squares to the distance between a dot near the optical centre and one far out, from (n, 2) positions
+    of both while the camera is rotated. ``camera``: centre and plate scale; ``focal_mm``: its focal length."""
     inner, outer = _checked(inner_px, still=True), _checked(outer_px)
     if inner.shape != outer.shape:
         raise BadInput("dots come in pairs", expected=f"{len(inner)} places of both", got=str(len(outer)))
@@ -116,7 +116,7 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
         )
 
     def model(p: Array) -> Array:
-        # Tilt as a vector: no angle without meaning when it is small.
+        # The tilt is fitted as a vector, because the direction of a small tilt is undefined.
         sine = np.sin(np.hypot(p[0], p[1])) * np.cos(angle - np.arctan2(p[1], p[0]))
         theta = np.arcsin(sine)
         return np.asarray(p[2] / np.cos(theta) / (1 - p[2] / focal_mm * np.tan(theta)))

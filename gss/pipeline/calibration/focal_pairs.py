@@ -21,17 +21,17 @@ MOST_PAIRS = 20_000
 
 
 def focal_from_pair(first: Array, second: Array, separation_true_rad: float) -> float:
-    """Focal length in the unit of the two (2,) places, which count from the optical centre; NaN where no pinhole camera sees
+    """Focal length in the unit of the two (2,) positions, which are relative to the optical centre; NaN if no pinhole camera has
     them at that separation.
 
-    (u₁·u₂ + f²)² = cos²θ·(|u₁|² + f²)(|u₂|² + f²) is quadratic in f². It is scaled by sin²θ against the document's a, b, c,
-    which lose digits when divided by the cosine of a small angle.
+    (u₁·u₂ + f²)² = cos²θ·(|u₁|² + f²)(|u₂|² + f²) is quadratic in f². It is scaled by sin²θ relative to the document's a, b, c,
+    which lose precision when divided by the cosine of a small angle.
     """
     u1, u2 = np.asarray(first, float), np.asarray(second, float)
     dot, one, two = float(u1 @ u2), float(u1 @ u1), float(u2 @ u2)
     sine2 = float(np.sin(separation_true_rad)) ** 2
     cosine2 = 1 - sine2
-    # f⁴ sin² + f² (2·dot − cos²(one + two)) + dot² − cos²·one·two = 0; the middle term as a sum of small numbers.
+    # f⁴ sin² + f² (2·dot − cos²(one + two)) + dot² − cos²·one·two = 0; the middle term is written as a sum of small numbers.
     b = -float((u1 - u2) @ (u1 - u2)) + sine2 * (one + two)
     c = dot**2 - cosine2 * one * two
     root = b * b - 4 * sine2 * c
@@ -43,9 +43,9 @@ def focal_from_pair(first: Array, second: Array, separation_true_rad: float) -> 
 
 @dataclass(frozen=True)
 class FocalEstimate:
-    """``focal_px``: geometric mean of both axes. ``sigma_px``: of that mean, from the scatter of the frames' values, pairs of one
-    frame share stars. ``erlank_px``: the small-angle form D/θ on the same pairs. Per pair: ``values_px``, ``radius_px`` of the
-    farther star from the centre."""
+    """``focal_px``: geometric mean of both axes. ``sigma_px``: of that mean, from the scatter between frames, because pairs of one
+    frame share stars. ``erlank_px``: the small-angle form D/θ for the same pairs. Per pair: ``values_px``, ``radius_px`` of the
+    star farther from the centre."""
 
     focal_px: float
     sigma_px: float
@@ -58,8 +58,8 @@ class FocalEstimate:
 
 
 def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px: float | None = None) -> FocalEstimate:
-    """From all pairs of stars of each frame within ``radius_px`` of the camera's centre (half the way to the corner by default),
-    where distortion and tilt matter least. Long pairs count more."""
+    """Estimate from pairs of stars of each frame within ``radius_px`` of the camera's centre (half-way to the corner by
+    default), where distortion and tilt have the least effect. Long pairs have more weight."""
     aspect = camera.focal_col_px / camera.focal_row_px
     stretch = np.array([aspect**-0.5, aspect**0.5])
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
@@ -115,7 +115,7 @@ def _pairs(place: Array, icrs: Array, far: Array, reach: float) -> list[tuple[fl
 
 
 def _said(values: Array) -> list[Advice]:
-    """A focal length that changes with the radius tells of distortion."""
+    """Return warnings; a focal length that changes with the radius indicates distortion."""
     if len(values) < 12:
         return []
     order = np.argsort(values[:, 3])

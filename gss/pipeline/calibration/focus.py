@@ -1,4 +1,4 @@
-"""How wide a star should be: sharp stars hide between pixels, wide ones drown in noise (Moniteq 1983 §4.2, Huffman 2006 §4.2.2)."""
+"""Optimum star width: sharp stars are undersampled, wide ones lose signal to noise (Moniteq 1983 §4.2, Huffman 2006 §4.2.2)."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ FARTHEST = 1e6
 
 @dataclass(frozen=True)
 class FocusAdvice:
-    """``pixel_over_sigma``: d/σ of Moniteq. ``verdict``: "sharp", "good" or "soft". ``best_sigma_px``: with the least total error
-    of a mean locator at this ``snr`` (of the brightest pixel for a star of the same light at σ 1; NaN: by Moniteq's range
-    alone). ``interpolation_px``: error of sampling alone (rms over places in a pixel, best window); ``error_px``: with noise."""
+    """``pixel_over_sigma``: d/σ of Moniteq. ``verdict``: "sharp", "good" or "soft". ``best_sigma_px``: width with the least total
+    error of a mean locator at this ``snr`` (of the brightest pixel for a star of the same light at σ 1; NaN: from Moniteq's range
+    only). ``interpolation_px``: sampling error alone (rms over sub-pixel positions, best window); ``error_px``: with noise."""
 
     sigma_px: float
     pixel_over_sigma: float
@@ -36,7 +36,7 @@ class FocusAdvice:
 
 
 def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
-    """What to do about stars of a measured ``sigma_px``."""
+    """Return advice on the focus for stars of a measured ``sigma_px``."""
     if not 0 < sigma_px < 50:
         raise BadInput("this is no width of a star", expected="σ above 0 px", got=f"{sigma_px:g} px")
     low, high = 1 / MONITEQ_GOOD[1], 1 / MONITEQ_GOOD[0]
@@ -45,7 +45,7 @@ def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
         widths = np.geomspace(0.25, 5.0, 60)
         errors = np.array([centroid_error_px(float(w), snr)[0] for w in widths])
         best = float(widths[int(np.argmin(errors))])
-        # As good as the best within a tenth: the flat bottom of Huffman's curve.
+        # Widths within a tenth of the smallest error form the flat bottom of Huffman's curve.
         flat = widths[errors < 1.1 * errors.min()]
         low, high = float(flat.min()), float(flat.max())
     error, window = centroid_error_px(sigma_px, snr)
@@ -61,8 +61,8 @@ def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
 
 
 def interpolation_error_px(sigma_px: float, window: int) -> float:
-    """rms over places in a pixel of the error of a mean locator on noiseless spots in a window of so many columns round the
-    brightest (Moniteq 1983 eq. 4.8, by direct sums)."""
+    """Error of a mean locator on noiseless spots, rms over sub-pixel positions, in a window of ``window`` columns around the
+    brightest (Moniteq 1983 eq. 4.8, by direct summation)."""
     place = np.linspace(-0.5, 0.5, 41)
     column = np.arange(window) - (window - 1) / 2
     share = ndtr((column[:, None] + 0.5 - place) / sigma_px) - ndtr((column[:, None] - 0.5 - place) / sigma_px)
@@ -71,8 +71,8 @@ def interpolation_error_px(sigma_px: float, window: int) -> float:
 
 
 def centroid_error_px(sigma_px: float, snr: float) -> tuple[float, int]:
-    """(error per axis, window) of the best window: sampling, read-out noise and shot-free light of a star whose brightest pixel
-    would stand ``snr`` above the noise at σ 1 px; sampling alone where that is NaN."""
+    """Return (error per axis, window) of the best window, from sampling and read-out noise without shot noise, for a star whose
+    brightest pixel has ``snr`` at σ 1 px; from sampling alone if ``snr`` is NaN."""
     peak_share = float(np.diff(ndtr(np.array([-0.5, 0.5])))[0]) ** 2
     best = (np.inf, WINDOWS[0])
     for window in WINDOWS:
@@ -81,7 +81,7 @@ def centroid_error_px(sigma_px: float, snr: float) -> tuple[float, int]:
         if np.isfinite(snr):
             column = np.arange(window) - (window - 1) / 2
             inside = float(ndtr(window / 2 / sigma_px) - ndtr(-window / 2 / sigma_px)) ** 2
-            # Σp² over the window and the quarter pixel of the typical place, over the light inside it.
+            # Noise is √(Σp² over the window plus the typical sub-pixel offset) divided by the light inside the window.
             spread = window * float(np.sum(column**2)) + window**2 / 12
             noise = float(np.sqrt(spread)) * peak_share / max(snr, 1e-9) / inside
         total = float(np.hypot(systematic, noise))
@@ -92,8 +92,8 @@ def centroid_error_px(sigma_px: float, snr: float) -> tuple[float, int]:
 
 @dataclass(frozen=True)
 class BestFocus:
-    """Where a series of focus settings is sharpest, and where σ has the wished width on both sides. NaN where it is not
-    reached."""
+    """Sharpest position of a series of focus settings, and the positions on both sides where σ has the desired width; NaN if it is
+    not reached."""
 
     position: float
     position_sigma: float
@@ -103,7 +103,7 @@ class BestFocus:
 
 
 def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) -> BestFocus:
-    """From (n,) settings of the lens and measured widths, four or more on both sides of the focus: σ² is a parabola there."""
+    """Find the focus from (n ≥ 4) lens settings on both sides of it and the measured widths, by fitting a parabola to σ²."""
     x, width = np.asarray(position, float), np.asarray(sigma_px, float)
     if len(x) < 4 or len(x) != len(width):
         raise BadInput("too few settings of the focus", expected="4 or more with their widths", got=str(len(x)))

@@ -1,4 +1,4 @@
-"""Elliptical Gaussians, integrated over pixels, fitted to single bright stars."""
+"""Fit of elliptical, pixel-integrated Gaussians to single bright stars."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from gss.pipeline.detect import Detections
 from gss.pipeline.psf import Stamps, adaptive_shapes, cut_stamps
 
 ROUNDS = 25
-PIXEL_VARIANCE = 1 / 12  # what integration over a pixel adds to the second moment
-SUB = 3  # the model is averaged over so many points per side of a pixel
+PIXEL_VARIANCE = 1 / 12  # added to the second moment by integration over a pixel
+SUB = 3  # number of sampling points of the model per side of a pixel
 MISFIT = 0.25
 
 
 @dataclass(frozen=True)
 class Spot:
-    """One star's fit: place, round-equivalent σ of the optics (px), long over short axis, direction of the long one."""
+    """One star's fit: position, round-equivalent σ of the optics (px), ratio of long to short axis, direction of the long axis."""
 
     col_px: float
     row_px: float
@@ -30,7 +30,7 @@ class Spot:
 
 
 def fit_spots(image: NDArray[Any], found: Detections, saturation_dn: float, snr: float) -> list[Spot]:
-    """Of the stars of a frame that are bright, whole, unclipped and alone."""
+    """Fit the stars of a frame that are bright, complete, unsaturated and isolated."""
     c = found.centroids
     width = max(found.psf_sigma_px, 0.6)
     half = int(np.clip(np.ceil(4.0 * width), 3, 14))
@@ -55,7 +55,7 @@ def fit_spots(image: NDArray[Any], found: Detections, saturation_dn: float, snr:
 
 
 def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
-    """Gauss–Newton on peak, place, three second moments and sky; None where it does not settle on a star-like spot."""
+    """Fit peak, position, three second moments and sky by Gauss–Newton; None if it does not converge to a star-like spot."""
     value = stamps.value[k]
     start = covariance - PIXEL_VARIANCE * np.eye(2)
     a, d = max(start[0, 0], 0.1), max(start[1, 1], 0.1)
@@ -97,7 +97,7 @@ def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
 
 
 def _model(stamps: Stamps, theta: Array) -> Array:
-    """Mean over the points of each pixel of a Gaussian with peak, place, (xx, yy, xy) and a sky."""
+    """Gaussian with peak, position, (xx, yy, xy) and sky, averaged over the sampling points of each pixel."""
     peak, x, y, xx, yy, xy, sky = theta
     det = max(xx * yy - xy * xy, 1e-6)
     offsets = (np.arange(SUB) - (SUB - 1) / 2) / SUB

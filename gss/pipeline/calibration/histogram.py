@@ -1,4 +1,4 @@
-"""Counts of a figure with the normal curve that has its mean and deviation, as the documents draw them."""
+"""Histogram with a normal curve of the same mean and standard deviation, as in the documents' figures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Histogram:
 
     @property
     def normal(self) -> Array:
-        """(k,) counts of normal values with that mean and deviation and the same area."""
+        """(k,) expected counts of a normal distribution with the same mean, standard deviation and area."""
         middle, width = (self.edges[1:] + self.edges[:-1]) / 2, np.diff(self.edges)
         if not self.sigma > 0:
             return np.zeros(len(middle))
@@ -31,7 +31,7 @@ class Histogram:
 
 
 def histogram(values: Array, label: str, width: float | None = None, most_bins: int = 60) -> Histogram:
-    """Of finite values; bars of ``width``, chosen by the spread where None."""
+    """Build the histogram of the finite values with bins of ``width``; None chooses the width from the spread."""
     v = np.asarray(values, float)
     v = v[np.isfinite(v)]
     if not len(v):

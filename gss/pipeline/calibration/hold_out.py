@@ -1,4 +1,4 @@
-"""How a calibration does on frames that took no part in it."""
+"""Cross-validation of a calibration on frames not used in it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ FEWEST_FRAMES = 3
 
 
 def held_out(stars: Stack, fit: Adjusted, priors: Mapping[str, Prior], folds: int) -> ResidualFigures | None:
-    """Cross-validation by frame: the camera from the others, then each left-out frame's attitude alone. Residuals are stretched
-    by the freedom that the attitude took, so that they compare with the scatter of a star. None with fewer than three frames."""
+    """Cross-validate by frame: fit the camera to the other frames, then only the attitude of each held-out frame. Residuals are
+    scaled for the degrees of freedom of the attitude, so that they compare with the scatter of a star. None with fewer than three
+    frames."""
     if stars.frames < FEWEST_FRAMES or folds < 2:
         return None
     count = min(folds, stars.frames)
@@ -42,7 +43,7 @@ def held_out(stars: Stack, fit: Adjusted, priors: Mapping[str, Prior], folds: in
             used=fit.used[mask],
         )
         kept = np.bincount(tried.frame[fit.used[mask]], minlength=tried.frames)
-        # With two stars nothing is left after the attitude.
+        # With two stars no degrees of freedom remain after fitting the attitude.
         stretch = np.sqrt(2 * kept / np.maximum(2 * kept - 3, 1))
         residual[mask] = alone.residual_px * stretch[tried.frame, None]
         used[mask] = fit.used[mask] & (kept > FEWEST_FRAMES)[tried.frame]

@@ -1,4 +1,4 @@
-"""Cameras as vectors of numbers: which parameters a lens model has, and the camera that a vector stands for."""
+"""Cameras as parameter vectors: the parameters of each lens model, and conversion between vector and camera."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ LENS_MODELS: dict[str, tuple[str, ...]] = {
     "brown-2": ("k1", "k2"),
     "brown-4": ("k1", "k2", "p1", "p2"),
     "brown-5": ("k1", "k2", "p1", "p2", "k3"),
-    # radial_1 is the same thing as the focal length: it stays where it is.
+    # radial_1 is equivalent to the focal length, so it is not fitted.
     "radial-tilt": ("tilt_col_rad", "tilt_row_rad", "radial_2", "radial_3"),
 }
-# What gives way first where the sky does not tell two parameters apart.
+# Order in which parameters are held if the stars cannot separate them.
 FREEZING_ORDER = (
     ("k3",),
     ("radial_3",),
@@ -40,8 +40,8 @@ UNITS = {"focal_px": "px", "centre_col_px": "px", "centre_row_px": "px"} | dict.
 
 @dataclass(frozen=True)
 class Vector:
-    """All parameters of a camera under one lens model, by name; ``free`` are those a fit may move. ``focal_mm`` is the scale of
-    the polynomial in millimetres and moves nothing else."""
+    """All parameters of a camera under one lens model, by name; ``free``: those that are fitted. ``focal_mm`` is the scale of
+    the polynomial in millimetres and affects nothing else."""
 
     model: str
     columns: int
@@ -51,18 +51,18 @@ class Vector:
     focal_mm: float = float("nan")
 
     def moved(self, step: Array) -> Vector:
-        """With the free parameters moved by ``step``, in their order; the focal length and aspect by factors exp(step)."""
+        """Return the vector with ``step`` added to the free parameters; focal length and aspect are multiplied by exp(step)."""
         values = dict(self.values)
         for name, by in zip(self.free, step.tolist(), strict=True):
             values[name] = values[name] * float(np.exp(by)) if name in ("focal_px", "aspect") else values[name] + by
         return replace(self, values=values)
 
     def without(self, names: tuple[str, ...]) -> Vector:
-        """With these parameters held."""
+        """Return the vector with these parameters not free."""
         return replace(self, free=tuple(n for n in self.free if n not in names))
 
     def value(self) -> Array:
-        """(p,) free parameters, the focal length and aspect as logarithms: what ``moved`` adds to."""
+        """(p,) free parameters, focal length and aspect as logarithms, to which ``moved`` adds its step."""
         return np.array([self._inside(n) for n in self.free])
 
     def _inside(self, name: str) -> float:
@@ -70,7 +70,7 @@ class Vector:
         return float(np.log(v)) if name in ("focal_px", "aspect") else v
 
     def camera(self) -> Camera:
-        """The camera it stands for."""
+        """The camera with these parameters."""
         v = self.values
         root = float(np.sqrt(v["aspect"]))
         focal = v["focal_px"]
@@ -90,7 +90,7 @@ class Vector:
 
 
 def vector_of(camera: Camera, model: str, focal_mm: float = float("nan")) -> Vector:
-    """The vector to start from: the camera's own geometry, and its own coefficients as far as the model has them."""
+    """Return the starting vector: the camera's geometry, and its coefficients as far as the model has them."""
     lens = camera.distortion
     focal = float(np.sqrt(camera.focal_col_px * camera.focal_row_px))
     values = {
@@ -120,8 +120,8 @@ def difference_steps(vector: Vector) -> Array:
 
 
 def most_allowed_sigma(vector: Vector) -> Array:
-    """(p,) standard deviations above which a parameter says nothing: half a percent of the focal length, a fiftieth of the
-    detector for the centre, one pixel at the corner for a coefficient."""
+    """(p,) standard deviations above which a parameter counts as undetermined: half a percent of the focal length, a fiftieth of
+    the detector for the centre, one pixel at the corner for a coefficient."""
     camera = vector.camera()
     corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
     reach_px = 1.0 / vector.values["focal_px"]

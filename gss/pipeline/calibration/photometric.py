@@ -1,8 +1,8 @@
-"""Magnitudes from fluxes: zero point, colour, vignetting, linearity, saturation (Jacobs 1995 §6.3, app. C.1).
+"""Photometric calibration: zero point, colour, vignetting, linearity, saturation (Jacobs 1995 §6.3, app. C.1).
 
-V = −2.5·log₁₀(flux / exposure) + zero point + colour·(B−V) + light lost off axis, fitted to the matched stars of many
-frames, strays and variable stars left out. ``flux`` is the summed brightness, with Jacobs' k_area·n·Δth added where a threshold was
-taken away (eq. C.1).
+V = −2.5·log₁₀(flux / exposure) + zero point + colour·(B−V) + vignetting, fitted to the matched stars of many
+frames without outliers and variable stars. ``flux`` is the summed brightness, plus Jacobs' k_area·n·Δth if a threshold was
+subtracted (eq. C.1).
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ LINEAR = 0.02
 class PhotometricCalibration:
     """``zero_point_mag``: V of one DN per second, B−V = 0, on axis; ``zero_point_dn_s``: DN per second of V = 0, and
     ``zero_point_e_s`` in electrons (NaN without gain). ``k_illum_lux_per_dn``: of summed brightness at ``exposure_s``
-    (eq. C.2, 6.24). ``k_area``: eq. C.1, 0 and σ NaN where no threshold was given.
+    (eq. C.2, 6.24). ``k_area``: eq. C.1, 0 with σ NaN if no threshold was given.
 
     ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, ρ = distance from the optical centre over that of the corner; ``corner_loss`` = 1 −
     light at ρ = 1. ``linearity``: change of measured magnitude per catalogue magnitude, 1 = linear. ``saturation_mag``: V
-    whose peak reaches ``saturation_dn``, NaN where unknown. ``sigma_mag``: of measured − catalogue; ``robust_sigma_mag``: by the
-    median. ``frame_offset_mag``: (frames,) light of each against the typical one, negative: light was lost. Per star,
-    ``error_mag`` measured − catalogue, ``used``: in the fit.
+    of a star whose peak reaches ``saturation_dn``, NaN if unknown. ``sigma_mag``: of measured − catalogue; ``robust_sigma_mag``:
+    from the median. ``frame_offset_mag``: (frames,) light of each relative to the median frame, negative: light was lost. Per star,
+    ``error_mag``: measured − catalogue, ``used``: in the fit.
     """
 
     zero_point_mag: float
@@ -74,7 +74,7 @@ class PhotometricCalibration:
     warnings: tuple[Advice, ...]
 
     def magnitude(self, flux_dn: Array, exposure_s: float, b_v: Array | float = 0.0) -> Array:
-        """V of stars on axis that left ``flux_dn``."""
+        """V magnitude of on-axis stars with flux ``flux_dn``."""
         instrumental = -2.5 * np.log10(np.asarray(flux_dn, float) / exposure_s)
         return np.asarray(instrumental + self.zero_point_mag + self.colour_mag_per_mag * np.asarray(b_v))
 
@@ -87,8 +87,11 @@ def calibrate_photometry(
     gain_e_per_dn: float = float("nan"),
     limits_mag: tuple[float, float] | None = None,
 ) -> PhotometricCalibration:
-    """``threshold_above_dark_dn``: Δth of eq. C.1, for all frames or for each. ``limits_mag``: brightest and faintest V of
-    the fit. Raises BadInput with fewer than 15 usable stars."""
+    """Calibrate the photometry from the matched stars of frames.
+
+    ``threshold_above_dark_dn``: Δth of eq. C.1, for all frames or for each. ``limits_mag``: brightest and faintest V of
+    the fit. Raises BadInput with fewer than 15 usable stars.
+    """
     warnings: list[Advice] = []
     offsets = frame_offsets_mag(frames)
     light = light_of(frames, camera, threshold_above_dark_dn)
@@ -173,7 +176,7 @@ def _made(
     dn_s = float(10 ** (0.4 * zero))
     exposure_s = float(np.median(light.exposure_s))
     lost_mag = value.get("rho2", 0.0) + value.get("rho4", 0.0)
-    # A star dimmed by vignetting needs a negative correction of its magnitude.
+    # The magnitude of a star dimmed by vignetting needs a negative correction.
     v2, v4 = _as_light(value.get("rho2", 0.0), value.get("rho4", 0.0))
     saturation_dn, saturation_mag = _saturation(light, frames, used, zero, exposure_s)
     kept = error[used]
@@ -209,7 +212,7 @@ def _made(
 
 
 def _as_light(rho2_mag: float, rho4_mag: float) -> tuple[float, float]:
-    """The polynomial in light that is nearest to one in magnitudes."""
+    """Convert a polynomial in magnitudes to the best-fitting polynomial in light."""
     rho = np.linspace(0, 1, 50)
     light = 10 ** (0.4 * (rho2_mag * rho**2 + rho4_mag * rho**4))
     if rho4_mag == 0:
@@ -221,7 +224,7 @@ def _as_light(rho2_mag: float, rho4_mag: float) -> tuple[float, float]:
 def _saturation(
     light: Light, frames: Sequence[FrameStars], used: NDArray[np.bool_], zero: float, exposure_s: float
 ) -> tuple[float, float]:
-    """The limit of a peak, and the V at which the typical star, exposed as the typical frame, reaches it."""
+    """Return the saturation level of a peak, and the V at which a typical star reaches it at the typical exposure."""
     limit = min((f.saturation_dn for f in frames), default=float("inf"))
     share = light.peak_dn[used] / light.flux_dn[used]
     share = share[np.isfinite(share) & (share > 0)]

@@ -1,4 +1,4 @@
-"""The stars of all frames as columns, and the fit of magnitudes to them."""
+"""Star measurements of all frames as columns, and the linear fit of magnitudes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gss.domain.stars import Ids
 from gss.pipeline.calibration.robust import Linear, fit_linear
 from gss.pipeline.calibration.sightings import FrameStars
 
-COLOUR_RANGE = 0.4  # narrower colours say nothing of a colour term
+COLOUR_RANGE = 0.4  # smallest spread of colours that determines a colour term
 FOURTH_POWER_STARS = 100
 AREA_ROUNDS = 8
 MAG = 2.5 / float(np.log(10))
@@ -38,13 +38,13 @@ class Light:
     clipped: NDArray[np.bool_]
 
     def instrumental_mag(self, k_area: float) -> Array:
-        """−2.5·log₁₀ of brightness per second, NaN where there is none."""
+        """−2.5·log₁₀ of brightness per second, NaN if it is not positive."""
         flux = self.flux_dn + k_area * self.below_dn
         return -2.5 * np.log10(np.where(flux > 0, flux, np.nan) / self.exposure_s)
 
 
 def corner_radius(camera: Camera) -> float:
-    """Distance in px from the optical centre to the farthest corner, pixels taken as those of the column axis."""
+    """Distance from the optical centre to the farthest corner, in pixels of the column axis."""
     aspect = camera.focal_col_px / camera.focal_row_px
     col = max(camera.centre_col_px + 0.5, camera.columns - 0.5 - camera.centre_col_px)
     row = max(camera.centre_row_px + 0.5, camera.rows - 0.5 - camera.centre_row_px) * aspect
@@ -52,7 +52,7 @@ def corner_radius(camera: Camera) -> float:
 
 
 def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float | Sequence[float]) -> Light:
-    """All frames one after the other. An unknown exposure counts as 1 s, an unknown colour as B−V 0.6, the Sun's."""
+    """Concatenate the stars of all frames. An unknown exposure is taken as 1 s, an unknown colour as B−V 0.6, the Sun's."""
     each = (
         [float(threshold_dn)] * len(frames)
         if isinstance(threshold_dn, int | float)
@@ -83,8 +83,8 @@ def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float |
 
 
 def measure(light: Light, usable: NDArray[np.bool_]) -> tuple[Linear, float, tuple[str, ...]]:
-    """The robust fit, k_area, and the names of its coefficients: zero, colour and powers of ρ where the stars tell them, area
-    where a threshold was taken away."""
+    """Return the robust fit, k_area, and the names of its coefficients: zero, colour and powers of ρ if the stars determine them,
+    area if a threshold was subtracted."""
     names = ["zero"]
     if np.ptp(np.percentile(light.b_v[usable], [10, 90])) > COLOUR_RANGE:
         names.append("colour")

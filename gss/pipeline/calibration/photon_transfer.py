@@ -1,7 +1,7 @@
-"""Gain and read noise from pairs of evenly lit frames: variance grows with signal as photons arrive (Janesick 2001 §2.2).
+"""Gain and read noise from pairs of flat frames: photon noise variance is proportional to signal (Janesick 2001 §2.2).
 
-The difference of two equal exposures holds no fixed pattern, so half its variance is the noise of one. Where the variance
-falls below the line, the full well or the converter's end is reached.
+The difference of two equal exposures contains no fixed pattern, so half its variance is the noise variance of one. If the
+variance falls below the line, the full well or the converter's limit is reached.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FEWEST_LEVELS = 3
 
 @dataclass(frozen=True)
 class FlatPair:
-    """Two frames (rows, columns) of the same even light and exposure."""
+    """Two (rows, columns) flat frames of the same light level and exposure."""
 
     first: NDArray[Any]
     second: NDArray[Any]
@@ -35,10 +35,10 @@ class FlatPair:
 
 @dataclass(frozen=True)
 class PhotonTransfer:
-    """``read_noise_e``: quantisation included; NaN where the darkest level is far above it. ``bias_dn`` from the dark pair, NaN
-    without. ``response_sigma``: relative spread of the pixels' response. ``full_well_e``: signal where the variance turns
-    down, NaN where no level reached it. Per level: ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``.
-    ``nonlinearity``: largest relative departure of the variance of a fitted level from the line."""
+    """``read_noise_e``: including quantisation; NaN if the darkest level is far above it. ``bias_dn``: from the dark pair, NaN
+    without one. ``response_sigma``: relative spread of the pixels' response. ``full_well_e``: signal where the variance starts to
+    decrease, NaN if no level reached it. Per level: ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``.
+    ``nonlinearity``: largest relative deviation of the variance of a fitted level from the line."""
 
     gain_e_per_dn: float
     gain_sigma: float
@@ -57,7 +57,8 @@ class PhotonTransfer:
 def photon_transfer(
     pairs: Sequence[FlatPair], dark_pair: FlatPair | None = None, saturation_dn: float | None = None
 ) -> PhotonTransfer:
-    """From pairs at several levels. ``dark_pair``: the shortest exposure in the dark, which gives bias and read noise directly."""
+    """Measure from pairs at several levels. ``dark_pair``: dark frames of the shortest exposure, which give bias and read noise
+    directly."""
     levels = [_level(p) for p in pairs]
     dark = None if dark_pair is None else _level(dark_pair)
     bias = 0.0 if dark is None else dark[0]
@@ -92,9 +93,9 @@ def photon_transfer(
 def _line(
     signal: Array, variance: Array, dark: tuple[float, float, float, int] | None, pixels: float
 ) -> tuple[float, float, float, float, float]:
-    """Slope and floor of the variance, σ of the gain and of the floor, and the largest relative departure."""
+    """Return slope and floor of the variance, σ of the gain and of the floor, and the largest relative deviation."""
     x, y = (signal, variance) if dark is None else (np.append(signal, 0.0), np.append(variance, dark[1]))
-    # A variance measured on n pixels is known to √(2/n) of itself.
+    # A variance measured on n pixels has a relative error of √(2/n).
     fit = fit_linear(np.column_stack([x, np.ones(len(x))]), y, y * np.sqrt(2 / pixels))
     slope, floor = (float(c) for c in fit.coefficients)
     if slope <= 0:
@@ -124,11 +125,12 @@ def _said(with_dark: bool, departure: float, full_well_e: float) -> list[Advice]
 
 
 def _level(pair: FlatPair) -> tuple[float, float, float, int]:
-    """Mean, variance of one frame, variance of the fixed pattern, and pixels. Strays (hot pixels, cosmic rays) are left out."""
+    """Return mean, variance of one frame, variance of the fixed pattern, and number of pixels, without outliers (hot pixels,
+    cosmic rays)."""
     first, second = np.asarray(pair.first, float), np.asarray(pair.second, float)
     if first.shape != second.shape or first.ndim != 2:
         raise BadInput("a pair is two frames of one size", expected=str(first.shape), got=str(second.shape))
-    # A lamp that changed between the two scales one of them.
+    # Scale one of the frames in case the lamp changed between them.
     second = second * (np.median(first) / np.median(second)) if np.median(second) > 0 else second
     difference, mean = first - second, (first + second) / 2
     keep = _unstray(difference) & _unstray(mean)
@@ -139,7 +141,7 @@ def _level(pair: FlatPair) -> tuple[float, float, float, int]:
 
 def _unstray(values: Array) -> NDArray[np.bool_]:
     middle = np.median(values)
-    # Differences of whole numbers often have a median deviation of zero.
+    # Differences of integers often have a median deviation of zero.
     spread = max(1.4826 * float(np.median(np.abs(values - middle))), LEAST_SPREAD_DN)
     return np.asarray(np.abs(values - middle) < CLIP_SIGMAS * spread)
 
@@ -149,7 +151,7 @@ def _clips(pair: FlatPair, saturation_dn: float | None) -> bool:
 
 
 def _rising(signal: Array, variance: Array) -> NDArray[np.bool_]:
-    """Levels before the variance turns down."""
+    """Mask of the levels before the variance decreases."""
     order = np.argsort(signal)
     highest, good = 0.0, np.ones(len(signal), bool)
     for k in order:
@@ -161,7 +163,7 @@ def _rising(signal: Array, variance: Array) -> NDArray[np.bool_]:
 
 
 def _response(levels: list[tuple[float, float, float, int]], signal: Array) -> float:
-    """Spread of the response, by the brightest level, where the light's own pattern is told least by noise."""
+    """Spread of the response, from the brightest level, where the pattern is least affected by noise."""
     if not len(signal) or signal.max() <= 0:
         return float("nan")
     k = int(np.argmax(signal))

@@ -1,4 +1,4 @@
-"""Width and shape of stars over the field: how the lens draws, and where it is out of focus or tilted."""
+"""Width and shape of stars over the field, which show lens aberrations, defocus and tilt."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ TILT_SIGMAS = 5.0
 
 @dataclass(frozen=True)
 class PsfField:
-    """n stars: ``pixels`` (n, 2), ``sigma_px`` (n,) Gaussian σ of the optics, pixel integration taken out (round equivalent),
-    ``ratio`` (n,) long over short axis, ``direction_rad`` (n,) of the long one from +col to +row.
+    """n stars: ``pixels`` (n, 2), ``sigma_px`` (n,) Gaussian σ of the optics without pixel integration (round equivalent),
+    ``ratio`` (n,) long over short axis, ``direction_rad`` (n,) of the long axis from +col to +row.
 
     σ² over the field is fitted as s₀ + s₁x + s₂y + s₃ρ² (x, y in half diagonals, ρ distance over corner):
-    ``surface`` and ``surface_sigma`` (4,). ``centre_sigma_px``, ``corner_sigma_px`` from it; ``lean``: relative change of σ² from
-    side to side. ``map``: its ``rms_px`` is the σ of each cell."""
+    ``surface`` and ``surface_sigma`` (4,). ``centre_sigma_px``, ``corner_sigma_px`` follow from it; ``lean``: relative change of σ²
+    from side to side. ``map``: its ``rms_px`` is the σ of each cell."""
 
     pixels: Array
     sigma_px: Array
@@ -50,7 +50,7 @@ class PsfField:
 def psf_over_field(
     images: Sequence[NDArray[Any]], camera: Camera, *, e_per_dn: float = 0.0, saturation_dn: float = float("inf")
 ) -> PsfField:
-    """From frames of stars. Clipped, faint and blended stars take no part; BadInput with fewer than a dozen left."""
+    """Measure from frames of stars, without saturated, faint and blended stars. Raises BadInput with fewer than a dozen stars."""
     spots: list[Spot] = []
     for image in images:
         found = find_stars(image, saturation_dn=None if np.isinf(saturation_dn) else saturation_dn, e_per_dn=e_per_dn)

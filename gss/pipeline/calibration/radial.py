@@ -1,4 +1,4 @@
-"""Jacobs' polynomial of lens aberration from the distances of all stars to one near the optical centre (Jacobs 1995 §6.2.3.1,
+"""Jacobs' radial distortion polynomial, from the distances of all stars to one near the optical centre (Jacobs 1995 §6.2.3.1,
 eq. 6.16–6.17, F.9)."""
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.calibration.sightings import FrameStars
 
-NEAR_CENTRE_MM = 0.45  # the star that stands for the optical centre may be this far from it
+NEAR_CENTRE_MM = 0.45  # maximum distance from the optical centre of the star used in its place
 FEWEST_STARS = 12
 
 
@@ -40,7 +40,8 @@ class RadialFit:
 def radial_polynomial(
     frames: Sequence[FrameStars], camera: Camera, focal_mm: float, order: int = 3, near_mm: float = NEAR_CENTRE_MM
 ) -> RadialFit:
-    """From frames with a star near the optical centre. The camera's tilt is taken out first, its polynomial is not."""
+    """Fit the polynomial to frames with a star near the optical centre. The camera's tilt is corrected first, its polynomial is
+    not."""
     tilt = camera.distortion
     flat = RadialTilt(focal_mm, tilt.tilt_max_rad, tilt.tilt_direction_rad) if isinstance(tilt, RadialTilt) else None
     r_parts, delta_parts, used_frames = [], [], 0
@@ -55,14 +56,14 @@ def radial_polynomial(
             continue
         used_frames += 1
         others = np.arange(len(far)) != k
-        # Seen from the middle a plane camera keeps angles: tan of the separation is the radius, corrected for the small
-        # distance of the star that stands for the middle by that star's own ray.
+        # From the centre of a plane detector, the tangent of the separation is the radius; it is corrected for the small offset
+        # of the central star by using that star's ray.
         ray = np.append(place_mm, np.full((len(far), 1), focal_mm), axis=1)
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         measured = separation_rad(ray[others], ray[k])
         true = separation_rad(frame.icrs[others], frame.icrs[k])
         r_parts.append(far[others])
-        # An error of the angle is an error of the radius times cos² of the field angle.
+        # An error of the angle equals the error of the radius times cos² of the field angle.
         delta_parts.append(focal_mm * (measured - true) * (1 + (far[others] / focal_mm) ** 2))
     r = np.concatenate(r_parts) if r_parts else np.empty(0)
     if len(r) < max(FEWEST_STARS, order + 2):

@@ -1,4 +1,4 @@
-"""Calibrations as plain values: what a version in the store, a JSON file and a table of stars hold."""
+"""Conversion of calibrations to plain values, for versions in the store, JSON files and star tables."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 from gss.domain.camera import Camera
 from gss.domain.camera_record import record_of
 
-MOST_VALUES = 20_000  # larger arrays are images: they have files of their own
+MOST_VALUES = 20_000  # larger arrays are images, which are stored in separate files
 
 
 def as_record(value: Any) -> Any:
-    """Any result of a calibration or an analysis as plain values: dataclasses as dictionaries, arrays as lists, NaN and infinity
-    as None, cameras by ``record_of``. Arrays of more than 20 000 values (images) only say their shape."""
+    """Convert any result of a calibration or an analysis to plain values: dataclasses to dictionaries, arrays to lists, NaN and
+    infinity to None, cameras by ``record_of``. Arrays of more than 20 000 values (images) are replaced by their shape."""
     if isinstance(value, Camera):
         return as_record(record_of(value))
     if is_dataclass(value) and not isinstance(value, type):

@@ -1,4 +1,4 @@
-"""How far measured stars are from where a camera puts them: figures, and maps over the detector."""
+"""Residuals between measured and predicted star positions: figures, and maps over the detector."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ MAP_CELLS = 12
 
 @dataclass(frozen=True)
 class ResidualFigures:
-    """``rms_px``: per axis; ``noise_px``: the same with the freedom that the fit took given back, the scatter of one measured
-    star; ``median_px`` ``p95_px`` ``max_px``: of the length; ``chi``: rms in the stars' own σ; ``rejected``: left out."""
+    """``rms_px``: per axis; ``noise_px``: the same corrected for the fitted degrees of freedom, i.e. the scatter of one measured
+    star; ``median_px`` ``p95_px`` ``max_px``: of the length; ``chi``: rms in units of the stars' stated σ; ``rejected``: number of
+    rejected stars."""
 
     stars: int
     rms_px: float
@@ -30,7 +31,7 @@ class ResidualFigures:
 def residual_figures(
     residual_px: Array, sigma_px: Array, used: NDArray[np.bool_], freedom: int | None = None
 ) -> ResidualFigures:
-    """Of (n, 2) residuals. ``freedom``: equations minus unknowns; None: nothing was fitted."""
+    """Compute the figures of (n, 2) residuals. ``freedom``: equations minus unknowns; None: nothing was fitted."""
     r, n = residual_px[used], int(used.sum())
     if not n:
         nan = float("nan")
@@ -45,8 +46,8 @@ def residual_figures(
 
 @dataclass(frozen=True)
 class ResidualMap:
-    """Residuals binned over the detector. ``col_px`` (c,), ``row_px`` (r,): middles of the cells. ``mean_px``: (r, c, 2) mean
-    vector, ``rms_px``: (r, c) per axis, ``count``: (r, c). NaN where a cell has no star."""
+    """Residuals binned over the detector. ``col_px`` (c,), ``row_px`` (r,): centres of the cells. ``mean_px``: (r, c, 2) mean
+    vector, ``rms_px``: (r, c) per axis, ``count``: (r, c). NaN for cells without stars."""
 
     col_px: Array
     row_px: Array
@@ -56,7 +57,8 @@ class ResidualMap:
 
 
 def residual_map(pixels: Array, residual_px: Array, size: tuple[int, int], cells: int = MAP_CELLS) -> ResidualMap:
-    """Of (n, 2) places and residuals on a detector of ``size`` columns, rows; about square cells, ``cells`` on the long side."""
+    """Bin (n, 2) positions and residuals on a detector of ``size`` columns, rows, in about square cells, ``cells`` on the long
+    side."""
     columns, rows = size
     step = max(columns, rows) / cells
     across, down = max(1, round(columns / step)), max(1, round(rows / step))

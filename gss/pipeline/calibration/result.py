@@ -1,4 +1,4 @@
-"""What a self-calibration gives: the camera, how well it is known, and everything needed to doubt it."""
+"""Result of a self-calibration: the camera, its uncertainty, and the data to assess it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GRID = 11
 
 @dataclass(frozen=True)
 class Parameter:
-    """One fitted number in its unit; ``sigma`` with the errors of all attitudes in it."""
+    """One fitted value in its unit; ``sigma`` includes the errors of all attitudes."""
 
     name: str
     value: float
@@ -32,7 +32,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Frozen:
-    """A parameter that was held at a value, and why."""
+    """A parameter that was held at a value, and the reason."""
 
     name: str
     value: float
@@ -41,8 +41,8 @@ class Frozen:
 
 @dataclass(frozen=True)
 class ModelFit:
-    """One lens model on the same stars. ``bic``, ``aicc``: differences from the best, 0 = best; ``held_out_px``: rms per axis of
-    stars in frames that took no part, their attitudes' freedom given back."""
+    """One lens model fitted to the same stars. ``bic``, ``aicc``: differences from the best, 0 = best; ``held_out_px``: rms
+    per axis of stars in held-out frames, corrected for the degrees of freedom of their attitudes."""
 
     model: str
     free_parameters: int
@@ -56,7 +56,7 @@ class ModelFit:
 
 @dataclass(frozen=True)
 class FrameFit:
-    """One frame. ``scale``: its size against the start camera's; ``excluded``: "" or why it was left out."""
+    """Fit of one frame. ``scale``: its plate scale relative to the start camera's; ``excluded``: "" or why it was excluded."""
 
     name: str
     time_s: float
@@ -71,8 +71,8 @@ class FrameFit:
 
 @dataclass(frozen=True)
 class StarResiduals:
-    """Every star that went in. ``frame``: index into the frames used, ``residual_px``: (n, 2) measured − predicted after,
-    ``before_px``: with the start camera and the best attitude for it, ``used``: not rejected."""
+    """Every input star. ``frame``: index into the frames used, ``residual_px``: (n, 2) measured − predicted after the calibration,
+    ``before_px``: with the start camera and the best attitude for it, ``used``: False if rejected."""
 
     frame: NDArray[np.intp]
     hip: Ids
@@ -85,8 +85,8 @@ class StarResiduals:
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """A camera from its own frames. ``covariance``: of ``parameters`` in their order and units. ``held_out``: stars of frames
-    left out in turn, attitudes fitted only. ``before``: the start camera on the same stars."""
+    """Camera calibrated from its frames. ``covariance``: of ``parameters`` in their order and units. ``held_out``: residuals in
+    cross-validation, with only the attitudes fitted. ``before``: residuals of the start camera for the same stars."""
 
     camera: Camera
     model: str
@@ -106,19 +106,19 @@ class CameraCalibration:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the rows of ``covariance``."""
+        """Names of the parameters, in the order of ``covariance``."""
         return tuple(p.name for p in self.parameters)
 
     def parameter(self, name: str) -> Parameter:
-        """The fitted one of that name."""
+        """Return the fitted parameter of that name."""
         found = next((p for p in self.parameters if p.name == name), None)
         if found is None:
             raise NotFound("this parameter was not fitted", expected=" | ".join(self.names), got=name)
         return found
 
     def prediction_sigma_px(self, pixels: Array) -> Array:
-        """(n,) σ per axis of the geometry itself at (n, 2) places: how far the calibration may be off there, after what an
-        attitude from stars all over the detector takes up."""
+        """(n,) σ per axis of the calibrated geometry at (n, 2) positions, excluding the part that is absorbed by an attitude fitted
+        to stars all over the detector."""
         vector = vector_of(self.camera, self.model)
         vector = vector.without(tuple(n for n in vector.free if n not in self.names))
         free = len(vector.free)
@@ -142,5 +142,5 @@ class CameraCalibration:
         return derivatives(one, vector, np.eye(3)[None])
 
     def _factor(self, name: str) -> float:
-        """Unit of the covariance per unit of the fit, which counts focal length and aspect in logarithms."""
+        """Conversion factor of the covariance from the units of the fit, which uses logarithms of focal length and aspect."""
         return self.parameter(name).value if name in ("focal_px", "aspect") else 1.0

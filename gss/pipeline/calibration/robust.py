@@ -1,4 +1,4 @@
-"""Lines and planes through data with strays: Huber's weights, and the covariance that goes with them."""
+"""Robust linear fits of data with outliers: Huber weights and the corresponding covariance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NORMAL_MAD = 1.4826
 @dataclass(frozen=True)
 class Linear:
     """``coefficients`` (p,), ``covariance`` (p, p), ``residual`` (n,) data − model, ``used`` (n,), ``sigma``: scatter in units of
-    the data's own errors."""
+    the data's stated errors."""
 
     coefficients: Array
     covariance: Array
@@ -29,13 +29,13 @@ class Linear:
 
 
 def robust_sigma(values: Array) -> float:
-    """Standard deviation of normal values by the median of deviations from the median."""
+    """Standard deviation of normally distributed values, from the median absolute deviation."""
     v = values[np.isfinite(values)]
     return float(NORMAL_MAD * np.median(np.abs(v - np.median(v)))) if len(v) else float("nan")
 
 
 def fit_linear(design: Array, data: Array, sigma: Array | None = None) -> Linear:
-    """Robust least squares of (n,) data on (n, p) columns. Strays beyond 5 σ of the scatter take no part."""
+    """Fit (n,) data to (n, p) columns by robust least squares. Outliers beyond 5 σ of the scatter are rejected."""
     n, p = design.shape
     if n <= p:
         raise BadInput("too few points for this fit", expected=f"more than {p}", got=str(n))

@@ -1,4 +1,4 @@
-"""What frames are fit for a calibration: bad ones are named and left out, and what is poor about the rest is said."""
+"""Screening of frames for a calibration: unsuitable frames are excluded with a reason, and the others are checked."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ CLOUD_MAG, CLOUD_SHARE = 0.5, 0.5
 
 @dataclass(frozen=True)
 class Screened:
-    """Frames to use, with clipped stars taken out; ``scale`` of each against the start camera; why others were left out."""
+    """Frames to use, without saturated stars; ``scale`` of each relative to the start camera; ``excluded``: name and reason of the
+    others."""
 
     frames: tuple[FrameStars, ...]
     scale: Array
@@ -37,8 +38,8 @@ class Screened:
 
 
 def screen(frames: Sequence[FrameStars], start: Camera) -> Screened:
-    """Leaves out: frames of another size, with too few stars, with trails (as long as others remain), mirrored, of another
-    plate scale. ``start``: the camera as believed before."""
+    """Exclude frames of another size, with too few stars, with trails (if others remain), mirrored, or of another
+    plate scale. ``start``: the camera before calibration."""
     excluded: list[tuple[str, str]] = []
     warnings: list[Advice] = []
     kept = _of_size(frames, start, excluded, warnings)
@@ -123,7 +124,7 @@ def _upright(
 
 
 def is_mirrored(frame: FrameStars, camera: Camera) -> bool:
-    """Whether the frame's left-right reverse fits its stars far better than the frame does."""
+    """True if the left-right mirrored frame fits its stars far better than the frame itself."""
     flipped = frame.pixels * np.array([-1.0, 1.0]) + np.array([camera.columns - 1.0, 0.0])
     plain, other = (_fit_rms_px(p, frame.icrs, camera) for p in (frame.pixels, flipped))
     return len(frame) >= FEWEST_STARS and plain > MIRROR_PX and other * MIRROR_GAIN < plain
@@ -144,8 +145,8 @@ def _fit_rms_px(pixels: Array, icrs: Array, camera: Camera) -> float:
 
 
 def plate_scale(frame: FrameStars, camera: Camera) -> tuple[float, float]:
-    """How many times larger the frame is than the camera says, and its σ: measured against predicted distances from the
-    middle of the stars, whatever the attitude."""
+    """Return the plate scale of the frame relative to the camera's, and its σ, from measured and predicted distances from the
+    centre of the stars; independent of attitude."""
     place, good = _predicted(frame.pixels, frame.icrs, camera)
     if good.sum() < 2:
         return float("nan"), float("nan")
@@ -159,7 +160,8 @@ def plate_scale(frame: FrameStars, camera: Camera) -> tuple[float, float]:
 def _of_one_scale(
     frames: list[FrameStars], scale: Array, excluded: list[tuple[str, str]], warnings: list[Advice]
 ) -> tuple[list[FrameStars], Array]:
-    """The largest group of frames without a gap in their scales; a lens changes them slowly, another lens at once."""
+    """Return the largest group of frames without a gap in their scales: one lens changes the scale gradually, another lens
+    abruptly."""
     finite = np.flatnonzero(np.isfinite(scale))
     if len(finite) < 2:
         return frames, scale
@@ -188,11 +190,11 @@ def _of_one_scale(
 
 
 def frame_offsets_mag(frames: Sequence[FrameStars]) -> Array:
-    """(f,) median of the magnitude of one DN per second of each frame against the median of all; NaN without fluxes."""
+    """(f,) median zero point (magnitude of one DN per second) of each frame minus the median of all; NaN without fluxes."""
     made = []
     for f in frames:
         good = np.isfinite(f.flux_dn) & (f.flux_dn > 0) & np.isfinite(f.v_mag) & ~f.saturated
-        # Equal fluxes are those of centroids that came without their light.
+        # Equal fluxes mean that the centroids were given without fluxes.
         if good.sum() < FEWEST_STARS or np.ptp(f.flux_dn[good]) == 0:
             made.append(np.nan)
             continue
@@ -227,13 +229,13 @@ def _clouds(frames: Sequence[FrameStars]) -> list[Advice]:
 
 
 def coverage(pixels: Array, size: tuple[int, int]) -> float:
-    """Share of the cells of a 4 x 4 grid over the detector that hold a star."""
+    """Share of the cells of a 4 x 4 grid over the detector that contain a star."""
     cell = np.clip((pixels + 0.5) * COVERAGE_CELLS / np.array(size), 0, COVERAGE_CELLS - 1).astype(int)
     return len({(c, r) for c, r in cell.tolist()}) / COVERAGE_CELLS**2
 
 
 def poor_data(pixels: Array, frames: int, size: tuple[int, int]) -> list[Advice]:
-    """What is poor about the stars that are left."""
+    """Return warnings about the remaining stars."""
     made: list[Advice] = []
     if len(pixels) < FEW_STARS:
         text = f"{counted(len(pixels), 'star')} in all"

@@ -1,8 +1,8 @@
-"""Self-calibration: one camera and all attitudes from the matched stars of many frames, the default way to calibrate.
+"""Self-calibration: fit one camera and all attitudes to the matched stars of many frames; the default calibration method.
 
-Lens models are compared by Bayes' information criterion on the same stars, parameters that the data cannot tell are held and
-named, and what comes out is measured on frames that took no part. After Jacobs 1995 §6.2, who solves one thing after the
-other, and Pal, Bhat 2014, who solve the camera from stars.
+Lens models are compared by the Bayesian information criterion on the same stars, parameters that the data do not determine are
+held and listed, and the result is cross-validated on held-out frames. After Jacobs 1995 §6.2, who solves one parameter group
+after the other, and Pal, Bhat 2014, who solve the camera from stars.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from gss.pipeline.calibration.star_stack import Stack, attitudes_of, stack
 from gss.pipeline.calibration.support import hold_unsupported
 
 MODELS = tuple(LENS_MODELS)
-STRANGE = 4.0  # a frame that fits so many times worse than the typical one is not of this camera, or not well matched
+STRANGE = 4.0  # a frame that fits worse than the median by this factor is from another camera or mismatched
 PLATE_SCALE = 0.01
 WORSE = 1.05
 
@@ -56,10 +56,9 @@ def calibrate_camera(
     folds: int = 5,
     progress: Progress = _quiet,
 ) -> CameraCalibration:
-    """Calibrate from frames whose stars are matched. ``start``: the camera as believed. ``models``: lens models to compare, one
-    to use it; "radial-tilt" needs ``focal_mm``, the scale of its polynomial in millimetres. ``priors``: what the bench says.
-
-    Raises BadInput where no frame is fit for it or there are fewer equations than unknowns.
+    """Calibrate from frames with matched stars. ``start``: the camera before calibration. ``models``: lens models to compare (a
+    single one is used without comparison); "radial-tilt" needs ``focal_mm``, the scale of its polynomial in millimetres.
+    ``priors``: bench measurements. Raises BadInput if no frame is suitable or there are fewer equations than unknowns.
     """
     known = dict(priors or {})
     chosen_models = _models(models, start, focal_mm)
@@ -134,7 +133,7 @@ def _fit_all(
 
 
 def _without_strange(screened: Screened, stars: Stack, trials: Mapping[str, _Trial]) -> tuple[Screened, Stack, bool]:
-    """Leaves out frames that fit far worse than the typical one under the best model: mis-identified, or of another camera."""
+    """Exclude frames that fit far worse than the median under the best model: misidentified, or from another camera."""
     fit = min(trials.values(), key=lambda t: t.fit.scale).fit
     length = np.hypot(fit.residual_px[:, 0], fit.residual_px[:, 1]) / stars.sigma_px
     own = np.array([float(np.median(length[stars.frame == f])) for f in range(stars.frames)])
@@ -157,8 +156,8 @@ def _without_strange(screened: Screened, stars: Stack, trials: Mapping[str, _Tri
 def _compare(
     stars: Stack, trials: Mapping[str, _Trial], priors: Mapping[str, Prior], folds: int, progress: Progress
 ) -> tuple[tuple[ModelFit, ...], dict[str, ResidualFigures | None]]:
-    """Information criteria on the stars that the sharpest model keeps. The size of the errors is unknown too, so that the
-    logarithm of the misfit counts: with few stars a small gain is no proof."""
+    """Compute the information criteria on the stars kept by the best-fitting model. They use the logarithm of the misfit because
+    the size of the errors is unknown too: with few stars a small improvement is not significant."""
     sharpest = min(trials.values(), key=lambda t: t.fit.scale).fit
     kept = sharpest.used
     scaled = stars.sigma_px[kept] * sharpest.scale

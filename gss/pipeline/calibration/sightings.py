@@ -1,4 +1,4 @@
-"""The matched stars of one frame: what every calibration from the sky starts from."""
+"""Matched stars of one frame, the input of every calibration from the sky."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ PER_STAR = ("sigma_px", "hip", "v_mag", "b_v", "flux_dn", "peak_dn", "area_px")
 
 @dataclass(frozen=True)
 class FrameStars:
-    """n stars of one frame, each measured and named.
+    """n measured and identified stars of one frame.
 
-    ``pixels``: (n, 2) col, row. ``sigma_px``: (n,) standard deviation per axis. ``icrs``: (n, 3) unit vectors as the camera
-    saw them (epoch of the night; aberration where the field is wide and the figures are small). ``flux_dn``: above the
-    background. ``streak_px``: length of the trails. ``saturation_dn``: peaks from here on are clipped.
+    ``pixels``: (n, 2) col, row. ``sigma_px``: (n,) standard deviation per axis. ``icrs``: (n, 3) apparent unit vectors (epoch of
+    the night; with aberration if it matters for a wide field and small errors). ``flux_dn``: above the background.
+    ``streak_px``: length of the trails. ``saturation_dn``: peaks at or above it are saturated.
     """
 
     name: str
@@ -61,11 +61,11 @@ class FrameStars:
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
-        """(n,) stars whose peak is clipped."""
+        """(n,) True for stars whose peak is saturated."""
         return np.asarray(self.peak_dn >= CLIPPED_SHARE * self.saturation_dn)
 
     def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> FrameStars:
-        """The stars of a mask or an index array."""
+        """Return the stars selected by a mask or an index array."""
         columns = {"pixels", "icrs", *PER_STAR}
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return FrameStars(**{n: v[index] if n in columns else v for n, v in values.items()})
@@ -81,8 +81,8 @@ def frame_stars(
     streak_px: float = 0.0,
     saturation_dn: float = float("inf"),
 ) -> FrameStars | None:
-    """The matches of a solved frame that its attitude used; None where it has no solution. Stars that ``stars`` does not
-    hold are left out."""
+    """Return the matches of a solved frame that its attitude used; None without a solution. Stars that are not in ``stars`` are
+    omitted."""
     if result.matches is None or result.attitude is None:
         return None
     row_of = stars.row_of_hip
@@ -104,7 +104,7 @@ def of_centroids(
     streak_px: float = 0.0,
     saturation_dn: float = float("inf"),
 ) -> FrameStars:
-    """Centroids and the row in ``stars`` of each. ``size``: columns, rows of the detector."""
+    """Build from centroids and the row in ``stars`` of each. ``size``: columns, rows of the detector."""
     return FrameStars(
         name,
         *size,

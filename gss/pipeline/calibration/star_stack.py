@@ -1,4 +1,4 @@
-"""All stars of all frames in one piece, and the attitude of each frame by itself."""
+"""Stars of all frames in one set of arrays, and separate attitudes of the frames."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Stack:
         return len(self.first)
 
     def of_frames(self, keep: NDArray[np.bool_]) -> Stack:
-        """The frames of an (f,) mask."""
+        """Return the frames selected by an (f,) mask."""
         stars = keep[self.frame]
         counts = np.bincount(self.frame, minlength=self.frames)[keep]
         frame = np.repeat(np.arange(len(counts)), counts)
@@ -42,7 +42,7 @@ class Stack:
 
 
 def stack(frames: Sequence[FrameStars]) -> Stack:
-    """Frames, none of them empty, one after the other."""
+    """Concatenate frames, none of which may be empty."""
     counts = np.array([len(f) for f in frames])
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
     return Stack(
@@ -55,7 +55,7 @@ def stack(frames: Sequence[FrameStars]) -> Stack:
 
 
 def attitudes_of(stars: Stack, camera: Camera) -> Array:
-    """(f, 3, 3) cam_from_icrs of each frame by itself, for a camera taken as right."""
+    """(f, 3, 3) cam_from_icrs, fitted to each frame separately with a fixed camera."""
     cam = camera.unproject(stars.pixels)
     ends = np.append(stars.first[1:], len(stars))
     made = []

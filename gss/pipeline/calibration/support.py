@@ -1,4 +1,4 @@
-"""Which parameters the stars can tell: what they cannot is held where it was, and named."""
+"""Selection of the parameters that the stars determine; the others are held at their values and listed."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from gss.pipeline.calibration.lens_models import FREEZING_ORDER, TILT, Vector, m
 from gss.pipeline.calibration.result import Frozen
 from gss.pipeline.calibration.star_stack import Stack
 
-TWINS = 0.998  # a correlation from here on: one of the two says nothing of its own
+TWINS = 0.998  # correlation above which two parameters cannot be separated
 TWIN_GROUPS = ({"centre_col_px", "centre_row_px"}, {"p1", "p2", *TILT})
 
 
 def hold_unsupported(
     stars: Stack, vector: Vector, turns: Array, priors: Mapping[str, Prior]
 ) -> tuple[Adjusted, tuple[Frozen, ...]]:
-    """Fit; while a parameter's σ says nothing, or it is another's twin, hold the first of them in the order of freezing and
-    fit again. A parameter with a prior narrower than that is never without support."""
+    """Fit; while a parameter is undetermined or almost fully correlated with another, hold the first of them in the freezing
+    order and fit again. A parameter whose prior is narrower than the limit is always determined."""
     frozen: list[Frozen] = []
     start = vector
     vector = _within_equations(stars, vector, frozen)
@@ -34,12 +34,12 @@ def hold_unsupported(
 
 
 def _restarted(start: Vector, fitted: Vector) -> Vector:
-    """From the start again: a fit that ran along a direction without support is no good place to go on from."""
+    """Restart from the initial values, because a fit along an undetermined direction is a poor starting point."""
     return start.without(tuple(n for n in start.free if n not in fitted.free))
 
 
 def _within_equations(stars: Stack, vector: Vector, frozen: list[Frozen]) -> Vector:
-    """Fewer unknowns than equations."""
+    """Hold parameters until there are fewer unknowns than equations."""
     for group in FREEZING_ORDER:
         if 2 * len(stars) - 3 * stars.frames > len(vector.free):
             break
@@ -68,7 +68,7 @@ def _worst(fit: Adjusted) -> tuple[tuple[str, ...], str]:
 
 
 def _twins(fit: Adjusted, sigma: Array) -> set[str]:
-    """Tangential coefficients or tilt that move with the centre."""
+    """Return the tangential coefficients or tilts that are almost fully correlated with the centre."""
     free = fit.vector.free
     correlation = fit.covariance / np.maximum(np.outer(sigma, sigma), 1e-300)
     found = set()

@@ -1,4 +1,4 @@
-"""How far stars were drawn out during an exposure: told from their shapes, whoever found them."""
+"""Length of star trails during an exposure, measured from the stars' shapes, for centroids of any origin."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ LEAST_PX = 1.5
 
 
 def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = float("inf")) -> float:
-    """Length of the trails of a frame in px, to a quarter of it; 0 for round stars.
+    """Length of the trails of a frame in px, accurate to about a quarter; 0 for round stars.
 
-    A star moved evenly over L has L²/12 more variance along the motion than across it. All stars of a moving camera are long in
-    nearly one direction; where they are not (coma, doubles, a turn about the boresight), or fewer than four stars can be
-    measured, the answer is 0.
+    A star moved uniformly over L has L²/12 more variance along the motion than across it. All stars of a moving camera are
+    elongated in nearly one direction; if they are not (coma, double stars, rotation about the boresight), or fewer than four stars
+    can be measured, the result is 0.
     """
     pick = np.argsort(-np.nan_to_num(centroids.flux_dn), kind="stable")[:BRIGHTEST]
     col, row = (np.rint(v[pick]).astype(np.intp) for v in (centroids.col_px, centroids.row_px))
@@ -45,7 +45,7 @@ def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = f
     if shapes.good.sum() < FEWEST:
         return 0.0
     moments = shapes.covariance[shapes.good]
-    # Twice the angle, so that a direction and its opposite are one.
+    # Doubling the angle makes opposite directions equal.
     along = (moments[:, 0, 0] - moments[:, 1, 1]) + 2j * moments[:, 0, 1]
     together = abs(np.mean(along / np.maximum(np.abs(along), 1e-12)))
     length = float(np.sqrt(12 * np.median(np.abs(along))))
