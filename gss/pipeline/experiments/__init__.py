@@ -1,4 +1,4 @@
-"""The documents' own experiments, one file each: functions of stars, seed and size that return an Experiment."""
+"""Reruns of the documents' experiments, one module each: functions of stars, seed and size that return an Experiment."""
 
 from gss.domain.experiment import Experiment, Progress, Series, share_interval, share_text
 

@@ -1,4 +1,4 @@
-"""CubeStar's best-case accuracy: artificial images without noise through all stages (Erlank 2013 §4.4, Figs. 4.4 and 4.5)."""
+"""CubeStar's best-case accuracy: noise-free artificial images processed by all stages (Erlank 2013 §4.4, Figs. 4.4 and 4.5)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gss.pipeline.render import render
 from gss.pipeline.score import assess
 
 PAPER_CROSS_DEG, PAPER_ABOUT_DEG = 0.004, 0.02
-# So low that the 5 x 5 grid alone bounds a star, as in the first row of §4.1.6's rerun.
+# Low enough that only the 5 x 5 grid limits a star, as in the first row of the rerun of §4.1.6.
 LOW_THRESHOLD_DN = 1.0
 
 Draw = Callable[[Array, np.random.Generator], NDArray[np.uint8]]
@@ -35,7 +35,7 @@ class _Errors:
 
 
 def erlank_4_4b(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Largest errors across and about the boresight. ``trials``: images per way of drawing; the paper has 100."""
+    """Measure the largest errors across and about the boresight. ``trials``: images per drawing method; the paper has 100."""
     made, bright = bench(stars), stars.brighter_than(BANK_MAG)
     low = replace(made.parameters, threshold_dn=LOW_THRESHOLD_DN)
     cases = (

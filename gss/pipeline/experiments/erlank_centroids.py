@@ -18,7 +18,7 @@ STARS = 18
 PAPER_COL_PX, PAPER_ROW_PX = 0.0244, 0.0427
 MARGIN_PX, APART_PX, FOUND_PX = 8.0, 12.0, 2.0
 NEAREST = Drawing()
-# Threshold above black, and how the star's 5 x 5 grid is laid.
+# Threshold above black, and placement of the star's 5 x 5 grid.
 CASES = (
     ("threshold 1, grid round the nearest pixel", 1.0, NEAREST),
     ("threshold 6 (§5.3.3), nearest pixel", DOCUMENT_THRESHOLD_DN, NEAREST),
@@ -30,7 +30,7 @@ CASES = (
 
 
 def erlank_4_1_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Mean centroid error per axis. ``trials``: images of 18 stars per case; the paper has one."""
+    """Measure the mean centroid error per axis. ``trials``: images of 18 stars per case; the paper has one."""
     camera, base = simulated_camera(), simulated_parameters()
     rows: list[tuple[Cell, ...]] = []
     for k, (title, threshold_dn, drawing) in enumerate(CASES):
@@ -95,7 +95,7 @@ def centroid_errors_px(camera: Camera, p: CubestarParameters, drawing: Drawing, 
 
 
 def _places(camera: Camera, rng: np.random.Generator) -> Array:
-    """(18, 2) places whole inside the image and apart from each other."""
+    """(18, 2) positions completely inside the image and separate from each other."""
     far = (camera.columns - 1 - MARGIN_PX, camera.rows - 1 - MARGIN_PX)
     kept: list[Array] = []
     while len(kept) < STARS:

@@ -1,4 +1,4 @@
-"""Stars and images matched by geometric voting: magnitude cutoff and false stars (Erlank 2013 §4.3.5, Tables 4.4 and 4.5)."""
+"""Success of geometric voting against magnitude cutoff and false stars (Erlank 2013 §4.3.5, Tables 4.4 and 4.5)."""
 
 from __future__ import annotations
 
@@ -35,17 +35,18 @@ TABLE_4_4 = {
     3.7: ((85.2, 92.0), (86.62, 94.0), (90.76, 96.0)),
     3.8: ((84.01, 93.0), (89.62, 98.5), (91.84, 98.5)),
 }
-# Table 4.5: false stars: lost in space, assisted.
+# Table 4.5: by number of false stars, % for lost in space and assisted.
 TABLE_4_5 = {1: (79, 96), 5: (72, 96), 10: (58, 94)}
 ENOUGH = 3
-# The centroid's error of §4.1.6 per axis, and the one at which a distance is off by the tolerance at 2.4 σ.
+# Centroid error per axis of §4.1.6, and the error at which the distance tolerance is 2.4 σ.
 FINE_PX, COARSE_PX = 0.035, 0.3
 TRIES = ("document", "document, 0.3 px", "document, 2 x tolerance", "chain")
 
 
 @dataclass
 class Tally:
-    """What one way of matching did: share of stars right per image, images with three right, with a false name, false attitude."""
+    """Results of one matching method: share of correct stars per image, and numbers of images with three correct stars, with a
+    false match, and with a wrong attitude."""
 
     shares: list[float] = field(default_factory=list)
     enough: int = 0
@@ -64,7 +65,7 @@ class Tally:
 
 @dataclass(frozen=True)
 class Bench:
-    """What all images are matched with."""
+    """Camera, parameters and bank used for all images."""
 
     camera: Camera
     parameters: CubestarParameters
@@ -72,13 +73,13 @@ class Bench:
 
 
 def bench(stars: StarTable) -> Bench:
-    """The camera of the artificial images with the whole bank."""
+    """Return the camera of the artificial images with the whole bank."""
     camera = simulated_camera()
     return Bench(camera, simulated_parameters(), bank_of(stars, camera))
 
 
 def erlank_4_4(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Effect of the magnitude cutoff. ``trials``: images per cutoff and mode; the paper has 100."""
+    """Measure the effect of the magnitude cutoff. ``trials``: images per cutoff and mode; the paper has 100."""
     made = bench(stars)
     rows: list[tuple[Cell, ...]] = []
     for k, (cutoff, papers) in enumerate(TABLE_4_4.items()):
@@ -117,7 +118,7 @@ def erlank_4_4(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
 
 
 def erlank_4_5(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Effect of false stars. ``trials``: images per number; the paper has 100."""
+    """Measure the effect of false stars. ``trials``: images per number; the paper has 100."""
     made = bench(stars)
     rows: list[tuple[Cell, ...]] = []
     for k, (false, papers) in enumerate(TABLE_4_5.items()):
@@ -185,7 +186,7 @@ def _conditions(made: Bench) -> tuple[str, ...]:
 
 
 def run(made: Bench, seen: StarTable, how: str, false: int, trials: int, rng: np.random.Generator) -> dict[str, Tally]:
-    """Each way of matching on the same images."""
+    """Run each matching method on the same images."""
     tallies = {name: Tally() for name in TRIES}
     for _ in range(trials):
         attitude = random_attitude(rng)

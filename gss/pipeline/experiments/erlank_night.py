@@ -1,4 +1,4 @@
-"""CubeStar under the sky: fixed to the Earth, frames at sidereal rate, straight lines fitted (Erlank 2013 §6.1, Table 6.1)."""
+"""CubeStar's night test: Earth-fixed camera, motion at sidereal rate, straight-line fits (Erlank 2013 §6.1, Table 6.1)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from gss.pipeline.track.nearest import match_nearest
 # Table 6.1: 1 σ, degrees.
 PAPER_DEG = {"cross (RA · cos Dec)": 0.0051, "cross (Dec)": 0.0072, "about (rotation)": 0.0203}
 SIDEREAL_RAD_S = 7.2921159e-5
-# The zenith of Stellenbosch; four places of it through the night.
+# Declination of the zenith of Stellenbosch, and its right ascension at four times of the night.
 DEC_RAD = float(np.radians(-33.9))
 STARTS_RAD = tuple(float(np.radians(deg)) for deg in (90.0, 135.0, 185.0, 250.0))
 ROLL_RAD = 0.6
@@ -40,9 +40,9 @@ FRAME_S, EXPOSURE_S = 1.0, 0.5
 
 @dataclass(frozen=True)
 class Weather:
-    """What the air does: ``flicker_mag`` of each star in each frame, ``seeing_rad`` per axis, ``sky_e_s`` of the sky in a pixel.
-    ``lens_sigmas``: by how many of its own standard deviations the calibration is off (Erlank 2013 Fig. 5.12);
-    ``document``: attitudes by its own tracking and correction of distortion, on the same centroids."""
+    """Atmospheric conditions: ``flicker_mag`` of each star in each frame, ``seeing_rad`` per axis, ``sky_e_s`` sky per pixel.
+    ``lens_sigmas``: calibration error in standard deviations (Erlank 2013 Fig. 5.12); ``document``: True to compute attitudes with
+    the document's tracking and distortion correction, on the same centroids."""
 
     title: str
     flicker_mag: float = 0.0
@@ -59,13 +59,13 @@ WEATHER = (
     Weather("the same, calibration off by 1 σ", 0.2, 3.0 * ARCSEC_RAD, 155.0, 1.0),
     Weather("semi-urban, document's tracking and lens", 0.2, 3.0 * ARCSEC_RAD, 155.0, 0.0, True),
 )
-# What the toolbox prints behind k1, k2, p1 and p2; its manual calls that about three σ, the document an uncertainty.
+# Values printed by the toolbox after k1, k2, p1 and p2: about three σ according to its manual, an uncertainty in the document.
 LENS_SIGMA = (0.01004, 0.03556, 0.00163, 0.00085)
 
 
 @dataclass
 class _Night:
-    """All frames of one weather: residuals about the lines of each run, drifts, and counts."""
+    """Results of all frames under one weather: residuals from the fitted lines of each run, drifts, and counts."""
 
     residual_deg: list[Array] = field(default_factory=list)
     drift_arcsec_s: list[Array] = field(default_factory=list)
@@ -78,7 +78,8 @@ class _Night:
 
 
 def erlank_6_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Scatter about straight lines of right ascension, declination and rotation. ``trials``: frames in each of four places."""
+    """Measure the scatter of right ascension, declination and rotation about straight lines. ``trials``: frames in each of four
+    fields."""
     known = profile("cubestar")
     bank, sky = bank_of(stars, known.camera), stars.brighter_than(SKY_MAG)
     rows: list[tuple[Cell, ...]] = []
@@ -163,8 +164,9 @@ def _watch(
 def document_track(
     centroids: Centroids, hint: Hint, camera: Camera, bank: OnboardCatalogue
 ) -> tuple[Attitude | None, int]:
-    """The document's way from frame to frame: every centroid within 0.3° of a predicted star is that star, distortion by the
-    polynomial with inverted signs, all weights one (Erlank 2013 §4.1.4, §4.4, §4.5). Attitude without covariance, stars."""
+    """Track from frame to frame as in the document: every centroid within 0.3° of a predicted star is matched with it, distortion
+    is corrected by the polynomial with inverted signs, and all weights are one (Erlank 2013 §4.1.4, §4.4, §4.5). Returns the
+    attitude without covariance and the number of stars."""
     if hint.quaternion is None:
         return None, 0
     unit = unit_vectors(centroids, camera, "document")
@@ -183,8 +185,7 @@ def _far_off(found: Attitude | None, truth: Array, camera: Camera) -> bool:
 
 
 def calibrated(camera: Camera, sigmas: float) -> Camera:
-    """The camera as a calibration finds it whose coefficients are off by so many of their standard deviations, in turn up and
-    down."""
+    """Return the camera with its distortion coefficients off by ``sigmas`` standard deviations, with alternating sign."""
     lens = camera.distortion
     if not isinstance(lens, Brown) or not sigmas:
         return camera
@@ -203,7 +204,7 @@ def _frame(
 
 
 def _fit(night: _Night, times_s: Array, attitudes: list[Attitude]) -> None:
-    """The Earth-fixed test of these attitudes. Every deviation counts, the farthest too: they are what the paper has."""
+    """Apply the Earth-fixed test to these attitudes. As in the paper, all deviations are used, including outliers."""
     n = len(attitudes)
     none = np.zeros(n, np.intp)
     quaternion = np.stack([a.quaternion for a in attitudes])
@@ -264,7 +265,7 @@ def _rows(weather: Weather, night: _Night) -> list[tuple[Cell, ...]]:
 
 
 def _distribution(weather: Weather, night: _Night) -> Series:
-    """Deviations in declination as the paper's Fig. 6.3 has them."""
+    """Distribution of the deviations in declination, as in the paper's Fig. 6.3."""
     residual = np.concatenate(night.residual_deg)[:, 1] if night.residual_deg else np.zeros(1)
     counts, edges = np.histogram(residual, bins=25)
     middles = (edges[:-1] + edges[1:]) / 2

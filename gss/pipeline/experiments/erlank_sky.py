@@ -1,4 +1,4 @@
-"""What Erlank's simulations were made of: the camera of his images, the bank, star images drawn his way, his acceptance."""
+"""Elements of Erlank's simulations: the camera of his images, the bank, his star images and his acceptance test."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gss.pipeline.identify.kvector import pair_table
 from gss.pipeline.render import stars_near, truth_of
 
 BANK_MAG = 3.8
-# 54° across 1024 pixels: one pixel in the middle is the 0.001 rad that §4.3.5 calls about a pixel. The 6 mm and 5.6 µm of the same
+# 54° across 1024 pixels: one pixel in the middle is 0.001 rad, which §4.3.5 calls about a pixel. The 6 mm and 5.6 µm in the same
 # sentence would give 51.1° x 26.9°.
 FIELD_RAD = float(np.radians(54.0))
 TOLERANCE_RAD = 0.001
@@ -30,19 +30,19 @@ HINT_ERROR_RAD = float(np.radians(5.0))
 
 
 def simulated_camera() -> Camera:
-    """The camera of the artificial images: 1024 x 512, 54° x 28.6°, no distortion (Erlank 2013 §4.3.5)."""
+    """Return the camera of the artificial images: 1024 x 512, 54° x 28.6°, no distortion (Erlank 2013 §4.3.5)."""
     return Camera.from_fov(1024, 512, FIELD_RAD)
 
 
 def simulated_parameters() -> CubestarParameters:
-    """The chain's constants for that camera, with the document's tolerance and radius."""
+    """Return the chain's constants for that camera, with the document's tolerance and radius."""
     known = replace(profile("cubestar"), camera=simulated_camera())
     return replace(default_parameters(known), tolerance_rad=TOLERANCE_RAD, assisted_radius_rad=ASSISTED_RAD)
 
 
 def bank_of(stars: StarTable, camera: Camera, pairs: int | None = None) -> OnboardCatalogue:
-    """Stars to V 3.8 with all distances up to the field's diagonal, in the number widths of the device; the shortest
-    ``pairs`` of them where so many are asked for."""
+    """Return stars to V 3.8 with all distances up to the field's diagonal, in the device's number formats; only the
+    shortest ``pairs`` distances if given."""
     bright = stars.brighter_than(BANK_MAG)
     found = pair_table(bright.icrs, 0.0, camera.diagonal_rad)
     kept = slice(0, pairs)
@@ -53,17 +53,17 @@ def bank_of(stars: StarTable, camera: Camera, pairs: int | None = None) -> Onboa
 
 
 def random_attitude(rng: np.random.Generator) -> Array:
-    """(3, 3) cam_from_icrs, even over the sphere and the roll."""
+    """(3, 3) cam_from_icrs, uniformly distributed over the sphere and roll."""
     return matrix_from_quaternion(random_quaternion(rng))
 
 
 def in_view(stars: StarTable, camera: Camera, attitude: Array) -> Truth:
-    """The stars on the detector, brightest first."""
+    """Return the stars on the detector, brightest first."""
     return truth_of(stars_near(stars, camera, attitude), camera, attitude)
 
 
 def rough_hint(attitude: Array, largest_rad: float, rng: np.random.Generator) -> Hint:
-    """A boresight up to ``largest_rad`` off in any direction (Erlank 2013 §4.3.5)."""
+    """Return a boresight hint with an error up to ``largest_rad`` in any direction (Erlank 2013 §4.3.5)."""
     axis = rng.normal(size=3)
     axis -= axis @ attitude[2] * attitude[2]
     angle_rad = largest_rad * rng.random()
@@ -72,8 +72,8 @@ def rough_hint(attitude: Array, largest_rad: float, rng: np.random.Generator) ->
 
 @dataclass(frozen=True)
 class Drawing:
-    """How artificial stars are drawn: ``sigma_px``, ``peak_dn``; ``floor_col``, ``floor_row``: the 5 x 5 grid sits round the pixel
-    before the star's place instead of round the nearest one."""
+    """Drawing method of stars: ``sigma_px``, ``peak_dn``; ``floor_col``, ``floor_row``: True if the 5 x 5 grid is centred
+    on the pixel before the star's position instead of the nearest one."""
 
     sigma_px: float = 1.0
     peak_dn: float = 255.0
@@ -82,7 +82,7 @@ class Drawing:
 
 
 def star_image(pixels: Array, camera: Camera, drawing: Drawing | None = None) -> NDArray[np.uint8]:
-    """(rows, columns) of 5 x 5 Gaussians, all equally bright, on black (Erlank 2013 eq. 4.1.7)."""
+    """(rows, columns) image of 5 x 5 Gaussians of equal brightness on black (Erlank 2013 eq. 4.1.7)."""
     made = drawing if drawing is not None else Drawing()
     image = np.zeros((camera.rows, camera.columns))
     step = np.arange(-2, 3)
@@ -98,8 +98,8 @@ def star_image(pixels: Array, camera: Camera, drawing: Drawing | None = None) ->
 def document_rows(
     unit_cam: Array, bank: OnboardCatalogue, hint: Hint | None, tolerance_rad: float = TOLERANCE_RAD
 ) -> NDArray[np.intp]:
-    """(n,) catalogue row of each of (n, 3) directions, −1 unmatched, as the document accepts them: every star whose
-    verification votes are within one of the most (§4.3.3), with nothing asked of the whole."""
+    """(n,) catalogue row of each of (n, 3) directions, −1 unmatched, with the document's acceptance: every star whose
+    verification votes are within one of the highest count (§4.3.3), without a test of the whole set."""
     table = bank.distances
     if hint is not None:
         table = reduced_table(table, bank.icrs @ hint.boresight_icrs >= np.cos(ASSISTED_RAD))

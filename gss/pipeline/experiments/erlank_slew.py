@@ -1,4 +1,4 @@
-"""CubeStar while it turns: attitudes, modes and rates against the commanded rate (Erlank 2013 §6.2, Fig. 6.5)."""
+"""CubeStar's slew test: attitudes, modes and rates against the commanded rate (Erlank 2013 §6.2, Fig. 6.5)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from gss.pipeline.rates import rate_between
 from gss.pipeline.render import render
 from gss.pipeline.score import assess
 
-# °/s: the telescope's slowest, a nadir pointing satellite, the telescope's second, up to the limit of 0.3°, beyond, the third.
+# °/s: the telescope's slowest rate, a nadir-pointing satellite, the telescope's second rate, rates up to and beyond the limit of
+# 0.3°, and the telescope's third rate.
 RATES_DEG_S = (0.00833, 0.0635, 0.1333, 0.2, 0.25, 0.29, 0.35, 2.0)
 PAPER = {
     0.0635: "least required",
@@ -31,14 +32,15 @@ PAPER = {
 }
 ACROSS, ABOUT = "across", "about"
 FRAMES, FRAME_S, EXPOSURE_S = 20, 1.0, 0.5
-# As many stars as the paper saw at least (§6.1): its sky was chosen too.
+# Minimum number of stars in the paper (§6.1), whose fields were selected too.
 FEWEST_STARS = 8
 SKY_MAG = 6.5
 
 
 @dataclass
 class _Slew:
-    """All frames at one rate. ``error_deg_s``: measured minus commanded per axis; ``sigmas``: divided by its own σ."""
+    """Results of all frames at one rate. ``error_deg_s``: measured minus commanded per axis; ``sigmas``: the same divided by its
+    σ."""
 
     frames: int = 0
     solved: int = 0
@@ -54,7 +56,7 @@ class _Slew:
 def erlank_6_2(
     stars: StarTable, trials: int, seed: int, progress: Progress, rates_deg_s: tuple[float, ...] = RATES_DEG_S
 ) -> Experiment:
-    """Slews across and about the boresight. ``trials``: runs of 20 frames per rate and axis."""
+    """Simulate slews across and about the boresight. ``trials``: runs of 20 frames per rate and axis."""
     rows: list[tuple[Cell, ...]] = []
     for k, rate_deg_s in enumerate(rates_deg_s):
         slews = {}
@@ -142,7 +144,7 @@ def _one(
 
 
 def _rich_field(sky: StarTable, camera: Camera, rng: np.random.Generator) -> Array:
-    """A random attitude that shows at least eight stars of the bank."""
+    """Return a random attitude with at least eight stars of the bank in the field of view."""
     while True:
         attitude = random_attitude(rng)
         if np.count_nonzero(in_view(sky, camera, attitude).v_mag <= BANK_MAG) >= FEWEST_STARS:

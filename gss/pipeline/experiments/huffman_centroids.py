@@ -1,4 +1,4 @@
-"""Huffman's studies of the centroid, rerun: error against PSF width and SNR, and maximum likelihood against the weighted sum."""
+"""Reruns of Huffman's centroid studies: error against PSF width and SNR, and maximum likelihood against the weighted sum."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ TIMES_4_2 = {1: (5.74, 81.07), 2: (5.10, 77.57), 3: (2.81, 74.56), 4: (1.61, 67.
 
 
 def huffman_4_4(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Centroid error against PSF width and star SNR (Huffman 2006 §4.2.2, Figs. 4.4, 4.5, eq. 4.2). ``trials``: stars per cell."""
+    """Measure centroid error against PSF width and SNR (Huffman 2006 §4.2.2, Figs. 4.4, 4.5, eq. 4.2). ``trials``: stars per
+    cell."""
     rows: list[tuple[Cell, ...]] = []
     series = []
     for k, snr in enumerate((float("inf"), *SNRS)):
@@ -72,7 +73,7 @@ def huffman_4_4(stars: StarTable, trials: int, seed: int, progress: Progress) ->
 
 
 def weighted_sum_error_px(width_px: float, snr: float, stars: int, rng: np.random.Generator) -> float:
-    """Standard deviation per axis of the weighted sum over a known disc, unit noise."""
+    """Standard deviation per axis of the weighted sum over a known disc, with unit noise."""
     sigma = width_px / 4
     middle = (STAMP_PX - 1) / 2
     offset = np.arange(STAMP_PX) - middle
@@ -93,7 +94,8 @@ def weighted_sum_error_px(width_px: float, snr: float, stars: int, rng: np.rando
 
 
 def huffman_4_2(stars: StarTable, trials: int, seed: int, progress: Progress, clock: Clock | None = None) -> Experiment:
-    """Maximum likelihood against the weighted sum (Huffman 2006 §4.2.2, Tables 4.1 and 4.2). ``trials``: images per magnitude."""
+    """Compare maximum likelihood with the weighted sum (Huffman 2006 §4.2.2, Tables 4.1 and 4.2). ``trials``: images per
+    magnitude."""
     rows: list[tuple[Cell, ...]] = []
     for v_mag, (sum_s, mle_s) in TIMES_4_2.items():
         progress((v_mag - 1) / len(TIMES_4_2))
@@ -142,7 +144,7 @@ def huffman_4_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
 
 
 def _nearest_error(found: Array, at: Array) -> Array:
-    """(m, 2) errors of the found places that belong to a star."""
+    """(m, 2) errors of the measured positions that belong to a star."""
     if not len(found):
         return np.empty((0, 2))
     apart = np.linalg.norm(found[:, None] - at[None], axis=2)

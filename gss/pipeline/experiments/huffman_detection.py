@@ -1,4 +1,4 @@
-"""Huffman's comparison of his two centroiders, rerun (Huffman 2006 §7.1, Tables 7.1 and 7.2)."""
+"""Rerun of Huffman's comparison of his two centroiders (Huffman 2006 §7.1, Tables 7.1 and 7.2)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gss.pipeline.chains.far_mst_detect import find_centroids, prefiltered
 from gss.pipeline.experiments.huffman_frames import FRAMES, TABLE_7_1, Snapshot, parameters, sequence
 
 Clock = Callable[[], float]
-# Table 7.2: n·σ: stars of starCentroid2 and 3, and seconds of their pre-filters.
+# Table 7.2, by n·σ: stars found by starCentroid2 and 3, and durations of their pre-filters in seconds.
 PAPER_7_2 = {
     1.0: ("10-17", "8-15", 1.1860, 0.3339),
     1.5: ("8-15", "4-11", 0.4976, 0.3215),
@@ -30,7 +30,8 @@ STEP_RAD = float(np.radians(1.0))
 
 
 def huffman_7_2(stars: StarTable, trials: int, seed: int, progress: Progress, clock: Clock | None = None) -> Experiment:
-    """Stars and work of starCentroid2 (sliding) and 3 (block). ``trials``: sequences of 14 frames; the first is the poor region."""
+    """Compare stars found and work of starCentroid2 (sliding) and 3 (block). ``trials``: sequences of 14 frames; the first is in
+    the star-poor region."""
     camera = profile("far_mst").camera
     bright = stars.brighter_than(FAINTEST_MAG)
     right: dict[tuple[float, str], list[list[int]]] = {(n, f): [] for n in PAPER_7_2 for f in FILTERS}
@@ -89,7 +90,7 @@ def huffman_7_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
 
 
 def _graded(shot: Snapshot, n: float, kind: str) -> tuple[int, int, Array]:
-    """Right stars, false stars, and the errors of the right ones."""
+    """Return the numbers of true and false stars, and the errors of the true ones."""
     found = find_centroids(shot.pixels, parameters(TABLE_7_1, n, kind)).centroids.pixels
     if not len(found):
         return 0, 0, np.empty(0)

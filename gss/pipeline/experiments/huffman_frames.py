@@ -1,4 +1,4 @@
-"""Frames as Huffman simulated them: Gaussian spots of his radiometry, noise of his presets (Huffman 2006 §3.1–3.2, ch. 7).
+"""Huffman's simulated frames: Gaussian spots with his radiometry and the noise of his presets (Huffman 2006 §3.1–3.2, ch. 7).
 
 Pixels are electrons above the dark level, as in the document; nothing is quantised or saturated, because he neglects both.
 """
@@ -26,7 +26,7 @@ FRAMES = 14
 @dataclass(frozen=True)
 class Preset:
     """One of the document's parameter tables. ``gain``: the factor g of eq. 3.4, which counts electrons twice (dossier E1);
-    ``dark_sigma_e``: standard deviation of the dark current, ``read_sigma_e`` of the read-out."""
+    ``dark_sigma_e``: standard deviation of the dark current, ``read_sigma_e``: of the read-out."""
 
     lens_m2: float
     ffsr_a_w: float
@@ -43,7 +43,7 @@ class Preset:
 
     @property
     def noise_e(self) -> float:
-        """Dark and read noise together; shot noise of the star comes on top."""
+        """Dark and read noise combined, without the star's shot noise."""
         return float(np.hypot(self.dark_sigma_e, self.read_sigma_e))
 
     def star_e(self, v_mag: Array | float) -> Array:
@@ -52,18 +52,18 @@ class Preset:
         return np.asarray(light * 10 ** ((ZERO_POINT_MAG - np.asarray(v_mag, float)) / 2.5))
 
     def magnitude(self, star_e: Array) -> Array:
-        """Eq. 3.4 turned round (§5.3)."""
+        """Magnitude of a star, the inverse of eq. 3.4 (§5.3)."""
         return np.asarray(ZERO_POINT_MAG - 2.5 * np.log10(star_e / self.star_e(ZERO_POINT_MAG)))
 
 
 TABLE_4_1 = Preset(3.14e-4, 0.12, 0.1, 10.0, 41.0**0.5, 40.0, 10.0)
 TABLE_5_2 = Preset(np.pi * 1e-4, 0.12, 0.1, 10.0, 41.0, 40.0, 10.0)
-# Table 7.1 prints 410 e for 0.1 s of 410 e/s, and g = 10. Both read as they mean, g = 1 and 41 e, show the same stars.
+# Table 7.1 prints 410 e for 0.1 s of 410 e/s, and g = 10. The intended values, g = 1 and 41 e, show the same stars.
 TABLE_7_1 = Preset(1.77e-4, 0.12, 0.1, 1.0, 41.0**0.5, 39.0, 10.0)
 
 
 def parameters(preset: Preset, threshold_sigma: float, prefilter: str, count: int = 13) -> FarMstParameters:
-    """The chain's parameters for such frames: electrons for digital numbers, every star kept."""
+    """Return the chain's parameters for such frames: electrons as digital numbers, and every star kept."""
     return replace(
         default_parameters(profile("far_mst")),
         threshold_sigma=threshold_sigma,
@@ -90,7 +90,7 @@ def frame(pixels: Array, v_mag: Array, preset: Preset, rng: np.random.Generator)
 
 
 def scattered(count: int, rng: np.random.Generator, apart_px: float, margin_px: float = 30.0) -> Array:
-    """(count, 2) random places on the detector at least ``apart_px`` from each other and ``margin_px`` from its edge."""
+    """(count, 2) random positions on the detector at least ``apart_px`` from each other and ``margin_px`` from its edge."""
     kept: list[Array] = []
     while len(kept) < count:
         at = rng.uniform(margin_px, (1279 - margin_px, 1023 - margin_px), 2)
@@ -111,8 +111,8 @@ class Snapshot:
 def sequence(
     stars: StarTable, camera: Camera, preset: Preset, rng: np.random.Generator, track: int, step_rad: float
 ) -> list[Snapshot]:
-    """Fourteen frames at a slow constant rate. Track 0 moves through the poor region between Procyon and Sirius (dossier §4.10:
-    the document does not name its own), the others start anywhere and turn about any axis across the boresight."""
+    """Render fourteen frames at a slow constant rate. Track 0 moves through the star-poor region between Procyon and Sirius
+    (dossier §4.10: the document does not name its region); the others have random starts and random axes across the boresight."""
     if track == 0:
         start, axis = cam_from_icrs(np.radians(118.0), np.radians(-5.0), 0.0), np.array([0.0, 1.0, 0.0])
     else:

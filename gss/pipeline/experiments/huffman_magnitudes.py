@@ -1,4 +1,4 @@
-"""Huffman's study of magnitudes measured from frames, rerun (Huffman 2006 §5.3, Tables 5.2 and 5.3)."""
+"""Rerun of Huffman's study of magnitudes measured from frames (Huffman 2006 §5.3, Tables 5.2 and 5.3)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STARS = 20
 
 
 def huffman_5_3(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Measured minus true magnitude. ``trials``: images of 20 stars per magnitude; the paper has 25 that show all."""
+    """Compare measured with true magnitudes. ``trials``: images of 20 stars per magnitude; the paper has 25 that show all stars."""
     rows: list[tuple[Cell, ...]] = []
     for v_mag, (mean, std) in PAPER_5_3.items():
         progress(v_mag / len(PAPER_5_3))
@@ -51,7 +51,7 @@ def huffman_5_3(stars: StarTable, trials: int, seed: int, progress: Progress) ->
 
 
 def _deltas(v_mag: float, images: int, rng: np.random.Generator) -> list[Array]:
-    """Per kind, measured minus true magnitudes of the images that show all stars."""
+    """Return, per kind, measured minus true magnitudes of the images that show all stars."""
     kept: list[list[Array]] = [[] for _ in KINDS]
     for _ in range(images):
         at = scattered(STARS, rng, 60.0)

@@ -1,4 +1,4 @@
-"""Huffman's comparison of his matchers on 14-frame sequences, rerun (Huffman 2006 §7.2–7.4, §8.1.2, Table 8.2)."""
+"""Rerun of Huffman's comparison of his matchers on 14-frame sequences (Huffman 2006 §7.2–7.4, §8.1.2, Table 8.2)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gss.pipeline.experiments.huffman_frames import FRAMES, TABLE_7_1, Snapshot,
 from gss.pipeline.identify.kvector import pair_table
 
 Clock = Callable[[], float]
-# Table 8.2: seconds for 14 frames, threshold to quaternion.
+# Table 8.2: seconds for 14 frames, from threshold to quaternion.
 PAPER_8_2 = {"triangle": 9.06, "rate": 15.12, "n3": 8.30, "n4": 8.27, "n5": 8.33}
 TITLES = {
     "triangle": "triangle match, frame to frame",
@@ -43,7 +43,7 @@ WRONG_PX = 20.0
 
 @dataclass
 class _Tally:
-    """What one matcher did: frames solved and wrong, and per track the error and its σ at the last frame, arcseconds."""
+    """Results of one matcher: frames solved and wrong, and per track the error and its σ at the last frame, arcseconds."""
 
     frames: int = 0
     solved: int = 0
@@ -54,7 +54,7 @@ class _Tally:
 
 
 def huffman_8_2(stars: StarTable, trials: int, seed: int, progress: Progress, clock: Clock | None = None) -> Experiment:
-    """Frames solved, work and error growth of the matchers. ``trials``: sequences of 14 frames."""
+    """Compare frames solved, work and error growth of the matchers. ``trials``: sequences of 14 frames."""
     camera = profile("far_mst").camera
     catalogue = _catalogue(stars.brighter_than(BANK_MAG), camera)
     tallies = {(name, how): _Tally() for name in PAPER_8_2 for how in ("document", "bound")}
@@ -128,7 +128,7 @@ def _catalogue_run(
 def _relative_run(
     lists: list[Centroids], shots: list[Snapshot], camera: Camera, p: FarMstParameters, method: str
 ) -> list[Attitude | None]:
-    """Attitudes chained from the true first one."""
+    """Return the attitudes chained from the true first one."""
     attitude = Attitude(shots[0].truth.quaternion, np.zeros((3, 3)))
     expected = quaternion_from_matrix(shots[1].cam_from_icrs @ shots[0].cam_from_icrs.T)
     made: list[Attitude | None] = [attitude]

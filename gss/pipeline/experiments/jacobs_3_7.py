@@ -24,7 +24,8 @@ from gss.pipeline.experiments.jacobs_sky import (
     sunsat_camera,
 )
 
-# σp µrad, σMv, d_uncert µrad, Mv_uncert; then mean and largest seconds, failures below and from three stars, wrong, success %.
+# Table 3-6: σp µrad, σMv, d_uncert µrad, Mv_uncert. Table 3-7: mean and largest seconds, failures with fewer than three stars and
+# with three or more, wrong, success %.
 TABLE_3_6 = ((50, 0.3, 50, 0.3), (50, 0.3, 75, 0.45), (50, 0.3, 100, 0.6), (50, 0.3, 150, 0.6), (100, 0.3, 200, 0.45))
 TABLE_3_7 = (
     (2.7, 6.2, 4, 177, 0, 81.9),
@@ -34,7 +35,7 @@ TABLE_3_7 = (
     (10.0, 73.0, 4, 24, 0, 97.2),
 )
 FEWEST = 3
-# A place is off by σp in all if each of its two axes is off by this much less.
+# A position error of σp in total corresponds to σp divided by this factor per axis.
 ACROSS = float(np.sqrt(2.0))
 
 
@@ -48,7 +49,7 @@ class _Count:
 
 
 def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """``trials`` random attitudes for each row of Table 3-6."""
+    """Match ``trials`` random attitudes for each row of Table 3-6."""
     camera = sunsat_camera()
     stars = sub_catalogue(stars, TABLE_3_5, camera, np.random.default_rng([seed, 99]))
     catalogue = prepare(bank_of(stars, camera))

@@ -1,4 +1,4 @@
-"""Sunsat's camera calibrated as in Jacobs 1995 ch. 6, and from its own frames alone: errors of distances and of magnitudes."""
+"""Errors of distances and magnitudes after calibrating Sunsat's camera as in Jacobs 1995 ch. 6 and by self-calibration."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ FLICKER_MAG, SEEING_RAD, COLOUR = 0.15, 3.0 * ARCSEC_RAD, -0.35
 
 @dataclass(frozen=True)
 class _Bench:
-    """What one set of measurements with dots gives (§6.2.1, §6.2.3.1)."""
+    """Result of one set of bench measurements with dots (§6.2.1, §6.2.3.1)."""
 
     centre: OpticalCentre
     tilt_max_rad: float
@@ -69,7 +69,7 @@ class _Sheet:
 
 
 def jacobs_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """``trials``: images to calibrate with, and as many others to measure errors on."""
+    """Calibrate and measure the errors. ``trials``: number of images for calibration, and of other images for the errors."""
     known = profile("sunsat")
     rng = np.random.default_rng(seed)
     bench = _bench(known, rng)
@@ -90,8 +90,8 @@ def jacobs_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
 
 
 def _bench(known: CameraProfile, rng: np.random.Generator) -> _Bench:
-    """Two dots, 36 turns by 10°; the clamp lets the axis wander by some pixels, both dots alike. The lens is stopped down: its
-    aberration does not show (§6.2.3.1)."""
+    """Simulate the bench: two dots, 36 rotations by 10°; play of the clamp shifts both dots equally by some pixels. The lens is
+    stopped down, so its aberration is not visible (§6.2.3.1)."""
     camera, lens = known.camera, _lens(known)
     bare = replace(camera, distortion=replace(lens, radial=()))
     angle = np.arange(TURNS) * 2 * np.pi / TURNS + rng.uniform(0, 0.1)
@@ -112,7 +112,7 @@ def _dot(camera: Camera, tangent: Array, rng: np.random.Generator) -> Array:
 def _images(
     stars: StarTable, known: CameraProfile, start: Camera, count: int, rng: np.random.Generator, progress: Progress
 ) -> list[FrameStars]:
-    """Frames of rich fields, found by the system's own region growing, named with the camera as known before."""
+    """Render frames of star-rich fields, detect stars by the system's region growing, and identify them with the start camera."""
     p = default_parameters(known)
     names = _sky(stars, start)
     chip = make_chip(known.defects, known.sensor, known.camera, 1)
@@ -151,7 +151,7 @@ def _image(
     rng: np.random.Generator,
     name: str,
 ) -> FrameStars | None:
-    """One exposure through air. Red stars are brighter to silicon than to the eye."""
+    """Simulate one exposure through the atmosphere. Red stars are brighter for silicon than for the eye."""
     b_v = np.where(np.isfinite(stars.b_v), stars.b_v, 0.6)
     seen_mag = stars.v_mag + COLOUR * (b_v - 0.6) + FLICKER_MAG * rng.normal(size=len(stars))
     place = stars.icrs + SEEING_RAD * rng.normal(size=stars.icrs.shape)
@@ -167,8 +167,8 @@ def _image(
 
 
 def _step_by_step(frames: Sequence[FrameStars], start: Camera, bench: _Bench, known: CameraProfile) -> Camera:
-    """The document's order: centre and tilt from the bench, focal length from pairs near the centre, then the polynomial of
-    third order on distances from a star in the middle."""
+    """Calibrate in the document's order: centre and tilt from the bench, focal length from pairs near the centre, then the
+    third-order polynomial from distances to a star in the middle."""
     focal_px = focal_from_pairs(frames, start).focal_px
     ratio = focal_px / float(np.sqrt(start.focal_col_px * start.focal_row_px))
     focal_mm = known.focal_mm * ratio
@@ -189,7 +189,7 @@ def _distances(frames: Sequence[FrameStars], camera: Camera) -> _Sheet:
 
 
 def _light(frames: Sequence[FrameStars], camera: Camera, p: SunsatParameters) -> PhotometricCalibration:
-    """The chain's brightness has k_area in it: taken out, so that it is found again."""
+    """Calibrate the photometry. The chain's brightness includes k_area, which is removed first so that the calibration fits it."""
     above = [replace(f, flux_dn=f.flux_dn - p.k_area * f.area_px * p.threshold_dn) for f in frames]
     return calibrate_photometry(above, camera, threshold_above_dark_dn=p.threshold_dn, limits_mag=LIMITS_MAG)
 
@@ -308,5 +308,5 @@ def _tilt_deg(camera: Camera) -> float | None:
 
 
 def _without_colour(light: PhotometricCalibration) -> float:
-    """Scatter of magnitudes when the colour is not taken into account: its part put back."""
+    """Scatter of magnitudes without colour correction: the fitted colour term is added back."""
     return float(np.std(light.error_mag[light.used] - light.colour_mag_per_mag * light.b_v[light.used], ddof=1))

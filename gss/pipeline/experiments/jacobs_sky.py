@@ -1,4 +1,4 @@
-"""What Jacobs' simulations were made of: attitudes within limits, the sub-catalogue they can see, observed stars with errors."""
+"""Elements of Jacobs' simulations: attitudes within limits, the sub-catalogue in view, observed stars with errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gss.pipeline.identify.kvector import pair_table
 
 LIMITING_MAG = 6.0
 PAIR_MIN_RAD = float(np.radians(0.25))
-# Attitudes drawn for a sub-catalogue, and how many are looked at together.
+# Number of attitudes drawn for a sub-catalogue, and batch size.
 MARKING, BATCH = 12_000, 100
 
 
@@ -43,7 +43,7 @@ TABLE_3_5 = Limits(_deg(-10, 10), _deg(-5, 5), _deg(130, 140), _deg(0, 360), _de
 
 
 def random_attitude(limits: Limits, rng: np.random.Generator) -> Array:
-    """(3, 3) cam_from_icrs, each angle even within its limits."""
+    """(3, 3) cam_from_icrs with each angle uniformly distributed within its limits."""
     roll, pitch, yaw, latitude, inclination, raan = (
         float(rng.uniform(*pair))
         for pair in (
@@ -59,8 +59,8 @@ def random_attitude(limits: Limits, rng: np.random.Generator) -> Array:
 
 
 def sub_catalogue(stars: StarTable, limits: Limits, camera: Camera, rng: np.random.Generator) -> StarTable:
-    """The stars to V 6 that come into view (§5.2.1). The document steps through all combinations and marks blocks of 1°; here
-    so many attitudes are drawn that the gaps at the edge are smaller than these blocks."""
+    """Return the stars to V 6 that can be in view (§5.2.1). The document steps through all combinations and marks blocks of 1°;
+    here enough random attitudes are drawn that the gaps at the edge are smaller than these blocks."""
     bright = stars.brighter_than(LIMITING_MAG)
     corners = camera.corners()
     edges = np.cross(corners, np.roll(corners, -1, axis=0))
@@ -76,7 +76,7 @@ def sub_catalogue(stars: StarTable, limits: Limits, camera: Camera, rng: np.rand
 
 
 def bank_of(stars: StarTable, camera: Camera) -> OnboardCatalogue:
-    """The catalogue with its distance table, in the number widths of the device."""
+    """Return the catalogue with its distance table, in the device's number formats."""
     pairs = pair_table(stars.icrs, PAIR_MIN_RAD, camera.diagonal_rad)
     table = DistanceTable(
         pairs.first, pairs.second, pairs.distance_rad.astype(np.float32), PAIR_MIN_RAD, camera.diagonal_rad
@@ -101,7 +101,7 @@ def observe(
     p: SunsatParameters,
     rng: np.random.Generator,
 ) -> Observed:
-    """The stars of the catalogue in view with normal errors of place per axis and of magnitude (§3.5)."""
+    """Simulate the catalogue stars in view with normal errors of position per axis and of magnitude (§3.5)."""
     ahead = np.flatnonzero(stars.icrs @ attitude[2] > np.cos(camera.half_diagonal_rad + 1e-3))
     pixels = camera.project(stars.icrs[ahead] @ attitude.T)
     on = camera.contains(pixels)
@@ -115,6 +115,6 @@ def observe(
 
 
 def sunsat_camera() -> Camera:
-    """The camera without distortion, as the document's simulations had it, and 11.17° x 8.32°."""
+    """Return the camera without distortion, as in the document's simulations, with a field of 11.17° x 8.32°."""
     known = profile("sunsat").camera
     return Camera(known.columns, known.rows, known.focal_col_px, known.focal_row_px, 375.5, 290.5)

@@ -1,4 +1,4 @@
-"""Sunsat's tracking among false stars (Jacobs 1995 §4.3), and what a star costs by its area (§2.3, Fig. 2-7)."""
+"""Sunsat's tracking with false stars (Jacobs 1995 §4.3), and the cost of extracting a star by its area (§2.3, Fig. 2-7)."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _Tally:
 
 
 def jacobs_tracking(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """``trials`` frames for each number of false stars, in runs of 25 with a new attitude each."""
+    """Track ``trials`` frames for each number of false stars, in runs of 25 frames with a new start attitude for each run."""
     rows: list[tuple[Cell, ...]] = []
     runs = max(1, round(trials / STEPS))
     bank = bank_of(stars.brighter_than(LIMITING_MAG), profile("sunsat").camera)
@@ -110,7 +110,7 @@ def _other_sensors(attitude: Array, rng: np.random.Generator) -> Hint:
 
 
 def with_discs(pixels: Pixels, count: int, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """An eight-bit frame with so many discs of about 100 pixels on top, as the document's simulation drew its stars."""
+    """Return an eight-bit frame with ``count`` discs of about 100 pixels added, as in the document's simulation."""
     out = pixels.astype(int)
     half = int(np.ceil(np.sqrt(DISC_AREA_PX / np.pi)))
     row, col = np.indices((2 * half + 1, 2 * half + 1)) - half
@@ -134,13 +134,14 @@ def _row(false: int, t: _Tally) -> tuple[Cell, ...]:
     )
 
 
-# Fig. 2-7 as far as the text tells it: three of 300 in under 100 ms, 900 pixels in 90 ms of which 40 to remove them.
+# Values of Fig. 2-7 given in the text: three of 300 pixels in under 100 ms, 900 pixels in 90 ms, 40 of these to remove them.
 PAPER_FIG_2_7_MS: dict[int, str] = {300: "under 33", 900: "90 (40 to remove it)"}
 
 
 def jacobs_fig_2_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Cost of extracting one star against its area: neighbours looked at, counted, and the milliseconds that the chain gives
-    its processor. ``trials``: discs drawn per area; neither stars nor ``seed`` change anything but their places."""
+    """Measure the cost of extracting one star against its area: the counted number of neighbours examined, and the milliseconds
+    that the chain assumes for its processor. ``trials``: discs drawn per area; ``stars`` is not used and ``seed`` only affects
+    their positions."""
     parameters = default_parameters(profile("sunsat"))
     rng = np.random.default_rng(seed)
     rows: list[tuple[Cell, ...]] = []

@@ -1,4 +1,4 @@
-"""What Liebe's simulations were made of: the field, the star list, and images with his kinds of error (Liebe 1992)."""
+"""Elements of Liebe's simulations: the field of view, the star list, and images with his kinds of error (Liebe 1992)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.pipeline.chains.oersted_parameters import BRIGHTNESS_ERROR
 
 USED_STARS = 1107
 OPENING_RAD = float(np.radians(30.0))
-# Mean accuracy 14.6″ with 18.9 stars is a star's error of 62″, well inside the largest of 3′.
+# A mean accuracy of 14.6″ with 18.9 stars implies a star error of 62″, well below the maximum of 3′.
 STAR_SIGMA_RAD = 62.0 * ARCSEC_RAD
 LARGEST_RAD = float(np.radians(0.05))
 OUTSIDE_RAD = (2 * LARGEST_RAD, 10 * LARGEST_RAD)
@@ -27,7 +27,7 @@ BRIGHTNESS_SIGMA_MAG = 0.1
 
 @dataclass(frozen=True)
 class Situation:
-    """An image with errors: false stars, stars off by more than the tolerance, stars that are not seen."""
+    """Errors of an image: numbers of false stars, of stars off by more than the tolerance, and of missing stars."""
 
     title: str
     false: int = 0
@@ -46,14 +46,15 @@ SITUATIONS = (
 
 
 def instrument() -> CameraProfile:
-    """A square field with the 707 square degrees of a circle of 30°: 1107 stars give the document's 18.9 on average."""
+    """Return a camera with a square field of 707 square degrees, the area of a 30° circle; 1107 stars give the document's average
+    of 18.9."""
     area_sr = 2 * np.pi * (1 - np.cos(OPENING_RAD / 2))
     side_rad = 2 * float(np.arcsin(np.sqrt(np.sin(area_sr / 4))))
     return replace(profile("oersted"), camera=Camera.from_fov(600, 600, side_rad))
 
 
 def catalogue(stars: StarTable) -> OerstedCatalogue:
-    """The bank with the stars that may be among the 1107 brightest; magnitudes are V (the document's are its CCD's)."""
+    """Return the bank with the stars that may be among the 1107 brightest; magnitudes are V (the document uses CCD magnitudes)."""
     limit_mag = float(np.sort(stars.v_mag)[USED_STARS - 1])
     deep = stars.brighter_than(faintest_mag(limit_mag, BRIGHTNESS_ERROR))
     none = np.empty(0, np.int32)
@@ -63,7 +64,7 @@ def catalogue(stars: StarTable) -> OerstedCatalogue:
 
 @dataclass(frozen=True)
 class Image:
-    """Centroids, brightest first, and the row of each; −1 for a false star."""
+    """Centroids, brightest first, and the catalogue row of each; −1 for a false star."""
 
     centroids: Centroids
     row: NDArray[np.intp]
@@ -72,7 +73,7 @@ class Image:
 def image(
     bank: OerstedCatalogue, camera: Camera, attitude: Array, situation: Situation, rng: np.random.Generator
 ) -> Image:
-    """The stars above the limit of brightness as measured, with errors of place up to 3′, and the situation's own errors."""
+    """Simulate the stars measured brighter than the limit, with position errors up to 3′ and the errors of the situation."""
     ahead = np.flatnonzero(bank.icrs @ attitude[2] > np.cos(camera.half_diagonal_rad))
     inside = camera.contains(camera.project(bank.icrs[ahead] @ attitude.T))
     mag = bank.stars.v_mag[ahead] + np.clip(BRIGHTNESS_SIGMA_MAG * rng.normal(size=len(ahead)), -0.24, 0.24)

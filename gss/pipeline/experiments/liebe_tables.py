@@ -1,4 +1,4 @@
-"""Liebe's Tables 2 and 3 and Fig. 18, rerun: how often the initial estimate is right, how good the predictional one is."""
+"""Reruns of Liebe's Tables 2 and 3 and Fig. 18: success rate of the initial and accuracy of the predictional estimate."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FIELD = (
 
 
 def liebe_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Initial estimates that are right, by kind of error. ``trials``: images per row."""
+    """Measure the share of correct initial estimates by kind of error. ``trials``: images per row."""
     bank, camera = catalogue(stars), instrument().camera
     ours = default_parameters(instrument())
     document = replace(ours, acceptance="document", triplets_alone=0)
@@ -92,17 +92,17 @@ def _estimate_rad(
 
 
 def _coarse(truth: Array, rng: np.random.Generator) -> Hint:
-    """The attitude an initial estimate leaves: off by up to 0.1° about any axis."""
+    """Return the attitude after an initial estimate: an error up to 0.1° about any axis."""
     axis = rng.normal(size=3)
     turn = axis / np.linalg.norm(axis) * COARSE_RAD * rng.random()
     return Hint.from_quaternion(quaternion_from_matrix(rotation_from_vector(turn) @ truth))
 
 
 def liebe_3(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Accuracy of the predictional estimate, by kind of error. ``trials``: images per row."""
+    """Measure the accuracy of the predictional estimate by kind of error. ``trials``: images per row."""
     bank, camera = catalogue(stars), instrument().camera
     ours = default_parameters(instrument())
-    # The document lays every star on its nearest: the fine radius is what the false ones may be off.
+    # The document pairs every star with its nearest, so the fine radius is the possible error of the false ones.
     document = replace(ours, acceptance="document", uncertainty_rad=5 * ours.uncertainty_rad)
     rows: list[tuple[Cell, ...]] = []
     for k, situation in enumerate(SITUATIONS):
@@ -151,7 +151,7 @@ GROUPS = ((5, 9), (10, 14), (15, 19), (20, 24), (25, 29), (30, 39))
 
 
 def liebe_18(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Error of the boresight against the number of stars, and σ_axis ≈ σ_star/√n. ``trials``: predictional estimates."""
+    """Measure the boresight error against the number of stars, and test σ_axis ≈ σ_star/√n. ``trials``: predictional estimates."""
     bank, camera = catalogue(stars), instrument().camera
     p = default_parameters(instrument())
     number, error = np.zeros(trials, int), np.full(trials, np.nan)

@@ -1,4 +1,4 @@
-"""Moniteq's mean locator rerun: its systematic error, its noise, and what a turning satellite leaves (Moniteq 1983 §4)."""
+"""Reruns for Moniteq's mean locator: systematic error, noise, and accuracy on a rotating satellite (Moniteq 1983 §4)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gss.pipeline.mean_locator import (
 )
 from gss.pipeline.render import spots
 
-# Figs. 4.2–4.4 are lost in the text: recomputed from the report's model, N, d/σ, δ.
+# Figs. 4.2–4.4 are missing from the text; the values are recomputed from the report's model: N, d/σ, δ.
 FIGURES = (
     (3, 1.0, 0.25, -0.1223),
     (3, 1.5, 0.25, -0.0454),
@@ -39,7 +39,7 @@ STAR_E_S_CM2, SMEAR_PX = 1.5e3, 0.88
 
 
 def moniteq_4_2(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Error of the mean locator against pixel over width, from the formula and from drawn spots. ``trials``: not used."""
+    """Compare the mean locator's error against d/σ from the formula and from rendered spots. ``trials``: not used."""
     rows: list[tuple[Cell, ...]] = []
     for k, (window, ratio, offset, paper) in enumerate(FIGURES):
         progress(k / len(FIGURES))
@@ -70,7 +70,7 @@ def moniteq_4_2(stars: StarTable, trials: int, seed: int, progress: Progress) ->
 
 
 def _drawn(window: int, ratio: float, offset: float) -> float:
-    """The locator's error for a spot that the renderer draws."""
+    """Return the locator's error for a rendered spot."""
     middle = (window - 1) / 2
     frame = spots(window, window, np.array([[middle + offset, middle]]), np.array([1e6]), 1 / ratio)
     x, _, _ = mean_locations_px(frame[None], 0.0)
@@ -78,7 +78,7 @@ def _drawn(window: int, ratio: float, offset: float) -> float:
 
 
 def moniteq_noise(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """The constants A, B, C and the scatter of noisy windows. ``trials``: windows per row."""
+    """Compare the constants A, B, C with the scatter of noisy windows. ``trials``: windows per row."""
     rows: list[tuple[Cell, ...]] = []
     for name, paper in (("A", UPPER_A), ("B", UPPER_B), ("C", UPPER_C)):
         values = [
@@ -117,7 +117,7 @@ def moniteq_noise(stars: StarTable, trials: int, seed: int, progress: Progress) 
 
 
 def _scatter_px(window: int, offset: float, trials: int, rng: np.random.Generator) -> float:
-    """Standard deviation of the locator over windows drawn with every noise of the model."""
+    """Standard deviation of the locator over windows simulated with all noise terms of the model."""
     x, y = (column_shares(np.array(o), 2.5, window) for o in (offset, 0.0))
     shape = (trials, window, window)
     star = 43_400.0 * np.outer(y, x) * (1 + MODEL.response_sigma * rng.normal(size=shape))
@@ -139,7 +139,7 @@ TABLE_NOISE = NoiseCoefficients(UPPER_A, UPPER_B, UPPER_C)
 
 
 def moniteq_nea(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Table 4.2's chain: how well a V 6 star is known while the sky moves. ``trials``: not used."""
+    """Recompute Table 4.2: the position accuracy of a V 6 star while the sky moves. ``trials``: not used."""
     rows: list[tuple[Cell, ...]] = []
     for lens, area, pixel, whole_s, readings, each_s, one, effective, total in TABLE_4_2:
         for title, rate in ORBITS:
@@ -180,6 +180,6 @@ def _nea_arcsec(area_cm2: float, exposure_s: float, pixel_arcsec: float) -> floa
 
 
 def _longest_s() -> float:
-    """§4.4 with M = 2: beyond it the dark current's own spread limits the signal to noise."""
+    """Longest integration time (§4.4 with M = 2), beyond which the spread of the dark current limits the signal to noise."""
     f2 = MODEL.dark_share**2 * 3.0
     return float((1 + np.sqrt(1 + 4 * f2 * MODEL.read_e2)) / (2 * f2 * MODEL.dark_e_s))

@@ -1,4 +1,4 @@
-"""Moniteq's star statistics and his linked search, rerun on the real sky (Moniteq 1983 §2.1, §6.1)."""
+"""Reruns of Moniteq's star statistics and linked search on the real sky (Moniteq 1983 §2.1, §6.1)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PAPER_2_1 = (
     (6.49, 5606),
     (7.49, 15_565),
 )
-# Table 2.2: limit of V, field in square degrees, probability of 0 to 4 stars. 0.982 in print is 0.082.
+# Table 2.2: limit of V, field in square degrees, probability of 0 to 4 stars. The printed 0.982 is a misprint for 0.082.
 PAPER_2_2 = (
     (5.5, 10, (0.498, 0.347, 0.121, 0.028, 0.005)),
     (5.5, 36, (0.082, 0.204, 0.256, 0.214, 0.134)),
@@ -39,7 +39,7 @@ LINKED_STARS, PAPER_CHECKS = 3000, 120
 
 
 def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Stars by magnitude, and how many a field shows: Poisson's law against random fields. ``trials``: fields per row."""
+    """Count stars by magnitude and per field: Poisson's law against random fields. ``trials``: fields per row."""
     rows: list[tuple[Cell, ...]] = []
     before, total = -9.0, 0
     for faint, count in PAPER_2_1:
@@ -90,7 +90,7 @@ def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
 
 
 def _counts(unit: np.ndarray, centres: np.ndarray, cosine: float) -> np.ndarray:
-    """(trials,) stars within the circle round each centre."""
+    """(trials,) number of stars within the circle around each centre."""
     parts = [np.count_nonzero(centres[k : k + 500] @ unit.T >= cosine, axis=1) for k in range(0, len(centres), 500)]
     return np.concatenate(parts)
 
@@ -100,12 +100,12 @@ def _poisson(mean: float, n: int) -> float:
 
 
 def moniteq_links(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
-    """Stars looked at by a walk along the links, against all of the list. ``trials``: random fields per row."""
+    """Compare the number of stars examined by a walk along the links with the whole list. ``trials``: random fields per row."""
     brightest = stars.brighter_than(float(np.sort(stars.v_mag)[LINKED_STARS - 1]))
     icrs = brightest.icrs[:LINKED_STARS]
     links = neighbour_links(icrs)
     rows: list[tuple[Cell, ...]] = []
-    # Five stars of 3000 fill a circle of 4.7°; the enlarged field of the document's example has 45 and more.
+    # A circle of 4.7° contains five stars of 3000; the enlarged field of the document's example has 45 and more.
     for k, (shift_deg, radius_deg) in enumerate(((0.1, 4.68), (1.0, 4.68), (3.0, 4.68), (1.0, 14.05))):
         checks, missed, wanted = [], 0, 0
         for trial in range(trials):

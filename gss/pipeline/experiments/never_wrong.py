@@ -1,4 +1,4 @@
-"""The campaign behind "never wrong": every chain on its own camera against every fault, each answer judged against truth."""
+"""The "never wrong" campaign: every chain with its camera under every fault, with each result compared with the truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ Key = tuple[int, int, int, int]
 
 @dataclass
 class _Cell:
-    """One chain, fault and mode: verdicts, wrong answers with a false name, and every wrong one in words."""
+    """Results of one chain, fault and mode: verdicts, number of wrong results with a false match, and a text for every wrong
+    result."""
 
     counts: Counter[Verdict] = field(default_factory=Counter)
     false_names: int = 0
@@ -30,7 +31,7 @@ class _Cell:
 
     @property
     def text(self) -> str:
-        """Correct/imprecise/wrong/none."""
+        """Return the counts as correct/imprecise/wrong/none."""
         order = (Verdict.CORRECT, Verdict.IMPRECISE, Verdict.WRONG, Verdict.NONE)
         return "/".join(str(self.counts[v]) for v in order)
 
@@ -38,8 +39,8 @@ class _Cell:
 def never_wrong(
     stars: StarTable, trials: int, seed: int, progress: Progress, chains: tuple[str, ...] = ()
 ) -> Experiment:
-    """Correct, imprecise, wrong and none of each chain against each fault. ``trials``: random attitudes per chain, fault and
-    mode; ``chains``: those asked, all where empty. A wrong answer is named with what makes it again."""
+    """Count correct, imprecise, wrong and missing results of each chain under each fault. ``trials``: random attitudes per chain,
+    fault and mode; ``chains``: chains to test, all if empty. A wrong result is listed with the values that reproduce it."""
     rows: list[tuple[Cell, ...]] = []
     cells: list[_Cell] = []
     for i, setting in enumerate(SETTINGS):
@@ -111,7 +112,7 @@ def _conditions() -> tuple[str, ...]:
 
 
 def _cell(asked: Subject, fault: Fault, key: Key, trials: int) -> _Cell:
-    """Verdicts of one chain, fault and mode; trial t draws from the generator of (*key, t)."""
+    """Return the verdicts of one chain, fault and mode; trial t uses the generator seeded with (*key, t)."""
     cell = _Cell()
     for trial in range(max(1, round(asked.setting.share * fault.share * trials))):
         judged = judge(asked, fault, key, trial)
@@ -131,12 +132,12 @@ def _named(asked: Subject, fault: Fault, key: tuple[int, ...], judged: Score) ->
 
 
 def judge(asked: Subject, fault: Fault, key: Key, trial: int) -> Score:
-    """One trial: seed, numbers of chain, fault and mode, and its own number name it."""
+    """Score one trial, which is identified by the seed, the indices of chain, fault and mode, and its number."""
     return judge_with(asked, fault, MODES[key[3]], np.random.default_rng([*key, trial]))
 
 
 def judge_with(asked: Subject, fault: Fault, mode: Mode, rng: np.random.Generator) -> Score:
-    """One trial of a chain: attitude, list and prior drawn from ``rng``, the answer held against truth."""
+    """Score one trial of a chain: draw attitude, centroid list and prior from ``rng``, and compare the result with the truth."""
     attitude = attitude_at(fault.place, asked.camera, rng)
     made = shown(asked, fault, attitude, rng)
     result = asked.solve(made.centroids, mode, prior(asked.setting, mode, attitude, rng))

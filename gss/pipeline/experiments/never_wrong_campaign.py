@@ -1,7 +1,7 @@
-"""Never wrong, at length: so many random attitudes per camera, each with a fault and a mode of its own, before its chain and ours.
+"""Long "never wrong" campaign: many random attitudes per camera, each with its fault and mode, for its chain and the reference.
 
-The work falls into shards that can be done in any order, by any process, and again: a shard's verdicts depend on camera, chain,
-seed and its own number alone. Both chains of a camera see the same lists.
+The work is divided into shards that can be run in any order, by any process, and repeatedly: a shard's verdicts depend only on
+camera, chain, seed and shard number. Both chains of a camera get the same centroid lists.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from gss.pipeline.experiments.never_wrong_faults import FAULTS
 from gss.pipeline.experiments.never_wrong_sky import SETTINGS, Setting, Subject, subject
 
 SHARD = 250
-"""Attitudes in a shard."""
+"""Number of attitudes per shard."""
 OWN = "own"
 CHAINS = (OWN, reference.NAME)
 CAMERAS = tuple(s.camera for s in SETTINGS if s.chain != reference.NAME)
@@ -31,7 +31,7 @@ _WEIGHT = np.array([f.share for f in FAULTS]) / sum(f.share for f in FAULTS)
 
 @dataclass(frozen=True)
 class Shard:
-    """Which attitudes of which camera, before which of its two chains."""
+    """A block of attitudes for one camera and one of its two chains."""
 
     camera: str
     chain: str
@@ -41,7 +41,7 @@ class Shard:
 
 @dataclass(frozen=True)
 class Verdicts:
-    """What a shard gave: counts by (fault's number, mode's number, verdict), and every wrong answer in words."""
+    """Results of a shard: counts by (fault index, mode index, verdict), and a text for every wrong result."""
 
     counts: dict[tuple[int, int, str], int]
     wrong: tuple[str, ...]
@@ -50,13 +50,13 @@ class Verdicts:
 def shards(
     attitudes: int, seed: int, cameras: tuple[str, ...] = CAMERAS, chains: tuple[str, ...] = CHAINS
 ) -> list[Shard]:
-    """All shards of a campaign, ordered so that every camera and chain advances evenly."""
+    """Return all shards of a campaign, ordered so that all cameras and chains advance evenly."""
     numbers = range(-(-attitudes // SHARD))
     return [Shard(camera, chain, seed, n) for n in numbers for camera in cameras for chain in chains]
 
 
 def setting_of(camera: str, chain: str) -> Setting:
-    """The camera's setting, with the chain that is asked."""
+    """Return the camera's setting for the given chain."""
     found = next((s for s in SETTINGS if s.camera == camera and s.chain != reference.NAME), None)
     if found is None:
         raise NotFound("unknown camera of the campaign", expected=" | ".join(CAMERAS), got=camera)
@@ -64,17 +64,17 @@ def setting_of(camera: str, chain: str) -> Setting:
 
 
 class Campaign:
-    """Keeps the chains that were asked, because making their tables takes longer than asking them."""
+    """Runs shards and caches the chains, because building their tables takes longer than running them."""
 
     def __init__(self, stars: StarTable) -> None:
         self._made = lru_cache(maxsize=None)(lambda camera, chain: subject(setting_of(camera, chain), stars))
 
     def subject(self, camera: str, chain: str) -> Subject:
-        """That chain with that camera."""
+        """Return the cached chain with that camera."""
         return self._made(camera, chain)
 
     def run(self, shard: Shard) -> Verdicts:
-        """Judge every attitude of a shard."""
+        """Score every attitude of a shard."""
         asked = self.subject(shard.camera, shard.chain)
         counts: Counter[tuple[int, int, str]] = Counter()
         wrong = []

@@ -1,4 +1,4 @@
-"""Every way in which the never-wrong campaign spoils a list of centroids, and where it points the camera."""
+"""Faults that the never-wrong campaign applies to centroid lists, and the pointings it uses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gss.pipeline.experiments.erlank_sky import random_attitude
 
 
 class Place(StrEnum):
-    """Where a field lies: anywhere, with a pole in it, or across right ascension zero."""
+    """Location of a field: anywhere, containing a pole, or across right ascension zero."""
 
     ANYWHERE = "anywhere"
     POLE = "pole"
@@ -23,12 +23,12 @@ class Place(StrEnum):
 
 @dataclass(frozen=True)
 class Fault:
-    """One way a list is spoilt. ``missing``: share of the stars left out; ``off_mag``: added to each star's magnitude, up or down
-    at random; ``shift_mag``: added to all; ``scale``: the true focal length over the believed; ``mirrored``: left for right;
-    ``planets``: points brighter than any star but Sirius; ``blended``: share of the stars with a companion that no catalogue has,
-    within the spot; ``variable``: share that is up to 2 mag fainter than its entry; ``saturated``: bright stars lose their order
-    and a pixel of place; ``another``: taken by another system's camera; ``share``: of the trials, because some faults cost a
-    search of the whole sky."""
+    """One fault of a centroid list. ``missing``: share of stars removed; ``off_mag``: added to or subtracted from each star's
+    magnitude at random; ``shift_mag``: added to all; ``scale``: ratio of the true to the assumed focal length; ``mirrored``: left
+    and right exchanged; ``planets``: points brighter than any star but Sirius; ``blended``: share of stars with an uncatalogued
+    companion within the spot; ``variable``: share that is up to 2 mag fainter than in the catalogue; ``saturated``: bright stars
+    lose their brightness order and a pixel of position accuracy; ``another``: taken by another system's camera; ``share``: of the
+    trials, because some faults need a search of the whole sky."""
 
     title: str
     false: int = 0
@@ -70,14 +70,14 @@ FAULTS = (
     Fault("magnitudes −0.5 all", shift_mag=-0.5),
     Fault("nothing seen", missing=1.0, share=0.1),
 )
-"""New ones go to the end: their number is part of what makes a trial again."""
+"""Append new faults at the end: the index is part of the seed that reproduces a trial."""
 PLANET_MAG = (-4.0, 0.5)
 BLEND_PX, BLEND_MAG, FADE_MAG = 1.5, 0.75, 2.0
 SATURATED_MAG, SATURATED_PX = 2.5, 1.0
 
 
 def attitude_at(place: Place, camera: Camera, rng: np.random.Generator) -> Array:
-    """(3, 3) cam_from_icrs of any roll whose field holds that place."""
+    """(3, 3) cam_from_icrs with random roll whose field contains that location."""
     if place is Place.ANYWHERE:
         return random_attitude(rng)
     reach_rad = 0.5 * min(camera.fov_rad) * rng.uniform(-1, 1)
@@ -90,7 +90,7 @@ def attitude_at(place: Place, camera: Camera, rng: np.random.Generator) -> Array
 
 
 def fade(v_mag: Array, fault: Fault, rng: np.random.Generator) -> Array:
-    """(n,) magnitudes as variable stars and unresolved companions make them."""
+    """(n,) magnitudes changed by variability and unresolved companions."""
     n = len(v_mag)
     if fault.variable:
         v_mag = v_mag + np.where(rng.random(n) < fault.variable, rng.uniform(0, FADE_MAG, n), 0.0)
@@ -102,7 +102,7 @@ def fade(v_mag: Array, fault: Fault, rng: np.random.Generator) -> Array:
 def displace(
     pixels: Array, v_mag: Array, seen_mag: float, fault: Fault, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """(n, 2) pixels and (n,) magnitudes as companions within the spot and a full well leave them."""
+    """(n, 2) pixels and (n,) magnitudes changed by companions within the spot and by saturation."""
     n = len(pixels)
     if fault.blended:
         struck = rng.random(n) < fault.blended
@@ -118,7 +118,8 @@ def displace(
 
 
 def strangers(fault: Fault, seen_mag: float, camera: Camera, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(m, 2) pixels and (m,) magnitudes of points that no catalogue has: false stars and planets, even over the detector."""
+    """(m, 2) pixels and (m,) magnitudes of uncatalogued points: false stars and planets, uniformly distributed over the
+    detector."""
     edge = (camera.columns - 0.5, camera.rows - 0.5)
     pixels = rng.uniform((-0.5, -0.5), edge, (fault.false, 2))
     v_mag = rng.uniform(seen_mag - 4.0, seen_mag, fault.false)

@@ -1,4 +1,4 @@
-"""Never wrong from pixels: rendered frames with faults of the sky and of the detector, before each camera's chain and ours."""
+""" "Never wrong" campaign on rendered frames with faults of sky and detector, for each camera's chain and the reference chain."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from gss.pipeline.score import assess
 Frames = NDArray[Any]
 FrameSolver = Callable[[Frames, Mode, Array | None], SolveResult]
 FRAME_SHARD = 13
-"""Frames in a shard: one of each fault."""
+"""Number of frames per shard: one of each fault."""
 _STREAM = 911
 
 
 @dataclass(frozen=True)
 class FrameFault:
-    """One way a frame is spoilt. ``exposure``: times the camera's own; ``rate_rad_s``: turning about any axis; ``flat``: share of
-    full scale that every pixel has, without stars; ``starless``: only noise; the rest as in ``Fault``."""
+    """One fault of a frame. ``exposure``: factor on the camera's exposure; ``rate_rad_s``: rotation about a random axis; ``flat``:
+    constant pixel value as a share of full scale, without stars; ``starless``: only noise; the others as in ``Fault``."""
 
     title: str
     false: int = 0
@@ -79,7 +79,7 @@ FRAME_FAULTS = (
 
 @dataclass(frozen=True)
 class FrameShard:
-    """One frame of each fault, of a camera, before one of its two chains."""
+    """One frame of each fault for one camera and one of its two chains."""
 
     camera: str
     chain: str
@@ -90,20 +90,20 @@ class FrameShard:
 def frame_shards(
     frames: int, seed: int, cameras: tuple[str, ...] = CAMERAS, chains: tuple[str, ...] = CHAINS
 ) -> list[FrameShard]:
-    """All shards for at least so many frames per camera and chain."""
+    """Return all shards for at least ``frames`` frames per camera and chain."""
     numbers = range(-(-frames // FRAME_SHARD))
     return [FrameShard(camera, chain, seed, n) for n in numbers for camera in cameras for chain in chains]
 
 
 class FrameCampaign:
-    """Keeps the chains that were asked."""
+    """Runs frame shards and caches the chains."""
 
     def __init__(self, stars: StarTable) -> None:
         self._stars = stars
         self._made = lru_cache(maxsize=None)(lambda camera, chain: _solver(setting_of(camera, chain), stars))
 
     def run(self, shard: FrameShard) -> Verdicts:
-        """Judge one frame of each fault."""
+        """Score one frame of each fault."""
         counts: Counter[tuple[int, int, str]] = Counter()
         wrong = []
         setting, solve = setting_of(shard.camera, shard.chain), self._made(shard.camera, shard.chain)
@@ -126,7 +126,7 @@ class FrameCampaign:
 def spoilt(
     fault: FrameFault, known: CameraProfile, stars: StarTable, attitude: Array, rng: np.random.Generator
 ) -> tuple[Frames, Truth]:
-    """A frame in the size that the chain expects, with the truth of the camera that took it."""
+    """Return a frame with the fault, in the size that the chain expects, and the truth for the camera that took it."""
     taken_by = profile(ANOTHER[known.name]) if fault.another else known
     camera, sensor = taken_by.camera, taken_by.sensor
     camera = replace(
@@ -161,7 +161,7 @@ def spoilt(
 
 
 def _fitted(pixels: Frames, known: CameraProfile) -> Frames:
-    """Cut, or filled with the frame's own median, to the camera's size; values kept."""
+    """Crop the frame, or pad it with its median, to the camera's size; pixel values are unchanged."""
     camera = known.camera
     if pixels.shape == (camera.rows, camera.columns):
         return np.ascontiguousarray(pixels)

@@ -1,4 +1,4 @@
-"""What the never-wrong campaign puts before the chains: each one's camera and bank, and lists of centroids as it would see them."""
+"""Inputs of the never-wrong campaign: each chain's camera and bank, and simulated centroid lists."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from gss.pipeline.identify.verify import Sky
 from gss.pipeline.render import stars_near, truth_of
 
 Solver = Callable[[Centroids, Mode, Array | None], SolveResult]
-"""Of centroids in a mode with the attitude to go by unless lost; assisted, a system's chain gets its boresight alone."""
+"""Solver of centroids in a mode, with a prior attitude unless lost; in assisted mode a system's chain gets only its boresight."""
 REFERENCE_CAMERA = "far_mst"
-# Whose frames come by mistake to each camera.
+# Camera whose frames are given to each chain in the fault ``another``.
 ANOTHER = {"cubestar": "far_mst", "far_mst": "oersted", "oersted": "sunsat", "sunsat": "oersted", "aim": "sunsat"}
-# How much fainter a star may be that an error of magnitude brings above the limit.
+# Magnitude range below the limit from which stars can be measured brighter than the limit.
 BEYOND_MAG = 1.5
 
 
 @dataclass(frozen=True)
 class Setting:
-    """How one chain is tried: its bank's limit, the faintest star it measures, errors of place and brightness, how far a hint
-    may be off in assisted mode and before tracking; ``share`` of the trials for a slow chain."""
+    """Test settings of one chain: its bank's limit, the faintest star it measures, errors of position and brightness, hint errors
+    in assisted mode and before tracking; ``share``: of the trials, for a slow chain."""
 
     chain: str
     camera: str
@@ -67,7 +67,7 @@ SETTINGS = (
 
 @dataclass(frozen=True)
 class Subject:
-    """A chain ready to be asked."""
+    """A chain with its camera and star table, ready to solve."""
 
     setting: Setting
     profile: CameraProfile
@@ -76,12 +76,12 @@ class Subject:
 
     @property
     def camera(self) -> Camera:
-        """The camera it believes in."""
+        """The camera that the chain assumes."""
         return self.profile.camera
 
 
 def subject(setting: Setting, stars: StarTable) -> Subject:
-    """The chain with its camera and a bank over the whole sky."""
+    """Build the chain with its camera and a bank over the whole sky."""
     known = profile(setting.camera)
     solve = _reference(setting, known, stars) if setting.chain == reference.NAME else _system(setting, known, stars)
     return Subject(setting, known, stars.brighter_than(setting.seen_mag + BEYOND_MAG), solve)
@@ -103,14 +103,14 @@ def _system(setting: Setting, known: CameraProfile, stars: StarTable) -> Solver:
 
 
 def works_of(setting: Setting, known: CameraProfile, stars: StarTable) -> dict[Mode, Work]:
-    """A system's tasks in each mode, without a hint, with a bank over the whole sky."""
+    """Return a system's ``Work`` for each mode, without a hint, with a bank over the whole sky."""
     chain = system(setting.chain)
     catalogue = chain.prepare(_bank(stars.brighter_than(setting.bank_mag), known.camera), known)
     return {m: Work(known.camera, catalogue, chain.parameters(known, None, Commanded(), m), m) for m in Mode}
 
 
 def _bank(bright: StarTable, camera: Camera) -> OnboardCatalogue:
-    """Over the whole sky, in the number widths of a device."""
+    """Return a bank over the whole sky, in a device's number formats."""
     pairs = pair_table(bright.icrs, 0.0, camera.diagonal_rad)
     distance_rad = pairs.distance_rad.astype(np.float32)
     table = DistanceTable(pairs.first, pairs.second, distance_rad, 0.0, camera.diagonal_rad)
@@ -127,25 +127,25 @@ def _reference(setting: Setting, known: CameraProfile, stars: StarTable) -> Solv
 
 
 def reference_sky(setting: Setting, known: CameraProfile, stars: StarTable) -> reference.KnownSky:
-    """Ours knows the whole table and identifies by the stars that the bank has."""
+    """Return the sky of the reference chain: it has the whole table, but identifies with the stars in the bank."""
     return reference.known_sky(Sky(stars.hip, stars.icrs, stars.v_mag), known.camera, setting.bank_mag)
 
 
 def reference_hint(setting: Setting, mode: Mode, near_icrs: Array | None) -> near.Hint | None:
-    """The prior as ours takes it."""
+    """Return the prior in the form of the reference chain."""
     radius_rad = setting.tracking_rad if mode is Mode.TRACKING else setting.assisted_rad
     return None if near_icrs is None else near.Hint(near_icrs, radius_rad)
 
 
 def hint_of(mode: Mode, near_icrs: Array) -> Hint:
-    """The prior as a system's chain takes it: all of it in tracking, else the boresight."""
+    """Return the prior in the form of a system's chain: the full attitude in tracking, else the boresight."""
     if mode is Mode.TRACKING:
         return Hint.from_quaternion(quaternion_from_matrix(near_icrs))
     return Hint(near_icrs[2])
 
 
 def prior(setting: Setting, mode: Mode, attitude: Array, rng: np.random.Generator) -> Array | None:
-    """An attitude up to the setting's angle from the true one about any axis; None when lost."""
+    """Return an attitude that differs from the true one by up to the setting's angle about any axis; None when lost."""
     if mode is Mode.LOST_IN_SPACE:
         return None
     axis = rng.normal(size=3)
@@ -155,15 +155,15 @@ def prior(setting: Setting, mode: Mode, attitude: Array, rng: np.random.Generato
 
 @dataclass(frozen=True)
 class Shown:
-    """A list of centroids, brightest first, and the truth behind it."""
+    """A centroid list, brightest first, and its truth."""
 
     centroids: Centroids
     truth: Truth
 
 
 def shown(asked: Subject, fault: Fault, attitude: Array, rng: np.random.Generator) -> Shown:
-    """What the camera would list at an attitude with that fault: every star of the sky measured brighter than its limit, those
-    that the bank does not hold too."""
+    """Simulate the camera's centroid list at an attitude with that fault: every star measured brighter than its limit, including
+    stars that are not in the bank."""
     setting, believed = asked.setting, asked.camera
     taken_by = profile(ANOTHER[setting.camera]).camera if fault.another else believed
     true = replace(
@@ -186,7 +186,7 @@ def shown(asked: Subject, fault: Fault, attitude: Array, rng: np.random.Generato
 
 
 def _flux_dn(setting: Setting, known: CameraProfile, v_mag: Array) -> Array:
-    """On the scale that the chain reads magnitudes from; the others compare brightness only."""
+    """Fluxes on the scale from which the chain computes magnitudes; the other chains only compare brightness."""
     if setting.chain == "sunsat":
         return brightness_dn(v_mag, sunsat_parameters(known))
     if setting.chain == "aim":
