@@ -44,7 +44,7 @@ class Detections:
 
     @property
     def psf_sigma_px(self) -> float:
-        """Width of the round point-spread function of the same area."""
+        """Width of the circular point-spread function of the same area."""
         return float(np.linalg.det(self.psf_covariance_px2) ** 0.25)
 
 

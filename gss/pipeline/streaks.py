@@ -177,7 +177,7 @@ def _starts(trails: Trails, width2: float) -> list[Array]:
     ax, ay = trails.dx - trails.col[:, None], trails.dy - trails.row[:, None]
     moments = np.stack([(weight * p).sum(1) / total for p in (ax * ax, ay * ay, ax * ay)], axis=1)
     moments[:, :2] = np.maximum(moments[:, :2] - width2, 0.0)
-    # Second moments are linear in the six products of the turn's components.
+    # Second moments are linear in the six products of the rotation's components.
     m = trails.per_rad / np.sqrt(12)
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
     rows = []

@@ -20,8 +20,8 @@ def names(parameters: Any) -> tuple[str, ...]:
 
 
 def with_options(parameters: P, options: Mapping[str, str]) -> P:
-    """Return the parameters with the given constants replaced. Raises BadInput for an unknown name, listing the valid ones, or for
-    a value that the chain rejects."""
+    """Return the parameters with the given constants replaced. Raises BadInput for an unknown name (listing the valid ones), a
+    value of another type, or one that the chain rejects."""
     changed: Any = parameters
     known = names(parameters)
     for name, text in options.items():

@@ -32,7 +32,8 @@ class Streak:
 
 @dataclass(frozen=True)
 class Shape:
-    """Of m regions: long and short axis in pixels (between pixel centres), and direction from u towards v in (−π/2, π/2]."""
+    """Shapes of m regions: long and short axis in pixels (between pixel centres), and direction from u towards v in
+    (−π/2, π/2]."""
 
     long_px: Array
     short_px: Array

@@ -161,14 +161,14 @@ def widest_pair(unit: Array, selected: Rows) -> tuple[int, ...]:
 
 
 def check_hint(mode: Mode, hint: Hint | None) -> Hint:
-    """The hint of a mode that needs one, refused where there is none."""
+    """Return the hint of a mode that needs one. Raises :class:`BadInput` if it is missing."""
     if hint is None:
         raise BadInput(f"{mode.value} needs a hint", expected="a boresight or an attitude", got="none")
     return hint
 
 
 def last_attitude(hint: Hint | None) -> Array:
-    """(4,) quaternion that tracking starts from, refused where the hint holds none."""
+    """(4,) quaternion of the last attitude for tracking. Raises :class:`BadInput` if the hint has none."""
     known = check_hint(Mode.TRACKING, hint)
     if known.quaternion is None:
         raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
