@@ -11,6 +11,7 @@ import resource
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -29,17 +30,21 @@ from gss.settings import Settings
 Peer = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 Connect = Callable[..., Awaitable[Peer]]
 LIMITS = ConnectionLimits(authenticated=2, unauthenticated=3, per_address=2)
+RELEASED = threading.Event()
 SLOW = b"POST /slow HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n "
 
 
 async def application(scope: Any, receive: Any, send: Any) -> None:
-    """/user proves who asks and goes on answering; everything else answers when its body is complete."""
+    """/user authenticates its connection; /user/stream does not end and /user/held ends when ``RELEASED`` is set. Everything else
+    answers when its body is complete."""
     if scope["path"].startswith("/user"):
         scope["state"]["connection"].mark_authenticated()
     while (await receive())["more_body"]:
         pass
     await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"2")]})
     await send({"type": "http.response.body", "body": b"a", "more_body": True})
+    while scope["path"] == "/user/held" and not RELEASED.is_set():
+        await asyncio.sleep(0.01)
     if scope["path"] != "/user/stream":
         await send({"type": "http.response.body", "body": b"b"})
     else:
@@ -155,6 +160,41 @@ def test_users_over_their_limit_lose_idle_connections_only() -> None:
     with_server(visit)
 
 
+def test_unauthenticated_connections_drop_no_user_over_the_limit() -> None:
+    """Three users are one more than the limit, since none was idle when the third signed in. Idle later, they stay."""
+
+    async def visit(connect: Connect, _connections: Connections) -> None:
+        users = [await connect(request("/user/held")) for _ in range(3)]
+        for peer in users:
+            await peer[0].readuntil(b"a")
+        RELEASED.set()
+        for peer in users:
+            await peer[0].readuntil(b"b")
+        for address in ("127.0.0.7", "127.0.0.8", "127.0.0.9"):
+            await connect(SLOW, address)
+        assert [await is_open(peer) for peer in users] == [True, True, True]
+
+    try:
+        with_server(visit)
+    finally:
+        RELEASED.clear()
+
+
+def test_a_user_over_the_limit_displaces_an_idle_connection_of_the_same_address_first() -> None:
+    """The idle connection of another address is older and stays; without one of the same address it makes room."""
+
+    async def visit(connect: Connect, _connections: Connections) -> None:
+        other, same = await connect(request("/user"), "127.0.0.9"), await connect(request("/user"))
+        for peer in (other, same):
+            await peer[0].readuntil(b"b")
+        first = await connect(request("/user/stream"))
+        assert [await is_open(peer) for peer in (other, same, first)] == [True, False, True]
+        second = await connect(request("/user/stream"))
+        assert [await is_open(peer) for peer in (other, second)] == [False, True]
+
+    with_server(visit)
+
+
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Settings of a server with TLS."""
@@ -174,6 +214,22 @@ def test_a_handshake_that_does_not_go_on_makes_room_too(certificate: dict[str, s
         assert connections.unauthenticated == 2
 
     with_server(visit, **certificate)
+
+
+def test_a_failed_handshake_is_forgotten(certificate: dict[str, str], caplog: pytest.LogCaptureFixture) -> None:
+    """Connections that the server closed take no place: no other is dropped for the next one."""
+
+    async def visit(connect: Connect, connections: Connections) -> None:
+        for address in ("127.0.0.7", "127.0.0.8", "127.0.0.9"):
+            peer = await connect(b"no TLS record, closed by the server\r\n\r\n", address)
+            assert not await is_open(peer)
+            assert not await is_open(peer)
+        waits = await connect()
+        assert connections.unauthenticated == 1
+        assert await is_open(waits)
+
+    with_server(visit, **certificate)
+    assert not [text for text in caplog.messages if "Connection limit" in text]
 
 
 def test_out_of_descriptors_an_unauthenticated_connection_makes_room(caplog: pytest.LogCaptureFixture) -> None:

@@ -1,6 +1,8 @@
-"""Which connections stay open when there are too many: those that carried an authenticated request take precedence.
+"""Which connections stay open when there are too many.
 
-A new connection shows who uses it only with its first request, so it is always accepted and an older one is dropped for it.
+A new connection is unauthenticated until its first request, so that it is always accepted; over the limit an older unauthenticated
+one is dropped for it. An authenticated connection is dropped only when another becomes authenticated over their limit, and only
+while it waits for its client.
 """
 
 from __future__ import annotations
@@ -15,9 +17,9 @@ from ipaddress import IPv6Address, ip_address
 
 log = logging.getLogger("gss.connections")
 DESCRIPTORS_SHARE = 2
-"""Divisor of the process's file descriptors that gives those for connections; files, the database and the line use the others."""
+"""Fraction of descriptors for connections, as a divisor; the others are for files, the database and the line."""
 UNAUTHENTICATED_SHARE = 2
-"""Divisor of all connections that gives those allowed without authentication; the others are reserved for signed-in users."""
+"""Fraction of unauthenticated connections, as a divisor; the others are kept for signed-in users."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,7 @@ class Connection:
         self._transport, self._waits = transport, waits
 
     def mark_authenticated(self) -> None:
-        """Mark that a request on this connection proved a session or token; it is then no longer dropped in favour of
-        unauthenticated ones."""
+        """Record that a request carried a valid session or token: unauthenticated connections no longer displace this one."""
         if not self.authenticated:
             self.authenticated = True
             self._proved(self)
@@ -65,6 +66,11 @@ class Connection:
     def waits_for_client(self) -> bool:
         """True during the handshake, between requests, and until a request is complete."""
         return self._waits is None or self._waits()
+
+    @property
+    def is_closed(self) -> bool:
+        """True if the socket was closed before the protocol began, as after a failed TLS handshake."""
+        return self._transport is None and self._socket is not None and self._socket.fileno() < 0
 
     def drop(self) -> None:
         """Close the connection at once, without a response."""
@@ -85,14 +91,15 @@ class Connections:
     def __init__(self, limits: ConnectionLimits) -> None:
         self.limits = limits
         self._by_descriptor: dict[int, Connection] = {}
+        """Connections whose protocol has not begun."""
         self._users: Pool = {}
-        self._strangers: dict[str, Pool] = {}
-        """Unauthenticated connections by origin."""
+        self._unauthenticated: dict[str, Pool] = {}
+        """By origin."""
 
     @property
     def unauthenticated(self) -> int:
         """Number of connections that have not carried an authenticated request."""
-        return sum(map(len, self._strangers.values()))
+        return sum(map(len, self._unauthenticated.values()))
 
     def accepted(self, accepted: socket.socket, address: str) -> Connection:
         """Register a new connection and drop others that exceed the limits."""
@@ -102,7 +109,7 @@ class Connections:
         """Return the connection of a transport whose protocol starts."""
         descriptor, peer = transport.get_extra_info("socket").fileno(), transport.get_extra_info("peername")
         connection = self._by_descriptor.get(descriptor)
-        if connection is None:  # it was accepted by another listener
+        if connection is None or connection.is_closed:  # accepted by another listener
             connection = self._add(descriptor, None, str(peer[0]) if peer else "")
         connection.attach(transport, waits)
         del self._by_descriptor[descriptor]
@@ -111,35 +118,47 @@ class Connections:
     def ended(self, connection: Connection) -> None:
         """Forget a closed connection."""
         self._users.pop(connection, None)
-        pool = self._strangers.get(connection.origin, {})
+        pool = self._unauthenticated.get(connection.origin, {})
         pool.pop(connection, None)
         if not pool:
-            self._strangers.pop(connection.origin, None)
+            self._unauthenticated.pop(connection.origin, None)
 
     def drop_one(self) -> bool:
         """Drop an unauthenticated connection to free its descriptor. False if there is none."""
-        if not self._strangers:
+        self._forget_closed()
+        if not self._unauthenticated:
             return False
-        self._drop(_victim(max(self._strangers.values(), key=len)))
+        self._drop(_victim(max(self._unauthenticated.values(), key=len)))
         return True
 
     def _add(self, descriptor: int, accepted: socket.socket | None, address: str) -> Connection:
+        self._forget_closed()
         new = Connection(accepted, origin_of(address), self._move)
-        neighbours = self._strangers.get(new.origin, {})
-        if len(neighbours) >= self.limits.per_address:
-            self._drop(_victim(neighbours))
+        same_origin = self._unauthenticated.get(new.origin, {})
+        if len(same_origin) >= self.limits.per_address:
+            self._drop(_victim(same_origin))
         elif self.unauthenticated >= self.limits.unauthenticated:
             self.drop_one()
-        if len(self._users) > self.limits.authenticated:
-            self._drop(next((one for one in self._users if one.waits_for_client), None))
-        self._strangers.setdefault(new.origin, {})[new] = None
+        self._unauthenticated.setdefault(new.origin, {})[new] = None
         self._by_descriptor[descriptor] = new
         return new
 
+    def _forget_closed(self) -> None:
+        for descriptor, connection in list(self._by_descriptor.items()):
+            if connection.is_closed:
+                del self._by_descriptor[descriptor]
+                self.ended(connection)
+
     def _move(self, connection: Connection) -> None:
-        if connection in self._strangers.get(connection.origin, {}):
-            self.ended(connection)
-            self._users[connection] = None
+        """Count it as authenticated. Over the limit an idle one is dropped for it, of the same origin if there is one."""
+        if connection not in self._unauthenticated.get(connection.origin, {}):
+            return
+        self.ended(connection)
+        if len(self._users) >= self.limits.authenticated:
+            idle = [one for one in self._users if one.waits_for_client]
+            same_origin = [one for one in idle if one.origin == connection.origin]
+            self._drop(next(iter(same_origin or idle), None))
+        self._users[connection] = None
 
     def _drop(self, connection: Connection | None) -> None:
         if connection is not None:
@@ -150,7 +169,7 @@ class Connections:
 
 
 def _victim(pool: Pool) -> Connection:
-    """Return the oldest connection that waits for its client; the oldest of all if every one has a response in progress."""
+    """Return the oldest that waits for its client, or the oldest of all if every one is being answered."""
     return next((one for one in pool if one.waits_for_client), next(iter(pool)))
 
 

@@ -157,7 +157,7 @@ class CommandOut(Out):
 
 
 class AbortOut(Out):
-    """Result of ABORT. ``at``: time it was passed to the line. ``command``: its record; null if the database could not
+    """Result of ABORT. ``at``: time it was queued for the line, ahead of everything. ``command``: its record; null if the database could not
     store it in time."""
 
     request_id: int
