@@ -99,7 +99,7 @@ def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
 
 @router.post("/commands/abort", status_code=201, dependencies=[need(STOP)])
 async def abort(app: App, user: User) -> AbortOut:
-    """Queue ABORT for the line ahead of all other traffic. The response waits at most 0.3 s for the record. 409: it was not queued."""
+    """Queue ABORT ahead of all other traffic. The response waits at most 0.3 s for the record. 409: not queued."""
     receipt = await at_once(lambda: app.commands.abort(user=user, source="abort"))
     row = None
     with contextlib.suppress(TimeoutError):

@@ -157,8 +157,8 @@ class CommandOut(Out):
 
 
 class AbortOut(Out):
-    """Result of ABORT. ``at``: time it was queued for the line, ahead of everything. ``command``: its record; null if the database could not
-    store it in time."""
+    """Result of ABORT. ``at``: time it was queued for the line, ahead of everything.
+    ``command``: its record; null if the database could not store it in time."""
 
     request_id: int
     at: Utc

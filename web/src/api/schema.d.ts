@@ -1033,7 +1033,7 @@ export interface paths {
         put?: never;
         /**
          * Abort
-         * @description Send ABORT ahead of all other traffic. The response waits at most 0.3 s for the record. 409: nothing was sent.
+         * @description Queue ABORT ahead of all other traffic. The response waits at most 0.3 s for the record. 409: not queued.
          */
         post: operations["abort_api_commands_abort_post"];
         delete?: never;
@@ -3261,8 +3261,8 @@ export interface components {
     schemas: {
         /**
          * AbortOut
-         * @description Result of ABORT. ``at``: time it was passed to the line. ``command``: its record; null if the database could not
-         *     store it in time.
+         * @description Result of ABORT. ``at``: time it was queued for the line, ahead of everything.
+         *     ``command``: its record; null if the database could not store it in time.
          */
         AbortOut: {
             /** Request Id */
