@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
@@ -10,6 +11,7 @@ import threading
 from types import FrameType
 from typing import Protocol
 
+log = logging.getLogger("gss.server")
 STOP_WITHIN_S = 4.5
 """Seconds from the signal. Stored data survives kill -9, so ending during a computation loses nothing acknowledged."""
 
@@ -60,7 +62,8 @@ class StopSignals:
 
 def _end() -> None:
     busy = sorted({thread.name for thread in threading.enumerate() if not thread.daemon} - {"MainThread"})
-    _print(f"stopped while work was under way: {', '.join(busy) or 'requests'}; it is not lost if it can be resumed\n")
+    _print("stopped while work was in progress: jobs that can be resumed continue with the next start, other work is discarded\n")
+    log.info("threads still running: %s", ", ".join(busy) or "none but daemons")
     for child in multiprocessing.active_children():
         child.kill()
     os._exit(0)

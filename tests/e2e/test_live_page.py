@@ -97,7 +97,7 @@ def test_sun_moon_limb_and_rate_stand_beside_the_sky(frame_on_show):
     page = frame_on_show
     expect(page.get_by_test_id("tile-sun")).to_have_text(re.compile(r"\d+\.\d°.*min 40°"))
     expect(page.get_by_test_id("tile-rate")).to_contain_text("°/s")
-    expect(page.get_by_test_id("tile-earth-limb")).to_contain_text("no orbit told")
+    expect(page.get_by_test_id("tile-earth-limb")).to_contain_text("no orbit set")
 
 
 def test_cycling_shows_each_new_frame_soon_and_freezes_on_request(frame_on_show, served, painted):
