@@ -156,7 +156,7 @@ def _amounts(session: Session, since: datetime | None) -> dict[str, int]:
 
 
 def newest_row(session: Session) -> datetime | None:
-    """Return the latest time among the newest rows of all tables of received or recorded data; None if they are empty."""
+    """Newest timestamp over all recorded tables, from the last row of each; None in an empty store."""
     columns = (
         (Event.at, Event.seq),
         (TelemetryPacket.received, TelemetryPacket.id),

@@ -46,7 +46,7 @@ class TimedHttp(H11Protocol):
         self._connections, self._timeouts = connections, timeouts
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as in uvicorn
-        """Start the time limits. Requests carry the connection in their state, so that the guard can mark it as authenticated."""
+        """Start the timeouts. Requests carry the connection in their state: an authenticated request protects its connection."""
         super().connection_made(transport)
         self._connection: Connection = self._connections.begun(transport, self._waits_for_client)
         self.app_state = {**self.app_state, "connection": self._connection}

@@ -25,7 +25,7 @@ class Record:
     """Writes one audit row for each change, export and denied request."""
 
     def __init__(self, audit: AuditService, monotonic_s: Monotonic) -> None:
-        self._audit, self._strangers = audit, Strangers(monotonic_s)
+        self._audit, self._unauthenticated = audit, UnauthenticatedSampler(monotonic_s)
 
     async def put(self, scope: Scope, status: int) -> None:
         """Write the row of an answered request. For forwarded requests the link process writes it."""
@@ -36,8 +36,8 @@ class Record:
         who: Who | None = state["who"]
         action, detail = _action(route), state["detail"]
         if status == 429 or (who is None and status >= 400):
-            knocking = f"{who.name if who else state['address']} {action} {'denied' if denied else 'failed'}"
-            skipped = None if who is None and status == 429 else self._strangers.seen(knocking)
+            key = f"{who.name if who else state['address']} {action} {'denied' if denied else 'failed'}"
+            skipped = None if who is None and status == 429 else self._unauthenticated.seen(key)
             if skipped is None:
                 return
             detail = f"{detail}; {skipped} more like this were not written" if skipped else detail
@@ -52,10 +52,10 @@ class Record:
             log.exception("the audit record could not be written: %s %s %s by %s", action, target, result, name)
 
 
-class Strangers:
-    """Rate-limits audit rows, which could otherwise fill the disk. Denied and failed requests without sign-in: one row
-    per minute for each address and action, with the number skipped; none for those stopped by a rate limit.
-    Signed-in users over a rate limit: one row per minute by name."""
+class UnauthenticatedSampler:
+    """Samples denied and failed requests so that they cannot fill the disk: one row a minute for each key, with a count of the
+    others. The key is the action with the address or, for a signed-in user over a rate limit, the name. An unauthenticated request
+    over a rate limit is not recorded."""
 
     MOST = 2000
 
@@ -64,7 +64,7 @@ class Strangers:
         self._seen: OrderedDict[str, tuple[float, int]] = OrderedDict()
 
     def seen(self, key: str) -> int | None:
-        """Return the number of requests skipped since the last row; None if this one needs no row."""
+        """Return how many were left out since the last row of this key, or None if this one is left out."""
         at_s, skipped = self._seen.pop(key, (-QUIET_S, 0))
         fresh = self._now_s() - at_s >= QUIET_S
         self._seen[key] = (self._now_s(), 0) if fresh else (at_s, skipped + 1)

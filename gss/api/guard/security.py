@@ -94,7 +94,7 @@ class Guard:
         return self._perimeter.refusal(caller, headers, data=is_guarded(scope))
 
     def _unread(self, scope: Scope, headers: Headers) -> Response | None:
-        """Check permission and length before the body is read. A route that declares no permission needs the view permission."""
+        """Check permission and length before the body is read. Routes without a declared permission require ``view``."""
         route = self._door.route(scope)
         try:
             for permission in [need.permission for need in needs_of(route)] or [VIEW]:

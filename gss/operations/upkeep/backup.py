@@ -199,11 +199,6 @@ class BackupService:
             raise NotFound("no such backup", got=name)
         return read_manifest(self._folder / name)
 
-    def remove(self, name: str) -> None:
-        """Remove a backup; the next :meth:`prune` removes its blobs."""
-        self.get(name)
-        shutil.rmtree(self._folder / name)
-
     def prune(self, keep: int, just_made: str) -> list[str]:
         """Remove all but the ``keep`` newest backups, including ``just_made``, and the blobs that no other backup needs.
         Nothing is removed while the clock is in doubt; backups dated in the future are neither counted nor removed."""

@@ -1,9 +1,9 @@
 """Decides whether the server's clock may be used to choose data for deletion.
 
-The database holds the last trusted time: it advances every ten minutes while the clock is plausible, and not otherwise. The
-clock is in doubt when it is behind that time, or further ahead of it than a plausible downtime of the server. While in doubt,
-nothing stored is deleted automatically or manually, until a person confirms the clock or it is corrected. Unknown counts as in
-doubt.
+The database holds the last trusted time: it advances every ten minutes while the clock is plausible, and not otherwise. The clock
+is in doubt when it is further ahead of that time than a plausible pause of the server, or behind it. While it is in doubt neither
+retention nor the rotation of backups deletes anything, also when a user starts them, until a user confirms the clock or it is
+corrected. An unknown trusted time counts as in doubt.
 """
 
 from __future__ import annotations

@@ -110,7 +110,8 @@ def _opened(source: Path, beside: Path, tell: Tell) -> Iterator[Path]:
 
 def _unpack(source: Path, held: Path) -> Path:
     name = ""
-    room_bytes = min(MOST_UNPACKED * source.stat().st_size, shutil.disk_usage(held).free - SPARE_BYTES)
+    most_bytes, free_bytes = MOST_UNPACKED * source.stat().st_size, shutil.disk_usage(held).free - SPARE_BYTES
+    room_bytes = min(most_bytes, free_bytes)
     try:
         with tarfile.open(source, "r|*") as tar:
             for member in tar:
@@ -122,7 +123,9 @@ def _unpack(source: Path, held: Path) -> Path:
                         "the backup is too large when it is unpacked",
                         expected=f"at most {MOST_UNPACKED} times its file, and {SPARE_BYTES >> 20} MiB of disk to spare",
                         got=f"{member.size} bytes more for {member.name[:100]}",
-                        hint="restore into a folder on a larger disk",
+                        hint="restore into a folder on a larger disk"
+                        if free_bytes < most_bytes
+                        else "this is not a backup made by GSS; use another copy",
                     )
                 if not member.name.startswith(f"{POOL}/"):
                     name = name or member.name.split("/")[0]
@@ -133,7 +136,12 @@ def _unpack(source: Path, held: Path) -> Path:
                     with content, path.open("xb") as file:
                         shutil.copyfileobj(content, file)
     except (tarfile.TarError, EOFError, OSError) as error:
-        raise CorruptData("the backup's file cannot be read to its end", got=str(error)) from error
+        raise CorruptData(
+            "the backup's file cannot be unpacked",
+            expected="a complete tar file, and a disk that can be written",
+            got=str(error),
+            hint="copy or download the backup again, and check the disk of the new folder",
+        ) from error
     if not name:
         raise CorruptData("this is no backup", expected=MANIFEST, got=str(source))
     return held / name

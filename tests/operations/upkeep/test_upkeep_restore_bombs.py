@@ -24,6 +24,7 @@ def test_a_tar_that_unpacks_to_far_more_than_it_is_is_refused(kind: str, clock: 
         member.pax_headers = {"GNU.sparse.size": str(1 << 40), "GNU.sparse.map": "0,0", "GNU.sparse.numblocks": "1"}
         with tarfile.open(evil, "w", format=tarfile.PAX_FORMAT) as tar:
             tar.addfile(member)
-    with pytest.raises((BadInput, CorruptData), match=r"too large when it is unpacked|this is no backup"):
+    with pytest.raises((BadInput, CorruptData), match=r"too large when it is unpacked|this is no backup") as refused:
         restore(evil, tmp_path / "new", clock)
+    assert "larger disk" not in refused.value.hint
     assert [p.name for p in tmp_path.iterdir()] == ["evil.tar"]
