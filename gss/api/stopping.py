@@ -62,7 +62,9 @@ class StopSignals:
 
 def _end() -> None:
     busy = sorted({thread.name for thread in threading.enumerate() if not thread.daemon} - {"MainThread"})
-    _print("stopped while work was in progress: jobs that can be resumed continue with the next start, other work is discarded\n")
+    _print(
+        "stopped while work was in progress: jobs that can be resumed continue with the next start, other work is discarded\n"
+    )
     log.info("threads still running: %s", ", ".join(busy) or "none but daemons")
     for child in multiprocessing.active_children():
         child.kill()
