@@ -18,6 +18,7 @@ from gss.operations.catalogues.build_catalogue import CatalogueService
 from gss.operations.catalogues.design import DesignService
 from gss.operations.catalogues.star_lists import StarListService
 from gss.operations.clock import monotonic_s, stopwatch_s, utc_now
+from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_history import CommandHistory
 from gss.operations.commanding.commanding import CommandService
@@ -202,7 +203,9 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     link = LinkService(dictionary, database, bus, captures, utc_now, monotonic_s, events, settings.framing, retention)
     authority = AuthorityService(database, bus, utc_now)
     accounts = open_accounts(database, settings, utc_now, monotonic_s)
-    commands = CommandService(link, database, bus, utc_now, authority, accounts.require)
+    commands = CommandService(
+        link, database, bus, utc_now, authority, accounts.require, AbortJournal(settings.data / "aborts.jsonl")
+    )
     schedule = ScheduleService(link, commands, bus, utc_now)
     stacks = StackService(link, commands, database, utc_now)
     stack_runs = StackRunner(stacks, link, commands, database, bus, utc_now, monotonic_s)

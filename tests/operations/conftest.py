@@ -12,6 +12,7 @@ import pytest
 
 from gss.device.dictionary_file import load_dictionary
 from gss.domain.errors import NotPermitted
+from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_history import CommandHistory
 from gss.operations.commanding.commanding import CommandService
@@ -76,7 +77,8 @@ class Desk:
         )
         self.authority = AuthorityService(database, bus, now)
         self.refused: set[str] = set()
-        self.commands = CommandService(self.link, database, bus, now, self.authority, self._permits)
+        journal = AbortJournal(folder / "aborts.jsonl")
+        self.commands = CommandService(self.link, database, bus, now, self.authority, self._permits, journal)
         self.history = CommandHistory(database)
         self.stacks = StackService(self.link, self.commands, database, now)
         self.runs = StackRunner(self.stacks, self.link, self.commands, database, bus, now, sensor.monotonic_s)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import sqlite3
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 LOCK_WAIT_S = 5.0
 """SQLite's own wait for a lock; anything that waited for the store takes longer."""
@@ -47,6 +50,25 @@ def test_abort_leaves_while_the_database_is_locked(serve, sensor):
     row = console.wait("the record", recorded)
     assert row["request_id"] == receipt["request_id"]
     assert [stage["name"] for stage in row["stages"] if stage["state"] == "passed"][-1] == "completed"
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGKILL], ids=["SIGTERM", "SIGKILL"])
+def test_abort_is_on_record_after_a_server_that_ended_while_the_database_was_locked(serve, sensor, end):
+    """The next server has its row, as unknown, and gives its request id to no other command."""
+    server = serve("--device", sensor.url)
+    console = server.console
+    console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
+    with locked(server.folder / "gss.db"):
+        receipt = console.post("/commands/abort")
+        assert receipt["command"] is None
+        server.stop(end)
+    console = serve("--device", sensor.url).console
+    (row,) = console.get("/commands", name="ABORT")
+    assert (row["request_id"], row["result"]) == (receipt["request_id"], "unknown")
+    console.wait("the sensor", lambda: console.get("/link")["dictionary_match"])
+    console.command("GET_STATUS")
+    ids = [command["request_id"] for command in console.get("/commands")]
+    assert len(ids) == len(set(ids))
 
 
 def test_a_line_that_opens_while_the_database_is_locked_gets_its_contact_later(serve, sensor):

@@ -9,6 +9,7 @@ from functools import partial
 
 from gss.domain.errors import Conflict, StoreDown
 from gss.operations.clock import Now
+from gss.operations.commanding.abort_journal import AbortJournal, IssuedAbort
 from gss.operations.commanding.command_record import CommandRecorder
 from gss.operations.events import EventBus
 from gss.operations.line.deferred_writes import DeferredWrites
@@ -42,9 +43,16 @@ class Aborts:
     """Issues ABORT without waiting for anything, and records it from the event queue."""
 
     def __init__(
-        self, link: LinkService, recorder: CommandRecorder, bus: EventBus, now: Now, writes: DeferredWrites
+        self,
+        link: LinkService,
+        recorder: CommandRecorder,
+        bus: EventBus,
+        now: Now,
+        writes: DeferredWrites,
+        journal: AbortJournal,
     ) -> None:
         self._link, self._recorder, self._bus, self._now, self._writes = link, recorder, bus, now, writes
+        self._journal = journal
         self.count = 0
         """ABORTs issued since the server started."""
         self._newest_id = 0
@@ -65,6 +73,7 @@ class Aborts:
             withdrawn = self._link.session.withdraw_all(f"ABORT by {user}")
             issued = AbortIssued(self._newest_id, user, source, self._now(), tuple(withdrawn))
             self._link.events.publish([issued])
+        self._journal.add(IssuedAbort(issued.request_id, user, source, issued.at.isoformat()))
         return AbortReceipt(issued.request_id, issued.at, issued.recorded)
 
     def stops(self, request_id: int, count: int | None) -> bool:
@@ -75,6 +84,7 @@ class Aborts:
         """Store an ABORT's row; what it withdrew and its event follow as writes of their own."""
         contact_id, names = self._link.contact_id, (issued.user, issued.source)
         row = self._recorder.add(issued.request_id, "ABORT", {}, *names, contact_id, None, issued.at)
+        self._journal.remove(issued.request_id)
         issued.recorded.set_result(row)
         if issued.withdrawn:
             self._writes.add(partial(self._recorder.taken_back, issued.withdrawn))

@@ -12,6 +12,7 @@ from gss.device.session_events import CommandStage, DeviceEvent
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound, StoreDown
 from gss.operations.accounts.permissions import STOP
 from gss.operations.clock import Now
+from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.aborts import AbortReceipt, Aborts
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_checks import (
@@ -57,17 +58,22 @@ class CommandService:
         now: Now,
         authority: AuthorityService,
         permits: Permits,
+        journal: AbortJournal,
     ) -> None:
         self._link, self._database, self._bus, self._now = link, database, bus, now
         self._authority, self._permits = authority, permits
-        self._writes = DeferredWrites()
+        self._writes, self._journal = DeferredWrites(), journal
         self._recorder = CommandRecorder(database, bus, now, self.view, link.events, self._writes)
-        self._aborts = Aborts(link, self._recorder, bus, now, self._writes)
+        self._aborts = Aborts(link, self._recorder, bus, now, self._writes, journal)
 
     def start(self) -> None:
         """Mark commands that were in progress when the last server stopped as unknown; nothing is resent automatically.
         Commands that were already unknown can still be retried or end with a late report.
         """
+        for issued in self._journal.entries():  # the last server ended before the database took them
+            names = (issued.user, issued.source)
+            self._recorder.add(issued.request_id, "ABORT", {}, *names, None, None, issued.moment)
+            self._journal.remove(issued.request_id)
         known: list[tuple[int, str, Mapping[str, Any]]] = []
         with self._database.unit_of_work() as session:
             for row in store.left_in_flight(session):

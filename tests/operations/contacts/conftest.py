@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from gss.device.dictionary_file import load_dictionary
+from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.events import EventBus
@@ -47,6 +48,7 @@ class Station:
             self.now,
             AuthorityService(database, self.bus, self.now),
             lambda user, permission: None,
+            AbortJournal(folder / "aborts.jsonl"),
         )
         self.contacts = ContactService(self.link, self.alarms, database, self.bus, self.folder, self.now, lambda: None)
         subscribers = [

@@ -8,6 +8,7 @@ import pytest
 
 from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
+from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.commanding.schedule import ScheduleService
@@ -35,7 +36,13 @@ class Room:
         self.telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: self.contact, lambda: True)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)
         commands = CommandService(
-            self.link, database, bus, clock, AuthorityService(database, bus, clock), lambda *_: None
+            self.link,
+            database,
+            bus,
+            clock,
+            AuthorityService(database, bus, clock),
+            lambda *_: None,
+            AbortJournal(folder / "aborts.jsonl"),
         )
         self.schedule = ScheduleService(self.link, commands, bus, clock)
         self.removed_before: datetime | None = None

@@ -1,0 +1,67 @@
+"""A small file of the ABORTs that are not in the database yet, for a server that ends while the database is locked."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import threading
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+
+log = logging.getLogger("gss.commands")
+
+
+@dataclass(frozen=True)
+class IssuedAbort:
+    """An ABORT as it was queued for the line. ``at``: ISO 8601, UTC."""
+
+    request_id: int
+    user: str
+    source: str
+    at: str
+
+    @property
+    def moment(self) -> datetime:
+        """``at`` as a time."""
+        return datetime.fromisoformat(self.at)
+
+
+class AbortJournal:
+    """JSON lines, one per ABORT. A disk that takes nothing delays nothing: the failure is logged."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._lock = path, threading.Lock()
+        self._open: dict[int, IssuedAbort] = {entry.request_id: entry for entry in self._read()}
+
+    def entries(self) -> list[IssuedAbort]:
+        """The ABORTs that are not recorded, oldest first."""
+        with self._lock:
+            return [self._open[number] for number in sorted(self._open)]
+
+    def add(self, entry: IssuedAbort) -> None:
+        """Note an ABORT that was queued."""
+        with self._lock:
+            self._open[entry.request_id] = entry
+            self._write()
+
+    def remove(self, request_id: int) -> None:
+        """The database has it."""
+        with self._lock:
+            if self._open.pop(request_id, None) is not None:
+                self._write()
+
+    def _write(self) -> None:
+        try:
+            self._path.write_text("".join(json.dumps(asdict(entry)) + "\n" for entry in self._open.values()))
+        except OSError as error:
+            log.warning("ABORT could not be noted in %s: %s", self._path.name, error)
+
+    def _read(self) -> list[IssuedAbort]:
+        found = []
+        with contextlib.suppress(OSError):
+            for line in self._path.read_text().splitlines():
+                with contextlib.suppress(ValueError, TypeError):  # a line that a crash cut off
+                    found.append(IssuedAbort(**json.loads(line)))
+        return found
