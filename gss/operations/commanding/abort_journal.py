@@ -33,6 +33,8 @@ class AbortJournal:
 
     def __init__(self, path: Path) -> None:
         self._path, self._lock = path, threading.Lock()
+        self._recorded_early: set[int] = set()
+        """Recorded before ``add`` was called: the dispatcher may be quicker than the thread that issued the ABORT."""
         self._open: dict[int, IssuedAbort] = {entry.request_id: entry for entry in self._read()}
 
     def entries(self) -> list[IssuedAbort]:
@@ -41,15 +43,20 @@ class AbortJournal:
             return [self._open[number] for number in sorted(self._open)]
 
     def add(self, entry: IssuedAbort) -> None:
-        """Note an ABORT that was queued."""
+        """Note an ABORT that was queued, unless it is recorded already."""
         with self._lock:
+            if entry.request_id in self._recorded_early:
+                self._recorded_early.remove(entry.request_id)
+                return
             self._open[entry.request_id] = entry
             self._write()
 
     def remove(self, request_id: int) -> None:
         """The database has it."""
         with self._lock:
-            if self._open.pop(request_id, None) is not None:
+            if self._open.pop(request_id, None) is None:
+                self._recorded_early.add(request_id)
+            else:
                 self._write()
 
     def _write(self) -> None:
