@@ -1,6 +1,7 @@
 # make run    everything on this machine: simulator, server, pages; prints one address
 # make check  a minute: lint, types, fast tests of what changed since the last commit
 # make test   all checks and tests, from nothing
+# make evidence  all trials of the statistical tests
 # make bench  figures (never part of the tests)
 # make soak   hours of load with limits (HOURS=24 WORKERS=0 BROWSERS=1)
 PYTHON ?= python3
@@ -10,9 +11,10 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 PORT ?= $(or $(GSS_PORT),8181)
 SIMULATOR ?= $(or $(GSS_SIMULATOR),cubestar)
 
-.PHONY: run check test lint types unit web web-test bench soak lock clean docs
+.PHONY: run check test lint types unit web web-test evidence bench soak lock clean docs
 
-run: $(VENV)/.installed web
+run: $(VENV)/.run-installed
+	@$(BIN)/python tools/build_web.py --once
 	@$(BIN)/gss serve --port $(PORT) --simulator $(SIMULATOR)
 
 check: lint types
@@ -20,47 +22,66 @@ check: lint types
 
 test: lint types web-test unit
 
-lint: $(VENV)/.installed
+lint: web
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
+	cd web && npm run --silent lint
 
-types: $(VENV)/.installed
+types: $(VENV)/.test-installed
 	$(BIN)/mypy
 
-web: $(VENV)/.installed
+web: $(VENV)/.test-installed
 	@$(BIN)/python tools/build_web.py
 
 web-test: web
 	cd web && npm run check && npm test
 
-# tests/conftest.py says what stays together in one process, and the order.
-unit: $(VENV)/.installed web
-	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Three processes on two cores: while one waits for a server, two compute. tests/conftest.py says what stays together.
+unit: $(VENV)/.test-installed web
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder
+
+# Every trial of the statistical tests; make test runs a part of them. Campaigns: gss experiments, tools/fuzz.py, make soak.
+evidence: $(VENV)/.test-installed
+	$(BIN)/pytest -n 2 --dist loadfile --timeout 600 tests/pipeline --evidence
 
 # Hours of load: fifty packets a second, ten listeners, browsers; a line per minute, JSON at the end.
 HOURS ?= 24
 WORKERS ?= 0
 BROWSERS ?= 1
-soak: $(VENV)/.installed web
+soak: $(VENV)/.test-installed web
 	$(BIN)/python -m tools.soak $(HOURS) --workers $(WORKERS) --browsers $(BROWSERS)
 
-bench: $(VENV)/.installed
+bench: $(VENV)/.test-installed
 	$(BIN)/python -m tools.bench
 
-# Everything is pinned with its hash, so the only step that trusts a name is the project itself.
-$(VENV)/.installed: constraints.txt pyproject.toml
+# Everything is pinned with its hash, so the only step that trusts a name is the project itself. Python compiles a module
+# when it is first imported instead of all at installation: that saves a third of the time and a tenth of the disk.
+unexport PYTHONDONTWRITEBYTECODE
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+INSTALL := $(PIP) install --no-compile --require-hashes -r
+
+$(VENV)/.run-installed: constraints.txt pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed; try make PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
-	@echo "making a Python environment in $(VENV) …"
+	@echo "creating a Python environment in $(VENV) …"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "fetching what GSS stands on into it, about two minutes, once …"
-	@$(BIN)/python -m pip install --disable-pip-version-check --quiet --require-hashes -r constraints.txt
-	@$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e .
+	@echo "installing what running needs, about a minute, once …"
+	@$(INSTALL) constraints.txt
+	@$(PIP) install --no-compile --no-deps --no-build-isolation -e .
 	@touch $@
 
-lock:
-	uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 --generate-hashes \
-		--no-emit-index-url --no-header --quiet --output-file constraints.txt
+$(VENV)/.test-installed: $(VENV)/.run-installed constraints-dev.txt
+	@echo "installing extras and test tools, about two minutes, once …"
+	@$(INSTALL) constraints-dev.txt
+	@touch $@
+
+EXTRAS := fast cluster postgres s3 gaia checkerboard bench checkout dev
+LOCK := uv pip compile pyproject.toml --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --quiet
+lock: $(VENV)/.test-installed
+	$(LOCK) $(addprefix --extra ,$(EXTRAS)) --output-file constraints-dev.txt
+	cp constraints-dev.txt constraints.txt # its versions are preferred, so that both files agree
+	$(LOCK) --extra checkout --output-file constraints.txt
+	$(INSTALL) constraints-dev.txt
 	$(BIN)/python -m tools.licences
 
 clean:

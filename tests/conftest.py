@@ -34,6 +34,11 @@ WAITING = ("system", "contract")
 """Folders whose files mostly wait for servers and lines."""
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--evidence``, used by ``make evidence``."""
+    parser.addoption("--evidence", action="store_true", help="run every trial of the statistical tests (make evidence)")
+
+
 class OneBrowser(LoadFileScheduling):
     """Distributes files among processes; all browser tests stay in one process, which shares browser and server."""
 
@@ -106,16 +111,18 @@ def hostile() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def postgres_url() -> Iterator[str]:
-    """URL of a temporary PostgreSQL server on a free loopback port. PostgreSQL refuses to run as root, so it then runs
-    as user nobody."""
+    """URL of a temporary PostgreSQL server on a free loopback port.
+
+    PostgreSQL refuses to run as root, so it then runs as an unprivileged system user.
+    """
     programs = postgres_bin()
     assert programs is not None
     folder = Path(tempfile.mkdtemp(prefix="gss-pg-"))
     who: dict[str, Any] = {}
     if os.geteuid() == 0:
-        nobody = pwd.getpwnam("nobody")
-        who = {"user": nobody.pw_uid, "group": nobody.pw_gid, "extra_groups": []}
-        os.chown(folder, nobody.pw_uid, nobody.pw_gid)
+        unprivileged = pwd.getpwnam("nobody")
+        who = {"user": unprivileged.pw_uid, "group": unprivileged.pw_gid, "extra_groups": []}
+        os.chown(folder, unprivileged.pw_uid, unprivileged.pw_gid)
     data, port = folder / "data", free_port()
     options = {"check": True, "capture_output": True, "cwd": folder, **who}
     subprocess.run([programs / "initdb", "-D", data, "-A", "trust", "-U", "gss", "--no-sync"], **options)
@@ -143,7 +150,7 @@ def s3_server() -> Iterator[str]:
             time.sleep(0.05)
     yield f"http://127.0.0.1:{port}"
     process.terminate()
-    process.wait(10)
+    process.wait(60)
 
 
 @pytest.fixture(scope="session")
@@ -195,6 +202,33 @@ def signed_in() -> Callable[..., dict[str, str]]:
     return sign_in
 
 
+@pytest.fixture(scope="session", autouse=True)
+def copied_databases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Migrate one empty SQLite database per process; every further new database of a test is a copy of its file. Existing
+    files, PostgreSQL and named revisions are migrated."""
+    from alembic import command
+    from sqlalchemy import make_url
+
+    upgrade, lock = command.upgrade, threading.Lock()
+    template = tmp_path_factory.mktemp("template") / "gss.db"
+
+    def copy_or_upgrade(config: Any, revision: str) -> None:
+        url = make_url(config.get_main_option("sqlalchemy.url"))
+        target = Path(url.database or "")
+        if revision != "head" or url.get_backend_name() != "sqlite" or target.exists():
+            upgrade(config, revision)
+            return
+        with lock:
+            if not template.exists():
+                config.set_main_option("sqlalchemy.url", f"sqlite:///{template}")
+                upgrade(config, revision)
+        shutil.copyfile(template, target)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(command, "upgrade", copy_or_upgrade)
+        yield
+
+
 @contextmanager
 def _database(where: Any) -> Iterator[Any]:
     from gss.settings import Settings
@@ -224,22 +258,22 @@ class SensorInMemory:
     def __init__(self, url: str, **identity: Any) -> None:
         import numpy as np
 
-        from gss.device.dictionary_file import load_dictionary
         from gss.device.simulator.factory import burn_golden
         from gss.device.simulator.firmware import StarTracker
-        from gss.device.simulator.machine import Device, Identity
+        from gss.device.simulator.machine import Identity, SimulatedDevice
         from gss.device.simulator.memory import Memory
         from gss.device.simulator.orbit import Inertial
-        from gss.device.simulator.sky import Sky
-        from gss.domain.profiles import profile
+        from gss.device.simulator.sky import SimulatedSky
+        from gss.instruments.dictionary.read_dictionary import load_dictionary
+        from gss.instruments.registry import shipped_camera
 
         self.url, self.now_s, self.cut, self.deaf = url, 100.0, False, False
         self.written: list[bytes] = []
-        self.memory, camera = Memory.in_ram(), profile("cubestar")
+        self.memory, camera = Memory.in_ram(), shipped_camera("cubestar")
         burn_golden(self.memory, camera, _factory_catalogue(self.memory.bank_bytes))
         motion = Inertial.pointing(np.radians(84.0), np.radians(5.0), 0.3)
-        self.tracker = StarTracker(camera, Sky(camera, motion, 2026.0, 1), self.memory)
-        self.device = Device(load_dictionary(), Identity(**identity), self.memory, self.tracker, self.now_s)
+        self.tracker = StarTracker(camera, SimulatedSky(camera, motion, 2026.0, 1), self.memory)
+        self.device = SimulatedDevice(load_dictionary(), Identity(**identity), self.memory, self.tracker, self.now_s)
         self.lock = threading.Lock()
         self._events: Any = None
 
@@ -289,10 +323,10 @@ class SensorInMemory:
 
 @lru_cache(maxsize=1)
 def _factory_catalogue(bank_bytes: int) -> Any:
-    from gss.device.golden import build_golden
-    from gss.domain.profiles import profile
+    from gss.instruments.golden import build_golden
+    from gss.instruments.registry import shipped_camera
 
-    return build_golden(profile("cubestar"), bank_bytes)
+    return build_golden(shipped_camera("cubestar"), bank_bytes)
 
 
 @pytest.fixture
@@ -303,5 +337,21 @@ def sensor_in_memory(monkeypatch: pytest.MonkeyPatch) -> Callable[..., SensorInM
         sensor = SensorInMemory("memory://sensor", **identity)
         monkeypatch.setattr("gss.operations.line.link.open_stream", sensor.open)
         return sensor
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def tle_of() -> Callable[..., str]:
+    """Two-line elements, with a name, of a low polar orbit with an epoch that many days before a time, by default now."""
+
+    def make(age_days: float, now: datetime | None = None) -> str:
+        epoch = (now or datetime.now(UTC)) - timedelta(days=age_days)
+        day = (epoch - datetime(epoch.year, 1, 1, tzinfo=UTC)) / timedelta(days=1) + 1
+        lines = [
+            f"1 25544U 98067A   {epoch:%y}{day:012.8f}  .00001764  00000-0  38792-4 0  999",
+            "2 25544  97.6439 211.2001 0007417  17.6667  85.6398 15.2010347220248",
+        ]
+        return "ZA-1\n" + "".join(f"{x}{sum(int(c) if c.isdigit() else c == '-' for c in x) % 10}\n" for x in lines)
 
     return make

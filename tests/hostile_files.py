@@ -42,7 +42,7 @@ def table(**cards: object) -> bytes:
 
 
 def gzip_zeros(size: int) -> bytes:
-    """So many zero bytes, compressed."""
+    """Return ``size`` zero bytes, compressed."""
     packer = zlib.compressobj(9, zlib.DEFLATED, 31)
     piece = bytes(1 << 20)
     return b"".join(packer.compress(piece[: size - at]) for at in range(0, size, len(piece))) + packer.flush()

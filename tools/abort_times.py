@@ -29,9 +29,9 @@ from pathlib import Path
 import httpx2
 import numpy as np
 
-from gss.device.dictionary_file import load_dictionary
-from gss.device.protocol.line import LineReceiver
 from gss.device.protocol.packet import PacketType
+from gss.device.protocol.receiver import LineReceiver
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 from tools.served import Served, served
 
 LIMIT_S = 0.5
@@ -39,7 +39,7 @@ SMALL_DISK_MB = 64
 GIVE_UP_S = 30.0
 
 
-class Tap:
+class AbortTap:
     """TCP relay between server and sensor that records when ABORT passes towards the sensor."""
 
     def __init__(self, sensor_port: int) -> None:
@@ -98,7 +98,7 @@ class Times:
         return max(GIVE_UP_S if s is None else s for s in self.wire_s)
 
 
-def measure(condition: str, server: Served, tap: Tap, times: int) -> Times:
+def measure(condition: str, server: Served, tap: AbortTap, times: int) -> Times:
     """Send ABORT ``times`` times, each over a new connection."""
     wire: list[float | None] = []
     answers: list[tuple[int, float]] = []
@@ -129,13 +129,13 @@ def _press(server: Served, start_s: float, answered: list[tuple[int, float]]) ->
 
 
 @contextlib.contextmanager
-def idle(_server: Served, _tap: Tap) -> Iterator[None]:
+def idle(_server: Served, _tap: AbortTap) -> Iterator[None]:
     """No other load."""
     yield
 
 
 @contextlib.contextmanager
-def database_locked(server: Served, _tap: Tap) -> Iterator[None]:
+def database_locked(server: Served, _tap: AbortTap) -> Iterator[None]:
     """Another process holds SQLite's write lock."""
     connection = sqlite3.connect(server.folder / "gss.db", isolation_level=None, timeout=30)
     connection.execute("BEGIN IMMEDIATE")
@@ -146,7 +146,7 @@ def database_locked(server: Served, _tap: Tap) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def disk_full(server: Served, _tap: Tap) -> Iterator[None]:
+def disk_full(server: Served, _tap: AbortTap) -> Iterator[None]:
     """The disk of the data folder is full."""
     filler = server.folder / "filler"
     with filler.open("wb", buffering=0) as file, contextlib.suppress(OSError):
@@ -158,7 +158,7 @@ def disk_full(server: Served, _tap: Tap) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def many_queued(server: Served, tap: Tap) -> Iterator[None]:
+def many_queued(server: Served, tap: AbortTap) -> Iterator[None]:
     """Five hundred commands are queued because the sensor does not respond; the queue is refilled for each ABORT."""
     tap.silent.set()
     body = {"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 100}}
@@ -174,7 +174,7 @@ def many_queued(server: Served, tap: Tap) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def importing(server: Served, _tap: Tap) -> Iterator[None]:
+def importing(server: Served, _tap: AbortTap) -> Iterator[None]:
     """Photographs of 16 megapixels are imported continuously."""
     from astropy.io import fits
 
@@ -192,7 +192,7 @@ def _import(server: Served, content: bytes) -> None:
 
 
 @contextlib.contextmanager
-def slow_clients(server: Served, _tap: Tap) -> Iterator[None]:
+def slow_clients(server: Served, _tap: AbortTap) -> Iterator[None]:
     """Two hundred clients without an account send one byte of a sign-in request per second."""
     head = b"POST /api/session HTTP/1.1\r\nHost: localhost\r\nX-GSS: 1\r\n"
     head += b"Content-Type: application/json\r\nContent-Length: 60000\r\n\r\n"
@@ -221,7 +221,7 @@ def slow_clients(server: Served, _tap: Tap) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def workers_dead(server: Served, _tap: Tap) -> Iterator[None]:
+def workers_dead(server: Served, _tap: AbortTap) -> Iterator[None]:
     """Every API worker is killed repeatedly."""
     stop = threading.Event()
 
@@ -257,7 +257,7 @@ def _repeated(threads: int, work: Callable[[], None]) -> Iterator[None]:
     stop.set()
 
 
-CONDITIONS: dict[str, tuple[Callable[[Served, Tap], contextlib.AbstractContextManager[None]], tuple[str, ...]]] = {
+CONDITIONS: dict[str, tuple[Callable[[Served, AbortTap], contextlib.AbstractContextManager[None]], tuple[str, ...]]] = {
     "idle": (idle, ()),
     "database locked": (database_locked, ()),
     "disk full": (disk_full, ()),
@@ -285,7 +285,7 @@ def _folder(small: bool) -> Iterator[Path]:
 def _sensor(folder: Path) -> Iterator[int]:
     command = [sys.executable, "-m", "gss", "simulate", "--tcp", "0", "--baud", "0", "--state-dir", str(folder)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    assert process.stdout is not None  # noqa: S101 - a pipe was asked for
+    assert process.stdout is not None  # noqa: S101 - a pipe was requested
     ready = next(line for line in process.stdout if "READY" in line)
     yield int(ready.rsplit(":", 1)[1])
     process.terminate()
@@ -298,19 +298,19 @@ def run(condition: str, times: int) -> Times:
     limits = {"GSS_DISK_WATCH_MB": "2", "GSS_DISK_STOP_MB": "1"}
     # The first ABORT empties the queue, so each ABORT needs its own round.
     rounds = times if context is many_queued else 1
-    found = Times(condition, [], [])
+    result = Times(condition, [], [])
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(_folder(small=context is disk_full))
         state = stack.enter_context(tempfile.TemporaryDirectory())
-        tap = Tap(stack.enter_context(_sensor(Path(state))))
+        tap = AbortTap(stack.enter_context(_sensor(Path(state))))
         stack.callback(tap.close)
         device = f"socket://127.0.0.1:{tap.port}"
         server = stack.enter_context(served(folder, "--device", device, *arguments, **limits))
         _wait_for_sensor(server)
         for _ in range(rounds):
             with context(server, tap):
-                found += measure(condition, server, tap, times // rounds)
-    return found
+                result += measure(condition, server, tap, times // rounds)
+    return result
 
 
 def _wait_for_sensor(server: Served) -> None:
@@ -330,17 +330,17 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", choices=list(CONDITIONS), default=list(CONDITIONS))
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     chosen = parser.parse_args()
-    found = [run(condition, chosen.times) for condition in chosen.only]
+    measured = [run(condition, chosen.times) for condition in chosen.only]
     if chosen.json:
-        print(json.dumps([vars(times) for times in found]))
+        print(json.dumps([vars(times) for times in measured]))
     else:
         print(f"{'condition':<22}{'wire median':>13}{'wire worst':>13}{'answer worst':>14}  status")
-        for times in found:
+        for times in measured:
             median = statistics.median(GIVE_UP_S if s is None else s for s in times.wire_s)
             codes = " ".join(str(code) for code, _ in times.answers)
             answer_s = max(s for _, s in times.answers)
             print(f"{times.condition:<22}{median:>11.3f} s{times.worst_s:>11.3f} s{answer_s:>12.3f} s  {codes}")
-    return int(any(times.worst_s > LIMIT_S for times in found))
+    return int(any(times.worst_s > LIMIT_S for times in measured))
 
 
 if __name__ == "__main__":

@@ -34,10 +34,10 @@ from tools.bench_identify import lost_in_space, near_attitude  # noqa: E402
 from tools.bench_ingest import ingest  # noqa: E402
 from tools.bench_line import packets, transfers  # noqa: E402
 from tools.bench_page import updated  # noqa: E402
-from tools.bench_tables import Table, machine  # noqa: E402
+from tools.bench_tables import BenchTable, machine  # noqa: E402
 from tools.bench_tasks import page_tasks  # noqa: E402
 
-SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
+SECTIONS: dict[str, Callable[[bool], list[BenchTable]]] = {
     "render": drawing,
     "centroid": finding,
     "chain": chains,
@@ -56,21 +56,21 @@ SECTIONS: dict[str, Callable[[bool], list[Table]]] = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the sections and print the tables."""
     parser = _parser()
-    asked = parser.parse_args(arguments)
-    unknown = [name for name in asked.sections if name not in SECTIONS]
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.sections if name not in SECTIONS]
     if unknown:
         parser.error(f"unknown section {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
     at_start = machine()
-    show = sys.stderr if asked.json else sys.stdout
-    tables: list[Table] = []
-    for name in asked.sections or SECTIONS:
-        for table in SECTIONS[name](asked.quick):
+    show = sys.stderr if options.json else sys.stdout
+    tables: list[BenchTable] = []
+    for name in options.sections or SECTIONS:
+        for table in SECTIONS[name](options.quick):
             tables.append(table)
-            print(table.markdown() if asked.markdown else table.text(), file=show, flush=True)
-    if asked.update:
-        asked.update.write_text(updated(asked.update.read_text(), tables))
-    report = _report(at_start, asked.quick, tables)
-    if asked.json:
+            print(table.markdown() if options.markdown else table.text(), file=show, flush=True)
+    if options.update:
+        options.update.write_text(updated(options.update.read_text(), tables))
+    report = _report(at_start, options.quick, tables)
+    if options.json:
         json.dump(report, sys.stdout, indent=1)
         print()
     else:
@@ -92,7 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _report(at_start: dict[str, Any], quick: bool, tables: list[Table]) -> dict[str, Any]:
+def _report(at_start: dict[str, Any], quick: bool, tables: list[BenchTable]) -> dict[str, Any]:
     return {
         "machine": at_start | {"load_average_at_end": machine()["load_average"]},
         "threads": 1,

@@ -1,4 +1,4 @@
-"""API throughput and latency, with one process and with two API workers; own load generator on keep-alive connections."""
+"""API throughput and latency, with one process and with two API workers; load by httpx2 on keep-alive connections."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import time
 from pathlib import Path
 from urllib.parse import quote
 
+import httpx2
 import numpy as np
 
-from tools.bench_tables import Table, Value
+from tools.bench_tables import BenchTable, Value
 from tools.served import Served, served
 from tools.soak import wait_for_rest
 
@@ -18,7 +19,7 @@ SEED = 1
 CONNECTIONS = 8
 
 
-def api(quick: bool) -> list[Table]:
+def api(quick: bool) -> list[BenchTable]:
     """Return requests per second and response times."""
     seconds = 0.5 if quick else 5.0
     rows: list[tuple[str, dict[str, Value]]] = []
@@ -31,11 +32,13 @@ def api(quick: bool) -> list[Table]:
                 for name, path in _paths().items():
                     rows.append((f"{label}: {name}", asyncio.run(_measured(server, path, seconds))))
     conditions = (
-        f"{CONNECTIONS} keep-alive connections on loopback for {seconds:g} s each; every one asks again as soon as it is answered; "
-        "simulated sensor on the line; the generator (asyncio, one process) shares the machine. "
-        "With API workers the header and the latest values are forwarded to the link process, the rest is answered by the worker."
+        f"{CONNECTIONS} keep-alive connections on loopback for {seconds:g} s each; each sends its next request "
+        "when it receives a response; "
+        "simulated sensor on the line; the generator (httpx2, one process) shares the machine. "
+        "With API workers the header and the latest values are forwarded to the link process, "
+        "the worker answers all other requests."
     )
-    return [Table("api", "Answers of the API", conditions, SEED, rows)]
+    return [BenchTable("api", "Answers of the API", conditions, SEED, rows)]
 
 
 def _paths() -> dict[str, str]:
@@ -63,30 +66,10 @@ async def _measured(server: Served, path: str, seconds: float) -> dict[str, Valu
 
 
 async def _ask(server: Served, path: str, end_s: float, took_s: list[float], sizes: list[int]) -> None:
-    host, port = server.host_and_port
-    reader, writer = await asyncio.open_connection(host, port, limit=1 << 24)
-    head = "".join(f"{name}: {value}\r\n" for name, value in server.headers.items())
-    request = f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\n{head}\r\n".encode()
-    try:
+    headers = server.headers | {"Accept-Encoding": "identity"}
+    async with httpx2.AsyncClient(base_url=server.address, headers=headers, trust_env=False, timeout=60) as client:
         while time.perf_counter() < end_s:
-            asked_s = time.perf_counter()
-            writer.write(request)
-            status = await reader.readuntil(b"\r\n\r\n")
-            if b" 200 " not in status.split(b"\r\n", 1)[0]:
-                raise RuntimeError(f"{path}: {status.splitlines()[0].decode()}")
-            fields = dict(line.lower().split(b": ", 1) for line in status.split(b"\r\n")[1:] if line)
-            size = await _body(reader, fields)
-            took_s.append(time.perf_counter() - asked_s)
-            sizes.append(size)
-    finally:
-        writer.close()
-
-
-async def _body(reader: asyncio.StreamReader, fields: dict[bytes, bytes]) -> int:
-    if b"content-length" in fields:
-        return len(await reader.readexactly(int(fields[b"content-length"])))
-    size = 0
-    while piece := int(await reader.readline(), 16):
-        size += len(await reader.readexactly(piece + 2)) - 2
-    await reader.readline()
-    return size
+            requested_s = time.perf_counter()
+            reply = await client.get(path)
+            took_s.append(time.perf_counter() - requested_s)
+            sizes.append(len(reply.raise_for_status().content))

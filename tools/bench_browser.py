@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tools.bench_tables import Table, Value
+from tools.bench_tables import BenchTable, Value
 from tools.browser import chromium, launch_options
 from tools.served import Served, served
 from tools.soak import wait_for_rest
@@ -27,25 +27,25 @@ PIXELS = """() => {
   const late = (window.late = []);
   const stream = new EventSource('/api/stream');
   stream.addEventListener('link', (e) => {
-    const told = Date.parse(JSON.parse(e.data).utc);
-    requestAnimationFrame(() => requestAnimationFrame(() => late.push(Date.now() - told)));
+    const sentMs = Date.parse(JSON.parse(e.data).utc);
+    requestAnimationFrame(() => requestAnimationFrame(() => late.push(Date.now() - sentMs)));
   });
 }"""
 
 
-def page_load(quick: bool) -> list[Table]:
+def page_load(quick: bool) -> list[BenchTable]:
     """Return the first view, and the delay from the server's clock to a painted frame."""
     if chromium() is None:
-        return [Table("page_load", "Pages in a browser", "Skipped: there is no chromium here.", SEED, [])]
+        return [BenchTable("page_load", "Pages in a browser", "Skipped: there is no chromium here.", SEED, [])]
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
         wait_for_rest(server)
         rows = asyncio.run(_watch(server, 2 if quick else 7, 5.0 if quick else 20.0))
     conditions = (
         "Debian's chromium, headless, drawn in software, on the server's machine. First view: the Live page from an empty cache "
-        "until its header bar shows the sensor; bytes as they came (gzip) of pages, scripts, styles and faces, before the Rerun "
+        "until its header bar shows the sensor; bytes as received (gzip) of pages, scripts, styles and faces, before the Rerun "
         "viewer. Late: from the time the server writes into the header bar to the second animation frame after it came."
     )
-    return [Table("page_load", "Pages in a browser", conditions, SEED, rows)]
+    return [BenchTable("page_load", "Pages in a browser", conditions, SEED, rows)]
 
 
 async def _watch(server: Served, times: int, seconds: float) -> list[tuple[str, dict[str, Value]]]:

@@ -14,12 +14,12 @@ from gss.catalogue_tools.envelope.envelope import WholeSky
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit
 from gss.catalogue_tools.selection.quality import assess
-from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.selection.selection import SelectionRules
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
-from gss.catalogue_tools.tables.distances import distance_table
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
+from gss.skytables.pairs import distance_table
 from tools.bench_scenes import EPOCH_JYEAR
-from tools.bench_tables import Table, Value, repeated_ms, spread, timed_ms
+from tools.bench_tables import BenchTable, Value, repeated_ms, spread, timed_ms
 
 SEED = 1
 START = datetime(2026, 12, 1, tzinfo=UTC)
@@ -31,16 +31,16 @@ def _deg(*values: float) -> tuple[float, float]:
 
 
 SUNSAT_YEAR = BuildRequest(
+    shipped_camera("sunsat"),
     "sunsat",
-    "sunsat",
-    Rules(6.0, 2.5, float(np.radians(0.25))),
+    SelectionRules(6.0, 2.5, float(np.radians(0.25))),
     orbit=ElementsOrbit(_deg(97, 97), _deg(0, 360)),
     attitude=AttitudeLimits("sunsat", _deg(-10, 10), _deg(-5, 5), _deg(130, 140)),
     start=START,
     days=365.0,
 )
 SUNSAT_FORTNIGHT = BuildRequest(
-    "sunsat",
+    shipped_camera("sunsat"),
     "sunsat",
     SUNSAT_YEAR.rules,
     orbit=ElementsOrbit(_deg(97, 97), _deg(133, 149)),
@@ -48,10 +48,12 @@ SUNSAT_FORTNIGHT = BuildRequest(
     start=START,
     seed=SEED,
 )
-CUBESTAR_SKY = BuildRequest("cubestar", "cubestar", Rules(3.8), pair_max_rad=float(np.radians(43)), seed=SEED)
+CUBESTAR_SKY = BuildRequest(
+    shipped_camera("cubestar"), "cubestar", SelectionRules(3.8), pair_max_rad=float(np.radians(43)), seed=SEED
+)
 
 
-def catalogues(quick: bool) -> list[Table]:
+def catalogues(quick: bool) -> list[BenchTable]:
     """Return times of the catalogue tools."""
     times = 1 if quick else 15
     stars = load_stars()
@@ -78,15 +80,15 @@ def catalogues(quick: bool) -> list[Table]:
         rows.append((label, spread(durations) | {"stars": len(built.stars), "pairs": len(built.distances)}))
     rows.append(_pointings(1_000 if quick else 1_000_000))
     conditions = (
-        "Hipparcos stars of the project, loaded before. Distance table: all pairs, seen from zero distance. "
+        "GSS's Hipparcos stars, loaded in advance. Distance table: all pairs from zero distance. "
         "Year: inclination 97°, every node, roll ±10°, pitch ±5°, yaw 130–140°, V 2.5–6, doubles out; estimated pairs. "
         "Full builds include image, manifest and 30 000 pointings."
     )
-    return [Table("catalogue", "Catalogue tools", conditions, SEED, rows)]
+    return [BenchTable("catalogue", "Catalogue tools", conditions, SEED, rows)]
 
 
 def _pointings(count: int) -> tuple[str, dict[str, Value]]:
-    shape = FieldShape(profile("cubestar").camera)
+    shape = FieldShape(shipped_camera("cubestar").camera)
     unit = propagate(load_stars(3.8), EPOCH_JYEAR).icrs
     with ThreadPoolExecutor(2) as pool:
         duration_ms, quality = timed_ms(

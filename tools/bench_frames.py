@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 
 from gss.catalogue_tools.onboard import decode, encode
 from gss.catalogue_tools.sources.hipparcos import FAINTEST_V_MAG, load_stars, propagate
-from gss.catalogue_tools.tables.distances import distance_table
-from gss.domain.profiles import CameraProfile, profile
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import SolveResult, Truth, Verdict
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
-from gss.domain.stars import OnboardCatalogue
+from gss.instruments.registry import shipped_camera
 from gss.pipeline import kernels
 from gss.pipeline.chains import cubestar, reference
 from gss.pipeline.detect import find_stars
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.verify import SkyCatalogue
 from gss.pipeline.render import render
 from gss.pipeline.score import assess
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import distance_table
 from tools.bench_scenes import E_PER_DN, EPOCH_JYEAR, SIGMA_PX, Array, StarFrame, star_frames
-from tools.bench_tables import Table, Value, repeated_ms, spread, timed_ms
+from tools.bench_tables import BenchTable, Value, repeated_ms, spread, timed_ms
 
 FIND_SEED, CHAIN_SEED, DRAW_SEED = 554, 11, 5
 STARS = 20
@@ -32,27 +33,27 @@ DEEPER_MAG = 2.5
 Finder = Callable[[NDArray[np.uint8]], Array]
 
 
-def drawing(quick: bool) -> list[Table]:
+def drawing(quick: bool) -> list[BenchTable]:
     """Return the time to render one frame."""
     rows: list[tuple[str, dict[str, Value]]] = []
     for name in ("cubestar", "sunsat"):
-        known = profile(name)
-        stars = propagate(load_stars(_drawn_to_mag(known)), EPOCH_JYEAR)
+        profile = shipped_camera(name)
+        stars = propagate(load_stars(_drawn_to_mag(profile)), EPOCH_JYEAR)
         rng = np.random.default_rng(DRAW_SEED)
 
-        def draw(known: CameraProfile = known, stars: Any = stars, rng: np.random.Generator = rng) -> object:
+        def draw(profile: CameraProfile = profile, stars: Any = stars, rng: np.random.Generator = rng) -> object:
             pose = matrix_from_quaternion(random_quaternion(rng))
-            return render(stars, known.camera, known.sensor, pose, known.sensor.exposure_s, rng)
+            return render(stars, profile.camera, profile.sensor, pose, profile.sensor.exposure_s, rng)
 
-        size = f"{known.camera.columns} x {known.camera.rows}"
+        size = f"{profile.camera.columns} x {profile.camera.rows}"
         rows.append((f"{name}, {size}", spread(repeated_ms(draw, 5 if quick else 60))))
     conditions = (
         f"Random attitudes, stars to {DEEPER_MAG} mag below the camera's limit (V 8 at most), all noise, no motion."
     )
-    return [Table("render", "Drawing a frame", conditions, DRAW_SEED, rows)]
+    return [BenchTable("render", "Drawing a frame", conditions, DRAW_SEED, rows)]
 
 
-def finding(quick: bool) -> list[Table]:
+def finding(quick: bool) -> list[BenchTable]:
     """Return detection and centroid results of all finders on the same frames, interleaved so that machine load affects
     all equally."""
     frames = star_frames(3 if quick else 60, STARS, FIND_SEED)
@@ -71,38 +72,39 @@ def finding(quick: bool) -> list[Table]:
         except ImportError as error:
             skipped.append(f"{error.name} is not installed")
     spent: dict[str, list[float]] = {name: [] for name in finders}
-    found: dict[str, list[Array]] = {name: [] for name in finders}
+    centroids: dict[str, list[Array]] = {name: [] for name in finders}
     for finder in finders.values():
         finder(frames[0].pixels)
     for frame in frames:
         for name, finder in finders.items():
             duration_ms, places = timed_ms(partial(finder, frame.pixels))
             spent[name].append(duration_ms)
-            found[name].append(places)
+            centroids[name].append(places)
     ours_ms = float(np.median(spent["reference, known camera"]))
     rows = [
         (
             name,
             spread(spent[name])
             | {"time_of_ours": float(np.median(spent[name])) / ours_ms}
-            | _judged(frames, found[name]),
+            | _judged(frames, centroids[name]),
         )
         for name in finders
     ]
     conditions = (
         f"{len(frames)} frames of 1024 x 512 px, 8 bits, {STARS} stars over 3 mag, σ {SIGMA_PX:g} px, {E_PER_DN:g} e/DN, "
-        f"read-out 40 e, dark 80 e, not drawn by our renderer. A star counts as found within {FOUND_WITHIN_PX} px; rms per axis. "
+        f"read-out 40 e, dark 80 e, not drawn by GSS's renderer. A star counts as detected within "
+        f"{FOUND_WITHIN_PX} px; rms per axis. "
         "The bound is Cramér–Rao's, of known flux and width."
     )
-    return [Table("centroid", "Detection and centroids", conditions, FIND_SEED, rows, skipped)]
+    return [BenchTable("centroid", "Detection and centroids", conditions, FIND_SEED, rows, skipped)]
 
 
 def _ours(sigma_px: float | None, *, fast: bool) -> Finder:
     def find(pixels: NDArray[np.uint8]) -> Array:
         if sigma_px is None:
             return find_stars(pixels, fast=fast).centroids.pixels
-        found = find_stars(pixels, psf_sigma_px=sigma_px, saturation_dn=255.0, e_per_dn=E_PER_DN, fast=fast)
-        return found.centroids.pixels
+        detections = find_stars(pixels, psf_sigma_px=sigma_px, saturation_dn=255.0, e_per_dn=E_PER_DN, fast=fast)
+        return detections.centroids.pixels
 
     return find
 
@@ -131,10 +133,10 @@ def _sep_finders() -> dict[str, Finder]:
 def _tetra3rs_finders() -> dict[str, Finder]:
     import tetra3rs
 
-    def places(pixels: NDArray[np.uint8], found: Any) -> Array:
+    def places(pixels: NDArray[np.uint8], detections: Any) -> Array:
         rows, columns = pixels.shape
         middle = columns / 2 - 0.5, rows / 2 - 0.5
-        return np.array([(c.x + middle[0], c.y + middle[1]) for c in found.centroids], float).reshape(-1, 2)
+        return np.array([(c.x + middle[0], c.y + middle[1]) for c in detections.centroids], float).reshape(-1, 2)
 
     return {
         "tetra3rs": lambda pixels: places(pixels, tetra3rs.extract_centroids(pixels, threads=1)),
@@ -142,9 +144,9 @@ def _tetra3rs_finders() -> dict[str, Finder]:
     }
 
 
-def _judged(frames: list[StarFrame], found: list[Array]) -> dict[str, Value]:
+def _judged(frames: list[StarFrame], centroids: list[Array]) -> dict[str, Value]:
     errors, bounds, false = [], [], 0
-    for frame, places in zip(frames, found, strict=True):
+    for frame, places in zip(frames, centroids, strict=True):
         used: set[int] = set()
         for place, bound_px in zip(frame.places, frame.bound_px, strict=True):
             offsets = places - place
@@ -165,56 +167,56 @@ def _judged(frames: list[StarFrame], found: list[Array]) -> dict[str, Value]:
     }
 
 
-def chains(quick: bool) -> list[Table]:
+def chains(quick: bool) -> list[BenchTable]:
     """Return results of both chains from pixels to attitude on the same frames."""
-    known = profile("cubestar")
-    bank, sky, parameters = _bank(known), _known_sky(known), cubestar.default_parameters(known)
+    profile = shipped_camera("cubestar")
+    bank, sky, parameters = _bank(profile), _known_sky(profile), cubestar.default_parameters(profile)
     loops = {"": False} | ({" [fast]": True} if kernels.AVAILABLE else {})
     results: dict[str, list[tuple[float, Verdict]]] = {n + f: [] for n in ("cubestar", "reference") for f in loops}
-    for pixels, truth in _frames_of(known, 3 if quick else 200):
+    for pixels, truth in _frames_of(profile, 3 if quick else 200):
         solves: dict[str, Callable[[], SolveResult]] = {}
         for suffix, fast in loops.items():
-            ours = partial(cubestar.solve, pixels, known.camera, bank, parameters, fast=fast)
-            free = partial(reference.solve_known, pixels, known.camera, known.sensor, sky, fast=fast)
+            ours = partial(cubestar.solve, pixels, profile.camera, bank, parameters, fast=fast)
+            free = partial(reference.solve_known, pixels, profile.camera, profile.sensor, sky, fast=fast)
             solves |= {"cubestar" + suffix: ours, "reference" + suffix: free}
         for name, solve in solves.items():
             if not results[name]:
                 solve()
             duration_ms, result = timed_ms(solve)
-            results[name].append((duration_ms, assess(result, truth, known.camera).verdict))
+            results[name].append((duration_ms, assess(result, truth, profile.camera).verdict))
     rows = [(name, spread([ms for ms, _ in said]) | _verdicts([v for _, v in said])) for name, said in results.items()]
     conditions = (
-        f"{len(results['cubestar'])} frames of the CubeStar camera (1024 x 512 px, its distortion), our renderer, "
+        f"{len(results['cubestar'])} frames of the CubeStar camera (1024 x 512 px, its distortion), GSS's renderer, "
         f"random attitudes, stars to {DEEPER_MAG} mag below the limit of 3.8; lost in space, bank through the on-board format."
     )
-    return [Table("chain", "From pixels to attitude", conditions, CHAIN_SEED, rows)]
+    return [BenchTable("chain", "From pixels to attitude", conditions, CHAIN_SEED, rows)]
 
 
-def _frames_of(known: CameraProfile, count: int) -> Iterator[tuple[NDArray[Any], Truth]]:
-    stars = propagate(load_stars(_drawn_to_mag(known)), EPOCH_JYEAR)
+def _frames_of(profile: CameraProfile, count: int) -> Iterator[tuple[NDArray[Any], Truth]]:
+    stars = propagate(load_stars(_drawn_to_mag(profile)), EPOCH_JYEAR)
     rng = np.random.default_rng(CHAIN_SEED)
     for _ in range(count):
         pose = matrix_from_quaternion(random_quaternion(rng))
-        drawn = render(stars, known.camera, known.sensor, pose, known.sensor.exposure_s, rng)
+        drawn = render(stars, profile.camera, profile.sensor, pose, profile.sensor.exposure_s, rng)
         yield drawn.pixels, drawn.truth
 
 
-def _drawn_to_mag(known: CameraProfile) -> float:
-    return min(known.sensor.faint_limit_mag + DEEPER_MAG, FAINTEST_V_MAG)
+def _drawn_to_mag(profile: CameraProfile) -> float:
+    return min(profile.sensor.faint_limit_mag + DEEPER_MAG, FAINTEST_V_MAG)
 
 
-def _bank(known: CameraProfile) -> OnboardCatalogue:
-    stars = propagate(load_stars(known.sensor.faint_limit_mag), EPOCH_JYEAR)
+def _bank(profile: CameraProfile) -> OnboardCatalogue:
+    stars = propagate(load_stars(profile.sensor.faint_limit_mag), EPOCH_JYEAR)
     return decode(
-        encode(stars, distance_table(stars, 0.0, known.camera.diagonal_rad), "cubestar", known.name), stars.hip
+        encode(stars, distance_table(stars, 0.0, profile.camera.diagonal_rad), "cubestar", profile.name), stars.hip
     )
 
 
-def _known_sky(known: CameraProfile) -> reference.KnownSky:
-    stars = propagate(load_stars(_drawn_to_mag(known)), EPOCH_JYEAR)
-    stars = stars.brighter_than(_drawn_to_mag(known))
-    sky = Sky(stars.hip, stars.icrs, stars.v_mag)
-    return reference.known_sky(sky, known.camera, known.sensor.faint_limit_mag)
+def _known_sky(profile: CameraProfile) -> reference.KnownSky:
+    stars = propagate(load_stars(_drawn_to_mag(profile)), EPOCH_JYEAR)
+    stars = stars.brighter_than(_drawn_to_mag(profile))
+    sky = SkyCatalogue(stars.hip, stars.icrs, stars.v_mag)
+    return reference.known_sky(sky, profile.camera, profile.sensor.faint_limit_mag)
 
 
 def _verdicts(verdicts: list[Verdict]) -> dict[str, Value]:

@@ -10,39 +10,39 @@ from pathlib import Path
 
 import numpy as np
 
-from gss.catalogue_tools.tables.distances import distance_table_of_units
-from gss.domain.profiles import profile
 from gss.domain.results import Centroids
 from gss.domain.rotation import rotation_from_vector
-from gss.domain.stars import OnboardCatalogue
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains import cubestar, reference
-from gss.pipeline.identify.near import Hint
-from gss.pipeline.identify.verify import Sky
-from tools.bench_scenes import CAMERAS, Array, Optics, StarList, star_lists, visible_stars
-from tools.bench_tables import Table, Value, spread, timed_ms
+from gss.pipeline.identify.near import BoundedPrior
+from gss.pipeline.identify.verify import SkyCatalogue
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import distance_table_of_units
+from tools.bench_scenes import CAMERAS, Array, CentroidList, Optics, star_lists, visible_stars
+from tools.bench_tables import BenchTable, Value, spread, timed_ms
 
 SEED = 2025
 NOISE_PX = 0.2
 FALSE_STARS = (0, 1, 5, 10)
 FEWEST = 4
 PRIOR_OFF_RAD = float(np.radians(0.5))
-Solver = Callable[[StarList], tuple[float, Array | None]]
+Solver = Callable[[CentroidList], tuple[float, Array | None]]
 """Takes a list, returns duration in ms and the (3,) boresight in ICRS, or None without a solution."""
 
 
-def lost_in_space(quick: bool) -> list[Table]:
+def lost_in_space(quick: bool) -> list[BenchTable]:
     """Return one table for each camera."""
     return [_table(optics, 5 if quick else 300) for optics in CAMERAS]
 
 
-def near_attitude(quick: bool) -> list[Table]:
+def near_attitude(quick: bool) -> list[BenchTable]:
     """Return results with a prior attitude off by up to 0.5° (assisted and tracking), with and without false stars."""
     return [_near_table(optics, 5 if quick else 300) for optics in CAMERAS]
 
 
-def _near_table(optics: Optics, count: int) -> Table:
+def _near_table(optics: Optics, count: int) -> BenchTable:
     sky = visible_stars(optics)
-    camera, known = optics.camera, reference.known_sky(sky, optics.camera, optics.faint_mag)
+    camera, known_sky = optics.camera, reference.known_sky(sky, optics.camera, optics.faint_mag)
     rows: list[tuple[str, dict[str, Value]]] = []
     for false_stars in FALSE_STARS:
         rng = np.random.default_rng(SEED + false_stars)
@@ -54,20 +54,20 @@ def _near_table(optics: Optics, count: int) -> Table:
             prior = (
                 rotation_from_vector(turn / np.linalg.norm(turn) * PRIOR_OFF_RAD * rng.uniform()) @ scene.cam_from_icrs
             )
-            hint = Hint(prior, PRIOR_OFF_RAD)
-            duration_ms, result = timed_ms(partial(reference.solve_centroids, centroids, camera, known, hint=hint))
+            hint = BoundedPrior(prior, PRIOR_OFF_RAD)
+            duration_ms, result = timed_ms(partial(reference.solve_centroids, centroids, camera, known_sky, hint=hint))
             answers.append((duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]))
         few = sum(scene.true_stars < FEWEST for scene in scenes)
         spent = spread([ms for ms, _ in answers[1:]])
         rows.append((f"{false_stars} false, reference", spent | _judged(answers, scenes, optics) | {"few": few}))
     conditions = (
         f"{count} lists as lost in space; the prior attitude is off by up to {np.degrees(PRIOR_OFF_RAD):g}° about any axis; "
-        "identification, attitude and covariance together. Where the prior leads nowhere the whole sky is searched."
+        "identification, attitude and covariance together. If the prior gives no solution, the whole sky is searched."
     )
-    return Table("near_attitude", f"Near a known attitude, {optics.name}", conditions, SEED, rows)
+    return BenchTable("near_attitude", f"Near a known attitude, {optics.name}", conditions, SEED, rows)
 
 
-def _table(optics: Optics, count: int) -> Table:
+def _table(optics: Optics, count: int) -> BenchTable:
     sky = visible_stars(optics)
     solvers: dict[str, Solver] = {"reference": _reference(sky, optics)}
     if optics.name == "cubestar":
@@ -88,11 +88,11 @@ def _table(optics: Optics, count: int) -> Table:
         f"right within {np.degrees(optics.tolerance_rad):.2f}°; one thread. "
         f"'few' counts lists with fewer than {FEWEST} stars."
     )
-    return Table("lost_in_space", f"Lost in space, {optics.name}", conditions, SEED, rows, skipped)
+    return BenchTable("lost_in_space", f"Lost in space, {optics.name}", conditions, SEED, rows, skipped)
 
 
 def _rows(
-    label: str, scenes: list[StarList], solvers: dict[str, Solver], optics: Optics
+    label: str, scenes: list[CentroidList], solvers: dict[str, Solver], optics: Optics
 ) -> list[tuple[str, dict[str, Value]]]:
     said: dict[str, list[tuple[float, Array | None]]] = {name: [] for name in solvers}
     for solve in solvers.values():
@@ -110,7 +110,7 @@ def _rows(
     return rows
 
 
-def _judged(answers: list[tuple[float, Array | None]], scenes: list[StarList], optics: Optics) -> dict[str, Value]:
+def _judged(answers: list[tuple[float, Array | None]], scenes: list[CentroidList], optics: Optics) -> dict[str, Value]:
     off_rad: list[float] = []
     for (_, boresight), scene in zip(answers, scenes, strict=True):
         if boresight is not None:
@@ -127,30 +127,30 @@ def _judged(answers: list[tuple[float, Array | None]], scenes: list[StarList], o
     }
 
 
-def _centroids(scene: StarList, optics: Optics) -> Centroids:
+def _centroids(scene: CentroidList, optics: Optics) -> Centroids:
     middle = np.array([(optics.columns - 1) / 2, (optics.rows - 1) / 2])
     return Centroids.from_pixels(scene.offset_px + middle, 10 ** (-0.4 * scene.magnitude), NOISE_PX)
 
 
-def _reference(sky: Sky, optics: Optics) -> Solver:
+def _reference(sky: SkyCatalogue, optics: Optics) -> Solver:
     camera = optics.camera
-    known = reference.known_sky(sky, camera, optics.faint_mag)
+    known_sky = reference.known_sky(sky, camera, optics.faint_mag)
 
-    def solve(scene: StarList) -> tuple[float, Array | None]:
+    def solve(scene: CentroidList) -> tuple[float, Array | None]:
         centroids = _centroids(scene, optics)
-        duration_ms, result = timed_ms(lambda: reference.solve_centroids(centroids, camera, known))
+        duration_ms, result = timed_ms(lambda: reference.solve_centroids(centroids, camera, known_sky))
         return duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]
 
     return solve
 
 
-def _replica(sky: Sky, optics: Optics) -> Solver:
+def _replica(sky: SkyCatalogue, optics: Optics) -> Solver:
     camera = optics.camera
     icrs = sky.icrs.astype(np.float32)
     bank = OnboardCatalogue(sky.hip, icrs, sky.v_mag, distance_table_of_units(icrs, 0.0, camera.diagonal_rad))
-    parameters = cubestar.default_parameters(profile("cubestar"))
+    parameters = cubestar.default_parameters(shipped_camera("cubestar"))
 
-    def solve(scene: StarList) -> tuple[float, Array | None]:
+    def solve(scene: CentroidList) -> tuple[float, Array | None]:
         centroids = _centroids(scene, optics)
         duration_ms, result = timed_ms(lambda: cubestar.solve_centroids(centroids, camera, bank, parameters))
         return duration_ms, None if result.attitude is None else result.attitude.cam_from_icrs[2]
@@ -158,7 +158,7 @@ def _replica(sky: Sky, optics: Optics) -> Solver:
     return solve
 
 
-def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
+def _tetra3rs(sky: SkyCatalogue, optics: Optics) -> Solver:
     """Return a solver of tetra3rs. It supports square pixels only, so rows are stretched for it."""
     import tetra3rs
 
@@ -176,7 +176,7 @@ def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
     stretch = optics.pitch_row_mm / optics.pitch_col_mm
     camera = tetra3rs.CameraModel(optics.focal_mm / optics.pitch_col_mm, optics.columns, round(optics.rows * stretch))
 
-    def solve(scene: StarList) -> tuple[float, Array | None]:
+    def solve(scene: CentroidList) -> tuple[float, Array | None]:
         stars = np.column_stack([scene.offset_px * [1.0, stretch], 10 ** (-0.4 * scene.magnitude)])
         duration_ms, result = timed_ms(
             lambda: database.solve_from_centroids(
@@ -192,7 +192,7 @@ def _tetra3rs(sky: Sky, optics: Optics) -> Solver:
     return solve
 
 
-def _cedar(sky: Sky, optics: Optics) -> Solver:
+def _cedar(sky: SkyCatalogue, optics: Optics) -> Solver:
     """Return a solver of cedar. It supports square pixels only, so rows are stretched for it. Its database holds the same stars."""
     import tetra3  # type: ignore[import-not-found, unused-ignore]  # a peer that need not be installed
 
@@ -216,7 +216,7 @@ def _cedar(sky: Sky, optics: Optics) -> Solver:
     size = optics.rows * stretch, optics.columns
     middle = np.array([size[0] / 2, size[1] / 2])
 
-    def solve(scene: StarList) -> tuple[float, Array | None]:
+    def solve(scene: CentroidList) -> tuple[float, Array | None]:
         brightest = np.argsort(scene.magnitude, kind="stable")
         places = scene.offset_px[brightest][:, ::-1] * [stretch, 1.0] + middle
         duration_ms, result = timed_ms(
@@ -233,7 +233,7 @@ def _cedar(sky: Sky, optics: Optics) -> Solver:
     return solve
 
 
-def _hipparcos_lines(sky: Sky) -> str:
+def _hipparcos_lines(sky: SkyCatalogue) -> str:
     """Return the columns of the catalogue's main file that the peer reads; positions are already at the epoch, so
     without motion."""
     x, y, z = sky.icrs.T
@@ -247,7 +247,7 @@ def _hipparcos_lines(sky: Sky) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _gaia_records(sky: Sky) -> bytes:
+def _gaia_records(sky: SkyCatalogue) -> bytes:
     """Return the file format that the peer reads; positions are already at the epoch, so without motion."""
     fields = [("id", "<i8"), ("ra", "<f8"), ("dec", "<f8"), ("mag", "<f4"), ("pm_ra", "<f4"), ("pm_dec", "<f4")]
     records = np.zeros(len(sky), np.dtype(fields))

@@ -9,44 +9,47 @@ import time
 from pathlib import Path
 from typing import Any
 
-from gss.device.dictionary_file import load_dictionary
-from gss.device.golden import build_golden
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.firmware import StarTracker
-from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.orbit import Inertial
-from gss.device.simulator.sky import Sky
-from gss.domain.profiles import profile
-from tools.bench_tables import Table, Value
+from gss.device.simulator.sky import SimulatedSky
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.golden import build_golden
+from gss.instruments.package_files import UnitTiming
+from gss.instruments.registry import shipped_camera
+from tools.bench_tables import BenchTable, Value
 
 SEED = 1
 STEP_S = 0.001
 PATIENCE_S = 40.0
 
 
-def ingest(quick: bool) -> list[Table]:
+def ingest(quick: bool) -> list[BenchTable]:
     """Return the rate of housekeeping packets through read, capture, decode, limit check and store."""
     count = 500 if quick else 20_000
     stream = recorded_line(count)
     rows: list[tuple[str, dict[str, Value]]] = []
-    for label, per_s in (("as fast as it takes them", 0.0), ("offered 5 000/s", 5000.0)):
+    for label, per_s in (("at the maximum rate", 0.0), ("offered 5 000/s", 5000.0)):
         rows.append((label, _measured(stream, count, 0.0 if quick else per_s)))
     conditions = (
         f"{count} housekeeping packets over a TCP socket into gss's link service with all its handlers and SQLite in a "
-        "temporary folder; every byte is in the capture before it is looked at, each packet is a row when it counts. "
+        "temporary folder; every byte is captured before it is decoded, and a packet counts when its row is stored. "
         "Wall clock and processor time of the whole process, sender included."
     )
-    return [Table("ingest", "Packets from the line into the database", conditions, SEED, rows)]
+    return [BenchTable("ingest", "Packets from the line into the database", conditions, SEED, rows)]
 
 
 def recorded_line(count: int) -> list[bytes]:
     """Return frames of a simulated sensor that sends housekeeping a thousand times a second."""
-    camera, memory = profile("cubestar"), Memory.in_ram()
+    camera, memory = shipped_camera("cubestar"), Memory.in_ram()
     burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
-    tracker = StarTracker(camera, Sky(camera, Inertial.pointing(1.5, 0.1, 0.3), 2026.0, SEED), memory)
+    tracker = StarTracker(camera, SimulatedSky(camera, Inertial.pointing(1.5, 0.1, 0.3), 2026.0, SEED), memory)
     now_s = 100.0
-    device = Device(load_dictionary(), Identity(), memory, tracker, now_s, housekeeping_s=STEP_S)
+    device = SimulatedDevice(
+        load_dictionary(), Identity(), memory, tracker, now_s, timing=UnitTiming(housekeeping_s=STEP_S)
+    )
     frames: list[bytes] = []
     while len(frames) < count + 1:  # the first frame reports the start and is not telemetry
         now_s += STEP_S
@@ -104,5 +107,5 @@ def _wait(services: Any, count: int) -> int:
         with services.database.unit_of_work() as session:
             stored = int(session.scalar(text("select coalesce(max(id), 0) from telemetry_packets")) or 0)
     with services.database.unit_of_work() as session:
-        found = session.scalar(text("select count(*) from telemetry_packets where packet != 'ground_line'"))
-    return int(found or 0)
+        row_count = session.scalar(text("select count(*) from telemetry_packets where packet != 'ground_line'"))
+    return int(row_count or 0)

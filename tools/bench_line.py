@@ -7,24 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from gss.catalogue_tools.onboard import HEADER_VERSION, read_header
-from gss.device.dictionary import Dictionary, Layout, Values
-from gss.device.dictionary_file import load_dictionary
-from gss.device.golden import Golden, build_golden
 from gss.device.protocol.codec import Lists, decode, encode
-from gss.device.protocol.line import LineReceiver, LineSender
 from gss.device.protocol.packet import PacketType
+from gss.device.protocol.receiver import LineReceiver
+from gss.device.protocol.sender import LineSender
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session import HostSession
-from gss.device.session_events import CommandStage, SessionEvent, Stage, TransferUpdate
+from gss.device.session_events import CommandUpdate, SessionEvent, Stage, TransferUpdate
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.device.simulator.firmware import StarTracker
-from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.orbit import Inertial
-from gss.device.simulator.sky import Sky
-from gss.domain.profiles import profile
-from tools.bench_tables import Table, Value, repeated_ms, timed_ms
+from gss.device.simulator.sky import SimulatedSky
+from gss.instruments.dictionary.definitions import Dictionary, Layout, Values
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.golden import Golden, build_golden
+from gss.instruments.registry import shipped_camera
+from tools.bench_tables import BenchTable, Value, repeated_ms, timed_ms
 
 SEED = 1
 STEP_S = 0.01
@@ -45,7 +46,7 @@ class Kind:
     lists: Lists
 
 
-def packets(quick: bool) -> list[Table]:
+def packets(quick: bool) -> list[BenchTable]:
     """Return packets per second on one core, for encoding, decoding and the round trip."""
     dictionary, count = load_dictionary(), 50 if quick else 2000
     rng = np.random.default_rng(SEED)
@@ -64,8 +65,8 @@ def packets(quick: bool) -> list[Table]:
         ),
     }
     rows = [(label, _packet_rates(kind, dictionary.prefix, count)) for label, kind in kinds.items()]
-    conditions = f"{count} packets at once, values to framed bytes and back, CRC-32 checked; median of five runs."
-    return [Table("packets", "Packets through codec, packet and frame", conditions, SEED, rows)]
+    conditions = f"{count} packets per batch, values to framed bytes and back, CRC-32 checked; median of five runs."
+    return [BenchTable("packets", "Packets through codec, packet and frame", conditions, SEED, rows)]
 
 
 def _packet_rates(kind: Kind, prefix: int, count: int) -> dict[str, Value]:
@@ -94,16 +95,16 @@ def _packet_rates(kind: Kind, prefix: int, count: int) -> dict[str, Value]:
     }
 
 
-class Line:
+class SimulatedLine:
     """A ground and a device on a line with a given rate, in simulated time; both directions have bit errors."""
 
     def __init__(self, dictionary: Dictionary, golden: Golden, baud: int, faults: FaultRates) -> None:
-        known = profile("cubestar")
+        profile = shipped_camera("cubestar")
         memory = Memory.in_ram()
-        burn_golden(memory, known, golden)
-        tracker = StarTracker(known, Sky(known, Inertial.pointing(1.5, 0.1, 0.3), 2026.0, SEED), memory)
+        burn_golden(memory, profile, golden)
+        tracker = StarTracker(profile, SimulatedSky(profile, Inertial.pointing(1.5, 0.1, 0.3), 2026.0, SEED), memory)
         self.baud, self.now_s = baud, 100.0
-        self.device = Device(dictionary, Identity(line_baud=baud), memory, tracker, self.now_s)
+        self.device = SimulatedDevice(dictionary, Identity(line_baud=baud), memory, tracker, self.now_s)
         self.host, self._hash = HostSession(dictionary), dictionary.hash
         self.events: list[SessionEvent] = []
         self._faults = LineFaults(faults, SEED), LineFaults(faults, SEED + 1)
@@ -134,11 +135,11 @@ class Line:
 
     def picture(self) -> bool:
         """Take an image into slot 0; the command is resent until the device reports completion."""
-        request_id = self.host.submit("TAKE_IMAGE", {}, self.now_s)
+        request_id = self.host.submit(self.host.encode("TAKE_IMAGE", {}))
         while self.now_s < PATIENCE_S:
             self.step()
             for event in self.events:
-                if not isinstance(event, CommandStage) or event.request_id != request_id:
+                if not isinstance(event, CommandUpdate) or event.request_id != request_id:
                     continue
                 if event.stage is Stage.COMPLETED:
                     return True
@@ -148,16 +149,22 @@ class Line:
 
     def download(self) -> tuple[float, TransferUpdate]:
         """Download slot 0. Returns simulated seconds and the final update."""
-        return self._finish(self.host.start_download("frame", 0, self.now_s), "verified")
+        return self._finish(self.host.transfers.start_download("frame", 0), "verified")
 
     def upload(self, image: bytes) -> tuple[float, TransferUpdate]:
         """Upload a catalogue to bank B, including the commit."""
         header, hello = read_header(image), self.host.hello
-        known = hello.device_model if hello else ""
-        facts = (known, header.profile_name, self._hash, HEADER_VERSION, header.epoch_jyear, header.stars, header.pairs)
-        return self._finish(
-            self.host.start_upload("catalogue", 1, image, Compatibility(*facts), self.now_s), "committed"
+        device_model = hello.device_model if hello else ""
+        facts = (
+            device_model,
+            header.profile_name,
+            self._hash,
+            HEADER_VERSION,
+            header.epoch_jyear,
+            header.stars,
+            header.pairs,
         )
+        return self._finish(self.host.transfers.start_upload("catalogue", 1, image, Compatibility(*facts)), "committed")
 
     def _finish(self, transfer_id: int, end: str) -> tuple[float, TransferUpdate]:
         start_s = self.now_s
@@ -166,16 +173,16 @@ class Line:
         return self.now_s - start_s, self.host.transfer(transfer_id)
 
 
-def transfers(quick: bool) -> list[Table]:
+def transfers(quick: bool) -> list[BenchTable]:
     """Return results of downloading a frame and uploading a catalogue at several bit error rates."""
     dictionary = load_dictionary()
-    golden = build_golden(profile("cubestar"), Memory.in_ram().bank_bytes)
+    golden = build_golden(shipped_camera("cubestar"), Memory.in_ram().bank_bytes)
     cases = [(baud, rate) for baud in BAUDS for rate in ERROR_RATES]
     rows: list[tuple[str, dict[str, Value]]] = []
     for baud, rate in cases[len(ERROR_RATES) : len(ERROR_RATES) + 1] if quick else cases:
         label = f"{baud:,} Bd, bit error rate {rate:g}"
         for way in ("frame down", "catalogue up"):
-            line = Line(dictionary, golden, baud, FaultRates(bit_error_rate=rate))
+            line = SimulatedLine(dictionary, golden, baud, FaultRates(bit_error_rate=rate))
             line.greet()
             line.picture()
             rows.append((f"{label}, {way}", _transfer(line, golden.image if way == "catalogue up" else None)))
@@ -185,10 +192,10 @@ def transfers(quick: bool) -> list[Table]:
         "committed; housekeeping shares the line; each is the first transfer of a contact. Share: content over what the line "
         "could carry; chunk_bytes: at the end; resent: chunks that went twice; processor time of both ends."
     )
-    return [Table("transfer", "Transfers", conditions, SEED, rows)]
+    return [BenchTable("transfer", "Transfers", conditions, SEED, rows)]
 
 
-def _transfer(line: Line, image: bytes | None) -> dict[str, Value]:
+def _transfer(line: SimulatedLine, image: bytes | None) -> dict[str, Value]:
     spent_ms, (took_s, update) = timed_ms(line.download if image is None else lambda: line.upload(image))
     return {
         "state": update.state.value,

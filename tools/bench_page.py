@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tools.bench_tables import Table
+from tools.bench_tables import BenchTable
 
 
-def updated(page: str, tables: Sequence[Table]) -> str:
+def updated(page: str, tables: Sequence[BenchTable]) -> str:
     """Return the page with each table's section, from its title to the next heading, replaced; new tables are appended."""
     for table in tables:
         head, new = f"## {table.title}\n", table.markdown().rstrip("\n") + "\n"
@@ -17,6 +17,6 @@ def updated(page: str, tables: Sequence[Table]) -> str:
             continue
         lines = page[start + len(head) :].splitlines(keepends=True)
         length = next((k for k, line in enumerate(lines) if line.startswith(("#", "**"))), len(lines))
-        rest = "".join(lines[length:])
-        page = page[:start] + new + ("\n" + rest if rest else "")
+        after = "".join(lines[length:])
+        page = page[:start] + new + ("\n" + after if after else "")
     return page

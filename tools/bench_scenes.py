@@ -12,7 +12,7 @@ from scipy.special import erf
 
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.camera import Camera, Pinhole
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.verify import SkyCatalogue
 
 Array = NDArray[np.float64]
 EPOCH_JYEAR = 2025.0
@@ -109,7 +109,7 @@ CAMERAS = (
 
 
 @dataclass(frozen=True)
-class StarList:
+class CentroidList:
     """A list of centroids, brightest first. ``offset_px``: (n, 2) col and row from the detector's centre;
     ``true_stars``: number of real stars in it."""
 
@@ -119,7 +119,7 @@ class StarList:
     true_stars: int
 
 
-def visible_stars(optics: Optics) -> Sky:
+def visible_stars(optics: Optics) -> SkyCatalogue:
     """Return stars to the magnitude limit at the epoch. Of pairs closer than three pixels the fainter star is dropped,
     because no camera resolves them."""
     table = propagate(load_stars(optics.faint_mag), EPOCH_JYEAR).brighter_than(optics.faint_mag)
@@ -127,16 +127,20 @@ def visible_stars(optics: Optics) -> Sky:
     close = cKDTree(table.icrs).query_pairs(2 * np.sin(reach_rad / 2), output_type="ndarray")
     keep = np.ones(len(table), bool)
     keep[close.max(axis=1)] = False
-    return Sky(table.hip[keep], table.icrs[keep], table.v_mag[keep])
+    return SkyCatalogue(table.hip[keep], table.icrs[keep], table.v_mag[keep])
 
 
-def star_lists(sky: Sky, optics: Optics, count: int, false_stars: int, noise_px: float, seed: int) -> list[StarList]:
+def star_lists(
+    sky: SkyCatalogue, optics: Optics, count: int, false_stars: int, noise_px: float, seed: int
+) -> list[CentroidList]:
     """Return scenes at random attitudes: noisy positions, 0.15 mag of photometric noise, false stars across the frame."""
     rng = np.random.default_rng(seed)
     return [_star_list(rng, sky, optics, false_stars, noise_px) for _ in range(count)]
 
 
-def _star_list(rng: np.random.Generator, sky: Sky, optics: Optics, false_stars: int, noise_px: float) -> StarList:
+def _star_list(
+    rng: np.random.Generator, sky: SkyCatalogue, optics: Optics, false_stars: int, noise_px: float
+) -> CentroidList:
     matrix = Rotation.from_quat(rng.normal(size=4)).as_matrix()
     seen = sky.icrs @ matrix.T
     focal = optics.focal_mm / np.array([optics.pitch_col_mm, optics.pitch_row_mm])
@@ -150,4 +154,4 @@ def _star_list(rng: np.random.Generator, sky: Sky, optics: Optics, false_stars: 
     other_mag = rng.uniform(optics.faint_mag - 3, optics.faint_mag, false_stars)
     magnitude = np.concatenate([star_mag, other_mag])
     order = np.argsort(magnitude)
-    return StarList(matrix, np.concatenate([stars, others])[order], magnitude[order], len(inside))
+    return CentroidList(matrix, np.concatenate([stars, others])[order], magnitude[order], len(inside))

@@ -17,7 +17,7 @@ Value = float | int | str | None
 
 
 @dataclass(frozen=True)
-class Table:
+class BenchTable:
     """Results measured under the same conditions. ``rows``: what was measured and its values; the unit is in the column
     name. ``skipped``: what could not be measured, and why."""
 

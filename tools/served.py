@@ -39,23 +39,28 @@ class Served:
 
     def processes(self) -> dict[str, int]:
         """Return name and id of the link process and of each API worker."""
-        found = {"link": self.process.pid}
+        processes = {"link": self.process.pid}
         for pid in _children(self.process.pid):
             with contextlib.suppress(OSError):
-                if b"gss.api.workers.worker" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                    found[f"worker {len(found)}"] = pid
-        return found
+                if self._handles(pid) and b"spawn" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    processes[f"worker {len(processes)}"] = pid
+        return processes
 
     def listeners(self) -> int:
         """Return the number of handles of the public listening socket in the link process. With API workers, a second
         one means that the link process accepts connections itself."""
+        return self._handles(self.process.pid)
+
+    def _handles(self, pid: int) -> int:
+        """Return the number of handles of the public listening socket in a process; only the link process and the
+        workers have any."""
         rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
         (inode,) = (row[9] for row in rows if row[3] == "0A" and row[1].endswith(f":{self.host_and_port[1]:04X}"))
-        found = 0
-        for handle in list(Path(f"/proc/{self.process.pid}/fd").iterdir()):
+        count = 0
+        for handle in list(Path(f"/proc/{pid}/fd").iterdir()):
             with contextlib.suppress(OSError):
-                found += os.readlink(handle) == f"socket:[{inode}]"
-        return found
+                count += os.readlink(handle) == f"socket:[{inode}]"
+        return count
 
     def sign_in(self, name: str = "soak-admin") -> str:
         """Sign in as a browser does. Returns the value of the session cookie."""
@@ -85,11 +90,11 @@ def processor_s(pid: int) -> float:
 
 
 def _children(pid: int) -> list[int]:
-    found: list[int] = []
+    children: list[int] = []
     for task in Path(f"/proc/{pid}/task").iterdir():
         with contextlib.suppress(OSError):
-            found += [int(child) for child in (task / "children").read_text().split()]
-    return sorted(found)
+            children += [int(child) for child in (task / "children").read_text().split()]
+    return sorted(children)
 
 
 @contextlib.contextmanager
@@ -100,7 +105,7 @@ def served(folder: Path, *arguments: str, **environment: str) -> Iterator[Served
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=log, text=True, env={**os.environ, **environment}
     )
-    assert process.stdout is not None  # noqa: S101 - a pipe was asked for
+    assert process.stdout is not None  # noqa: S101 - a pipe was requested
     patience = threading.Timer(START_S, process.kill)
     patience.start()
     try:

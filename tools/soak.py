@@ -24,7 +24,7 @@ import httpx2
 
 from tools.served import Served, processor_s, resident_bytes, served
 from tools.soak_pages import LATEST_S, watch
-from tools.stream_client import Heard, listen
+from tools.stream_client import StreamLog, listen
 
 LEAST_SHARE = 0.5
 """Minimum share of the rate: on a loaded machine the simulated sensor itself skips packets, which are then not lost."""
@@ -54,19 +54,19 @@ class Look:
 
 
 @dataclass
-class Report:
+class SoakReport:
     """Results of a run."""
 
     seconds: float
     rate: float
     workers: int
     looks: list[Look] = field(default_factory=list)
-    heard: list[Heard] = field(default_factory=list)
+    logs: list[StreamLog] = field(default_factory=list)
     browser: dict[str, Any] = field(default_factory=dict)
 
     def late_ms(self, share: float) -> float:
         """Return a quantile of the header bar's delay, over all clients."""
-        late = sorted(s for heard in self.heard for s in heard.late_s)
+        late = sorted(s for log in self.logs for s in log.late_s)
         return 1e3 * late[min(len(late) - 1, int(share * len(late)))] if late else float("nan")
 
     def growth(self) -> dict[str, tuple[float, float]]:
@@ -80,25 +80,25 @@ class Report:
         """Return every limit that did not hold."""
         first, last = self.looks[0], self.looks[-1]
         packets = (last.good - first.good) / (last.at_s - first.at_s)
-        found = []
+        problems = []
         if packets < LEAST_SHARE * self.rate:
-            found.append(f"only {packets:.1f} packets/s of {self.rate:g} came")
+            problems.append(f"only {packets:.1f} packets/s of {self.rate:g} came")
         bad, gaps = last.bad - first.bad, last.gaps - first.gaps
         if bad or gaps:
-            found.append(f"{bad} damaged packets and {gaps} gaps on a line without faults")
+            problems.append(f"{bad} damaged packets and {gaps} gaps on a line without faults")
         received, stored = last.good - first.good, last.stored - first.stored
         own = (last.at_s - first.at_s) / OWN_ROW_EVERY_S
         if (
             abs(received + own - stored) > self.rate + 20
         ):  # the two counts are not taken at the same time, and not every packet is telemetry
-            found.append(f"{received} packets received, {stored} stored")
+            problems.append(f"{received} packets received, {stored} stored")
         if max(last.store_late_s, last.line_late_s) >= LATEST_S:
-            found.append(f"late at the end: stored {last.store_late_s:.2f} s, line {last.line_late_s:.2f} s")
-        found += [f"client {k}: {text}" for k, heard in enumerate(self.heard) for text in _faults(heard)]
+            problems.append(f"late at the end: stored {last.store_late_s:.2f} s, line {last.line_late_s:.2f} s")
+        problems += [f"client {k}: {text}" for k, log in enumerate(self.logs) for text in _faults(log)]
         for name, (before, after) in self.growth().items():
             if after - before > max(GROWTH_BYTES / 2**20, GROWTH_SHARE * before):
-                found.append(f"{name} grew from {before:.0f} to {after:.0f} MiB")
-        return found + [f"browser: {text}" for text in self.browser.get("problems", [])]
+                problems.append(f"{name} grew from {before:.0f} to {after:.0f} MiB")
+        return problems + [f"browser: {text}" for text in self.browser.get("problems", [])]
 
     def plain(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -107,17 +107,17 @@ class Report:
         return {
             "seconds": self.seconds,
             "workers": self.workers,
-            "clients": len(self.heard),
+            "clients": len(self.logs),
             "packets_per_s": (last.good - first.good) / span_s,
             "packets": last.good,
             "stored": last.stored,
             "line_gaps": last.gaps - first.gaps,
             "late_ms": {"p50": self.late_ms(0.5), "p95": self.late_ms(0.95), "max": self.late_ms(1.0)},
             "late_at_end_s": {"store": last.store_late_s, "line": last.line_late_s},
-            "messages": sum(heard.messages for heard in self.heard),
-            "jumps": sum(heard.jumps for heard in self.heard),
-            "dropped": sum(heard.dropped for heard in self.heard),
-            "reconnects": sum(heard.ended for heard in self.heard),
+            "messages": sum(log.messages for log in self.logs),
+            "jumps": sum(log.jumps for log in self.logs),
+            "dropped": sum(log.dropped for log in self.logs),
+            "reconnects": sum(log.ended for log in self.logs),
             "processor_percent": {
                 name: 100 * (last.processor_s[name] - first.processor_s[name]) / span_s
                 for name in last.processor_s
@@ -129,15 +129,15 @@ class Report:
         }
 
 
-def _faults(heard: Heard) -> list[str]:
-    found = []
-    if heard.jumps or heard.dropped:
-        found.append(f"{heard.jumps} jumps in the numbers, {heard.dropped} dropped")
-    if not heard.late_s or heard.late_s[-1] >= LATEST_S:
-        found.append(f"the last header bar came late: {heard.late_s[-1:]} s")
-    if heard.ended:
-        found.append(f"the stream ended {heard.ended} times")
-    return found
+def _faults(log: StreamLog) -> list[str]:
+    faults = []
+    if log.jumps or log.dropped:
+        faults.append(f"{log.jumps} jumps in the numbers, {log.dropped} dropped")
+    if not log.late_s or log.late_s[-1] >= LATEST_S:
+        faults.append(f"the last header bar came late: {log.late_s[-1:]} s")
+    if log.ended:
+        faults.append(f"the stream ended {log.ended} times")
+    return faults
 
 
 def _mib(looks: Sequence[Look], name: str) -> float:
@@ -154,14 +154,14 @@ async def soak(
     session: str = "",
     pages: int = 1,
     say: Say = lambda _: None,
-) -> Report:
+) -> SoakReport:
     """Listen and sample for ``seconds`` while the sensor sends. ``session``: session cookie for ``pages`` real browsers
     that also watch; empty: none."""
-    report = Report(seconds, rate, workers, heard=[Heard() for _ in range(clients)])
+    report = SoakReport(seconds, rate, workers, logs=[StreamLog() for _ in range(clients)])
     start_s = time.monotonic()
     end_s = start_s + seconds
     host, port = server.host_and_port
-    listeners = [asyncio.create_task(listen(host, port, server.headers, h, end_s)) for h in report.heard]
+    listeners = [asyncio.create_task(listen(host, port, server.headers, h, end_s)) for h in report.logs]
     watching = asyncio.create_task(watch(server, session, end_s, pages)) if session else None
     async with httpx2.AsyncClient(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
         least_late_s, next_word_s = float("inf"), 60.0
@@ -186,7 +186,7 @@ async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tup
     """Return the sample, and the difference between device clock and ours in seconds, of which only changes are meaningful."""
     counters = (await http.get("/link/counters")).json()["received"]
     newest = (await http.get("/telemetry/packets", params={"packet": "housekeeping", "limit": 1})).json()[0]
-    received_s, asked_s = datetime.fromisoformat(newest["received"]).timestamp(), time.time()
+    received_s, requested_s = datetime.fromisoformat(newest["received"]).timestamp(), time.time()
     pids = server.processes()
     bad = sum(int(counters[name]) for name in ("bad_crc", "too_long", "too_short", "undecodable"))
     look = Look(
@@ -195,7 +195,7 @@ async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tup
         bad,
         int(counters["gaps"]),
         int(newest["id"]),
-        asked_s - received_s,
+        requested_s - received_s,
         0.0,
         {name: resident_bytes(pid) for name, pid in pids.items()},
         {name: processor_s(pid) for name, pid in pids.items()},
@@ -203,10 +203,10 @@ async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tup
     return look, received_s - float(newest["device_time_s"])
 
 
-def _line(report: Report) -> str:
+def _line(report: SoakReport) -> str:
     look = report.looks[-1]
     memory = ", ".join(f"{name} {size / 2**20:.0f}" for name, size in look.resident.items())
-    jumps, dropped = sum(h.jumps for h in report.heard), sum(h.dropped for h in report.heard)
+    jumps, dropped = sum(h.jumps for h in report.logs), sum(h.dropped for h in report.logs)
     return (
         f"{look.at_s / 60:6.1f} min  {look.good} packets, gaps {look.gaps}, stored {look.stored}  "
         f"late p95 {report.late_ms(0.95):.0f} ms, store {1e3 * look.store_late_s:.0f} ms, line {1e3 * look.line_late_s:.0f} ms  "
@@ -230,8 +230,8 @@ def wait_for_rest(server: Served) -> None:
     with httpx2.Client(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
         while time.monotonic() < deadline_s:
             with contextlib.suppress(httpx2.TransportError):  # API workers take some seconds to load
-                known = (http.get("/link").json()["active_bank"] or {}).get("catalogue_id")
-                if known and all(transfer["finished"] for transfer in http.get("/transfers").json()):
+                catalogue_id = (http.get("/link").json()["active_bank"] or {}).get("catalogue_id")
+                if catalogue_id and all(transfer["finished"] for transfer in http.get("/transfers").json()):
                     return
             time.sleep(0.2)
     raise RuntimeError("the sensor was not met")
@@ -246,23 +246,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rate", type=float, default=50.0, help="packets per second")
     parser.add_argument("--browsers", type=int, default=0, help="real browsers on the Live page too")
     parser.add_argument("--data", type=Path, help="keep the data folder here")
-    asked = parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
 
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
     with tempfile.TemporaryDirectory(prefix="gss-soak-") as temporary:
-        folder = asked.data or Path(temporary) / "data"
-        with loaded_server(folder, asked.rate, asked.workers) as server:
-            session = server.sign_in() if asked.browsers else ""
+        folder = options.data or Path(temporary) / "data"
+        with loaded_server(folder, options.rate, options.workers) as server:
+            session = server.sign_in() if options.browsers else ""
             run = soak(
                 server,
-                asked.hours * 3600,
-                clients=asked.clients,
-                rate=asked.rate,
-                workers=asked.workers,
+                options.hours * 3600,
+                clients=options.clients,
+                rate=options.rate,
+                workers=options.workers,
                 session=session,
-                pages=asked.browsers,
+                pages=options.browsers,
                 say=say,
             )
             report = asyncio.run(run)

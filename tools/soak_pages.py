@@ -18,22 +18,22 @@ GROWTH_MB, GROWTH_SHARE = 8.0, 0.25
 # Wraps the page's EventSource: every message still reaches the page, and its numbers are checked as the page checks
 # them.
 LISTEN = """(() => {
-  const heard = (window.heard = { messages: 0, dropped: 0, jumps: 0, breaks: 0, late_s: 0, latest_s: 0 });
+  const counts = (window.streamCounts = { messages: 0, dropped: 0, jumps: 0, breaks: 0, late_s: 0, latest_s: 0 });
   const Own = window.EventSource;
   window.EventSource = class extends Own {
     constructor(...given) {
       super(...given);
       let [last, seq] = [0, 0];
-      this.addEventListener('error', () => { heard.breaks += 1; });
+      this.addEventListener('error', () => { counts.breaks += 1; });
       this.own = (kind, e) => {
-        heard.messages += 1;
+        counts.messages += 1;
         const [event, count] = e.lastEventId.split('.').map(Number);
-        if (kind === 'dropped') { heard.dropped += JSON.parse(e.data).dropped; last = 0; }
-        else if (kind === 'event') { heard.jumps += seq > 0 && event !== seq + 1; seq = event; }
-        else if (count) { heard.jumps += last > 0 && count !== last + 1; last = count; seq ||= event; }
+        if (kind === 'dropped') { counts.dropped += JSON.parse(e.data).dropped; last = 0; }
+        else if (kind === 'event') { counts.jumps += seq > 0 && event !== seq + 1; seq = event; }
+        else if (count) { counts.jumps += last > 0 && count !== last + 1; last = count; seq ||= event; }
         if (kind !== 'link') return;
-        heard.late_s = (Date.now() - Date.parse(JSON.parse(e.data).utc)) / 1000;
-        heard.latest_s = Math.max(heard.latest_s, heard.late_s);
+        counts.late_s = (Date.now() - Date.parse(JSON.parse(e.data).utc)) / 1000;
+        counts.latest_s = Math.max(counts.latest_s, counts.late_s);
       };
     }
     addEventListener(kind, listener, ...more) {
@@ -50,20 +50,20 @@ class Seen:
     page: Any
     complaints: list[str] = field(default_factory=list)
     heap_mb: list[float] = field(default_factory=list)
-    heard: dict[str, float] = field(default_factory=dict)
+    stream: dict[str, float] = field(default_factory=dict)
 
     def problems(self) -> list[str]:
         """Return every limit that did not hold."""
-        found, heard = list(self.complaints), self.heard
-        if heard["dropped"] or heard["breaks"] or heard["jumps"]:
-            told = f"{heard['dropped']} dropped, {heard['jumps']} jumps in the numbers"
-            found.append(f"{told}, the stream broke {heard['breaks']} times")
-        if not heard["messages"] or heard["late_s"] >= LATEST_S:
-            found.append(f"the last header bar of {heard['messages']} messages was {heard['late_s']:.2f} s late")
+        problems, stream = list(self.complaints), self.stream
+        if stream["dropped"] or stream["breaks"] or stream["jumps"]:
+            counts = f"{stream['dropped']} dropped, {stream['jumps']} jumps in the numbers"
+            problems.append(f"{counts}, the stream broke {stream['breaks']} times")
+        if not stream["messages"] or stream["late_s"] >= LATEST_S:
+            problems.append(f"the last header bar of {stream['messages']} messages was {stream['late_s']:.2f} s late")
         before, after = self.heap_mb
         if after - before > max(GROWTH_MB, GROWTH_SHARE * before):
-            found.append(f"the page grew from {before:.1f} to {after:.1f} MB")
-        return found
+            problems.append(f"the page grew from {before:.1f} to {after:.1f} MB")
+        return problems
 
 
 async def watch(server: Served, session: str, until_s: float, pages: int = 1) -> dict[str, Any]:
@@ -78,15 +78,15 @@ async def watch(server: Served, session: str, until_s: float, pages: int = 1) ->
         await _weigh(seen)
         await asyncio.sleep(max(0.0, until_s - time.monotonic()))
         for each in seen:
-            each.heard = await each.page.evaluate("() => window.heard")
+            each.stream = await each.page.evaluate("() => window.streamCounts")
         await _weigh(seen)
         await browser.close()
-    total = {name: sum(each.heard[name] for each in seen) for name in ("messages", "dropped", "jumps", "breaks")}
+    total = {name: sum(each.stream[name] for each in seen) for name in ("messages", "dropped", "jumps", "breaks")}
     return {
         "pages": pages,
         **total,
-        "late": max(each.heard["late_s"] for each in seen),
-        "latest": max(each.heard["latest_s"] for each in seen),
+        "late": max(each.stream["late_s"] for each in seen),
+        "latest": max(each.stream["latest_s"] for each in seen),
         "heap_mb": [each.heap_mb for each in seen],
         "problems": [f"page {k}: {text}" for k, each in enumerate(seen) for text in each.problems()],
     }

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import time
 from dataclasses import dataclass, field
 from datetime import datetime
 
+import httpx2
+
 LIMIT = 64 << 20
+RECONNECT_S = 0.2
 
 
 @dataclass
-class Heard:
+class StreamLog:
     """Statistics of one client. ``late_s``: of each header bar, from the server's clock to ours (the same machine)."""
 
     messages: int = 0
@@ -28,9 +32,11 @@ class Heard:
     def take(self, topic: str, data: str, number: str) -> None:
         """Record one message."""
         self.messages += 1
+        self.bytes += len(data)
         self.topics[topic] = self.topics.get(topic, 0) + 1
         if topic == "dropped":
             self.dropped += int(json.loads(data)["dropped"])
+            return  # it has no number; the parser repeats that of the message before
         if topic == "link":
             self.late_s.append(time.time() - datetime.fromisoformat(json.loads(data)["utc"]).timestamp())
         seq, _, count = number.partition(".")
@@ -49,37 +55,23 @@ class Heard:
         self.count = 0
 
 
-async def listen(host: str, port: int, headers: dict[str, str], heard: Heard, until_s: float) -> None:
+async def listen(host: str, port: int, headers: dict[str, str], log: StreamLog, until_s: float) -> None:
     """Follow the stream until a time of ``time.monotonic``; reconnect when it ends, as a browser does."""
     while time.monotonic() < until_s:
-        try:
-            await _connection(host, port, headers, heard, until_s)
-        except (OSError, asyncio.IncompleteReadError):
-            await asyncio.sleep(0.2)
-        heard.ended += time.monotonic() < until_s
+        with contextlib.suppress(TimeoutError, httpx2.HTTPError):
+            async with asyncio.timeout(max(0.1, until_s - time.monotonic())):
+                await _connection(f"http://{host}:{port}/api/stream", headers, log)
+        log.ended += time.monotonic() < until_s
+        await asyncio.sleep(RECONNECT_S)
 
 
-async def _connection(host: str, port: int, headers: dict[str, str], heard: Heard, until_s: float) -> None:
-    reader, writer = await asyncio.open_connection(host, port, limit=LIMIT)
-    heard.new_connection()
-    sent = {"Host": f"{host}:{port}", **headers} | ({"Last-Event-ID": str(heard.seq)} if heard.seq else {})
-    # HTTP/1.0 has no chunked encoding: the response is read as sent until the connection closes.
-    head = "".join(f"{name}: {value}\r\n" for name, value in sent.items())
-    writer.write(f"GET /api/stream HTTP/1.0\r\n{head}\r\n".encode())
-    try:
-        async with asyncio.timeout(max(0.1, until_s - time.monotonic())):
-            status = await reader.readuntil(b"\r\n\r\n")
-            if b" 200 " not in status.split(b"\r\n", 1)[0]:
-                raise ConnectionError(status.split(b"\r\n", 1)[0].decode())
-            while True:
-                block = await reader.readuntil(b"\n\n")
-                heard.bytes += len(block)
-                fields = dict(
-                    line.partition(": ")[::2] for line in block.decode().splitlines() if not line.startswith(":")
-                )
-                if fields:
-                    heard.take(fields["event"], fields["data"], fields.get("id", ""))
-    except TimeoutError:
-        return
-    finally:
-        writer.close()
+async def _connection(url: str, headers: dict[str, str], log: StreamLog) -> None:
+    log.new_connection()
+    sent = headers | ({"Last-Event-ID": str(log.seq)} if log.seq else {})
+    async with (
+        httpx2.AsyncClient(timeout=None, trust_env=False) as client,
+        client.sse(url, headers=sent, max_event_size=LIMIT) as source,
+    ):
+        source.response.raise_for_status()
+        async for event in source:
+            log.take(event.event, event.data, event.id)

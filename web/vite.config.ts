@@ -9,8 +9,12 @@ const proxy = { '/api': { target: api, changeOrigin: true, headers: { origin: ap
 export default defineConfig({
   plugins: [svelte()],
   build: {
-    outDir: '../gss/web', emptyOutDir: true, target: 'es2022', assetsInlineLimit: 0, chunkSizeWarningLimit: 700,
-    rolldownOptions: { checks: { bundlerTimings: false } }, // the first `make run` need not tell how long its plugins took
+    outDir: '../gss/web',
+    emptyOutDir: true,
+    target: 'es2022',
+    assetsInlineLimit: 0,
+    chunkSizeWarningLimit: 700,
+    rolldownOptions: { checks: { bundlerTimings: false } },
   },
   server: { host: '127.0.0.1', proxy },
   preview: { host: '127.0.0.1', proxy },

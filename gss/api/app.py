@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import anyio.to_thread
-from fastapi import APIRouter, Depends, FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.responses import HTMLResponse
 
 from gss import __version__
-from gss.api import errors, stored_words
+from gss.api import errors
 from gss.api.counting import Counting, kinds_of
-from gss.api.deps import view_by_default
 from gss.api.files.compress import Compress
 from gss.api.files.pages import Pages
-from gss.api.guard import door, security
+from gss.api.guard import route_table, security
 from gss.api.one_at_a_time import OneAtATime
 from gss.api.routers import (
     alarms,
@@ -30,13 +29,18 @@ from gss.api.routers import (
     catalogues,
     commands,
     contacts,
+    derived,
     design,
     events,
     frames,
     help,
+    instruments,
     jobs,
     limits,
     link,
+    pass_plans,
+    passes,
+    procedures,
     rerun,
     schedule,
     session,
@@ -50,47 +54,55 @@ from gss.api.routers import (
     upkeep,
     users,
 )
+from gss.api.routers import fleet as fleet_router
 from gss.api.stream import route as stream
-from gss.api.stream.fanout import Fanout
-from gss.api.stream.presenter import Presenter, first_state
-from gss.api.workers.forward import Forward, Gateway
-from gss.api.workers.upstream import Upstream
-from gss.wiring import Services
+from gss.api.stream.broadcast import Broadcaster, Presenter, first_state
+from gss.api.workers.gateway import Gateway, relayed
+from gss.services import Services
+
+if TYPE_CHECKING:
+    from gss.api.units.fleet import Fleet
+    from gss.api.workers.link_client import LinkProcessClient
 
 PAGES = Path(__file__).parent.parent / "web"
 WITHOUT_PAGES = (
     "<h1>GSS</h1><p>The pages have not been built. Try: make web. "
-    "What the server offers is in <a href='/api/openapi.json'>/api/openapi.json</a>.</p>"
+    "The API is described in <a href='/api/openapi.json'>/api/openapi.json</a>.</p>"
 )
 
 
-def create_app(services: Services, pages: Path = PAGES, behind: Path | None = None) -> FastAPI:
+def create_app(
+    services: Services,
+    pages: Path = PAGES,
+    behind: LinkProcessClient | None = None,
+    fleet: Fleet | None = None,
+) -> FastAPI:
     """Return the application for connected services; its lifespan starts and stops them. ``behind``: build the
-    application of an API worker, whose services only read; the path is the Unix socket of the link process."""
+    application of an API worker of that link process; its services only read. ``fleet``: build
+    the application of the front process of these units."""
     state = None if behind else lambda: first_state(services.status)
-    fanout = Fanout(services.streams, state, services.settings.streams_each, services.settings.streams_most)
+    broadcaster = Broadcaster(services.streams, state, services.settings.streams_each, services.settings.streams_most)
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         await anyio.to_thread.run_sync(services.start)
-        presenter = Presenter(services.bus, fanout, services.stopping)
+        presenter = Presenter(services.bus, broadcaster, services.stopping)
         presenter.start(asyncio.get_running_loop())
-        yield
+        async with fleet.running() if fleet is not None else nullcontext():
+            yield
         await anyio.to_thread.run_sync(services.stop)
         presenter.stop()
 
     @asynccontextmanager
     async def reading(_app: FastAPI) -> AsyncIterator[None]:
-        upstream = Upstream(cast(Path, behind), fanout)
-        await upstream.start()
-        yield
-        await upstream.stop()
+        async with relayed(cast("LinkProcessClient", behind), broadcaster):
+            yield
         services.database.close()
 
     app = FastAPI(
         title="GSS",
         version=__version__,
-        description="Ground-support system for star trackers.",
+        description="Ground software for star trackers.",
         lifespan=lifespan if behind is None else reading,
         docs_url=None,
         redoc_url=None,
@@ -98,27 +110,30 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         redirect_slashes=False,  # a redirect would contain the internal address behind a proxy
         responses=errors.PROBLEMS,
     )
-    app.state.services, app.state.fanout = services, fanout
-    app.state.line_opening = OneAtATime("open link", "another line is being opened", "wait some seconds and try again")
-    stored_words.install(services)
+    app.state.services, app.state.broadcaster = services, broadcaster
+    app.state.fleet = fleet
+    app.state.line_opening = OneAtATime("open link", "another line is being opened", "try again in a few seconds")
     errors.install(app)
     errors.describe(app)
     app.add_middleware(Compress)
     if behind is not None:
-        app.add_middleware(Gateway, forward=Forward(behind))
+        app.add_middleware(Gateway, link=behind)
     security.install(app)
-    api = APIRouter(prefix="/api", dependencies=[Depends(view_by_default)])
+    api = APIRouter(prefix="/api")
     for module in (
         session,
         users,
         tokens,
+        fleet_router,
         audit,
         authority,
         schedule,
         stacks,
+        procedures,
         link,
         commands,
         tables,
+        derived,
         telemetry,
         limits,
         alarms,
@@ -126,6 +141,7 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         solutions,
         catalogues,
         design,
+        instruments,
         calibrations,
         analyses,
         campaigns,
@@ -133,16 +149,19 @@ def create_app(services: Services, pages: Path = PAGES, behind: Path | None = No
         jobs,
         events,
         contacts,
+        passes,
+        pass_plans,
         sky,
         rerun,
         upkeep,
         stream,
     ):
         api.include_router(module.router)
-    door.check_routes(api)
     app.include_router(api)
     app.include_router(upkeep.root)
     app.include_router(help.router)
+    # FastAPI keeps what it prepares for the application's routes, not for the router's.
+    route_table.check_routes(app.router)
     app.add_middleware(Counting, metrics=services.upkeep.metrics, kinds=kinds_of(app))
     _serve_pages(app, pages)
     return app

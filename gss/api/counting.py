@@ -8,7 +8,7 @@ from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from gss.operations.upkeep.metrics import Metrics
+from gss.operations.metrics import Metrics
 
 
 def kinds_of(app: FastAPI) -> frozenset[str]:
@@ -29,20 +29,19 @@ class Counting:
             return
         kind, status, begun_s = self._kind(scope["path"]), 500, time.perf_counter()
 
-        async def told(message: Message) -> None:
+        async def timed(message: Message) -> None:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
                 if kind != "stream":  # to the first byte: a stream does not end
                     taken_s = time.perf_counter() - begun_s
-                    self._metrics.observe("gss_http_seconds", "Time to the answer's first byte.", taken_s, route=kind)
+                    self._metrics.observe_response(kind, taken_s)
             await send(message)
 
         try:
-            await self._app(scope, receive, told)
+            await self._app(scope, receive, timed)
         finally:
-            code = f"{status // 100}xx"
-            self._metrics.count("gss_http_requests_total", "Answered requests.", route=kind, status=code)
+            self._metrics.count_request(kind, f"{status // 100}xx")
 
     def _kind(self, path: str) -> str:
         parts = path.split("/", 3)

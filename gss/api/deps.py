@@ -14,41 +14,41 @@ from starlette.types import Scope
 from gss.api.schemas.base import LARGEST_ID
 from gss.domain.errors import NotSignedIn
 from gss.operations.accounts import identity
-from gss.operations.accounts.permissions import VIEW, require
-from gss.wiring import Services
+from gss.operations.accounts.permissions import require
+from gss.services import Services
 
 # --- caller -------------------------------------------------------------------------------------------------------
 
 
-def who_of(scope: Scope) -> identity.Who | None:
+def who_of(scope: Scope) -> identity.CallerIdentity | None:
     """Return the identity that the guard verified for this request; None if there is none."""
-    found: identity.Who | None = scope.get("state", {}).get("who")
+    found: identity.CallerIdentity | None = scope.get("state", {}).get("who")
     return found
 
 
-def identity_still_valid(services: Services, who: identity.Who) -> str:
+def identity_still_valid(services: Services, who: identity.CallerIdentity) -> str:
     """Return the reason why the caller's identity is no longer valid, or "" if it still is. Reads the database; streams
     call it every few seconds."""
-    return services.accounts.why_over(who)
+    return services.accounts.ended_reason(who)
 
 
-def _signed_in(request: Request) -> identity.Who:
+def _signed_in(request: Request) -> identity.CallerIdentity:
     who = who_of(request.scope)
     if who is None:
-        raise NotSignedIn("nobody is signed in", hint="sign in, or send Authorization: Bearer gss_…")
+        raise NotSignedIn("not signed in", hint="sign in, or send Authorization: Bearer gss_…")
     return who
 
 
 # These dependencies run on the event loop: the thread pool may be full, and ABORT must not wait for a thread.
-async def _who(request: Request) -> identity.Who:
+async def _who(request: Request) -> identity.CallerIdentity:
     return _signed_in(request)
 
 
-Who = Annotated[identity.Who, Depends(_who)]
+CurrentUser = Annotated[identity.CallerIdentity, Depends(_who)]
 """The caller, with role and permissions."""
 
 
-async def _user(who: Who) -> str:
+async def _user(who: CurrentUser) -> str:
     return who.name
 
 
@@ -56,14 +56,14 @@ User = Annotated[str, Depends(_user)]
 """Name of the caller."""
 
 
-async def _deed(request: Request) -> Callable[..., None]:
-    def tell(*words: object) -> None:
-        request.state.detail = " ".join(str(word) for word in words if word not in ("", None))
+async def _audit_note(request: Request) -> Callable[..., None]:
+    def set_detail(*words: object) -> None:
+        request.state.detail = " ".join(text for text in (str(word) for word in words if word is not None) if text)
 
-    return tell
+    return set_detail
 
 
-Deed = Annotated[Callable[..., None], Depends(_deed)]
+AuditNote = Annotated[Callable[..., None], Depends(_audit_note)]
 """Function that sets the audit detail of this request before it is carried out. Never pass it a password, key or link."""
 
 
@@ -72,13 +72,13 @@ Deed = Annotated[Callable[..., None], Depends(_deed)]
 
 class Need:
     """Permission that a route declares: one permission, alternatives joined by |, ``command`` for any command
-    permission, or ``nobody`` for routes open without sign-in. ``changes``: requests are written to the audit log."""
+    permission, or ``NO_SIGN_IN`` for routes open without sign-in. ``changes``: requests are written to the audit log."""
 
     def __init__(self, permission: str, changes: bool) -> None:
         self.permission, self.changes = permission, changes
 
     async def __call__(self, request: Request) -> None:
-        if self.permission != NOBODY:
+        if self.permission != NO_SIGN_IN:
             who = _signed_in(request)
             require(who.permissions, self.permission, who.role)
 
@@ -90,7 +90,7 @@ class Export:
         """Check nothing: the view permission also covers exports."""
 
 
-NOBODY = "nobody"
+NO_SIGN_IN = "no_sign_in"
 EXPORT = Depends(Export())
 
 
@@ -114,13 +114,6 @@ def _marks(route: object) -> list[object]:
     return [d.dependency for d in route.dependencies] if isinstance(route, APIRoute) else []
 
 
-async def view_by_default(request: Request) -> None:
-    """Require the view permission on a route that declares no permission."""
-    if not needs_of(request.scope.get("route")):
-        who = _signed_in(request)
-        require(who.permissions, VIEW, who.role)
-
-
 # --- parameters ---------------------------------------------------------------------------------------------------
 
 
@@ -142,7 +135,7 @@ def _with_zone(value: datetime) -> datetime:
     try:
         return (value if value.tzinfo else value.replace(tzinfo=UTC)).astimezone(UTC)
     except OverflowError:
-        raise ValueError("a moment that cannot be told in UTC") from None
+        raise ValueError("the time cannot be converted to UTC") from None
 
 
 Moment = Annotated[datetime, AfterValidator(_with_zone)]

@@ -26,12 +26,13 @@ from gss.domain.errors import (
     NotFound,
     NotPermitted,
     NotSignedIn,
+    RateLimited,
     StoreDown,
     TooCostly,
-    TooOften,
 )
+from gss.operations.accounts.permissions import ROLES
 
-SEE = "see /api/openapi.json for what there is and what each field takes"
+SEE = "see /api/openapi.json for all routes and fields"
 log = logging.getLogger("gss.api")
 
 STATUS: tuple[tuple[type[GssError], int], ...] = (
@@ -44,7 +45,7 @@ STATUS: tuple[tuple[type[GssError], int], ...] = (
     (StoreDown, 503),
     (NotSignedIn, 401),
     (NotPermitted, 403),
-    (TooOften, 429),
+    (RateLimited, 429),
     (Busy, 503),
 )
 PROBLEMS: dict[int | str, dict[str, Any]] = {
@@ -53,7 +54,8 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
 
 
 def describe(app: FastAPI) -> None:
-    """Describe every error response as JSON in the OpenAPI document. The framework would describe errors of HTML routes as HTML."""
+    """Describe every error response as JSON in the OpenAPI document, which the framework would describe as HTML for HTML routes,
+    and add each role's permissions as ``x-roles`` for the pages."""
     made = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -61,7 +63,10 @@ def describe(app: FastAPI) -> None:
             body = {"application/json": {"schema": {"$ref": "#/components/schemas/ProblemOut"}}}
             operations = (o for path in made()["paths"].values() for o in path.values())
             for answers in (operation["responses"] for operation in operations):
-                answers.update({code: {**told, "content": body} for code, told in answers.items() if int(code) >= 400})
+                answers.update(
+                    {code: {**response, "content": body} for code, response in answers.items() if int(code) >= 400}
+                )
+            made()["x-roles"] = {role: sorted(granted) for role, granted in ROLES.items()}
         return made()
 
     app.openapi = openapi  # type: ignore[method-assign]  # the framework's own way
@@ -73,9 +78,9 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(GssError)
     async def known(request: Request, error: GssError) -> JSONResponse:
         status = next((code for kind, code in STATUS if isinstance(error, kind)), 500)
-        deed = getattr(request.state, "detail", "")
-        request.state.detail = f"{deed}: {error.message}" if deed else error.message  # for the audit record
-        wait_s = error.retry_after_s if isinstance(error, TooOften | Busy) else 0.0
+        audit_note = getattr(request.state, "detail", "")
+        request.state.detail = f"{audit_note}: {error.message}" if audit_note else error.message  # for the audit record
+        wait_s = error.retry_after_s if isinstance(error, RateLimited | Busy) else 0.0
         return problem(status, error.message, error.expected, error.got, error.hint, retry_after_s=wait_s)
 
     @app.exception_handler(RequestValidationError)
@@ -88,7 +93,7 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def unknown(_request: Request, error: Exception) -> JSONResponse:
-        return problem(500, "the server has a defect; it is in the log under this id", cause=error)
+        return problem(500, "internal error of the server. The log has the details under this id", cause=error)
 
 
 def problem(

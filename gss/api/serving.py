@@ -58,4 +58,4 @@ def greeting(settings: Settings, port: int, link: Link | None) -> str:
     if link is None:
         return f"GSS is at {address}"
     minutes = int(SETUP_LASTS.total_seconds() // 60)
-    return f"GSS has no user yet. Within {minutes} minutes make the first one at {address}/setup#{link.key}"
+    return f"No user exists yet. Create the first one within {minutes} minutes at {address}/setup#{link.key}"

@@ -8,8 +8,10 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections.abc import Callable
 from types import FrameType
-from typing import Protocol
+
+import uvicorn
 
 log = logging.getLogger("gss.server")
 STOP_WITHIN_S = 4.5
@@ -29,10 +31,25 @@ def end_in_time(seconds: float = STOP_WITHIN_S) -> None:
     timer.start()
 
 
-class Stoppable(Protocol):
-    """A server of uvicorn's kind."""
+def begin_stop(announce: Callable[[], None]) -> None:
+    """Print that the server stops, start the time limit, and call ``announce``. Runs in a signal handler."""
+    say_stopping()
+    end_in_time()
+    announce()
 
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None: ...
+
+class StoppableServer(uvicorn.Server):
+    """Server that calls ``on_stop`` as soon as a signal arrives, to end the event streams: uvicorn alone would wait for them and
+    then cut them off."""
+
+    def __init__(self, config: uvicorn.Config, on_stop: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._on_stop = on_stop
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Stop in order on the first signal, at once on the second."""
+        self._on_stop()
+        super().handle_exit(sig, frame)
 
 
 class StopSignals:
@@ -40,12 +57,12 @@ class StopSignals:
     before would be lost in the start of the event loop."""
 
     def __init__(self) -> None:
-        self._server: Stoppable | None = None
+        self._server: uvicorn.Server | None = None
         self._early: int | None = None
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._received)
 
-    def attach(self, server: Stoppable) -> None:
+    def attach(self, server: uvicorn.Server) -> None:
         """Hand signals to this server from now on, also one that was received before."""
         self._server = server
         if self._early is not None:

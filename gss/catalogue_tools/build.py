@@ -13,7 +13,7 @@ from gss import __version__
 from gss.catalogue_tools.corrections.sky_source import CorrectedSky, corrected
 from gss.catalogue_tools.envelope.blocks import BlockEnvelope
 from gss.catalogue_tools.envelope.envelope import Envelope
-from gss.catalogue_tools.manifest import Manifest, profile_sha256
+from gss.catalogue_tools.manifest import BuildManifest, profile_sha256
 from gss.catalogue_tools.onboard import (
     OwnTables,
     encode,
@@ -23,7 +23,7 @@ from gss.catalogue_tools.onboard import (
     quantisation_error,
     tables_for,
 )
-from gss.catalogue_tools.plan import Plan, plan
+from gss.catalogue_tools.plan import BuildPlan, plan
 from gss.catalogue_tools.quick_look import QuickLook
 from gss.catalogue_tools.request import BuildRequest, parameters_of
 from gss.catalogue_tools.selection.ambiguity import AmbiguityMap
@@ -34,11 +34,12 @@ from gss.catalogue_tools.selection.quality import Quality
 from gss.catalogue_tools.selection.selection import Fate, Selection, frame_looks, screening_facts, select
 from gss.catalogue_tools.size_estimate import estimate_pairs as estimate_pairs
 from gss.catalogue_tools.size_estimate import estimated, frame_for, searched
-from gss.catalogue_tools.sources.sources import Source, hipparcos_of
-from gss.catalogue_tools.tables.distances import distance_table
-from gss.domain.bank_tables import ReducedCatalogue
+from gss.catalogue_tools.sources.sources import StarSource, hipparcos_of
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.bank import ReducedCatalogue
+from gss.skytables.pairs import DistanceTable, distance_table
 
 FEWEST_STARS = 2
 # Coarser than the maps of a build, so that the page responds while the user changes parameters.
@@ -56,7 +57,7 @@ class Preview:
     """Preview of a request: everything except the tables. ``pairs`` is an estimate above 800 stars. ``ambiguity``:
     coarse map, None if not requested."""
 
-    plan: Plan
+    plan: BuildPlan
     selection: Selection
     pairs: int
     bytes: int
@@ -68,9 +69,9 @@ class Preview:
 class BuiltCatalogue:
     """A finished catalogue. ``stars``: the rows of the image in its frame; ``distances``: at full precision."""
 
-    plan: Plan
+    plan: BuildPlan
     image: bytes
-    manifest: Manifest
+    manifest: BuildManifest
     selection: Selection
     stars: StarTable
     distances: DistanceTable
@@ -96,26 +97,26 @@ class BuiltCatalogue:
 class Prepared:
     """A request that has passed its checks, with its sky and its selected stars."""
 
-    plan: Plan
-    source: Source
+    plan: BuildPlan
+    source: StarSource
     sky: CorrectedSky
     selection: Selection
 
 
-def prepare(request: BuildRequest, source: Source | StarTable, progress: Progress | None = None) -> Prepared:
+def prepare(request: BuildRequest, source: StarSource | StarTable, progress: Progress | None = None) -> Prepared:
     """Plan the request and select its stars; BadInput if it cannot be built, as far as this can be determined before
     the tables are made.
 
     ``progress``: as for :func:`build`, up to 0.3.
     """
-    told = progress or (lambda stage, share: None)
-    p, origin = plan(request, lambda share: told("envelope", 0.2 * share)), _source(source)
-    sky, selection = _select(p, origin, p.envelope, lambda share: told("thinning", 0.2 + 0.1 * share))
+    report = progress or (lambda stage, share: None)
+    p, origin = plan(request, lambda share: report("envelope", 0.2 * share)), _source(source)
+    sky, selection = _select(p, origin, p.envelope, lambda share: report("thinning", 0.2 + 0.1 * share))
     _check_kept(p, selection)
     return Prepared(p, origin, sky, selection)
 
 
-def preview(request: BuildRequest, source: Source | StarTable, *, mistakes: bool = False) -> Preview:
+def preview(request: BuildRequest, source: StarSource | StarTable, *, mistakes: bool = False) -> Preview:
     """Compute counts, funnel and map of a request, fast enough for a page that updates while parameters change.
 
     ``mistakes``: also compute a coarse map of where stars can be confused. BadInput if the request is too heavy for a
@@ -126,52 +127,52 @@ def preview(request: BuildRequest, source: Source | StarTable, *, mistakes: bool
         raise reason
     look = QuickLook(p)
     _, selection = _select(p, origin, look)
-    kept = selection.kept
-    pairs, size = estimated(p, kept)
-    coarse = ambiguity(p, look, searched(p, kept), MISTAKES_NSIDE) if mistakes else None
+    stars = selection.kept
+    pairs, size = estimated(p, stars)
+    coarse = ambiguity(p, look, searched(p, stars), MISTAKES_NSIDE) if mistakes else None
     return Preview(p, selection, pairs, size, envelope_map(look, look.nside), coarse)
 
 
-def build(request: BuildRequest, source: Source | StarTable, progress: Progress | None = None) -> BuiltCatalogue:
+def build(request: BuildRequest, source: StarSource | StarTable, progress: Progress | None = None) -> BuiltCatalogue:
     """Build the bank image of a request, its manifest and its quality figures.
 
     ``progress`` is called with (stage, fraction done) before each stage and may raise to cancel; nothing is stored
     then.
     """
-    tell = progress or (lambda stage, share: None)
-    tell("envelope", 0.0)
-    return finish(prepare(request, source, tell), tell)
+    report = progress or (lambda stage, share: None)
+    report("envelope", 0.0)
+    return finish(prepare(request, source, report), report)
 
 
 def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
     """Complete a build from a prepared request: tables, image, quality and manifest."""
-    tell = progress or (lambda stage, share: None)
+    report = progress or (lambda stage, share: None)
     p, sky, selection = ready.plan, ready.sky, ready.selection
-    request, kept = p.request, sky.in_frame(selection.kept)
-    tell("distances", 0.3)
-    pairs = distance_table(kept, request.pair_min_rad, p.pair_max_rad)
+    request, stars = p.request, sky.in_frame(selection.kept)
+    report("distances", 0.3)
+    pairs = distance_table(stars, request.pair_min_rad, p.pair_max_rad)
     camera, name = p.profile.camera, request.format_name
-    own = tables_for(name, kept, pairs, camera, reduced=request.reduced, index=request.k_vector)
-    tell("image", 0.5)
+    own = tables_for(name, stars, pairs, camera, reduced=request.reduced, index=request.k_vector)
+    report("image", 0.5)
     key = bytes.fromhex(profile_sha256(p.profile))[:8]
-    image = encode(kept, own.distances, name, p.profile.name, key, own.tables)
+    image = encode(stars, own.distances, name, p.profile.name, key, own.tables)
     _check_size(p, len(image))
-    tell("quality", 0.6)
+    report("quality", 0.6)
     reduced = own.tables.reduced
     # The device searches the reduced catalogue if there is one; only the pairs among its stars are on board then.
     directory = selection.kept if reduced is None else selection.kept.take(reduced.kept)
     assessment = assess_catalogue(p, selection.kept, pairs if reduced is None else own.distances, directory)
-    tell("manifest", 0.95)
-    manifest = _manifest(p, ready.source, sky, selection, kept, own, image, assessment)
-    tell("done", 1.0)
-    return BuiltCatalogue(p, image, manifest, selection, kept, own.distances, assessment)
+    report("manifest", 0.95)
+    manifest = _manifest(p, ready.source, sky, selection, stars, own, image, assessment)
+    report("done", 1.0)
+    return BuiltCatalogue(p, image, manifest, selection, stars, own.distances, assessment)
 
 
-def _source(source: Source | StarTable) -> Source:
+def _source(source: StarSource | StarTable) -> StarSource:
     return hipparcos_of(source) if isinstance(source, StarTable) else source
 
 
-def too_heavy(p: Plan, source: Source | StarTable) -> BadInput | None:
+def too_heavy(p: BuildPlan, source: StarSource | StarTable) -> BadInput | None:
     """Return the error for a request too expensive for an interactive preview, or None. The cost is estimated, not
     measured."""
     base = p.base
@@ -193,7 +194,7 @@ def too_heavy(p: Plan, source: Source | StarTable) -> BadInput | None:
 
 
 def _select(
-    p: Plan, source: Source, envelope: Envelope, tell: Callable[[float], None] = lambda share: None
+    p: BuildPlan, source: StarSource, envelope: Envelope, report: Callable[[float], None] = no_progress
 ) -> tuple[CorrectedSky, Selection]:
     rules, corrections, stars = p.request.rules, p.request.corrections, source.stars
     if rules.faint_mag > source.faintest_v_mag:
@@ -206,12 +207,12 @@ def _select(
     if p.request.depth_mag is not None and len(stars):
         stars = stars.take(stars.v_mag <= rules.faint_mag)
     sky = corrected(stars, corrections, p.epoch_jyear, date_jyear=p.date_jyear, profile=p.profile)
-    selection = select(sky.icrs_stars, envelope, rules, p.shape, tell)
+    selection = select(sky.icrs_stars, envelope, rules, p.shape, report)
     blends = int(np.count_nonzero(sky.rejected.v_mag <= rules.faint_mag))
     return sky, selection.from_source(source.title, source.count, blends)
 
 
-def _check_kept(p: Plan, selection: Selection) -> None:
+def _check_kept(p: BuildPlan, selection: Selection) -> None:
     if selection.count(Fate.OUTSIDE) == len(selection.candidates):
         raise BadInput(
             "the envelope holds no star",
@@ -219,20 +220,20 @@ def _check_kept(p: Plan, selection: Selection) -> None:
             got=f"0 of {len(selection.candidates)}",
             hint="wider limits or a fainter magnitude limit",
         )
-    kept = selection.count(Fate.KEPT)
-    if kept < FEWEST_STARS:
+    count = selection.count(Fate.KEPT)
+    if count < FEWEST_STARS:
         raise BadInput(
-            "too few stars are left", expected=f"at least {FEWEST_STARS}", got=str(kept), hint="looser rules"
+            "too few stars are left", expected=f"at least {FEWEST_STARS}", got=str(count), hint="looser rules"
         )
     request = p.request
     # A reduced catalogue keeps only the pairs among its own stars, which are unknown until it is made.
     reduced = frame_for(request.format_name, p.profile.camera, request.reduced)
     if format_of(request.format_name).pair_bytes and reduced is None:
         pairs = estimate_pairs(selection.kept.icrs, p.request.pair_min_rad, p.pair_max_rad)
-        _check_size(p, image_bytes(p.request.format_name, kept, int(pairs / SURE_OVERFLOW)))
+        _check_size(p, image_bytes(p.request.format_name, count, int(pairs / SURE_OVERFLOW)))
 
 
-def _check_size(p: Plan, size: int) -> None:
+def _check_size(p: BuildPlan, size: int) -> None:
     if size > p.bank_bytes:
         raise BadInput(
             "the catalogue overflows the bank",
@@ -243,21 +244,21 @@ def _check_size(p: Plan, size: int) -> None:
 
 
 def _manifest(
-    p: Plan,
-    source: Source,
+    p: BuildPlan,
+    source: StarSource,
     sky: CorrectedSky,
     selection: Selection,
-    kept: StarTable,
+    stars: StarTable,
     own: OwnTables,
     image: bytes,
     assessment: Assessment,
-) -> Manifest:
-    request, error = p.request, quantisation_error(kept, own.distances, image)
-    counts = {"stars": len(kept), "pairs": len(own.distances)}
+) -> BuildManifest:
+    request, error = p.request, quantisation_error(stars, own.distances, image)
+    counts = {"stars": len(stars), "pairs": len(own.distances)}
     if own.tables.reduced is not None:
         counts["reduced catalogue"] = int(np.count_nonzero(own.tables.reduced.kept))
     hidden = request.occultation
-    return Manifest(
+    return BuildManifest(
         name=request.name,
         author=request.author,
         tool=f"gss {__version__}",
@@ -280,7 +281,7 @@ def _manifest(
             "distance_rad": error.distance_rad,
             "v_mag": None if np.isnan(error.v_mag) else error.v_mag,
         },
-        hip=tuple(int(h) for h in kept.hip),
+        hip=tuple(int(h) for h in stars.hip),
         image_sha256=hashlib.sha256(image).hexdigest(),
         corrections=sky.facts,
         source_facts={"name": source.name} | source.facts,
@@ -293,14 +294,14 @@ def _manifest(
 def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dict[str, Any]:
     """Results of the screening and frame of the reduced catalogue; empty without either."""
     facts: dict[str, Any] = {}
-    if (found := screening_facts(selection)) is not None:
-        facts["screening"] = found
+    if (screening := screening_facts(selection)) is not None:
+        facts["screening"] = screening
     if reduced is not None:
         facts["reduced"] = asdict(reduced.frame) | {"stars": int(np.count_nonzero(reduced.kept))}
     return facts
 
 
-def _envelope_facts(p: Plan) -> dict[str, Any]:
+def _envelope_facts(p: BuildPlan) -> dict[str, Any]:
     facts: dict[str, Any] = {"kind": type(p.base).__name__, "pair_max_rad": p.pair_max_rad}
     if p.planes is not None:
         facts["inclination_rad"] = list(p.planes.inclination_rad)

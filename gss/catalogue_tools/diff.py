@@ -11,7 +11,8 @@ from scipy.spatial import cKDTree
 from gss.catalogue_tools.envelope.healpix import centres
 from gss.domain.angles import Array, separation_rad
 from gss.domain.errors import BadInput
-from gss.domain.stars import Ids, OnboardCatalogue
+from gss.domain.stars import Ids
+from gss.skytables.bank import OnboardCatalogue
 
 # Shifts below the position resolution of the formats do not count as moves.
 MOVED_RAD = 5e-7

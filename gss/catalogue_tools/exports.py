@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from gss.catalogue_tools.formats.table_files import export_table, import_table
-from gss.catalogue_tools.manifest import Manifest
+from gss.catalogue_tools.manifest import BuildManifest
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.errors import BadInput
-from gss.domain.stars import OnboardCatalogue
+from gss.skytables.bank import OnboardCatalogue
 
 __all__ = ["export", "export_table", "import_table"]
 
@@ -25,7 +25,7 @@ UNITS = {"ra": "deg", "dec": "deg", "v": "mag", "distance": "deg"}
 LATIN = str.maketrans({"ß": "ss", "æ": "ae", "Æ": "AE", "ø": "o", "Ø": "O", "ł": "l", "Ł": "L", "–": "-", "—": "-"})
 
 
-def export(catalogue: OnboardCatalogue, manifest: Manifest, kind: str) -> bytes:
+def export(catalogue: OnboardCatalogue, manifest: BuildManifest, kind: str) -> bytes:
     """Return the file of one kind: csv, ecsv and parquet hold the star list, fits the star list and the distance
     table."""
     writers = {"csv": _csv, "ecsv": _ecsv, "parquet": _parquet, "fits": _fits}
@@ -50,7 +50,7 @@ def _pairs(catalogue: OnboardCatalogue) -> dict[str, Any]:
     return {"first": d.first, "second": d.second, "distance": np.degrees(d.distance_rad.astype(float))}
 
 
-def _facts(manifest: Manifest) -> dict[str, Any]:
+def _facts(manifest: BuildManifest) -> dict[str, Any]:
     return {
         "NAME": manifest.name,
         "PROFILE": manifest.profile_name,
@@ -63,7 +63,7 @@ def _facts(manifest: Manifest) -> dict[str, Any]:
     }
 
 
-def _csv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
+def _csv(catalogue: OnboardCatalogue, manifest: BuildManifest) -> bytes:
     columns = _stars(catalogue)
     head = ",".join(f"{name}_{UNITS[name]}" if name in UNITS else name for name in columns)
     rows = (
@@ -73,7 +73,7 @@ def _csv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
     return ("\n".join([head, *rows]) + "\n").encode()
 
 
-def _ecsv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
+def _ecsv(catalogue: OnboardCatalogue, manifest: BuildManifest) -> bytes:
     from astropy.table import Table  # imported here because it takes a second
 
     columns = _stars(catalogue)
@@ -83,7 +83,7 @@ def _ecsv(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
     return text.getvalue().encode()
 
 
-def _parquet(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
+def _parquet(catalogue: OnboardCatalogue, manifest: BuildManifest) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -100,11 +100,11 @@ def _card(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     plain = unicodedata.normalize("NFKD", value.translate(LATIN))
-    kept = "".join(c for c in plain if not unicodedata.combining(c))
-    return "".join(c if " " <= c <= "~" else "?" for c in kept)
+    ascii_text = "".join(c for c in plain if not unicodedata.combining(c))
+    return "".join(c if " " <= c <= "~" else "?" for c in ascii_text)
 
 
-def _fits(catalogue: OnboardCatalogue, manifest: Manifest) -> bytes:
+def _fits(catalogue: OnboardCatalogue, manifest: BuildManifest) -> bytes:
     from astropy.io import fits
 
     codes = {"i": "J", "f": "D"}

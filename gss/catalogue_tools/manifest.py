@@ -8,9 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from gss.catalogue_tools.onboard import BankHeader
-from gss.domain.errors import BadInput, CorruptData
-from gss.domain.profiles import CameraProfile
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.errors import CorruptData
 
 MANIFEST_VERSION = 2
 LARGEST = 0x7FFF_FFFF
@@ -20,7 +19,7 @@ SOURCE = "Hipparcos, the new reduction (van Leeuwen 2007, CDS I/311), V and name
 
 
 @dataclass(frozen=True)
-class Manifest:
+class BuildManifest:
     """All that is needed to read, check and repeat a build. Angles in radians; times ISO 8601, UTC.
 
     ``hip``: Hipparcos number of each row of the star list. ``valid_to``: "" if nothing drifts. ``candidates_per_query``
@@ -69,23 +68,23 @@ class Manifest:
         return json.dumps(self.as_dict(), indent=1, sort_keys=True, ensure_ascii=False)
 
 
-def read_manifest(text: str) -> Manifest:
+def read_manifest(text: str) -> BuildManifest:
     """Parse a manifest and verify its hash; CorruptData if it is not valid."""
     try:
         content = json.loads(text)
         claimed = content.pop("manifest_sha256")
-        found = hashlib.sha256(_canonical(content)).hexdigest()
+        digest = hashlib.sha256(_canonical(content)).hexdigest()
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
         raise CorruptData("not a catalogue manifest", expected="JSON with manifest_sha256", got=str(error)) from None
-    if claimed != found:
-        raise CorruptData("the manifest was changed after it was written", expected=str(claimed), got=found)
-    names = {f.name for f in fields(Manifest)}
+    if claimed != digest:
+        raise CorruptData("the manifest was changed after it was written", expected=str(claimed), got=digest)
+    names = {f.name for f in fields(BuildManifest)}
     version = content.get("version", "none")
-    wanted = {"1": names - set(SINCE_2), str(MANIFEST_VERSION): names}.get(str(version))
-    if wanted is None or set(content) != wanted:
+    expected_names = {"1": names - set(SINCE_2), str(MANIFEST_VERSION): names}.get(str(version))
+    if expected_names is None or set(content) != expected_names:
         raise CorruptData("a manifest of another version", expected=f"1 or {MANIFEST_VERSION}", got=str(version))
     _check_types(content)
-    return Manifest(**{**content, "hip": tuple(content["hip"])})
+    return BuildManifest(**{**content, "hip": tuple(content["hip"])})
 
 
 def _check_types(content: Mapping[str, Any]) -> None:
@@ -102,7 +101,7 @@ def _check_types(content: Mapping[str, Any]) -> None:
         ),
         "tuple[int, ...]": lambda value: isinstance(value, list) and all(map(_whole, value)),
     }
-    for f in fields(Manifest):
+    for f in fields(BuildManifest):
         if f.name in content and not inner[str(f.type)](content[f.name]):
             got = repr(content[f.name])[:60]
             raise CorruptData(f"{f.name} of the manifest is of another type", expected=str(f.type), got=got)
@@ -116,19 +115,19 @@ def _number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def manifest_of(content: Mapping[str, Any]) -> Manifest:
+def manifest_of(content: Mapping[str, Any]) -> BuildManifest:
     """Return the manifest of plain values from a store. Missing fields are empty, for example for a bank that was
     read back."""
     empty: dict[str, Any] = {"str": "", "dict": {}, "tuple": (), "float": float("nan"), "int": MANIFEST_VERSION}
-    values = {f.name: content.get(f.name, empty[str(f.type).partition("[")[0]]) for f in fields(Manifest)}
-    return Manifest(**{**values, "hip": tuple(values["hip"])})
+    values = {f.name: content.get(f.name, empty[str(f.type).partition("[")[0]]) for f in fields(BuildManifest)}
+    return BuildManifest(**{**values, "hip": tuple(values["hip"])})
 
 
-def check_image(manifest: Manifest, image: bytes) -> None:
+def check_image(manifest: BuildManifest, image: bytes) -> None:
     """Raise CorruptData unless the image is the one that the manifest describes."""
-    found = hashlib.sha256(image).hexdigest()
-    if found != manifest.image_sha256:
-        raise CorruptData("the image is not the manifest's", expected=manifest.image_sha256, got=found)
+    digest = hashlib.sha256(image).hexdigest()
+    if digest != manifest.image_sha256:
+        raise CorruptData("the image is not the manifest's", expected=manifest.image_sha256, got=digest)
 
 
 def profile_sha256(profile: CameraProfile) -> str:
@@ -136,17 +135,6 @@ def profile_sha256(profile: CameraProfile) -> str:
     camera = asdict(profile.camera)
     camera["distortion"]["model"] = type(profile.camera.distortion).__name__
     return hashlib.sha256(_canonical(camera)).hexdigest()
-
-
-def require_profile(header: BankHeader, profile: CameraProfile) -> None:
-    """Raise BadInput if a bank image was made for another camera."""
-    if header.profile_name != profile.name or header.profile_hash != bytes.fromhex(profile_sha256(profile))[:8]:
-        raise BadInput(
-            "the star list was made for another camera",
-            expected=f"{profile.name} {profile_sha256(profile)[:16]}",
-            got=f"{header.profile_name} {header.profile_hash.hex()}",
-            hint="build the catalogue again with this camera's profile",
-        )
 
 
 def _canonical(content: Any) -> bytes:

@@ -7,17 +7,28 @@ from datetime import datetime
 
 import numpy as np
 
+from gss.catalogue_tools.corrections.correction_switches import MeanOrbitVelocity
 from gss.catalogue_tools.corrections.corrections import DAYS_PER_YEAR, sun_longitude_rad
-from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, SUN_LAWS, AttitudeLimits
-from gss.catalogue_tools.envelope.blocks import BlockEnvelope, Tell
+from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, SUN_LAWS, AttitudeLimits, euler_123
+from gss.catalogue_tools.envelope.blocks import BlockEnvelope, ShareReport
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, PatchEnvelope, WholeSky
 from gss.catalogue_tools.envelope.field import FieldShape, widened
 from gss.catalogue_tools.envelope.lifetime import Lifetime, lifetime
 from gss.catalogue_tools.envelope.occultation import OccultedEnvelope
-from gss.catalogue_tools.envelope.orbits import OrbitRanges, from_elements, from_tle, jyear_of, node_rate_rad_s
+from gss.catalogue_tools.envelope.orbits import (
+    EARTH_MU_M3_S2,
+    EARTH_RADIUS_M,
+    OrbitRanges,
+    altitude_of_tle,
+    from_elements,
+    from_tle,
+    jyear_of,
+    node_rate_rad_s,
+)
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, epoch_of
+from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile, profile
 
 # Chosen: the 1 MiB of flash in the documents holds the program and several banks (Jacobs 1995 app. D.1, Erlank 2013
 # §4.2).
@@ -28,7 +39,7 @@ SUN_RATE_RAD_DAY = 2 * np.pi / DAYS_PER_YEAR
 
 
 @dataclass(frozen=True)
-class Plan:
+class BuildPlan:
     """A request with all derived values.
 
     ``shape``: field of view without the margin; that of the envelope includes it. ``base``: envelope before
@@ -70,14 +81,14 @@ class Plan:
         return lifetime(self.base, self.drift_rad_day, self.valid_to)
 
 
-def plan(request: BuildRequest, tell: Tell | None = None) -> Plan:
+def plan(request: BuildRequest, report: ShareReport | None = None) -> BuildPlan:
     """Derive the plan of a request. Raises BadInput for anything that cannot be built.
 
-    ``tell`` is called with the fraction done while the envelope's blocks are stepped, which happens later.
+    ``report`` is called with the fraction done while the envelope's blocks are stepped, which happens later.
     """
-    chosen = profile(request.profile_name)
+    chosen = request.profile
     planes = planes_of(request.orbit, request.start, request.days)
-    base = _envelope(request, FieldShape(widened(chosen.camera, request.margin_rad)), planes, tell)
+    base = _envelope(request, FieldShape(widened(chosen.camera, request.margin_rad)), planes, report)
     hidden = request.occultation
     limits = request.attitude
     longest = chosen.camera.diagonal_rad if request.pair_max_rad is None else request.pair_max_rad
@@ -88,7 +99,7 @@ def plan(request: BuildRequest, tell: Tell | None = None) -> Plan:
         or hidden.sun_rad > 0
         or hidden.moon_rad > 0
     )
-    return Plan(
+    return BuildPlan(
         request,
         chosen,
         FieldShape(chosen.camera),
@@ -137,7 +148,9 @@ def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> Orbit
     return OrbitRanges(first.inclination_rad, raan, middle, middle + (low + high) / 2)
 
 
-def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | None, tell: Tell | None) -> Envelope:
+def _envelope(
+    request: BuildRequest, shape: FieldShape, planes: OrbitRanges | None, report: ShareReport | None
+) -> Envelope:
     limits = request.attitude
     if limits is None:
         if planes is None:
@@ -153,7 +166,7 @@ def _envelope(request: BuildRequest, shape: FieldShape, planes: OrbitRanges | No
             )
         if request.method == "blocks":
             blocks = BlockEnvelope(shape, limits, planes)
-            return blocks if tell is None else replace(blocks, tell=tell)
+            return blocks if report is None else replace(blocks, report=report)
         return BandEnvelope(shape, limits, planes)
     if request.method == "blocks":
         raise BadInput(
@@ -179,3 +192,36 @@ def _occulted(request: BuildRequest, base: Envelope, planes: OrbitRanges | None)
     start = None if request.start is None else jyear_of(request.start)
     end = None if request.end is None else jyear_of(request.end)
     return OccultedEnvelope(base, request.occultation, planes, start, end)
+
+
+def altitude_m(orbit: ElementsOrbit | TleOrbit | None, given_m: float | None) -> float | None:
+    """Return the given altitude, otherwise that of the TLE or the elements; None if none is known."""
+    if given_m is not None:
+        return given_m
+    if isinstance(orbit, TleOrbit):
+        return altitude_of_tle(orbit.text)
+    return orbit.altitude_m if orbit is not None else None
+
+
+def pole_of(planes: OrbitRanges | None) -> Array:
+    """(3,) ICRS pole of the middle plane."""
+    if planes is None:
+        raise BadInput("orbital aberration needs an orbit", expected="orbital elements or a TLE", got="no orbit")
+    i, raan = float(np.mean(planes.inclination_rad)), float(np.mean(planes.raan_rad))
+    return np.array([np.sin(raan) * np.sin(i), -np.cos(raan) * np.sin(i), np.cos(i)])
+
+
+def orbital_velocity(attitude: AttitudeLimits | None, normal: Array, height_m: float | None) -> MeanOrbitVelocity:
+    """Velocity for orbital aberration on a circular orbit, at the time each star passes the middle of the field.
+
+    ``normal``: (3,) ICRS pole of the orbit.
+    """
+    if height_m is None:
+        raise BadInput("orbital aberration needs the orbit's altitude", expected="an altitude, or a TLE", got="neither")
+    speed_km_s = float(np.sqrt(EARTH_MU_M3_S2 / (EARTH_RADIUS_M + height_m))) / 1000
+    pole = (float(normal[0]), float(normal[1]), float(normal[2]))
+    if attitude is None or attitude.pointing not in ORBIT_LAWS:
+        return MeanOrbitVelocity(speed_km_s, pole)
+    middle = euler_123((attitude.low + attitude.high) / 2)
+    boresight = (attitude.cam_from_body @ middle)[2]
+    return MeanOrbitVelocity(speed_km_s, pole, (float(boresight[0]), float(boresight[1]), float(boresight[2])))

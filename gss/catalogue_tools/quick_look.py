@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gss.catalogue_tools.envelope.envelope import Envelope, Moments, PatchEnvelope
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.envelope.occultation import QUICK, OccultedEnvelope
-from gss.catalogue_tools.plan import Plan
+from gss.catalogue_tools.plan import BuildPlan
 from gss.catalogue_tools.selection.counting import fields_per_star
 from gss.domain.angles import Array
 
@@ -28,7 +28,7 @@ COARSE_NSIDE, FINE_NSIDE = 16, 32
 class QuickLook:
     """The subset of the envelope interface that the star selection and the map need."""
 
-    plan: Plan
+    plan: BuildPlan
 
     @cached_property
     def envelope(self) -> Envelope:

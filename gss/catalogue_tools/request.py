@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -15,11 +15,21 @@ from gss.catalogue_tools.envelope.occultation import Occultation
 from gss.catalogue_tools.envelope.orbits import Range, jyear_of
 from gss.catalogue_tools.onboard import check_format
 from gss.catalogue_tools.selection.screening import ScreeningRules
-from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.selection.selection import SelectionRules
 from gss.catalogue_tools.sources.hipparcos import FAINTEST_V_MAG
-from gss.domain.bank_tables import ReducedFrame
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.profiles import profile
+from gss.skytables.bank import ReducedFrame
+
+
+def own_format(camera: CameraProfile) -> str:
+    """Return the on-board format of a camera's unit. Raises BadInput for a unit that cannot be loaded."""
+    if not camera.formats:
+        raise BadInput(
+            "this instrument has no on-board catalogue format", expected="the name of a format", got=camera.name
+        )
+    return camera.formats[0]
+
 
 PAIR_MIN_RAD = np.radians(0.25)
 EPOCH_WITHOUT_DATES_JYEAR = 2000.0
@@ -69,9 +79,9 @@ class BuildRequest:
     camera's frame.
     """
 
-    profile_name: str
+    profile: CameraProfile
     format_name: str
-    rules: Rules
+    rules: SelectionRules
     name: str = ""
     author: str = ""
     orbit: ElementsOrbit | TleOrbit | None = None
@@ -96,7 +106,6 @@ class BuildRequest:
 
     def __post_init__(self) -> None:
         check_format(self.format_name)
-        profile(self.profile_name)
         if not (self.name.isprintable() and self.author.isprintable()):
             raise BadInput(
                 "name or author of the catalogue holds control characters",
@@ -117,6 +126,11 @@ class BuildRequest:
             _check_frame(self.reduced)
         _check_source(self)
         _check_epoch(self)
+
+    @property
+    def profile_name(self) -> str:
+        """Name of the camera."""
+        return self.profile.name
 
     @property
     def depth_mag(self) -> float | None:
@@ -146,18 +160,26 @@ def epoch_of(request: BuildRequest) -> float:
 
 def parameters_of(request: BuildRequest) -> dict[str, Any]:
     """The request as plain values, for the manifest."""
-    content = asdict(request)
+    content: dict[str, Any] = {"profile_name": request.profile_name}
+    content |= {f.name: _plain(getattr(request, f.name)) for f in fields(request) if f.name != "profile"}
     content["start"] = request.start.isoformat() if request.start else None
     content["corrections"] = request.corrections.as_dict()
     return content
 
 
-def request_from(parameters: Mapping[str, Any]) -> BuildRequest:
-    """Return the request of a manifest's parameters. Fields added after version 1 have their defaults if missing.
-    CorruptData if the parameters are not valid."""
-    known = {f.name for f in fields(BuildRequest)}
-    values = {name: value for name, value in parameters.items() if name in known}
+def _plain(value: Any) -> Any:
+    return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
+
+
+def request_from(parameters: Mapping[str, Any], profile: CameraProfile) -> BuildRequest:
+    """Return the request of a manifest's parameters for the camera that they name. Fields added after
+    version 1 have their defaults if missing. CorruptData if the parameters are not valid."""
+    field_names = {f.name for f in fields(BuildRequest)} - {"profile"}
+    values = {name: value for name, value in parameters.items() if name in field_names}
     try:
+        if parameters["profile_name"] != profile.name:
+            raise ValueError(f"the camera is {parameters['profile_name']}, not {profile.name}")
+        values["profile"] = profile
         values["rules"] = _rules_from(values["rules"])
         values["orbit"] = _orbit_from(values.get("orbit"))
         if values.get("attitude") is not None:
@@ -170,12 +192,14 @@ def request_from(parameters: Mapping[str, Any]) -> BuildRequest:
             values["reduced"] = ReducedFrame(**values["reduced"])
         return BuildRequest(**values)
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise CorruptData("the manifest's parameters are no request", got=f"{type(error).__name__}: {error}") from None
+        raise CorruptData(
+            "the manifest's parameters are not a valid request", got=f"{type(error).__name__}: {error}"
+        ) from None
 
 
-def _rules_from(values: Mapping[str, Any]) -> Rules:
+def _rules_from(values: Mapping[str, Any]) -> SelectionRules:
     screening = values.get("screening")
-    return Rules(**{**values, "screening": None if screening is None else ScreeningRules(**screening)})
+    return SelectionRules(**{**values, "screening": None if screening is None else ScreeningRules(**screening)})
 
 
 def _orbit_from(values: Mapping[str, Any] | None) -> ElementsOrbit | TleOrbit | None:

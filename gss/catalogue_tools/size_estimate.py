@@ -8,11 +8,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from gss.catalogue_tools.onboard import encode, format_of, frame_of, image_bytes, reduced_catalogue, tables_for
-from gss.catalogue_tools.plan import Plan
+from gss.catalogue_tools.plan import BuildPlan
 from gss.domain.angles import Array
-from gss.domain.bank_tables import ReducedFrame
 from gss.domain.camera import Camera
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.bank import ReducedFrame
+from gss.skytables.pairs import DistanceTable
 
 PAIR_SAMPLE = 800
 # Up to this many stars, building triplets and links is fast, so the size is exact; above, it is extrapolated.
@@ -24,7 +25,7 @@ REDUCED_HEAD_BYTES = 8 + 16
 SECTION_HEAD_BYTES = 8
 
 
-def estimated(p: Plan, kept: StarTable) -> tuple[int, int]:
+def estimated(p: BuildPlan, stars: StarTable) -> tuple[int, int]:
     """Return (pairs, bytes) of the image of the given stars.
 
     Pairs are counted up to 800 stars and scaled up from a sample of that size above; with a reduced catalogue they are
@@ -34,45 +35,45 @@ def estimated(p: Plan, kept: StarTable) -> tuple[int, int]:
     request = p.request
     name, frame, pairs = request.format_name, frame_for(request.format_name, p.profile.camera, request.reduced), 0
     if not format_of(name).pair_bytes:
-        if 2 <= len(kept) <= MADE_STARS:
-            return 0, _made_bytes(p, kept)
+        if 2 <= len(stars) <= MADE_STARS:
+            return 0, _made_bytes(p, stars)
     elif frame is None:
-        pairs = estimate_pairs(kept.icrs, request.pair_min_rad, p.pair_max_rad)
+        pairs = estimate_pairs(stars.icrs, request.pair_min_rad, p.pair_max_rad)
     else:
-        pairs = reduced_pairs(kept, frame, request.pair_min_rad, p.pair_max_rad)
-    return pairs, image_bytes(name, len(kept), pairs) + _reduced_bytes(name, len(kept), frame)
+        pairs = reduced_pairs(stars, frame, request.pair_min_rad, p.pair_max_rad)
+    return pairs, image_bytes(name, len(stars), pairs) + _reduced_bytes(name, len(stars), frame)
 
 
-def frame_for(format_name: str, camera: Camera, asked: ReducedFrame | None) -> ReducedFrame | None:
+def frame_for(format_name: str, camera: Camera, requested: ReducedFrame | None) -> ReducedFrame | None:
     """Frame of a format's reduced catalogue; None if it has none."""
-    return frame_of(camera) if asked is None and format_name == "far-mst" else asked
+    return frame_of(camera) if requested is None and format_name == "far-mst" else requested
 
 
-def reduced_pairs(kept: StarTable, frame: ReducedFrame, min_rad: float, max_rad: float) -> int:
+def reduced_pairs(selected: StarTable, frame: ReducedFrame, min_rad: float, max_rad: float) -> int:
     """Estimate the pairs among the stars of the reduced catalogue.
 
     Computed directly if the frame's step is coarse, otherwise extrapolated linearly from two coarser steps.
     """
     counts = []
     for step_rad in COARSE_STEPS_RAD if frame.step_rad < COARSE_STEPS_RAD[0] else (frame.step_rad,):
-        stars = kept.take(reduced_catalogue(kept, replace(frame, step_rad=step_rad)).kept)
+        stars = selected.take(reduced_catalogue(selected, replace(frame, step_rad=step_rad)).kept)
         counts.append(estimate_pairs(stars.icrs, min_rad, max_rad))
     if len(counts) == 1:
         return counts[0]
     fine, coarse = counts
     slope = (fine - coarse) / (COARSE_STEPS_RAD[1] - COARSE_STEPS_RAD[0])
     drawn = fine + max(0.0, slope) * (COARSE_STEPS_RAD[0] - frame.step_rad)
-    return int(min(round(drawn), estimate_pairs(kept.icrs, min_rad, max_rad)))
+    return int(min(round(drawn), estimate_pairs(selected.icrs, min_rad, max_rad)))
 
 
-def searched(p: Plan, kept: StarTable) -> StarTable:
+def searched(p: BuildPlan, stars: StarTable) -> StarTable:
     """Approximate list of the stars that the device searches: all, or those of a reduced catalogue made with a
     coarse step."""
     frame = frame_for(p.request.format_name, p.profile.camera, p.request.reduced)
     if frame is None:
-        return kept
+        return stars
     step_rad = max(frame.step_rad, COARSE_STEPS_RAD[0])
-    return kept.take(reduced_catalogue(kept, replace(frame, step_rad=step_rad)).kept)
+    return stars.take(reduced_catalogue(stars, replace(frame, step_rad=step_rad)).kept)
 
 
 def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
@@ -91,12 +92,12 @@ def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
     return round(float(within.sum()) * n / len(sample) / 2)
 
 
-def _made_bytes(p: Plan, kept: StarTable) -> int:
+def _made_bytes(p: BuildPlan, stars: StarTable) -> int:
     none = np.empty(0, np.int32)
     nothing = DistanceTable(none, none, np.empty(0), p.request.pair_min_rad, p.pair_max_rad)
     name = p.request.format_name
-    own = tables_for(name, kept, nothing, p.profile.camera, reduced=_coarser(p.request.reduced))
-    return len(encode(kept, own.distances, name, p.profile.name, tables=own.tables))
+    own = tables_for(name, stars, nothing, p.profile.camera, reduced=_coarser(p.request.reduced))
+    return len(encode(stars, own.distances, name, p.profile.name, tables=own.tables))
 
 
 def _coarser(frame: ReducedFrame | None) -> ReducedFrame | None:

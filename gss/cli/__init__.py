@@ -22,18 +22,24 @@ COMMANDS = {
     "serve": ("serve", "start the server; prints one address"),
     "simulate": ("simulate", "start a simulated star tracker on a pseudo-terminal or TCP port"),
     "catalogue": ("catalogue", "build star catalogues for a sensor's flash banks"),
-    "design": ("design", "what a camera would see: limits, stars in view, accuracy, baffle, lens trade"),
-    "solve": ("solve", "find where an image of the sky was pointed"),
-    "calibrate": ("night", "a camera's geometry, light and detector from its own frames"),
-    "analyse": ("night", "accuracy, rates, sensitivity and noise from the frames of a night"),
-    "bench": ("bench", "optical centre, tilt, focal length, distortion, dark current or focus, each by its own method"),
+    "design": ("design", "calculate limits, stars in view, accuracy, baffle and lens trade-off of a camera"),
+    "instrument": ("instrument", "list, check, add and compare instrument packages"),
+    "solve": ("solve", "find the attitude of images of the sky"),
+    "render": ("render", "render a test image of the sky at a pointing"),
+    "solve-lists": ("solve_lists", "find the attitudes of lists of measured stars"),
+    "calibrate": ("night", "calibrate a camera's geometry, photometry and detector from its frames"),
+    "analyse": ("night", "measure accuracy, rates, sensitivity and noise from the frames of a night"),
+    "sheet": ("sheet", "make the performance sheet of a unit from its frames, or of a simulated one"),
+    "bench": ("bench", "measure optical centre, tilt, focal length, distortion, dark current or focus on the bench"),
     "export": ("export", "write recordings and documents"),
     "check": ("check", "test a device against the interface document, or a record for gaps"),
+    "link-keys": ("link_keys", "create and change the keys that authenticate packets to the sensor"),
+    "passes": ("passes", "list coming passes; import the orbit of the spacecraft; manage ground stations"),
     "backup": ("upkeep", "make a backup; the server may run"),
-    "restore": ("upkeep", "put a backup into a new data folder"),
-    "retention": ("upkeep", "list what retention would remove; the server removes once a day"),
-    "experiments": ("experiments", "rerun the documents' own tables"),
-    "replay": ("replay", "print a raw capture, decoded, or rerun the sensor's chain on a stored frame"),
+    "restore": ("upkeep", "restore a backup into a new data folder"),
+    "retention": ("upkeep", "list data that retention would delete; the server deletes once a day"),
+    "experiments": ("experiments", "rerun published tables"),
+    "replay": ("replay", "decode and print a raw capture, or rerun the sensor's chain on a stored frame"),
     "user": ("user", "manage the users who may sign in"),
     "token": ("token", "manage keys for programs"),
     "audit": ("audit", "export or verify the audit log"),
@@ -56,7 +62,7 @@ class Commands:
 
 def parser_of(*modules: str) -> argparse.ArgumentParser:
     """Return a parser for the commands of these modules; without any, for all names and summaries but no arguments."""
-    parser = argparse.ArgumentParser(prog="gss", description="Ground-support system for star trackers.")
+    parser = argparse.ArgumentParser(prog="gss", description="Ground software for star trackers.")
     parser.add_argument("--version", action="version", version=f"gss {__version__}")
     commands = Commands(parser)
     for module in modules:

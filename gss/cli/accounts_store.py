@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Desk:
+class AccountAdministration:
     """Accounts and audit log of a store. ``who``: name of the shell's user in the audit log."""
 
     accounts: AccountService
@@ -26,22 +26,23 @@ class Desk:
     settings: Settings
     who: str
 
-    def record(self, action: str, target: str) -> None:
+    def record(self, action: str, target: str, detail: str = "") -> None:
         """Write an audit row, as for changes over the network."""
-        self.audit.record(self.who, f"shell.{action}", target, "done", role="shell")
+        self.audit.record(self.who, f"shell.{action}", target, "done", detail, role="shell")
 
 
 def with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     """Add the option that selects the store."""
-    parser.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     return parser
 
 
 @contextlib.contextmanager
-def desk(arguments: argparse.Namespace) -> Iterator[Desk]:
+def desk(arguments: argparse.Namespace) -> Iterator[AccountAdministration]:
     """Open the store, creating it if needed: the first user may be created before the first start of the server."""
     from gss.operations.accounts.accounts import open_accounts
     from gss.operations.accounts.audit import AuditService
+    from gss.operations.accounts.audit_anchor import AnchorFile
     from gss.operations.clock import monotonic_s, utc_now
     from gss.operations.folder_lock import own_folder
     from gss.settings import Settings
@@ -54,7 +55,9 @@ def desk(arguments: argparse.Namespace) -> Iterator[Desk]:
     database = Database(open_engine(settings.database_url))
     try:
         accounts = open_accounts(database, settings, utc_now, monotonic_s)
-        yield Desk(accounts, AuditService(database, utc_now), settings, f"shell:{_user()}"[:60])
+        audit = AuditService(database, utc_now, AnchorFile(settings.audit_anchor_file))
+        audit.begin_anchors()
+        yield AccountAdministration(accounts, audit, settings, f"shell:{_user()}"[:60])
     finally:
         database.close()
         os.umask(before)

@@ -17,19 +17,30 @@ def register(subparsers: Commands) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("audit")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    p = with_data(kinds.add_parser("export", help="all rows, oldest first"))
+    p = with_data(kinds.add_parser("export", help="export all rows, oldest first"))
     p.add_argument("--format", default="jsonl", choices=("jsonl", "csv"), help="default jsonl")
     p.add_argument("--out", type=Path, help="file to write; standard output without it")
     p.set_defaults(run=export)
     p = with_data(
         kinds.add_parser(
             "verify",
-            help="is the record whole?",
-            description="Computes every hash again. Exit code 0: whole; 1: a row was changed, removed, or the end was cut off.",
+            help="check the hash chain of the audit log",
+            description="Recompute every hash and compare the log with its anchor file. "
+            "Exit code 0: intact; 1: a row was changed or removed, or the end was truncated.",
         )
     )
-    p.add_argument("--last-hash", default="", metavar="HASH", help="a hash noted earlier, which must be there still")
+    p.add_argument("--last-hash", default="", metavar="HASH", help="a hash noted earlier, which must still exist")
     p.set_defaults(run=verify)
+    p = with_data(
+        kinds.add_parser(
+            "accept",
+            help="accept the audit log as it is after the database was replaced",
+            description="Compare only later rows with the anchor file. The acceptance stays in the file. Use this command only if "
+            "you know why log and file differ, for example because you put back an older copy of the database.",
+        )
+    )
+    p.add_argument("--reason", required=True, metavar="TEXT", help="why the log and the anchor file differ")
+    p.set_defaults(run=accept)
 
 
 def export(arguments: argparse.Namespace) -> int:
@@ -50,7 +61,15 @@ def verify(arguments: argparse.Namespace) -> int:
     with desk(arguments) as store:
         verdict = store.audit.verify(arguments.last_hash)
     if verdict.problem:
-        print(f"the audit record is not whole: {verdict.problem}", file=sys.stderr)
+        print(f"the audit log is not intact: {verdict.problem}", file=sys.stderr)
         return 1
-    print(f"{verdict.rows} rows, whole; note the last hash elsewhere: {verdict.last_hash}")
+    print(f"{verdict.rows} rows, intact. {verdict.anchors}".strip())
+    print(f"Record the last hash elsewhere: {verdict.last_hash}")
     return 0
+
+
+def accept(arguments: argparse.Namespace) -> int:
+    """Accept the log as it is and verify it."""
+    with desk(arguments) as store:
+        store.audit.accept(store.who, arguments.reason)
+    return verify(argparse.Namespace(data=arguments.data, last_hash=""))

@@ -6,16 +6,18 @@ import argparse
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gss.cli.input_files import TEXT_BYTES, read_limited
+from gss.cli.instruments import CAMERA_HELP, registry
+from gss.cli.instruments import camera as camera_of
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES, profile
 
 if TYPE_CHECKING:
     from gss.cli import Commands
+    from gss.operations.studies.calibration_requests import BenchCalibration
 
-TABLE = "CSV file of numbers; lines that do not begin with a number are passed over"
+TABLE = "CSV file of numbers; lines that do not begin with a number are ignored"
 
 
 def register(subparsers: Commands) -> None:
@@ -28,36 +30,36 @@ def register(subparsers: Commands) -> None:
 
     def method(name: str, words: str, camera: bool = True) -> argparse.ArgumentParser:
         q = methods.add_parser(name, help=words, description=words)
-        q.add_argument("--camera", metavar="PROFILE", required=camera, help=", ".join(PROFILES))
+        q.add_argument("--camera", metavar="INSTRUMENT", required=camera, help=CAMERA_HELP)
         q.add_argument("--out", type=Path, metavar="FILE", help="write the whole result: .json, .html or .pdf")
         q.add_argument("--json", action="store_true", help="print one JSON object")
         q.set_defaults(run=run_bench_command)
         return q
 
     q = method("dots", "optical centre from places of one dot while the camera turns about its axis", camera=False)
-    q.add_argument("file", metavar="FILE.csv", help=f"col,row of each turn. {TABLE}")
+    q.add_argument("file", metavar="FILE.csv", help=f"col,row at each rotation. {TABLE}")
     q = method("tilt", "tilt of the detector from places of two dots while the camera turns")
-    q.add_argument("file", metavar="FILE.csv", help=f"inner col,row, outer col,row of each turn. {TABLE}")
+    q.add_argument("file", metavar="FILE.csv", help=f"inner col,row, outer col,row at each rotation. {TABLE}")
     q = method("focal-pairs", "focal length from pairs of stars near the optical centre")
     q.add_argument("files", nargs="+", metavar="FRAME", help="frames of stars")
-    q.add_argument("--radius", type=float, metavar="PX", help="how far from the centre (default: half the way out)")
+    q.add_argument("--radius", type=float, metavar="PX", help="distance from the centre (default: half of the field)")
     _seen(q)
     q = method("radial", "polynomial of lens aberration from stars round one near the optical centre")
     q.add_argument("files", nargs="+", metavar="FRAME", help="frames of stars")
-    q.add_argument("--order", type=int, default=3, help="of the polynomial, 1 to 4 (default 3)")
+    q.add_argument("--order", type=int, default=3, help="order of the polynomial, 1 to 4 (default 3)")
     _seen(q)
     q = method("checkerboard", "focal length, centre and distortion from pictures of a checkerboard", camera=False)
     q.add_argument("files", nargs="+", metavar="IMAGE", help="pictures of the board, three or more")
     q.add_argument("--corners", required=True, metavar="9x6", help="inner corners across and down")
     q.add_argument("--square-mm", type=float, required=True, metavar="MM", help="side of a square")
-    q.add_argument("--k3", action="store_true", help="fit the third radial coefficient too")
+    q.add_argument("--k3", action="store_true", help="also fit the third radial coefficient")
     q = method("dark-law", "dark current against temperature", camera=False)
     q.add_argument("file", metavar="FILE.csv", help=f"temperature in °C, electrons per second. {TABLE}")
     q = method("focus", "best setting of the lens from pictures of stars at several settings, or from their widths")
     q.add_argument("files", nargs="*", metavar="FRAME", help="pictures of stars, one or more at each setting")
-    q.add_argument("--at", metavar="A,B,…", help="setting of the lens at each picture")
+    q.add_argument("--at", metavar="A,B,…", help="focus setting of each picture")
     q.add_argument("--widths", metavar="FILE.csv", help=f"instead of pictures: setting, σ in px. {TABLE}")
-    q.add_argument("--wished-sigma", type=float, default=0.45, metavar="PX", help="width to come to (default 0.45)")
+    q.add_argument("--wished-sigma", type=float, default=0.45, metavar="PX", help="required width (default 0.45)")
 
 
 def _seen(q: argparse.ArgumentParser) -> None:
@@ -68,51 +70,63 @@ def _seen(q: argparse.ArgumentParser) -> None:
 
 def run_bench_command(a: argparse.Namespace) -> int:
     """Run the method, write the result and print it."""
-    from gss.cli.night import give_calibration, shots_of, tell
+    from gss.cli.night import give_calibration, shots_of, show_progress
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.bench_run import run_bench
 
-    known = profile(a.camera) if a.camera else None
+    known = camera_of(a.camera) if a.camera else None
     files: Sequence[str] = getattr(a, "files", [])
     wanted = _wanted(a, known.name if known else "", len(files))
     shots = shots_of(files, None, None, getattr(a, "keep_aberration", True))
-    found = run_bench(Solver(), wanted, known, shots, tell)
+    found = run_bench(Solver(registry().camera), wanted, known, shots, show_progress)
     name = Path(files[0] if files else getattr(a, "file", None) or a.widths).name
     give_calibration(a, found, known, name)
     return 0
 
 
-def _wanted(a: argparse.Namespace, camera: str, pictures: int) -> Any:
-    """Return the request. Files have no frame ids, so they are numbered from 1."""
-    from gss.operations.studies.calibration_requests import BenchCalibration
+def _wanted(a: argparse.Namespace, camera: str, pictures: int) -> BenchCalibration:
+    """Return the request. Files have no frame ids, so they are numbered from 1. Raises BadInput."""
+    from gss.operations.requests import request_from
+    from gss.operations.studies import calibration_requests as requests
 
-    ids = tuple(range(1, pictures + 1))
+    models: dict[str, type[BenchCalibration]] = {
+        "dots": requests.BenchCentre,
+        "tilt": requests.BenchTilt,
+        "dark-law": requests.BenchDarkLaw,
+        "focal-pairs": requests.BenchFocal,
+        "radial": requests.BenchRadial,
+        "checkerboard": requests.BenchCheckerboard,
+        "focus": requests.BenchFocus,
+    }
+    kind = {"dots": "bench-centre", "focal-pairs": "bench-focal"}.get(a.method, f"bench-{a.method}")
+    values: dict[str, object] = {"kind": kind, "profile": camera}
+    if pictures:
+        values["frame_ids"] = list(range(1, pictures + 1))
     if a.method in ("dots", "tilt", "dark-law"):
-        kind = {"dots": "bench-centre"}.get(a.method, f"bench-{a.method}")
-        return BenchCalibration(kind, camera, read_rows(a.file))
-    if a.method == "focal-pairs":
-        options = () if a.radius is None else (("radius_px", a.radius),)
-        return BenchCalibration("bench-focal", camera, frame_ids=ids, options=options)
-    if a.method == "radial":
-        return BenchCalibration("bench-radial", camera, frame_ids=ids, options=(("order", a.order),))
-    if a.method == "checkerboard":
-        board = (("corners", _corners(a.corners)), ("square_mm", a.square_mm), ("fit_k3", a.k3))
-        return BenchCalibration("bench-checkerboard", camera, frame_ids=ids, options=board)
-    if bool(a.widths) == bool(pictures):
-        raise BadInput("a focus run is pictures with --at, or --widths", expected="one of the two")
-    rows = read_rows(a.widths) if a.widths else ()
-    at = tuple(_numbers((a.at or "").split(","), "--at")) if pictures else ()
-    return BenchCalibration("bench-focus", camera, rows, ids, at, (("wished_sigma_px", a.wished_sigma),))
+        values[requests.MEASURED[kind]] = read_rows(a.file)
+    elif a.method == "focal-pairs":
+        values["radius_px"] = a.radius
+    elif a.method == "radial":
+        values["order"] = a.order
+    elif a.method == "checkerboard":
+        values |= {"corners": _corners(a.corners), "square_mm": a.square_mm, "fit_k3": a.k3}
+    else:
+        if bool(a.widths) == bool(pictures):
+            raise BadInput("a focus run needs images with --at, or --widths", expected="one of the two")
+        values["widths"] = read_rows(a.widths) if a.widths else []
+        values["positions"] = _numbers((a.at or "").split(","), "--at") if pictures else []
+        values["wished_sigma_px"] = a.wished_sigma
+    return request_from(models[a.method], values)
 
 
-def _corners(text: str) -> tuple[int, int]:
+def _corners(text: str) -> list[int]:
     parts = text.lower().split("x")
     if len(parts) != 2 or not all(p.strip().isdigit() for p in parts):
         raise BadInput("unreadable number of corners", expected="inner corners across x down, such as 9x6", got=text)
-    return int(parts[0]), int(parts[1])
+    return [int(parts[0]), int(parts[1])]
 
 
-def read_rows(name: str) -> tuple[tuple[float, ...], ...]:
+def read_rows(name: str) -> list[list[float]]:
     """Return the rows of numbers of a CSV file; BadInput names a line that is not valid."""
     try:
         text = read_limited(Path(name), TEXT_BYTES).decode("utf-8-sig")
@@ -121,8 +135,8 @@ def read_rows(name: str) -> tuple[tuple[float, ...], ...]:
     rows = []
     for number, cells in enumerate(csv.reader(text.splitlines()), 1):
         if cells and _begins_with_number(cells[0]):
-            rows.append(tuple(_numbers(cells, f"{name} line {number}")))
-    return tuple(rows)
+            rows.append(_numbers(cells, f"{name} line {number}"))
+    return rows
 
 
 def _begins_with_number(cell: str) -> bool:

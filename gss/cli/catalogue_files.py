@@ -12,19 +12,19 @@ import numpy as np
 
 from gss.catalogue_tools.diff import compare, coverage_change
 from gss.catalogue_tools.envelope.field import FieldShape
-from gss.catalogue_tools.manifest import Manifest, check_image, manifest_of, read_manifest
+from gss.catalogue_tools.manifest import BuildManifest, check_image, manifest_of, read_manifest
 from gss.catalogue_tools.onboard import decode
 from gss.cli.input_files import IMAGE_BYTES, TABLE_FILE_BYTES, TEXT_BYTES, read_limited
+from gss.cli.instruments import camera
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput
-from gss.domain.profiles import profile
-from gss.domain.stars import OnboardCatalogue
+from gss.skytables.bank import OnboardCatalogue
 
 if TYPE_CHECKING:
     from gss.catalogue_tools.build import BuiltCatalogue
     from gss.cli import Subparsers
     from gss.operations.report.parts import Report
-    from gss.wiring import Services
+    from gss.services import Services
 
 NEED = 3
 SPAN = timedelta(days=60)
@@ -34,9 +34,9 @@ WHICH = "bank image with its manifest in IMAGE.json, or the number of a stored c
 
 def register(commands: Subparsers) -> None:
     """Add the commands to the catalogue group."""
-    show = _parser(commands, "show", "check a catalogue with its manifest and say what is in it", run_show)
+    show = _parser(commands, "show", "check a catalogue with its manifest and list its content", run_show)
     show.add_argument("image", help=WHICH)
-    diff = _parser(commands, "diff", "what changes from one catalogue to another", run_diff)
+    diff = _parser(commands, "diff", "compare two catalogues", run_diff)
     diff.add_argument("old", help=WHICH)
     diff.add_argument("new", help=WHICH)
     export = _parser(commands, "export", "write a catalogue as a file for other programs", run_export)
@@ -47,24 +47,22 @@ def register(commands: Subparsers) -> None:
         help="image | manifest | c | csv | ecsv | fits | parquet | tables-fits | tables-csv | tables-ecsv | tables-parquet",
     )
     export.add_argument("--out", type=Path, required=True, metavar="FILE")
-    back = _parser(commands, "import", "the bank image of a file that export --kind tables-… wrote", run_import)
+    back = _parser(commands, "import", "create the bank image from a file of export --kind tables-…", run_import)
     back.add_argument("file", type=Path)
     back.add_argument("--out", type=Path, required=True, metavar="FILE")
-    report = _parser(commands, "report", "the quality report of a catalogue, one HTML page", run_report)
+    report = _parser(commands, "report", "write the quality report of a catalogue as one HTML page", run_report)
     report.add_argument("image", help=WHICH)
     report.add_argument(
-        "--out", type=Path, metavar="FILE", help="the page, .html or .pdf; without it and --json: standard output"
+        "--out", type=Path, metavar="FILE", help="file to write, .html or .pdf; without it and --json: standard output"
     )
-    timeline = _parser(commands, "timeline", "which catalogue was, is and will be in which bank", run_timeline)
-    timeline.add_argument(
-        "--device", type=int, metavar="N", help="number of the device (default: the last that answered)"
-    )
-    timeline.add_argument("--days", type=float, default=60.0, help="this many days back (default 60)")
+    timeline = _parser(commands, "timeline", "list past, present and planned catalogues of each bank", run_timeline)
+    timeline.add_argument("--device", type=int, metavar="N", help="number of the device (default: the latest device)")
+    timeline.add_argument("--days", type=float, default=60.0, help="number of past days (default 60)")
 
 
 def _parser(commands: Subparsers, name: str, words: str, run: Any) -> argparse.ArgumentParser:
     p = commands.add_parser(name, help=words)
-    p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run)
     return p
@@ -99,7 +97,7 @@ def run_diff(arguments: argparse.Namespace) -> int:
     (old_image, old_paper, _), (new_image, new_paper, _) = (_read(arguments, a) for a in (arguments.old, arguments.new))
     old, new = _decoded(old_image, old_paper), _decoded(new_image, new_paper)
     d = compare(old, new)
-    cover = coverage_change(old, new, FieldShape(profile(new_paper.profile_name).camera).equal_circle_rad)
+    cover = coverage_change(old, new, FieldShape(camera(new_paper.profile_name).camera).equal_circle_rad)
     lists = {"added": d.added, "dropped": d.dropped, "moved": d.moved, "magnitude_changed": d.magnitude_changed}
     facts: dict[str, Any] = {
         "same": len(d.same),
@@ -163,15 +161,16 @@ def run_report(arguments: argparse.Namespace) -> int:
 
     _, manifest, report = _read(arguments, arguments.image)
     if report is None:
-        request = request_from(manifest.parameters)
+        known = camera(manifest.profile_name)
+        request = request_from(manifest.parameters, known)
         if request.source == "list":
             raise BadInput(
-                "the report of a catalogue of your own list needs the list",
+                "the report needs the star list of the catalogue",
                 expected="a stored catalogue, or build --list … --report FILE",
                 got=arguments.image,
             )
         whole = load_stars() if request.source == "hipparcos" else load_source(request.source, request.depth_mag)
-        report = report_again(manifest, whole)
+        report = report_again(manifest, known, whole)
     sheet = catalogue_sheet(manifest.as_dict(), report)
     if arguments.out is not None:
         _write_sheet(arguments.out, sheet)
@@ -185,24 +184,24 @@ def run_report(arguments: argparse.Namespace) -> int:
 def run_timeline(arguments: argparse.Namespace) -> int:
     """Print the bank timeline of a device in the store."""
     if not 0 <= arguments.days <= MOST_DAYS:
-        raise BadInput("so many days cannot be shown", expected=f"0 to {MOST_DAYS}", got=f"{arguments.days:g}")
+        raise BadInput("number of days out of range", expected=f"0 to {MOST_DAYS}", got=f"{arguments.days:g}")
     from gss.api.present.catalogues import timeline
     from gss.operations.clock import utc_now
 
     services, now = _services(arguments), utc_now()
     found = services.bank_history.timeline(now - timedelta(days=arguments.days), now + SPAN, arguments.device)
-    told = timeline(found, now, services.settings.catalogue_watch_days)
+    history = timeline(found, now, services.settings.catalogue_watch_days)
     if arguments.json:
-        print(told.model_dump_json(indent=1))
+        print(history.model_dump_json(indent=1))
         return 0
-    print(f"{told.device.name}: {told.cover.text}")
-    for s in told.stays:
+    print(f"{history.device.name}: {history.cover.text}")
+    for s in history.stays:
         until = f"{s.ended:%Y-%m-%d %H:%M}" if s.ended else "now"
         valid = f", valid to {s.valid_to:%Y-%m-%d %H:%M}" if s.valid_to else ""
         what = s.name or s.sha256[:8] or "–"
         who = " ".join((s.how, s.user)).strip()
         print(f"{s.bank:6} {s.state:8} {s.began:%Y-%m-%d %H:%M} to {until:16} {what}{valid} ({who})")
-    for p in told.planned:
+    for p in history.planned:
         print(f"{p.bank:6} {p.kind:10} {f'{p.at:%Y-%m-%d %H:%M}' if p.at else 'soon'} {p.text}")
     return 0
 
@@ -224,7 +223,7 @@ def _write_sheet(path: Path, sheet: Report) -> None:
     write_file(path, as_pdf(sheet, utc_now()) if path.suffix == ".pdf" else as_html(sheet).encode())
 
 
-def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, Manifest, dict[str, Any] | None]:
+def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, BuildManifest, dict[str, Any] | None]:
     """Return image, manifest and, from the store, the report. Image and manifest are checked against each other."""
     if which.isdigit() and not Path(which).exists():
         services = _services(arguments)
@@ -241,7 +240,7 @@ def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, Manifest, d
     return image, manifest, None
 
 
-def _decoded(image: bytes, manifest: Manifest) -> OnboardCatalogue:
+def _decoded(image: bytes, manifest: BuildManifest) -> OnboardCatalogue:
     return decode(image, np.array(manifest.hip, np.int32))
 
 

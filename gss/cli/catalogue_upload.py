@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gss.cli import instruments
 from gss.cli.input_files import IMAGE_BYTES, read_limited
 
 if TYPE_CHECKING:
@@ -18,29 +19,33 @@ if TYPE_CHECKING:
 def register(commands: Subparsers) -> None:
     """Add the command to the catalogue group."""
     p = commands.add_parser(
-        "upload", help="send a bank image to a device: verify by read-back, commit, activate if asked"
+        "upload", help="upload a bank image to a device: verify by read-back, commit, optionally activate"
     )
-    p.add_argument("image", type=Path, help="bank image, as build writes it")
+    p.add_argument("image", type=Path, help="bank image from gss catalogue build")
     p.add_argument(
-        "--device", required=True, metavar="URL", help="port of the device: a tty, socket:// or rfc2217:// URL"
+        "--device", required=True, metavar="URL", help="port of the device: a tty, socket://, rfc2217:// or udp:// URL"
     )
     p.add_argument("--bank", required=True, help="an inactive bank, for example A")
-    p.add_argument("--activate", action="store_true", help="make it the active bank and confirm it (critical)")
+    p.add_argument("--activate", action="store_true", help="activate the bank and confirm it (critical)")
+    instruments.add_option(p)
+    p.add_argument("--keys", type=Path, metavar="FILE", help="sign packets with these link keys")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Upload the image, and activate it if requested."""
-    from gss.device.dictionary_file import load_dictionary
+    from gss.device.link_keys import packet_signer
     from gss.domain.errors import BadInput
-    from gss.operations.clock import monotonic_s
-    from gss.operations.line.direct import direct_device
+    from gss.operations.checks.direct import direct_device
+    from gss.operations.clock import monotonic_s, utc_us
 
     if not arguments.image.is_file():
         raise BadInput("no such file", got=str(arguments.image))
     image = read_limited(arguments.image, IMAGE_BYTES)
-    with direct_device(arguments.device, load_dictionary(), monotonic_s) as device:
+    signer = packet_signer(arguments.keys, utc_us) if arguments.keys else None
+    unit = instruments.chosen(arguments)
+    with direct_device(arguments.device, unit, monotonic_s, signer) as device:
         sha256 = device.upload(image, arguments.bank, _show)
         if arguments.activate:
             device.command("ACTIVATE_BANK", {"bank": arguments.bank})

@@ -5,34 +5,39 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gss.cli import records, upkeep
+from gss.cli import instruments, records, upkeep
 
 if TYPE_CHECKING:
     from gss.cli import Commands
+    from gss.instruments.package import Instrument
     from gss.operations.checks.check_findings import Findings
 
-DESCRIPTION = """Try a device on a port against each clause of docs/icd.md. The port must be free and the device idle: the
-cycle is stopped for the time, image memories are overwritten and the attitude hint is lost; settings, mode and cycle are given
-back. Commands with a hazard are not carried out. Exit code 0: nothing failed; 1: something did."""
+DESCRIPTION = """Test a device on a port against each clause of docs/icd.md, or a sensor of another maker against the operations
+and telemetry that its package declares. The port must be free and the device idle: the
+cycle is stopped during the test, image memories are overwritten and the attitude hint is lost; settings, mode and cycle are
+restored. Hazardous commands are not executed. Exit code 0: no clause failed; 1: a clause failed."""
 
 
 def register(subparsers: Commands) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("check")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    p = kinds.add_parser("device", help="a simulator or a unit on a port", description=DESCRIPTION)
+    p = kinds.add_parser("device", help="test a simulator or a unit on a port", description=DESCRIPTION)
     p.add_argument(
-        "--device", required=True, metavar="URL", help="port of the device: a tty, socket:// or rfc2217:// URL"
+        "--device", required=True, metavar="URL", help="port of the device: a tty, socket://, rfc2217:// or udp:// URL"
     )
     p.add_argument(
         "--write",
         action="store_true",
-        help="also upload into an inactive bank, which then holds what it held before, and offer commands with a hazard "
+        help="also upload into an inactive bank, which is restored afterwards, and send hazardous commands with "
         "arguments that they must reject",
     )
-    p.add_argument("--json", action="store_true", help="print one JSON object with every trial")
+    instruments.add_option(p)
+    p.add_argument("--keys", type=Path, metavar="FILE", help="sign packets with these link keys")
+    p.add_argument("--json", action="store_true", help="print one JSON object with every check")
     p.set_defaults(run=run)
     records.register_checks(kinds)
     upkeep.register_check(kinds)
@@ -40,14 +45,18 @@ def register(subparsers: Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the checks and print the findings."""
-    from gss.device.dictionary_file import load_dictionary
+    from gss.device.link_keys import packet_signer
     from gss.operations.checks.check_device import check_device
     from gss.operations.checks.probe import probing
-    from gss.operations.clock import monotonic_s
+    from gss.operations.clock import monotonic_s, utc_us
 
-    dictionary = load_dictionary()
-    with probing(arguments.device, dictionary, monotonic_s) as probe:
-        findings = check_device(probe, write=arguments.write, told=_told)
+    instrument = instruments.chosen(arguments)
+    dictionary = instrument.dictionary
+    signer = packet_signer(arguments.keys, utc_us) if arguments.keys else None
+    if not dictionary.services:  # the interface document is about the shared protocol only
+        return _run_declared(arguments, instrument)
+    with probing(arguments.device, dictionary, monotonic_s, signer) as probe:
+        findings = check_device(probe, write=arguments.write, on_part=_show_part)
         facts = findings.plain(probe.device.hello, dictionary.hash_hex)
     if arguments.json:
         print(json.dumps(facts, ensure_ascii=False))
@@ -56,7 +65,31 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if findings.failed or findings.left else 0
 
 
-def _told(part: str) -> None:
+def _run_declared(arguments: argparse.Namespace, instrument: Instrument) -> int:
+    """Test what the package of a sensor of another maker declares."""
+    from dataclasses import asdict
+
+    from gss.operations.checks.check_declared import check_declared
+    from gss.operations.checks.direct import direct_device
+    from gss.operations.clock import monotonic_s
+
+    with direct_device(arguments.device, instrument, monotonic_s) as device:
+        cases = check_declared(device, instrument, write=arguments.write)
+    failed = [case for case in cases if case.passed is False]
+    if arguments.json:
+        facts = {"instrument": instrument.name, "failed": len(failed), "cases": [asdict(case) for case in cases]}
+        print(json.dumps(facts, ensure_ascii=False))
+        return 1 if failed else 0
+    print(f"{instrument.name}: {instrument.about.title}")
+    for case in cases:
+        word = {True: "pass", False: "FAILED", None: "left out"}[case.passed]
+        print(f"{word:9} {case.subject}{': ' if case.detail else ''}{case.detail}")
+    tried = [case for case in cases if case.passed is not None]
+    print(f"{len(tried)} trials, {len(failed)} failed")
+    return 1 if failed else 0
+
+
+def _show_part(part: str) -> None:
     if sys.stderr.isatty():
         print(f"… {part}", file=sys.stderr, flush=True)
 
@@ -77,10 +110,8 @@ def _print(findings: Findings, device: dict[str, object]) -> None:
                 word = "left out" if case.passed is None else "FAILED"
                 print(f"{'':17} {word}: {case.subject}: {case.detail}")
     for text in findings.left:
-        print(f"NOT GIVEN BACK: {text}")
+        print(f"NOT RESTORED: {text}")
     if findings.damaged:
-        print(f"{findings.damaged} packets came damaged: what failed may be the line's fault; try again on a clean one")
+        print(f"{findings.damaged} packets were damaged, so failures may be caused by the line. Repeat on a clean line")
     tried = [c for cases in findings.cases.values() for c in cases if c.passed is not None]
-    print(
-        f"{len(tried)} trials, {sum(not c.passed for c in tried)} failed; clauses that do not hold: {len(findings.failed)}"
-    )
+    print(f"{len(tried)} trials, {sum(not c.passed for c in tried)} failed; failed clauses: {len(findings.failed)}")

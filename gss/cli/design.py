@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -13,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 from gss.catalogue_tools.design.camera import LIMITS, WHOLE, DesignCamera
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES
+from gss.cli.instruments import CAMERA_HELP, camera, registry
 
 if TYPE_CHECKING:
     from gss.cli import Commands
+    from gss.operations.catalogues.design import DesignQuestion
 
 EDITABLE = tuple(f.name for f in fields(DesignCamera) if f.name != "name")
 
@@ -26,36 +25,42 @@ def register(subparsers: Commands) -> None:
     """Add the command."""
     p = subparsers.add_parser(
         "design",
-        description="Starts from a document's camera; every number of it can be changed. Ranges are MIN:MAX in degrees.",
+        description="Start from a published camera and change any number. Ranges are MIN:MAX in degrees.",
     )
-    p.add_argument("--profile", default="cubestar", help=" | ".join(PROFILES))
+    p.add_argument("--profile", metavar="INSTRUMENT", help=f"{CAMERA_HELP} (default: GSS_INSTRUMENT)")
     for name in EDITABLE:
         unit = LIMITS[name][2] if name in LIMITS else "V; default: what the radiometry allows"
         kind = int if name in WHOLE else float
         p.add_argument(f"--{name.replace('_', '-')}", type=kind, metavar="N", help=unit or None)
     p.add_argument(
-        "--exclusion-deg", type=float, metavar="N", help="the baffle keeps out sources from here (default 40)"
+        "--exclusion-deg", type=float, metavar="N", help="angle from which the baffle blocks sources (default 40)"
     )
     p.add_argument("--spare-mm", type=float, default=0.0, metavar="N", help="widening of the baffle for misalignment")
-    p.add_argument("--inclination-deg", type=float, metavar="N", help="fly along an orbit instead of the whole sky")
-    p.add_argument("--raan-deg", type=_range, default=(0.0, 360.0), metavar="MIN:MAX", help="of the ascending node")
+    p.add_argument("--inclination-deg", type=float, metavar="N", help="orbit inclination; without it: the whole sky")
+    p.add_argument(
+        "--raan-deg", type=_range, default=(0.0, 360.0), metavar="MIN:MAX", help="right ascension of the ascending node"
+    )
     p.add_argument("--pointing", default="zenith", help=f"{' | '.join(ORBIT_LAWS)} (default zenith)")
     for name in ("roll", "pitch", "yaw"):
         p.add_argument(f"--{name}-deg", type=_range, default=(0.0, 0.0), metavar="MIN:MAX", help=f"limits of {name}")
-    p.add_argument("--seed", type=int, default=1, help="of every pointing (default 1)")
-    p.add_argument("--pointings", type=int, default=1_000_000, metavar="N", help="fields counted (default a million)")
+    p.add_argument("--seed", type=int, default=1, help="seed of the random pointings (default 1)")
+    p.add_argument(
+        "--pointings", type=int, default=1_000_000, metavar="N", help="number of pointings (default a million)"
+    )
     p.add_argument("--quick", action="store_true", help="two thousand pointings instead of a million, no lens trade")
     p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.add_argument("--html", type=Path, metavar="FILE", help="write a page of figures and drawings")
+    p.add_argument("--html", type=Path, metavar="FILE", help="write a page with figures and drawings")
     p.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Compute and print the design report."""
-    from gss.operations.catalogues.design import answer
+    from gss.operations.catalogues.design import answer, document_rows
 
-    question = question_of(arguments)
-    record = answer(question, load_stars(), quick=arguments.quick, progress=_told)
+    question, stars = question_of(arguments), load_stars()
+    documents = document_rows(registry().cameras().values(), stars)
+    base = DesignCamera.from_profile(camera(arguments.profile))
+    record = answer(question, base, stars, quick=arguments.quick, documents=documents, progress=_show_progress)
     if arguments.html is not None:
         from gss.operations.catalogues.design_sheet import design_sheet
         from gss.operations.report.html import as_html
@@ -68,22 +73,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def question_of(arguments: argparse.Namespace) -> Any:
-    """Return the request of parsed arguments; converts degrees to radians."""
-    from gss.operations.catalogues.design import Along, Question, radians
+def question_of(arguments: argparse.Namespace) -> DesignQuestion:
+    """Return the request of parsed arguments."""
+    from gss.operations.catalogues.design import DesignQuestion
+    from gss.operations.requests import request_from
 
-    changes = {name: getattr(arguments, name) for name in EDITABLE if getattr(arguments, name) is not None}
-    along = None
+    names = ("profile", *EDITABLE, "exclusion_deg", "spare_mm", "seed", "pointings")
+    values = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     if arguments.inclination_deg is not None:
-        inclination = math.radians(arguments.inclination_deg)
-        limits = [radians(getattr(arguments, f"{name}_deg")) for name in ("roll", "pitch", "yaw")]
-        along = Along((inclination, inclination), radians(arguments.raan_deg), arguments.pointing, *limits)
-    exclusion = None if arguments.exclusion_deg is None else math.radians(arguments.exclusion_deg)
-    if arguments.seed < 0:
-        raise BadInput("a seed is not negative", expected="0 or more", got=str(arguments.seed))
-    return Question(
-        arguments.profile, changes, exclusion, arguments.spare_mm, along, arguments.seed, arguments.pointings
-    )
+        limits = {name: list(getattr(arguments, name)) for name in ("raan_deg", "roll_deg", "pitch_deg", "yaw_deg")}
+        orbit = {"inclination_deg": arguments.inclination_deg, "pointing": arguments.pointing, **limits}
+        values |= {"sky": "orbit", **orbit}
+    return request_from(DesignQuestion, values)
 
 
 def as_text(record: dict[str, Any]) -> str:
@@ -126,7 +127,7 @@ def _range(text: str) -> tuple[float, float]:
         raise argparse.ArgumentTypeError(f"expected MIN:MAX in degrees, got {text}") from None
 
 
-def _told(done: int, total: int, text: str) -> None:
+def _show_progress(done: int, total: int, text: str) -> None:
     if sys.stderr.isatty():
         print(
             f"\r{text}, {100 * done // max(1, total)} % ",

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gss.cli import export_commands, export_rerun, export_tables, records
+from gss.cli import export_commands, export_rerun, export_tables, instruments, records
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -18,30 +18,32 @@ def register(subparsers: Commands) -> None:
     parser = subparsers.add_parser("export")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
     export_rerun.register(kinds)
-    fits = kinds.add_parser("fits", help="stored frames as FITS files with the coordinates of their solution")
+    fits = kinds.add_parser("fits", help="export stored frames as FITS files with the WCS of their solution")
     fits.add_argument("--frames", required=True, help="ids of frames, for example 3,5-9")
     fits.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="folder for frame-N.fits")
-    fits.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    fits.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     fits.set_defaults(run=export_fits)
-    solutions = kinds.add_parser("solutions", help="results on stored frames as a table")
+    solutions = kinds.add_parser("solutions", help="export results of stored frames as a table")
     solutions.add_argument("--out", required=True, type=Path, help="file to write")
     solutions.add_argument("--format", default="parquet", choices=("csv", "parquet"), help="default parquet")
     solutions.add_argument("--chain", default="", help="only results of this chain")
-    solutions.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    solutions.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     solutions.set_defaults(run=export_solutions)
-    icd = kinds.add_parser("icd", help="the interface control document, from the dictionary")
+    icd = kinds.add_parser("icd", help="write the interface control document")
+    instruments.add_option(icd)
     icd.add_argument("--out", type=Path, help="file to write; standard output without it")
     icd.set_defaults(run=export_icd)
-    xtce = kinds.add_parser("xtce", help="the telemetry's layout as XTCE 1.2, for other ground software")
+    xtce = kinds.add_parser("xtce", help="write the telemetry layout as XTCE 1.2, for other ground software")
+    instruments.add_option(xtce)
     xtce.add_argument("--out", type=Path, help="file to write; standard output without it")
     xtce.add_argument(
-        "--repeat-lists", action="store_true", help="lists as repeated containers, where the reader knows these"
+        "--repeat-lists", action="store_true", help="write lists as repeated containers, if the reader supports them"
     )
     xtce.set_defaults(run=export_xtce)
-    openapi = kinds.add_parser("openapi", help="the HTTP interface as JSON")
+    openapi = kinds.add_parser("openapi", help="write the OpenAPI document of the HTTP interface")
     openapi.add_argument("--out", type=Path, help="file to write; standard output without it")
     openapi.set_defaults(run=export_openapi)
-    shell = kinds.add_parser("shell", help="the shell's own reference")
+    shell = kinds.add_parser("shell", help="write the command-line reference")
     shell.add_argument("--out", type=Path, help="file to write; standard output without it")
     shell.set_defaults(run=export_shell)
     export_commands.register(kinds)
@@ -81,7 +83,7 @@ def export_fits(arguments: argparse.Namespace) -> int:
     for frame_id in ids_of(arguments.frames):
         detail = services.frames.detail(frame_id)
         if not detail.frame.complete:
-            print(f"frame {frame_id} has missing rows and was left out", file=sys.stderr)
+            print(f"frame {frame_id} has missing rows and was skipped", file=sys.stderr)
             continue
         data = fits_file(services.frames.pixels(detail.frame), detail.frame, detail.ground)
         (arguments.out / f"frame-{frame_id}.fits").write_bytes(data)
@@ -92,18 +94,16 @@ def export_fits(arguments: argparse.Namespace) -> int:
 
 def export_icd(arguments: argparse.Namespace) -> int:
     """Write the interface control document."""
-    from gss.device.dictionary_file import load_dictionary
     from gss.device.icd import icd_markdown
 
-    return _write(icd_markdown(load_dictionary()), arguments.out)
+    return _write(icd_markdown(instruments.chosen(arguments).dictionary), arguments.out)
 
 
 def export_xtce(arguments: argparse.Namespace) -> int:
     """Write the telemetry layout as XTCE."""
-    from gss.device.dictionary_file import load_dictionary
     from gss.device.xtce import xtce
 
-    return _write(xtce(load_dictionary(), repeat_lists=arguments.repeat_lists), arguments.out)
+    return _write(xtce(instruments.chosen(arguments).dictionary, repeat_lists=arguments.repeat_lists), arguments.out)
 
 
 def export_openapi(arguments: argparse.Namespace) -> int:

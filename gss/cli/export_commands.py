@@ -11,23 +11,23 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from gss.operations.commanding.command_history import Filter
 
-DESCRIPTION = """Write the commands that fit every given condition, oldest first, with arguments, result and every stage.
-Moments are ISO 8601, UTC where no zone is given. --name and --result may be given several times."""
+DESCRIPTION = """Export the commands that match all conditions, oldest first, with arguments, result and every stage.
+Times are ISO 8601, UTC by default. --name and --result may be repeated."""
 
 
 def register(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command to ``gss export``."""
-    p = kinds.add_parser("commands", help="the history of commands as CSV or JSON", description=DESCRIPTION)
-    p.add_argument("--format", choices=("csv", "json"), default="csv", help="CSV unless told otherwise")
-    p.add_argument("--from", dest="start", metavar="TIME", help="created at or after this moment")
-    p.add_argument("--to", dest="end", metavar="TIME", help="created before this moment")
+    p = kinds.add_parser("commands", help="export the command history as CSV or JSON", description=DESCRIPTION)
+    p.add_argument("--format", choices=("csv", "json"), default="csv", help="default csv")
+    p.add_argument("--from", dest="start", metavar="TIME", help="created at or after this time")
+    p.add_argument("--to", dest="end", metavar="TIME", help="created before this time")
     p.add_argument("--name", action="append", default=[], help="name of the command")
     p.add_argument("--result", action="append", default=[], help="for example completed, failed, unknown")
-    p.add_argument("--user", default="", help="who sent it")
+    p.add_argument("--user", default="", help="name of the sender")
     p.add_argument("--contact", type=int, help="number of the contact")
-    p.add_argument("--text", default="", help="words in name, arguments, detail, note or values")
+    p.add_argument("--text", default="", help="text in name, arguments, detail, note or values")
     p.add_argument("--out", type=Path, help="file to write; standard output without it")
-    p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.set_defaults(run=export_commands)
 
 
@@ -73,5 +73,7 @@ def _moment(option: str, text: str | None) -> datetime | None:
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:
-        raise BadInput(f"{option} is no moment", expected="ISO 8601, as 2026-12-01T18:00:00Z", got=text) from None
+        raise BadInput(
+            f"{option} is not a valid time", expected="ISO 8601, as 2026-12-01T18:00:00Z", got=text
+        ) from None
     return moment if moment.tzinfo else moment.replace(tzinfo=UTC)

@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 def register(kinds: Subparsers) -> None:
     """Add the command."""
-    parser = kinds.add_parser("rerun", help="what is stored as one Rerun recording")
+    parser = kinds.add_parser("rerun", help="write stored data as a Rerun recording")
     of = parser.add_mutually_exclusive_group(required=True)
     of.add_argument("--frames", help="ids of frames, for example 3,5-9")
     of.add_argument(
-        "--contact", type=int, metavar="N", help="everything of a contact: frames, telemetry, commands, events"
+        "--contact", type=int, metavar="N", help="all data of a contact: frames, telemetry, commands, events"
     )
-    of.add_argument("--calibration", type=int, metavar="N", help="the frames that a camera was calibrated from")
+    of.add_argument("--calibration", type=int, metavar="N", help="the frames used for a calibration")
     of.add_argument("--analysis", type=int, metavar="N", help="the frames of an analysis")
-    of.add_argument("--campaign", type=int, metavar="N", help="the frames that a campaign's job ran a chain on")
+    of.add_argument("--campaign", type=int, metavar="N", help="the frames of a campaign")
     parser.add_argument("--out", required=True, type=Path, help="file to write (.rrd)")
-    parser.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     parser.set_defaults(run=run)
 
 

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
 def register(kinds: Kinds) -> None:
     """Add the command to ``gss export``."""
     p = kinds.add_parser(
-        "parquet", help="telemetry, solutions, stars, commands and events as partitioned Parquet tables"
+        "parquet", help="export telemetry, solutions, stars, commands and events as partitioned Parquet tables"
     )
-    p.add_argument("--out", required=True, type=Path, metavar="FOLDER", help="a new folder, or an older export")
+    p.add_argument(
+        "--out", required=True, type=Path, metavar="FOLDER", help="a new folder, or that of an earlier export"
+    )
     p.add_argument("--from", dest="first", type=date.fromisoformat, metavar="DAY", help="first UTC day, 2026-12-01")
     p.add_argument("--to", dest="last", type=date.fromisoformat, metavar="DAY", help="last UTC day, included")
-    p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.set_defaults(run=export)
 
 
@@ -31,11 +33,11 @@ def export(arguments: argparse.Namespace) -> int:
 
     services = services_of(arguments)
 
-    def told(folder: str) -> None:
+    def show_folder(folder: str) -> None:
         if sys.stderr.isatty():
             print(f"… {folder}", file=sys.stderr, flush=True)
 
     dictionary = services.telemetry.archive.dictionary
-    made = export_parquet(services.database, dictionary, arguments.out, arguments.first, arguments.last, told)
+    made = export_parquet(services.database, dictionary, arguments.out, arguments.first, arguments.last, show_folder)
     print(f"{arguments.out}: {made.files} files, {made.rows} rows, {made.bytes} bytes")
     return 0

@@ -26,3 +26,15 @@ def read_limited(path: Path, most_bytes: int) -> bytes:
             f"{path.name} is too large", expected=f"at most {most_bytes} bytes", got=f"more than {most_bytes} bytes"
         )
     return data
+
+
+def read_file(name: str, what: str, most_bytes: int) -> bytes:
+    """Return the content of a file of the command line; ``what`` it should be. Raises BadInput, also where it cannot be read."""
+    try:
+        return read_limited(Path(name), most_bytes)
+    except IsADirectoryError:
+        raise BadInput(f"{name} is a directory", expected=what, got="a directory") from None
+    except FileNotFoundError:
+        raise BadInput(f"{name} does not exist", expected=what, got="no such file") from None
+    except OSError as error:
+        raise BadInput(f"{name} cannot be read", expected="a readable file", got=str(error.strerror or error)) from None

@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gss.cli.input_files import read_limited
+from gss.cli.instruments import CAMERA_HELP, camera, registry
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES, CameraProfile, profile
 
 if TYPE_CHECKING:
     from gss.cli import Commands
     from gss.operations.frames.frame_files import ImportedFrame
     from gss.operations.report.parts import Report
-    from gss.operations.studies.calibrate import Found
+    from gss.operations.studies.calibrate import CalibrationInput
     from gss.operations.studies.night_frames import Shot
 
 UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
@@ -35,7 +36,7 @@ def register(subparsers: Commands) -> None:
         "2: bad input.",
     )
     p.add_argument("files", nargs="+", metavar="FRAME", help="image of stars, or dark frame with --darks")
-    p.add_argument("--camera", metavar="PROFILE", help=f"{', '.join(PROFILES)}; without it frames are solved blind")
+    p.add_argument("--camera", metavar="INSTRUMENT", help=f"{CAMERA_HELP}; without it frames are solved blind")
     p.add_argument("--fov-deg", type=float, metavar="X", help="width of the field of a camera without a profile")
     p.add_argument(
         "--model", action="append", default=[], metavar="NAME", help="lens model; several are compared (default: all)"
@@ -46,7 +47,7 @@ def register(subparsers: Commands) -> None:
         nargs="+",
         default=[],
         metavar="FRAME",
-        help="flat fields, two and two of the same light (with --darks)",
+        help="flat fields in pairs of the same illumination (with --darks)",
     )
     add_observer(p)
     p.add_argument("--out", type=Path, metavar="FILE", help="write the whole result: .json, .html or .pdf")
@@ -57,15 +58,15 @@ def register(subparsers: Commands) -> None:
         description="earth-fixed, celestial-fixed, slew, sensitivity, nea, spatial or two-cameras. Exit code 0: done, "
         "2: bad input.",
     )
-    p.add_argument("kind", help="what to find out")
+    p.add_argument("kind", help="kind of analysis")
     p.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera")
-    p.add_argument("--camera", metavar="PROFILE", required=True, help=", ".join(PROFILES))
+    p.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
     p.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
     p.add_argument("--rate", type=float, metavar="DEG_S", help="commanded rate of a slew, degrees per second")
-    p.add_argument("--interval", type=float, metavar="S", help="seconds between images that carry no time")
-    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images that do not say it")
+    p.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
+    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
     p.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of the second camera")
-    p.add_argument("--second-camera", metavar="PROFILE", help="its profile (default: the same)")
+    p.add_argument("--second-camera", metavar="PROFILE", help="profile of the second camera (default: the same)")
     add_observer(p)
     p.add_argument("--out", type=Path, metavar="FILE", help="write the report: .html, .pdf or .json")
     p.add_argument("--json", action="store_true", help="print one JSON object")
@@ -74,7 +75,7 @@ def register(subparsers: Commands) -> None:
 
 def add_observer(p: argparse.ArgumentParser) -> None:
     """Add the option for the observer's motion."""
-    words = "leave aberration in even where the time is known (frames that were rendered without it)"
+    words = "do not correct aberration even if the time is known (frames that were rendered without it)"
     p.add_argument("--keep-aberration", action="store_true", help=words)
 
 
@@ -83,24 +84,24 @@ def run_calibrate(a: argparse.Namespace) -> int:
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.calibrate import check_models, from_darks, from_stars
 
-    known = profile(a.camera) if a.camera else None
+    known = camera(a.camera) if a.camera else None
     check_models(a.model)
     shots = shots_of(a.files, None, None, keep_aberration=a.keep_aberration)
     if a.darks or a.flats:
         if known is None:
-            raise BadInput("dark frames of which camera?", expected="--camera PROFILE")
+            raise BadInput("no camera given for the dark frames", expected="--camera PROFILE")
         if len(a.flats) % 2:
-            raise BadInput("flat fields come two and two", expected="an even number", got=str(len(a.flats)))
+            raise BadInput("flat fields come in pairs", expected="an even number", got=str(len(a.flats)))
         flats = shots_of(a.flats, None, None)
-        found = from_darks(shots, [flats[k : k + 2] for k in range(0, len(flats), 2)], known, tell)
+        found = from_darks(shots, [flats[k : k + 2] for k in range(0, len(flats), 2)], known, show_progress)
     else:
         fov = None if a.fov_deg is None else math.radians(a.fov_deg)
-        found = from_stars(Solver(), shots, known, tell, models=a.model, fov_rad=fov)
+        found = from_stars(Solver(registry().camera), shots, known, show_progress, models=a.model, fov_rad=fov)
     give_calibration(a, found, known, Path(a.files[0]).name)
     return 0
 
 
-def give_calibration(a: argparse.Namespace, found: Found, known: CameraProfile | None, name: str) -> None:
+def give_calibration(a: argparse.Namespace, found: CalibrationInput, known: CameraProfile | None, name: str) -> None:
     """Write and print the result of a calibration."""
     from gss.operations.studies.calibration_sheet import calibration_sheet
     from gss.store.models import Calibration
@@ -118,7 +119,7 @@ def give_calibration(a: argparse.Namespace, found: Found, known: CameraProfile |
         result=found.result,
         note="",
     )
-    _give(a, calibration_sheet(row), {"kind": found.kind, "values": found.values, "result": found.result})
+    give_report(a, calibration_sheet(row), {"kind": found.kind, "values": found.values, "result": found.result})
 
 
 def run_analyse(a: argparse.Namespace) -> int:
@@ -126,19 +127,21 @@ def run_analyse(a: argparse.Namespace) -> int:
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.analyse import FRAME_KINDS, analyse, check_kind, run_frames
 
-    known = profile(a.camera)
+    known = camera(a.camera)
     commanded = None if a.rate is None else math.radians(a.rate)
     if a.kind not in FRAME_KINDS:
         raise BadInput("unknown analysis of frames", expected=" | ".join(FRAME_KINDS), got=a.kind)
     check_kind(a.kind, commanded, len(a.second))
-    solver = Solver()
+    solver = Solver(registry().camera)
 
     def run(files: Sequence[str], camera: CameraProfile) -> Any:
-        return run_frames(solver, shots_of(files, a.interval, a.exposure, a.keep_aberration), camera, a.chain, tell)
+        return run_frames(
+            solver, shots_of(files, a.interval, a.exposure, a.keep_aberration), camera, a.chain, show_progress
+        )
 
-    second = run(a.second, profile(a.second_camera) if a.second_camera else known) if a.second else None
+    second = run(a.second, camera(a.second_camera) if a.second_camera else known) if a.second else None
     made = analyse(a.kind, solver, run(a.files, known), second=second, commanded_rad_s=commanded)
-    _give(a, made.report, {"kind": made.kind, "figures": made.figures})
+    give_report(a, made.report, {"kind": made.kind, "figures": made.figures})
     return 0
 
 
@@ -179,19 +182,25 @@ def _given(pixels: Any) -> Any:
     return pixels
 
 
-def tell(share: float, text: str) -> None:
+def show_progress(share: float, text: str) -> None:
     """Show progress on a terminal."""
     if sys.stderr.isatty():
         print(f"\r{100 * share:3.0f} % {text:<60}", end="" if share < 1 else "\n", file=sys.stderr, flush=True)
 
 
-def _give(a: argparse.Namespace, report: Report, content: dict[str, Any]) -> None:
+def give_report(a: argparse.Namespace, report: Report, content: dict[str, Any]) -> None:
+    """Write a report and its content to the file of ``--out``, and print it."""
+    whole = json.dumps({**content, "report": report.as_dict()}, ensure_ascii=False, allow_nan=False)
+    write_report(a, report, whole)
+
+
+def write_report(a: argparse.Namespace, report: Report, whole: str) -> None:
+    """Write a report to the file of ``--out`` and print it. ``whole``: its content as JSON."""
     from gss.operations.report.html import as_html
     from gss.operations.report.pdf import as_pdf
 
     if sys.stderr.isatty():
         print(file=sys.stderr)
-    whole = json.dumps({**content, "report": report.as_dict()}, ensure_ascii=False, allow_nan=False)
     if a.out is not None:
         makers: dict[str, Callable[[], bytes]] = {
             ".json": whole.encode,

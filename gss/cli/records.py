@@ -12,25 +12,25 @@ from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     from gss.api.schemas.contacts import RecordOut
-    from gss.wiring import Services
+    from gss.services import Services
 
     Kinds = argparse._SubParsersAction[argparse.ArgumentParser]
 
 
 def register_exports(kinds: Kinds) -> None:
     """Add the commands to ``gss export``."""
-    p = kinds.add_parser("telemetry", help="any fields over any span, as CSV or Parquet")
+    p = kinds.add_parser("telemetry", help="export telemetry fields over a time span as CSV or Parquet")
     p.add_argument(
-        "--fields", required=True, help="names, for example mode,attitude.ra_deg; packet.name where two share one"
+        "--fields", required=True, help="names, for example mode,attitude.ra_deg; packet.name if the name is ambiguous"
     )
-    p.add_argument("--from", dest="start", metavar="TIME", help="start, ISO 8601, UTC unless it says otherwise")
-    p.add_argument("--to", dest="end", metavar="TIME", help="end")
-    p.add_argument("--contact", type=int, metavar="N", help="the span of this contact instead")
+    p.add_argument("--from", dest="start", metavar="TIME", help="start, ISO 8601, UTC by default")
+    p.add_argument("--to", dest="end", metavar="TIME", help="end, ISO 8601")
+    p.add_argument("--contact", type=int, metavar="N", help="use the time span of this contact")
     p.add_argument("--format", default="csv", choices=("csv", "parquet"))
     p.add_argument("--form", default="converted", choices=("converted", "raw", "formatted"), help="default converted")
     p.add_argument("--out", type=Path, help="file to write; standard output without it")
     _with_data(p).set_defaults(run=export_telemetry)
-    p = kinds.add_parser("contact-report", help="the pass report of a contact")
+    p = kinds.add_parser("contact-report", help="write the pass report of a contact")
     p.add_argument("--contact", type=int, required=True, metavar="N")
     p.add_argument("--format", default="html", choices=("html", "pdf", "json"), help="default html")
     p.add_argument("--out", type=Path, help="file to write; standard output without it")
@@ -41,17 +41,18 @@ def register_checks(kinds: Kinds) -> None:
     """Add the command to ``gss check``."""
     p = kinds.add_parser(
         "record",
-        help="is the 1 Hz record whole?",
-        description="Every gap of the stored housekeeping with its cause. Exit code 0: no gap without a cause; 1: there is one.",
+        help="list gaps of the stored housekeeping",
+        description="List every gap of the stored housekeeping with its cause. "
+        "Exit code 0: every gap has a cause; 1: a gap has none.",
     )
-    p.add_argument("--contact", type=int, metavar="N", help="this contact; the newest without it")
+    p.add_argument("--contact", type=int, metavar="N", help="number of the contact (default: the newest)")
     p.add_argument("--all", action="store_true", help="every contact")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     _with_data(p).set_defaults(run=check_record)
 
 
 def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
-    parser.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     return parser
 
 
@@ -90,7 +91,7 @@ def export_telemetry(arguments: argparse.Namespace) -> int:
     elif arguments.start and arguments.end:
         start, end = moment(arguments.start), moment(arguments.end)
     else:
-        raise BadInput("which span?", expected="--from and --to, or --contact")
+        raise BadInput("no time span given", expected="--from and --to, or --contact")
     keys = [key.strip() for key in arguments.fields.split(",") if key.strip()]
     pieces = export(services.telemetry.archive, keys, start, end, form=arguments.form, file_format=arguments.format)
     if arguments.out is None:
@@ -114,12 +115,13 @@ def export_report(arguments: argparse.Namespace) -> int:
     """Write the pass report."""
     from gss.api.present.contact_sheet import contact_sheet
     from gss.api.present.contacts import report
-    from gss.operations.line.contact_report import contact_report
+    from gss.operations.contacts.contact_report import contact_report
     from gss.operations.report.html import as_html
     from gss.operations.report.pdf import as_pdf
 
     services = services_of(arguments)
-    found = report(contact_report(services.contacts, services.telemetry.archive, services.database, arguments.contact))
+    made = contact_report(services.contacts, services.telemetry.archive, services.database, arguments.contact)
+    found = report(made, services.procedure_runs.between(made.detail.row.started, made.detail.end))
     if arguments.format == "pdf":
         data = as_pdf(contact_sheet(found), found.contact.ended or found.contact.started)
     elif arguments.format == "html":

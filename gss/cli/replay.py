@@ -11,15 +11,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gss.cli import instruments
+
 if TYPE_CHECKING:
     from gss.cli import Commands
-    from gss.operations.line.capture_decoder import Replayed
+    from gss.operations.contacts.capture_decoder import Replayed
 
-DESCRIPTION = """Decode the raw capture of a contact and print what was said: telemetry, events, commands and reports. Give all
-files of the contact in their order. Nothing is stored and no port is opened. Exit code 0: something was said; 3: nothing.
+DESCRIPTION = """Decode the raw capture of a contact and print telemetry, events, commands and reports. Give all files of the
+contact in order. Nothing is stored and no port is opened. Exit code 0: packets were decoded; 3: no packets.
 
-With --frame: run the sensor's own chain on a stored frame, with the bank and the parameters that were active, and print each stage
-as it was on board and as it is on the ground. Exit code 0: equal; 3: there is a difference."""
+With --frame: run the sensor's own chain on a stored frame, with the bank and the parameters that were active, and compare
+each stage on board and on the ground. Exit code 0: equal; 3: a stage differs."""
 NOTHING_EXIT = DIFFERENT_EXIT = 3
 
 
@@ -30,16 +32,24 @@ def register(subparsers: Commands) -> None:
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("files", nargs="*", type=Path, metavar="FILE", help="captures/contact-000012-000.raw and on")
     p.add_argument(
-        "--speed", type=float, metavar="X", help="0.1 – 1000 times real time; as fast as possible without it"
+        "files",
+        nargs="*",
+        type=Path,
+        metavar="FILE",
+        help="raw capture files, for example captures/contact-000012-000.raw",
     )
-    p.add_argument("--framing", default="cobs", choices=("cobs", "slip"), help="of the line (default cobs)")
-    p.add_argument("--json", action="store_true", help="one JSON object a line, with all values")
+    p.add_argument("--speed", type=float, metavar="X", help="0.1 – 1000 times real time (default: as fast as possible)")
+    instruments.add_option(p)
+    p.add_argument("--framing", choices=("cobs", "slip"), help="framing of the line (default: the instrument's)")
     p.add_argument(
-        "--frame", type=int, metavar="ID", help="a stored frame, the number in its page's address, instead of files"
+        "--received", action="store_true", help="the files are plain bytes received from the device, without times"
     )
-    p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+    p.add_argument("--json", action="store_true", help="print one JSON object per line, with all values")
+    p.add_argument(
+        "--frame", type=int, metavar="ID", help="a stored frame instead of files; the number is in the URL of its page"
+    )
+    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.set_defaults(run=run)
 
 
@@ -48,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.domain.errors import BadInput
 
     if (arguments.frame is None) == (not arguments.files):
-        raise BadInput("what shall be replayed?", expected="capture files, or --frame ID", got="both or neither")
+        raise BadInput("nothing to replay given", expected="capture files, or --frame ID", got="both or neither")
     return replay_captures(arguments) if arguments.frame is None else replay_frame(arguments)
 
 
@@ -79,24 +89,37 @@ def _figure(value: float | None) -> str:
 
 def replay_captures(arguments: argparse.Namespace) -> int:
     """Decode captures and print the messages."""
-    from gss.device.dictionary_file import load_dictionary
-    from gss.domain.errors import NotFound
+    from gss.domain.errors import BadInput, NotFound
     from gss.operations.clock import monotonic_s
-    from gss.operations.line.capture_decoder import CaptureDecoder, decoded
-    from gss.operations.line.raw_capture import read_captures
-    from gss.operations.line.replay_capture import paced
+    from gss.operations.contacts.capture_decoder import CaptureDecoder, decoded
+    from gss.operations.contacts.replay_capture import paced
+    from gss.operations.line.capture_files import packed_path
+    from gss.operations.line.raw_capture import read_captures, read_received
 
-    missing = [str(path) for path in arguments.files if not path.is_file()]
+    missing = [str(path) for path in arguments.files if not (path.is_file() or packed_path(path).is_file())]
     if missing:
         raise NotFound("no such capture", got=", ".join(missing))
-    decoder = CaptureDecoder(load_dictionary(), arguments.framing)
+    unit = instruments.chosen(arguments)
+    decoder = CaptureDecoder(unit.dictionary, arguments.framing or unit.link.framing)
     said = 0
-    items = decoded(read_captures(arguments.files), decoder)
+    unread: list[Path] = []
+    records = (
+        read_received(arguments.files)
+        if arguments.received
+        else read_captures(arguments.files, lambda path, _: unread.append(path))
+    )
+    items = decoded(records, decoder)
     for replayed in paced(items, arguments.speed, monotonic_s, time.sleep):
         said += 1
         facts = plain_item(replayed)
         print(json.dumps(facts, ensure_ascii=False) if arguments.json else _line(facts), flush=bool(arguments.speed))
     counters = decoder.received
+    if not counters.bytes and unread:
+        raise BadInput(
+            f"{unread[0]} is not a capture",
+            expected="records with times, as GSS writes them",
+            hint="for bytes as another program received them use --received",
+        )
     print(
         f"{said} messages; {counters.bytes} bytes received, {counters.good} good packets, {counters.bad} damaged, "
         f"{counters.gaps} missing, {decoder.transfer_packets} of transfers, {decoder.foreign} of another dictionary, "
@@ -110,7 +133,7 @@ def plain_item(replayed: Replayed) -> dict[str, Any]:
     """Return a message as JSON values."""
     from gss.device.session_events import DeviceEvent, HelloReceived, Telemetry
     from gss.operations.telemetry.telemetry import stored_values
-    from gss.operations.telemetry.value_words import plain
+    from gss.operations.telemetry.value_format import plain
 
     at, item = datetime.fromtimestamp(replayed.at_s, UTC), replayed.item
     facts: dict[str, Any] = {"at": at.isoformat(timespec="milliseconds").replace("+00:00", "Z")}
@@ -129,9 +152,9 @@ def plain_item(replayed: Replayed) -> dict[str, Any]:
 def _line(facts: dict[str, Any]) -> str:
     """Return time, kind, name and values as one line."""
     values = facts.get("values") or {}
-    told = [
+    values = [
         f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items() if not isinstance(v, list)
     ]
     extra = " ".join(str(facts[k]) for k in ("stage", "severity", "text") if facts.get(k))
-    line = f"{facts['at']} {facts['kind']:9} {facts['name']:16} {extra} {' '.join(told)}"
+    line = f"{facts['at']} {facts['kind']:9} {facts['name']:16} {extra} {' '.join(values)}"
     return line if len(line) <= 200 else f"{line[:199]}…"

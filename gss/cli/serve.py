@@ -7,11 +7,11 @@ import contextlib
 import os
 import socket
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from types import FrameType
-
+    from gss.api.units.unit_spec import UnitSpec
     from gss.cli import Commands
     from gss.operations.line.simulated_sensor import SimulatedSensor
     from gss.settings import Settings
@@ -20,13 +20,22 @@ if TYPE_CHECKING:
 def register(subparsers: Commands) -> None:
     """Add the command."""
     parser = subparsers.add_parser("serve")
-    parser.add_argument("--host", help="address to listen on; another than loopback needs TLS or a proxy (GSS_HOST)")
-    parser.add_argument("--port", type=int, help="port of the console; 0 takes a free one (GSS_PORT)")
+    parser.add_argument(
+        "--host", help="address to listen on; an address other than loopback needs TLS or a proxy (GSS_HOST)"
+    )
+    parser.add_argument("--port", type=int, help="port of the console; 0 selects a free port (GSS_PORT)")
     parser.add_argument("--data", help="folder of database, frames and captures (GSS_DATA)")
-    parser.add_argument("--device", help="port of the sensor: a tty, socket:// or rfc2217:// URL (GSS_DEVICE)")
+    parser.add_argument("--device", help="port of the sensor: a tty, socket://, rfc2217:// or udp:// URL (GSS_DEVICE)")
     parser.add_argument("--simulator", metavar="PROFILE", help="start a simulated sensor and open it (GSS_SIMULATOR)")
     parser.add_argument(
-        "--workers", type=int, help="API worker processes beside the one that owns the line (GSS_WORKERS)"
+        "--workers", type=int, help="API worker processes beside the process that owns the line (GSS_WORKERS)"
+    )
+    parser.add_argument(
+        "--unit",
+        action="append",
+        metavar="NAME=INSTRUMENT@ADDRESS",
+        help="serve several units, one process each; once for each unit; the address simulator starts a simulated sensor "
+        "(GSS_UNITS)",
     )
     parser.set_defaults(run=run)
 
@@ -34,14 +43,18 @@ def register(subparsers: Commands) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from gss.api.guard.perimeter import check_exposure
+    from gss.api.simulated import start_simulator
     from gss.operations.folder_lock import folder_lock
     from gss.settings import Settings
     from gss.store.engine import sole_server
 
     names = ("host", "port", "data", "device", "simulator", "workers")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    if arguments.unit:
+        given["units"] = ",".join(arguments.unit)
     settings = Settings(**given)
     check_exposure(settings)
+    units = _units(settings)
     more = f" with API workers ({settings.workers})" if settings.workers else ""
     print(f"starting{more} …", file=sys.stderr, flush=True)
     os.umask(0o077)  # files of the server are accessible to its user only
@@ -51,47 +64,48 @@ def run(arguments: argparse.Namespace) -> int:
         listener = stack.enter_context(_listen(settings.host, settings.port))
         sensor = None
         if settings.simulator:
-            sensor = stack.enter_context(_sensor(settings))
-        _serve(listener, settings, sensor)
+            sensor = stack.enter_context(start_simulator(settings))
+        _serve(listener, settings, sensor, units)
     return 0
 
 
-def _sensor(settings: Settings) -> contextlib.AbstractContextManager[SimulatedSensor]:
-    from gss.operations.line.simulated_sensor import simulated_sensor
+def _units(settings: Settings) -> tuple[UnitSpec, ...]:
+    """Return the units of the settings; () for a server of a single one."""
+    if not settings.units:
+        return ()
+    from gss.api.units.unit_spec import check_combination, parse_units
+    from gss.instruments.registry import Registry
 
-    folder = settings.data / "simulator"
-    baud, seed = settings.simulator_baud, settings.simulator_seed
-    return simulated_sensor(settings.simulator, folder, baud, seed, settings.framing, settings.simulator_options)
+    check_combination(settings)
+    return parse_units(settings.units, Registry(settings.instruments_folder))
 
 
-def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor | None) -> None:
+def _serve(
+    listener: socket.socket, settings: Settings, sensor: SimulatedSensor | None, units: tuple[UnitSpec, ...]
+) -> None:
     """Load and run the server; the imports are here because they take seconds, while the simulator starts."""
     import uvicorn
 
     from gss.api.app import create_app
     from gss.api.connections.limited_listener import LimitedListener
     from gss.api.serving import greeting, open_connections, uvicorn_options
-    from gss.api.stopping import StopSignals, end_in_time, say_stopping
+    from gss.api.stopping import StoppableServer, StopSignals, begin_stop
     from gss.wiring import build
 
     connections = open_connections(settings)
     services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
     if sensor is not None:
-        sensor.told = lambda text: services.bus.record("link", "warning", text)
+        sensor.watch(partial(services.bus.record, "link", "warning"))
         services.frames.warm(settings.simulator)
-    app = create_app(services)
 
-    class Server(uvicorn.Server):
-        """Ends the event streams as soon as a signal arrives; uvicorn alone would wait for them and then cut them off."""
-
-        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-            say_stopping()
-            end_in_time()
-            services.announce_stop()
-            super().handle_exit(sig, frame)
-
+    app = create_app(services) if not units else None
     port, signals = listener.getsockname()[1], StopSignals()
     print(greeting(settings, port, services.accounts.users.set_up_link()), flush=True)
+    if app is None:
+        from gss.api.units.front import serve_units
+
+        serve_units(units, services, settings, listener, connections, signals)
+        return
     if settings.workers:
         from gss.api.workers.link_process import serve_behind_workers
 
@@ -101,7 +115,7 @@ def _serve(listener: socket.socket, settings: Settings, sensor: SimulatedSensor 
     config = uvicorn.Config(
         app, log_level="warning", timeout_graceful_shutdown=3, **uvicorn_options(settings, connections)
     )
-    server = Server(config)
+    server = StoppableServer(config, partial(begin_stop, services.announce_stop))
     signals.attach(server)
     server.run(sockets=[LimitedListener(connections, listener.detach())])
 

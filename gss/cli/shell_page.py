@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-HEAD = """# The shell
+HEAD = """# Command line
 
-Every command, from its own help (`gss export shell --out docs/shell.md`). Exit codes: 0 done, 1 failed, 2 bad input, 3 no solution.
-Settings may come from the environment instead: [settings](settings.md).
+For users of the shell and of scripts. This page lists every command with its options.
+`gss export shell --out docs/shell.md` generates it from the commands' help.
+
+Exit codes: 0 done, 1 failed, 2 invalid input, 3 no solution. Environment variables can replace options: see
+[settings](settings.md).
 """
 
 
@@ -26,9 +29,9 @@ def _commands(
         yield words, help_text, parser
         return
     for group in groups:
-        told = {choice.dest: choice.help or "" for choice in group._choices_actions}
+        help_texts = {choice.dest: choice.help or "" for choice in group._choices_actions}
         for name, child in group.choices.items():
-            yield from _commands(child, f"{words} {name}", told.get(name, ""))
+            yield from _commands(child, f"{words} {name}", help_texts.get(name, ""))
 
 
 def _section(words: str, help_text: str, parser: argparse.ArgumentParser) -> str:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gss.catalogue_tools.sources.hipparcos import EPOCH_RANGE_JYEAR
-from gss.cli.input_files import TEXT_BYTES, TLE_BYTES, read_limited
+from gss.cli.input_files import TEXT_BYTES, TLE_BYTES, read_file, read_limited
+from gss.cli.instruments import CAMERA_HELP, registry
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput, GssError, NotFound
-from gss.domain.profiles import PROFILES
 from gss.domain.results import Outcome, SolveResult, Turning
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def register(subparsers: Commands) -> None:
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="image of the sky")
     camera = parser.add_mutually_exclusive_group(required=True)
-    camera.add_argument("--camera", metavar="PROFILE", help="calibrated camera: " + ", ".join(PROFILES))
+    camera.add_argument("--camera", metavar="INSTRUMENT", help=f"calibrated camera: {CAMERA_HELP}")
     camera.add_argument("--fov-deg", type=float, metavar="X", help="horizontal field of view, known to about 5 %%")
     camera.add_argument("--blind", action="store_true", help="field of view unknown, between 4° and 60°")
     parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
@@ -46,7 +46,7 @@ def register(subparsers: Commands) -> None:
         "--epoch",
         type=float,
         metavar="YEAR",
-        help="Julian year of the star positions (default: the image's own date, else now)",
+        help="Julian year of the star positions (default: the image's date, else now)",
     )
     parser.add_argument(
         "--hint",
@@ -56,10 +56,10 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--sequence",
         action="store_true",
-        help="the files follow one another: each solution is the hint of the next, and rates are told (with --camera)",
+        help="the files are a sequence: each solution is the hint of the next, and rates are reported (with --camera)",
     )
     parser.add_argument(
-        "--interval", type=float, metavar="S", help="seconds between the images of a sequence that carry no time"
+        "--interval", type=float, metavar="S", help="seconds between the images of a sequence without time stamps"
     )
     parser.add_argument(
         "--truth",
@@ -69,14 +69,16 @@ def register(subparsers: Commands) -> None:
     parser.add_argument(
         "--utc",
         metavar="TIME",
-        help="when the image was taken, ISO 8601 (default: the file's own date): takes aberration out",
+        help="time of the image, ISO 8601 (default: the file's date): corrects aberration",
     )
     parser.add_argument("--tle", metavar="FILE", help="two-line element set of the satellite that carried the camera")
     parser.add_argument(
-        "--keep-aberration", action="store_true", help="leave aberration in even where the time is known"
+        "--keep-aberration", action="store_true", help="do not correct aberration even if the time is known"
     )
-    parser.add_argument("--exposure", type=float, metavar="S", help="exposure: trailed stars then give the rate")
-    parser.add_argument("--plain", action="store_true", help="numpy only, even where the extra [fast] is installed")
+    parser.add_argument(
+        "--exposure", type=float, metavar="S", help="exposure time: the rate is estimated from trailed stars"
+    )
+    parser.add_argument("--plain", action="store_true", help="use numpy only, even if the extra [fast] is installed")
     parser.add_argument(
         "--set",
         action="append",
@@ -99,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     if (arguments.hint or arguments.sequence) and arguments.camera is None:
         raise BadInput("a hint or a sequence needs a calibrated camera", expected="--camera PROFILE")
-    solver = Solver(SolverCache(folder=users_folder()), stopwatch_s)
+    solver = Solver(registry().camera, SolverCache(folder=users_folder()), stopwatch_s)
     sequencer = Sequencer(arguments.sequence, arguments.interval, prior(arguments.hint))
     truths = read_truths(arguments.truth, arguments.files)
     codes = []
@@ -128,7 +130,7 @@ def _one(
     from gss.pipeline.chains.options import parse
 
     frame = parsing.parse(
-        read_frame, _bytes_of(name, "an image file", MAX_BYTES), name, classes=(ImportedFrame,), what=name
+        read_frame, read_file(name, "an image file", MAX_BYTES), name, classes=(ImportedFrame,), what=name
     )
     taken = frame.taken_at if arguments.utc is None else _moment(arguments.utc)
     seen = frame.seen_at if arguments.utc is None else taken
@@ -136,7 +138,7 @@ def _one(
     exposure_s = frame.exposure_s if arguments.exposure is None else arguments.exposure
     if exposure_s is not None and not 0 < exposure_s <= LONGEST_EXPOSURE_S:
         expected = f"more than 0, at most {LONGEST_EXPOSURE_S:g} s"
-        raise BadInput("exposure is impossible", expected=expected, got=f"{exposure_s:g} s")
+        raise BadInput("exposure is out of range", expected=expected, got=f"{exposure_s:g} s")
     request = SolveRequest(
         chain=arguments.chain,
         profile=arguments.camera,
@@ -162,15 +164,15 @@ def _one(
 
 def prior(text: str | None) -> Any:
     """Return the prior attitude of ``--hint``, None without one."""
-    from gss.pipeline.identify.near import Hint
+    from gss.pipeline.identify.near import BoundedPrior
 
     if text is None:
         return None
-    numbers = _numbers(text, (3, 4), "RA,DEC,ROLL[,RADIUS] in degrees")
+    numbers = angles(text, (3, 4), "RA,DEC,ROLL[,RADIUS] in degrees")
     radius_deg = numbers[3] if len(numbers) == 4 else 5.0
     if not 0 < radius_deg <= 180:
         raise BadInput("radius of the hint is out of range", expected="above 0, at most 180°", got=f"{radius_deg:g}°")
-    return Hint(_attitude(numbers), math.radians(radius_deg))
+    return BoundedPrior(attitude(numbers), math.radians(radius_deg))
 
 
 def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Any]:
@@ -178,18 +180,19 @@ def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Any]:
     if text is None:
         return {}
     if not Path(text).is_file():
-        angles = _attitude(_numbers(text, (3,), "RA,DEC,ROLL in degrees, or a JSON file"))
-        return {Path(name).name: angles for name in files}
+        one = attitude(angles(text, (3,), "RA,DEC,ROLL in degrees, or a JSON file"))
+        return {Path(name).name: one for name in files}
     try:
         rows = json.loads(read_limited(Path(text), TEXT_BYTES))
-        return {str(name): _attitude([float(v) for v in row]) for name, row in rows.items()}
+        return {str(name): attitude([float(v) for v in row]) for name, row in rows.items()}
     except (ValueError, TypeError, AttributeError, UnicodeDecodeError) as error:
         raise BadInput(
             "unreadable truth", expected="{file name: [RA, DEC, ROLL]} in degrees", got=str(error)
         ) from error
 
 
-def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
+def angles(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
+    """Return numbers separated by commas. Raises BadInput."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -199,7 +202,8 @@ def _numbers(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
     return numbers
 
 
-def _attitude(angles_deg: Sequence[float]) -> Any:
+def attitude(angles_deg: Sequence[float]) -> Any:
+    """Return the (3, 3) attitude cam_from_icrs of right ascension, declination and roll. Raises BadInput."""
     from gss.domain.frames import cam_from_icrs
 
     ra, dec, roll = angles_deg[:3]
@@ -223,18 +227,7 @@ def _moment(text: str) -> datetime:
 def _tle(name: str | None) -> str | None:
     if name is None:
         return None
-    return _bytes_of(name, "a two-line element set", TLE_BYTES).decode("ascii", "replace")
-
-
-def _bytes_of(name: str, what: str, most_bytes: int) -> bytes:
-    try:
-        return read_limited(Path(name), most_bytes)
-    except IsADirectoryError:
-        raise BadInput(f"{name} is a directory", expected=what, got="a directory") from None
-    except FileNotFoundError:
-        raise BadInput(f"{name} does not exist", expected=what, got="nothing at that place") from None
-    except OSError as error:
-        raise BadInput(f"{name} cannot be read", expected="a readable file", got=str(error.strerror or error)) from None
+    return read_file(name, "a two-line element set", TLE_BYTES).decode("ascii", "replace")
 
 
 def julian_year(moment: datetime) -> float:

@@ -16,19 +16,19 @@ def register(subparsers: Commands) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("token")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    with_data(kinds.add_parser("list", help="all of them, without the keys")).set_defaults(run=list_tokens)
-    p = with_data(kinds.add_parser("add", help="a new token; the key is printed this once"))
+    with_data(kinds.add_parser("list", help="list all tokens, without the keys")).set_defaults(run=list_tokens)
+    p = with_data(kinds.add_parser("add", help="create a token; the key is printed once"))
     p.add_argument("name")
     p.add_argument("--role", required=True, choices=ROLES)
-    p.add_argument("--days", type=float, default=90, help="days until it ends, default 90")
+    p.add_argument("--days", type=float, default=90, help="days until expiry (default 90)")
     p.add_argument(
         "--only",
         metavar="PERMISSIONS",
         default="",
-        help=f"keep these permissions of the role only, with commas between; there are {', '.join(sorted(ALL))}",
+        help=f"restrict the token to these permissions, separated by commas: {', '.join(sorted(ALL))}",
     )
     p.set_defaults(run=add_token)
-    p = with_data(kinds.add_parser("revoke", help="end a token"))
+    p = with_data(kinds.add_parser("revoke", help="revoke a token"))
     p.add_argument("name")
     p.set_defaults(run=revoke_token)
 
@@ -55,7 +55,7 @@ def add_token(arguments: argparse.Namespace) -> int:
 def revoke_token(arguments: argparse.Namespace) -> int:
     """Revoke a token; it stops working at once."""
     with desk(arguments) as store:
-        row = store.accounts.tokens.revoke_named(arguments.name)
-        store.record("token_revoke", row.name)
-        print(f"{row.name} is revoked")
+        revoked = store.accounts.tokens.revoke_named(arguments.name)
+        store.record("token_revoke", revoked.row.name, str(revoked.voided))
+        print("; ".join(filter(None, (f"{revoked.row.name} is revoked", str(revoked.voided)))))
     return 0

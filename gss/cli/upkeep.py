@@ -22,7 +22,7 @@ Rows = Sequence[tuple[str, str, Callable[[Any], str]]]
 
 def _bytes(value: float | None) -> str:
     if value is None:
-        return "too young to say"
+        return "too little data to forecast"
     unit, units = 0, ("B", "KiB", "MiB", "GiB", "TiB")
     while value >= 1024 and unit < len(units) - 1:
         value, unit = value / 1024, unit + 1
@@ -30,7 +30,7 @@ def _bytes(value: float | None) -> str:
 
 
 def _age(value: float) -> str:
-    return f"{value:g} days" if value else "kept for ever"
+    return f"{value:g} days" if value else "kept indefinitely"
 
 
 def _count(value: float) -> str:
@@ -39,38 +39,38 @@ def _count(value: float) -> str:
 
 def _full(value: float | None) -> str:
     if value is None:
-        return "not in sight"
+        return "not foreseeable"
     return f"in {value:.{1 if value < 10 else 0}f} days" if value < 3650 else "in more than ten years"
 
 
 _POLICY_ROWS: Rows = (
-    ("frames_days", "pixels go at the age of", _age),
+    ("frames_days", "pixels are deleted at the age of", _age),
     ("frames_gb", "pixels together at most", lambda v: f"{v:g} GB" if v else "any size"),
     ("keep_frames", "newest frames that keep their pixels", _count),
     ("telemetry_thin_days", "packets are thinned at the age of", _age),
-    ("telemetry_days", "packets go at the age of", _age),
-    ("events_days", "lines of the record go at the age of", _age),
+    ("telemetry_days", "packets are deleted at the age of", _age),
+    ("events_days", "events are deleted at the age of", _age),
     ("captures_mb", "raw captures together at most", lambda v: f"{v:g} MB" if v else "as GSS_CAPTURE_KEEP_MB says"),
-    ("backups_keep", "newest backups that stay", lambda v: f"{v:g}" if v else "all"),
+    ("backups_keep", "newest backups to keep", lambda v: f"{v:g}" if v else "all"),
 )
 _FORECAST_ROWS: Rows = (
     ("database_bytes", "database", _bytes),
     ("frames_bytes", "frames", _bytes),
     ("captures_bytes", "raw captures", _bytes),
     ("backups_bytes", "backups", _bytes),
-    ("bytes_now", "kept together", _bytes),
-    ("bytes_per_day", "more a day", _bytes),
+    ("bytes_now", "total size", _bytes),
+    ("bytes_per_day", "growth per day", _bytes),
     ("free_bytes", "free on the disk", _bytes),
     ("full_in_days", "the disk is full", _full),
-    ("next_removal", "next removal", lambda v: f"{v:%Y-%m-%d %H:%MZ}" if v else "none, nothing may go"),
-    ("removable_bytes", "pixels that may go now", _bytes),
+    ("next_removal", "next removal", lambda v: f"{v:%Y-%m-%d %H:%MZ}" if v else "none, nothing has expired"),
+    ("removable_bytes", "expired pixels", _bytes),
 )
 _REMOVED_ROWS: Rows = (
     ("frames", "removed frames' pixels", _count),
     ("bytes", "removed from the disk", _bytes),
     ("packets", "removed packets", _count),
     ("thinned", "removed by thinning", _count),
-    ("events", "removed lines of the record", _count),
+    ("events", "removed events", _count),
 )
 
 
@@ -78,18 +78,19 @@ def register(subparsers: Commands) -> None:
     """Add the commands."""
     p = subparsers.add_parser(
         "backup",
-        description="The database at one moment and all bytes it names. What an earlier backup holds is not copied again.",
+        description="Copy the database at one point in time and all files it refers to. "
+        "Files of earlier backups are not copied again.",
     )
     p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.add_argument(
-        "--to", type=Path, metavar="FOLDER", help="where backups are (GSS_BACKUPS; by default in the data folder)"
+        "--to", type=Path, metavar="FOLDER", help="folder of the backups (GSS_BACKUPS; default: in the data folder)"
     )
-    p.add_argument("--keep", type=int, default=0, metavar="N", help="afterwards only the N newest stay; 0: all")
+    p.add_argument("--keep", type=int, default=0, metavar="N", help="keep only the N newest backups afterwards; 0: all")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=backup)
     p = subparsers.add_parser(
         "restore",
-        description="Everything is verified first; nothing is ever written over. A PostgreSQL backup goes into the empty database "
+        description="Verify everything first; overwrite nothing. A PostgreSQL backup goes into the empty database "
         "that GSS_DATABASE names.",
     )
     p.add_argument("backup", type=Path, help="folder or tar file of a backup")
@@ -97,10 +98,10 @@ def register(subparsers: Commands) -> None:
     p.set_defaults(run=restore)
     p = subparsers.add_parser("retention")
     p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.add_argument("--run", action="store_true", dest="now", help="remove it now; the server must be stopped")
-    p.add_argument("--confirm", action="store_true", help="with --run: also where the removal is unusually large")
+    p.add_argument("--run", action="store_true", dest="now", help="delete now; the server must be stopped")
+    p.add_argument("--confirm", action="store_true", help="with --run: confirm an unusually large removal")
     p.add_argument(
-        "--confirm-clock", action="store_true", help="this machine's date and time were checked and are right"
+        "--confirm-clock", action="store_true", help="confirm that date and time of this machine are correct"
     )
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=retention)
@@ -110,8 +111,9 @@ def register_check(kinds: Kinds) -> None:
     """Add the command to ``gss check``."""
     p = kinds.add_parser(
         "store",
-        help="is everything there that the record says, and whole?",
-        description="Database, bytes, captures, audit. Exit code 0: whole, notes apart; 1: something is missing or damaged.",
+        help="check the data folder for missing and damaged data",
+        description="Check database, files, captures and audit log. "
+        "Exit code 0: intact, possibly with notes; 1: something is missing or damaged.",
     )
     p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
@@ -125,7 +127,7 @@ def backup(arguments: argparse.Namespace) -> int:
     services = services_of(arguments)
     service = services.upkeep.backups if arguments.to is None else services.upkeep.backups.at(arguments.to.resolve())
     services.upkeep.disk.check("a backup", service.needed_bytes())
-    made = service.make(_tell)
+    made = service.make(_show_progress)
     removed = service.prune(arguments.keep, made.name) if arguments.keep else []
     doubt = services.upkeep.trust.state().doubt
     if arguments.keep and doubt:
@@ -157,7 +159,8 @@ def restore(arguments: argparse.Namespace) -> int:
             utc_now,
             database_url=settings.database,
             blobs_url=settings.blobs,
-            tell=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
+            audit_anchor=Path(settings.audit_anchor) if settings.audit_anchor else None,
+            on_step=lambda text: print(f"… {text}", file=sys.stderr, flush=True) if sys.stderr.isatty() else None,
         )
     except CorruptData as error:  # the given backup is not usable, so this is bad input
         raise BadInput(error.message, expected=error.expected, got=error.got, hint=error.hint) from error
@@ -208,17 +211,21 @@ def retention(arguments: argparse.Namespace) -> int:
 def check_store(arguments: argparse.Namespace) -> int:
     """Check the store and print the findings. Never migrates the database: a damaged one must be read as it is."""
     from gss.domain.errors import NotFound
+    from gss.operations.accounts.audit import AuditService
+    from gss.operations.accounts.audit_anchor import AnchorFile
+    from gss.operations.clock import utc_now
     from gss.operations.upkeep.check_store import check_store as check
     from gss.settings import Settings
     from gss.store.blobs import BlobStore
-    from gss.store.engine import Database, open_engine
+    from gss.store.engine import Database, open_to_check
 
     settings = Settings(**({"data": arguments.data} if arguments.data else {}))
     if not settings.data.is_dir():
         raise NotFound("there is no such data folder", got=str(settings.data), hint="--data, or GSS_DATA")
-    database = Database(open_engine(settings.database_url))
+    database = Database(open_to_check(settings.database_url))
     try:
-        report = check(database, BlobStore(settings.blobs_url), settings.data / "captures", _tell)
+        audit = AuditService(database, utc_now, AnchorFile(settings.audit_anchor_file))
+        report = check(database, BlobStore(settings.blobs_url), settings.data / "captures", audit, _show_progress)
     finally:
         database.close()
     if arguments.json:
@@ -239,9 +246,9 @@ def _print(report: Report) -> None:
         print(f"{MARKS[finding.state]:5} {finding.name:20} {finding.text}")
         for example in finding.examples:
             print(f"{'':6} {'':20} {example}")
-    print("The store is whole." if report.whole else "The store is NOT whole; put back what is missing from a backup.")
+    print("The store is intact." if report.whole else "The store is NOT intact. Restore missing data from a backup.")
 
 
-def _tell(done: int, total: int, text: str) -> None:
+def _show_progress(done: int, total: int, text: str) -> None:
     if sys.stderr.isatty():
         print(f"\r… {text[:70]:70}", end="", file=sys.stderr, flush=True)

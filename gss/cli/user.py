@@ -7,7 +7,7 @@ import getpass
 import sys
 from typing import TYPE_CHECKING
 
-from gss.cli.accounts_store import Desk, desk, with_data
+from gss.cli.accounts_store import AccountAdministration, desk, with_data
 from gss.operations.accounts.permissions import ROLES
 
 if TYPE_CHECKING:
@@ -19,27 +19,37 @@ def register(subparsers: Commands) -> None:
     """Add the commands."""
     parser = subparsers.add_parser("user")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
-    with_data(kinds.add_parser("list", help="everybody")).set_defaults(run=list_users)
-    p = with_data(kinds.add_parser("add", help="a new user; without a password a link is printed"))
+    with_data(kinds.add_parser("list", help="list all users")).set_defaults(run=list_users)
+    p = with_data(kinds.add_parser("add", help="create a user; without a password a link is printed"))
     p.add_argument("name")
     p.add_argument("--role", required=True, choices=ROLES)
     _with_password(p)
     p.set_defaults(run=add_user)
-    p = with_data(kinds.add_parser("password", help="a new password; all sessions of the user end"))
+    p = with_data(kinds.add_parser("password", help="set a new password; ends all sessions of the user"))
     p.add_argument("name")
     _with_password(p)
     p.set_defaults(run=set_password)
     p = with_data(kinds.add_parser("link", help="print a one-time link for a new password"))
     p.add_argument("name")
     p.set_defaults(run=print_link)
-    p = with_data(kinds.add_parser("role", help="another role"))
+    p = with_data(kinds.add_parser("role", help="change the role of a user"))
     p.add_argument("name")
     p.add_argument("role", choices=ROLES)
+    _with_keep(p)
     p.set_defaults(run=change_role)
-    for word, help_text in (("disable", "end all sessions and let nobody in by this name"), ("enable", "let in again")):
-        p = with_data(kinds.add_parser(word, help=help_text))
-        p.add_argument("name")
-        p.set_defaults(run=switch, enabled=word == "enable")
+    p = with_data(kinds.add_parser("disable", help="disable a user and end all sessions"))
+    p.add_argument("name")
+    _with_keep(p)
+    p.set_defaults(run=switch, enabled=False)
+    p = with_data(kinds.add_parser("enable", help="activate a user"))
+    p.add_argument("name")
+    p.set_defaults(run=switch, enabled=True, keep_created=False)
+
+
+def _with_keep(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--keep-created", action="store_true", help="leave the users and links of an admin who is demoted or disabled"
+    )
 
 
 def _with_password(parser: argparse.ArgumentParser) -> None:
@@ -54,7 +64,7 @@ def list_users(arguments: argparse.Namespace) -> int:
         for row in store.accounts.users.every():
             state = "on" if row.enabled else "off"
             seen = f"{row.last_sign_in:%Y-%m-%d %H:%MZ}" if row.last_sign_in else "never"
-            print(f"{row.name:<24} {row.role:<18} {state:<4} last sign-in {seen}")
+            print(f"{row.name:<24} {row.role:<18} {state:<4} last sign-in {seen}  {row.disabled_reason}".rstrip())
     return 0
 
 
@@ -66,7 +76,7 @@ def add_user(arguments: argparse.Namespace) -> int:
         store.record("user_add", f"{row.name} as {row.role}")
         print(f"{row.name} is {row.role}")
         if not password:
-            _tell_link(store, row)
+            _print_link(store, row)
     return 0
 
 
@@ -76,7 +86,7 @@ def set_password(arguments: argparse.Namespace) -> int:
     with desk(arguments) as store:
         row = _named(store, arguments.name)
         if not password:
-            return _tell_link(store, row)
+            return _print_link(store, row)
         store.accounts.users.set_password(row.id, password)
         store.record("user_password", row.name)
         print(f"{row.name} has a new password; all sessions ended")
@@ -86,38 +96,41 @@ def set_password(arguments: argparse.Namespace) -> int:
 def print_link(arguments: argparse.Namespace) -> int:
     """Print a one-time password link."""
     with desk(arguments) as store:
-        return _tell_link(store, _named(store, arguments.name))
+        return _print_link(store, _named(store, arguments.name))
 
 
 def change_role(arguments: argparse.Namespace) -> int:
     """Change a user's role, from the next request on."""
     with desk(arguments) as store:
-        row = store.accounts.users.change(_named(store, arguments.name).id, role=arguments.role)
-        store.record("user_role", f"{row.name} as {row.role}")
-        print(f"{row.name} is {row.role}")
+        user_id, keep = _named(store, arguments.name).id, arguments.keep_created
+        changed = store.accounts.users.change(user_id, role=arguments.role, keep_created=keep)
+        store.record("user_role", f"{changed.user.name} as {changed.user.role}", str(changed.voided))
+        print("; ".join(filter(None, (f"{changed.user.name} is {changed.user.role}", str(changed.voided)))))
     return 0
 
 
 def switch(arguments: argparse.Namespace) -> int:
     """Enable or disable a user."""
     with desk(arguments) as store:
-        row = store.accounts.users.change(_named(store, arguments.name).id, enabled=arguments.enabled)
-        store.record("user_enable" if row.enabled else "user_disable", row.name)
-        print(f"{row.name} is switched {'on' if row.enabled else 'off'}")
+        user_id, keep = _named(store, arguments.name).id, arguments.keep_created
+        changed = store.accounts.users.change(user_id, enabled=arguments.enabled, keep_created=keep)
+        row, also = changed.user, str(changed.voided)
+        store.record("user_enable" if row.enabled else "user_disable", row.name, also)
+        print("; ".join(filter(None, (f"{row.name} is {'active' if row.enabled else 'disabled'}", also))))
     return 0
 
 
-def _tell_link(store: Desk, row: User) -> int:
+def _print_link(store: AccountAdministration, row: User) -> int:
     from gss.api.serving import address_of
 
-    link = store.accounts.users.password_link(row.id)
+    link = store.accounts.users.password_link(row.id, by=store.who)
     store.record("user_link", row.name)
     address = address_of(store.settings, store.settings.port)
     print(f"{row.name} sets the password at {address}/welcome#{link.key} until {link.expires:%Y-%m-%d %H:%MZ}, once")
     return 0
 
 
-def _named(store: Desk, name: str) -> User:
+def _named(store: AccountAdministration, name: str) -> User:
     from gss.domain.errors import NotFound
 
     row = store.accounts.users.named(name)
@@ -134,11 +147,11 @@ def _password(arguments: argparse.Namespace) -> str:
     if arguments.password_stdin:
         words = sys.stdin.readline().rstrip("\r\n")
         if not words:
-            raise BadInput("standard input holds no password", expected="one line")
+            raise BadInput("no password on standard input", expected="one line")
         return words
     if arguments.ask:
         words = getpass.getpass("Password: ")
-        if words != getpass.getpass("Once more: "):
-            raise BadInput("the two are not the same")
+        if words != getpass.getpass("Repeat password: "):
+            raise BadInput("the passwords differ")
         return words
     return ""

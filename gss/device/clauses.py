@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gss.device.protocol.frame import MAX_PACKET_BYTES
+from gss.device.protocol.framing import MAX_PACKET_BYTES
 from gss.domain.errors import NotFound
 
 
 @dataclass(frozen=True)
 class Clause:
-    """One clause. ``unchecked``: why no program at the far end of a line can test it, "" if one can."""
+    """One clause. ``unchecked``: reason why it cannot be tested over the line, "" if it can."""
 
     number: str
     text: str
@@ -32,6 +32,7 @@ SECTIONS: tuple[tuple[str, str], ...] = (
 )
 NEEDS_RESET = "needs a reset in the middle of a command"
 NEEDS_BREAK = "needs a broken line"
+MEANING = "defines the meaning of values that other clauses check"
 SWITCHES = "switches a unit off: only with --write"
 
 CLAUSES: tuple[Clause, ...] = (
@@ -39,19 +40,53 @@ CLAUSES: tuple[Clause, ...] = (
         "1.1",
         "The line is asynchronous serial with 8 data bits, no parity and 1 stop bit, or one TCP connection that carries "
         "the same bytes.",
-        "whoever reads this has a line that works",
+        "a working line is a precondition of every check",
     ),
     Clause("1.2", "A frame is `00`, COBS(packet), `00`. Empty frames mean nothing."),
     Clause("1.3", f"Packets are at most {MAX_PACKET_BYTES} bytes; longer frames are dropped and counted."),
-    Clause("1.4", "Bytes before the first `00` after opening are dropped and counted.", "needs the port opened anew"),
-    Clause("1.5", "A packet with a wrong CRC-32 is dropped without an answer, and counted."),
+    Clause(
+        "1.4", "Bytes before the first `00` after opening are dropped and counted.", "needs the port to be reopened"
+    ),
+    Clause("1.5", "A packet with a wrong CRC-32 is dropped without a report, and counted."),
+    Clause(
+        "1.6",
+        "A unit whose package says so uses SLIP (RFC 1055) instead of COBS: a frame is `C0`, the packet, `C0`; inside the "
+        "packet `C0` is sent as `DB DC` and `DB` as `DB DD`.",
+        "another framing of the whole line",
+    ),
     Clause("2.1", "All numbers are big-endian; the headers are those of the table."),
-    Clause("2.2", "The sequence count of each packet type rises by one from packet to packet, modulo 2¹⁴."),
+    Clause("2.2", "The sequence count of each packet type increments by one per packet, modulo 2¹⁴."),
     Clause("2.3", "Every packet carries the first two bytes of its sender's dictionary hash."),
-    Clause("2.4", "What a command causes carries its request id; what is sent unasked carries 0."),
-    Clause("3.1", "HELLO is answered to any dictionary, with all its values."),
-    Clause("3.2", "HELLO tells the SHA-256 of the dictionary that the device speaks."),
-    Clause("3.3", "HELLO tells the highest request id that the device has seen; the ground goes on above it."),
+    Clause("2.4", "Packets caused by a command carry its request id; unsolicited packets carry 0."),
+    Clause(
+        "2.5",
+        "On a line with authentication a packet to the device has APID 0x180 + packet type and, before its CRC, a trailer: u8 "
+        "key slot (0 or 1), u64 counter, and the first 16 bytes of the HMAC-SHA-256 of all bytes before them. A device with "
+        "keys drops and counts every other packet, and every packet whose counter is not above all it has accepted, also "
+        "across resets.",
+        "needs keys",
+    ),
+    Clause(
+        "2.6",
+        "The ground chooses request ids from 1 to 2³² − 1, each above all before it. Commands and openings of transfers "
+        "share them. Every message of a transfer, in both directions, carries the id of its OPEN.",
+        "a rule for the ground",
+    ),
+    Clause(
+        "2.7",
+        "The sequence count of a packet type starts at 0 when its sender starts. The device time counts seconds of the "
+        "device's clock, which continues across resets; SET_TIME sets only its relation to UTC.",
+        MEANING,
+    ),
+    Clause("3.1", "The device answers HELLO from any dictionary, with all its values."),
+    Clause("3.2", "HELLO reports the SHA-256 of the device's dictionary."),
+    Clause("3.3", "HELLO reports the highest request id that the device has received; the ground continues above it."),
+    Clause(
+        "3.4",
+        "After opening the line and after each BOOT the ground sends HELLO, every 3 s until it is answered. A device ignores "
+        "all bytes while it boots.",
+        "a rule for the ground",
+    ),
     Clause(
         "4.1",
         "A report answers each stage: accepted or rejected, started, progress, completed or failed; a completed report "
@@ -64,134 +99,218 @@ CLAUSES: tuple[Clause, ...] = (
     Clause("4.6", "Arguments of the wrong length are rejected (`bad_length`)."),
     Clause(
         "4.7",
-        "A command from another dictionary is rejected (`wrong_dictionary`) unless its row says that any dictionary will do.",
+        "A command from another dictionary is rejected (`wrong_dictionary`) unless its row permits any dictionary.",
     ),
     Clause("4.8", "A command whose condition does not hold is rejected (`wrong_state`)."),
     Clause(
         "4.9",
-        "The same request id with the same content gets the last report again, marked `replayed`, and is not carried "
-        "out again. HELLO and ABORT are carried out each time.",
+        "A repeated request id with the same content returns the last report, marked `replayed`, and is not executed "
+        "again. HELLO and ABORT are executed each time.",
     ),
-    Clause("4.10", "The same request id with other content is rejected (`id_reused`)."),
-    Clause("4.11", "The device keeps the last 64 ids with their last report, over resets too.", NEEDS_RESET),
-    Clause("4.12", "What ran during a reset has failed (`reset`).", NEEDS_RESET),
+    Clause("4.10", "A repeated request id with different content is rejected (`id_reused`)."),
+    Clause("4.11", "The device keeps the 64 highest ids with their last report, also across resets.", NEEDS_RESET),
+    Clause("4.12", "A command that was running at a reset fails (`reset`).", NEEDS_RESET),
     Clause("4.13", "ABORT stops the cycle, the running command (failed, `aborted`) and every transfer."),
     Clause(
         "4.14",
         "A command whose unit has no power is rejected (`powered_off`): images need imager, FPGA and SRAM, searches SRAM. "
-        "SRAM without power forgets its images. POWER does not switch a unit on that latched up; CLEAR_LATCHUP does.",
+        "SRAM without power loses its images. POWER does not switch on a unit that latched up; CLEAR_LATCHUP does.",
         SWITCHES,
     ),
     Clause(
         "4.15",
-        "SCHEDULE keeps a command in flash. It runs once when the device's clock reaches its time, with all the checks of a "
-        "command from the ground; SCHEDULE_RUN or SCHEDULE_FAILED and all it causes carry the request id of its SCHEDULE.",
+        "SCHEDULE stores a command in flash. It runs once when the device's clock reaches its time, with all the checks of a "
+        "command from the ground; SCHEDULE_RUN or SCHEDULE_FAILED and all packets it causes carry the request id of its SCHEDULE.",
     ),
     Clause(
         "4.16",
-        "SCHEDULE fails for bytes that are no command (`unknown_command`, `bad_length`, `out_of_range`), for a time that is "
-        "over (`out_of_range`), and for HELLO, ABORT and SCHEDULE itself (`wrong_state`).",
+        "SCHEDULE fails for bytes that are not a valid command (`unknown_command`, `bad_length`, `out_of_range`), for a time "
+        "in the past (`out_of_range`), and for HELLO, ABORT and SCHEDULE itself (`wrong_state`).",
     ),
     Clause(
         "4.17",
-        "The schedule survives a reset. What should have run while the processor was down is missed, is not run late, and "
-        "says so (SCHEDULE_FAILED); what a reset interrupts has failed (`reset`).",
+        "The schedule survives a reset. A command whose time passed while the processor was not running is missed: it is not "
+        "run late, and SCHEDULE_FAILED reports it. A command that a reset interrupts fails (`reset`).",
         NEEDS_RESET,
     ),
-    Clause("4.18", "At most 16 commands wait; one more is refused (`schedule_full`).", "would fill the schedule"),
-    Clause("4.19", "CANCEL takes a waiting command back, 0 all of them; nothing with that number is `not_found`."),
-    Clause("4.20", "What is marked simulator only, a real unit rejects (`unknown_command`)."),
-    Clause("5.1", "Housekeeping comes unasked once in a second of the device's clock."),
-    Clause("5.2", "GET_STATUS brings housekeeping at once."),
-    Clause("5.3", "A telemetry packet has the layout of its table, and each value lies in the range of its kind."),
-    Clause("5.4", "Housekeeping counts the commands that were accepted and those that were rejected."),
+    Clause("4.18", "At most 16 commands wait; a further one is rejected (`schedule_full`).", "would fill the schedule"),
+    Clause("4.19", "CANCEL removes a waiting command, 0 all of them; an unknown number is `not_found`."),
+    Clause("4.20", "A real unit rejects commands marked simulator only (`unknown_command`)."),
     Clause(
-        "5.5", "GET_CENTROIDS, GET_MATCHES and GET_ATTITUDE send the packet made last again; before one, `no_image`."
+        "4.21",
+        "A request id that is not above the highest id that the device no longer remembers is rejected (`id_reused`), and so "
+        "is request id 0. HELLO and ABORT are exempt.",
+    ),
+    Clause(
+        "4.22",
+        "Commands run one at a time in order of arrival. While one runs, at most 4 wait; a further one is rejected (`busy`)."
+        " ABORT runs at once. Transfers run beside commands.",
+        "needs commands that take long",
+    ),
+    Clause(
+        "4.23",
+        "The time to acceptance counts from the last byte of the command; the time to completion starts again at each report"
+        " (accepted, started, progress). The ground sends the next command when the last one has ended or timed out.",
+        "a rule for the ground",
+    ),
+    Clause("5.1", "The device sends housekeeping unsolicited once per second of its clock."),
+    Clause("5.2", "GET_STATUS sends housekeeping immediately."),
+    Clause(
+        "5.3",
+        "A telemetry packet has the layout of its table, and each value lies in the range of its kind. Boresight and roll are "
+        "those of the quaternion beside them.",
+    ),
+    Clause("5.4", "Housekeeping counts accepted commands and rejected commands."),
+    Clause(
+        "5.5",
+        "GET_CENTROIDS, GET_MATCHES and GET_ATTITUDE repeat the latest packet; before the first one they fail (`no_image`).",
     ),
     Clause(
         "5.6",
-        "While an orbit is given and the clock is set, `matched_vectors` follows every attitude.",
-        "changes what the device knows of its orbit and time",
+        "While an orbit and the clock are set, `matched_vectors` follows every attitude. Without an attitude, or at the end of a "
+        "period without a result, it has no vectors.",
+        "changes the orbit and time stored in the device",
     ),
     Clause(
-        "5.7", "READ_MEMORY sends as many bytes as asked for; beyond the end of a memory it fails (`out_of_range`)."
+        "5.7", "READ_MEMORY sends the requested number of bytes; beyond the end of a memory it fails (`out_of_range`)."
     ),
-    Clause("5.8", "LIST_TABLES tells of every table in every bank."),
+    Clause("5.8", "LIST_TABLES reports every table in every bank."),
     Clause(
         "5.9",
-        "A latch-up raises the rail's current; the protection switches it off and says so (LATCHUP).",
+        "A latch-up raises the rail's current; the protection switches it off and reports LATCHUP.",
         "needs radiation",
     ),
     Clause(
+        "5.10",
+        "An iteration sets the mode of the next one and reports a change as MODE_CHANGED: tracking after an attitude; "
+        "without one, assisted after tracking (lost_in_space for Oersted), else lost_in_space. Standby stays.",
+        "depends on the sky",
+    ),
+    Clause(
+        "5.11",
+        "The quaternion (x, y, z, w; w is the scalar) turns directions from ICRS to camera axes: v_cam = R(q) v_icrs. Camera"
+        " axes: +x to higher columns, +y to higher rows, +z out of the lens. Right ascension and declination are those of "
+        "+z. Roll is the angle of celestial north from image up (−y), counter-clockwise, 0 to 360°: atan2(−n_x, −n_y) for "
+        "north n in camera axes.",
+        MEANING,
+    ),
+    Clause(
         "6.1",
-        "The ground opens; the device answers OPENED with a session number, a window and the chunk size, or refuses with "
-        "ABORT_TRANSFER (session 0).",
+        "The ground opens; the device answers OPENED with a session number, a window and the chunk size, or rejects with "
+        "ABORT_TRANSFER (session 0), also an OPEN of wrong length (`bad_length`) or with an unknown kind (`out_of_range`).",
     ),
     Clause(
         "6.2",
-        "The sender keeps at most a window of chunks on their way. The receiver sends STATUS after a quarter of a window, "
-        "when complete, and when asked.",
-        "what is on the way cannot be seen from one end",
+        "The sender keeps at most one window of chunks in transit. The receiver sends STATUS after a quarter of a window, "
+        "when complete, and on request.",
+        "chunks in transit cannot be observed from one end",
     ),
     Clause(
         "6.3",
-        "A chunk that is not stored although its serial is not above the STATUS's is lost and is sent again.",
+        "A chunk that is not stored although its serial is not above that of STATUS is lost and is sent again.",
         "needs a line that loses chunks",
     ),
     Clause(
         "6.4",
-        "After a break the same content opened again resumes: OPENED says `resumed`, and the sender learns what is held "
-        "from STATUS pages before it sends.",
+        "After an interruption, opening the same content again resumes the transfer: OPENED reports `resumed`, and the sender "
+        "reads the stored chunks from STATUS pages before it sends.",
         NEEDS_BREAK,
     ),
-    Clause("6.5", "A download brings the content whose SHA-256 OPENED tells, and ends with CLOSE."),
+    Clause("6.5", "A download delivers the content whose SHA-256 OPENED reports, and ends with CLOSE."),
     Clause(
         "6.6",
-        "An upload into the active bank or a write-protected one is refused (`bank_active`, `write_protected`).",
+        "An upload into the active bank or a write-protected one is rejected (`bank_active`, `write_protected`).",
     ),
     Clause(
         "6.7",
-        "An upload ends with VERIFY (read-back from flash), VERIFIED, COMMIT, COMMITTED; then the bank holds what was sent.",
+        "An upload ends with VERIFY (read-back from flash), VERIFIED, COMMIT, COMMITTED; then the bank holds the uploaded content.",
         "writes flash: only with --write",
     ),
-    Clause("6.8", "A session that stays silent for 15 s is suspended.", NEEDS_BREAK),
+    Clause("6.8", "A session without packets for 15 s is suspended.", NEEDS_BREAK),
     Clause(
         "6.9",
-        "Banks become active only by ACTIVATE_BANK, and stay so only after CONFIRM_BANK.",
+        "Banks become active only by ACTIVATE_BANK, and stay active only after CONFIRM_BANK.",
         "would change the catalogue in use",
     ),
-    Clause("6.10", "A region brings those columns and rows of the image."),
+    Clause("6.10", "A region contains the requested columns and rows of the image."),
     Clause(
         "6.11",
-        "Star windows bring squares of odd side, 5 to 31 pixels, round the centroids of the image, cut at its edges; where "
-        "the image has not been searched, it is.",
+        "Star windows are squares of odd side, 5 to 31 pixels, around the centroids of the image, clipped at its edges. The "
+        "device searches an image that has not been searched yet.",
     ),
     Clause(
         "6.12",
-        "Star list and distance table of a bank are its image behind the header, in this order; a format's sections may follow "
-        "(a format without distances has no table to bring: `not_found`).",
+        "Star list and distance table of a bank are its image after the header, in this order; a format's sections may follow "
+        "(a format without distances has no such table: `not_found`).",
     ),
     Clause(
         "6.13",
-        "Tables (triplets, calibration, parameters) travel as catalogues do, target 0 = A, 1 = B, 3 = factory; the active "
+        "Tables (triplets, calibration, parameters) are transferred like catalogues, target 0 = A, 1 = B, 3 = factory; the active "
         "one and the factory's cannot be written (`bank_active`, `write_protected`).",
     ),
     Clause(
         "6.14",
-        "A table becomes active only by ACTIVATE_TABLE, and stays so only after CONFIRM_TABLE in its time and before a "
-        "reset. Then chain, camera or constants are those of the table; SET_DETECTION still overrules them.",
+        "A table becomes active only by ACTIVATE_TABLE, and stays active only after CONFIRM_TABLE in time and before a "
+        "reset. Then chain, camera or constants are those of the table; SET_DETECTION still overrides them.",
         "would change the table in use",
     ),
     Clause(
         "6.15",
-        "A broken upload opened again may go on in chunks of another size: what is wholly held is kept.",
+        "An interrupted upload may resume with another chunk size: completely stored chunks of the new size are kept.",
         NEEDS_BREAK,
     ),
-    Clause("6.16", "A part that is not in the image, or a side that is not allowed, is refused (`out_of_range`)."),
+    Clause("6.16", "A region outside the image, or an invalid side, is rejected (`out_of_range`)."),
     Clause(
         "6.17",
-        "A table is verified and committed like a catalogue; what is no table, another camera's, or has values that cannot "
-        "be, is refused at the commit (`incompatible`).",
+        "A table is verified and committed like a catalogue. Content that is not a valid table, belongs to another camera or "
+        "has impossible values is rejected at the commit (`incompatible`).",
+        "writes flash: only with --write",
+    ),
+    Clause(
+        "6.18",
+        "Stars, pairs and epoch of an OPEN_UPLOAD for a catalogue that are not 0 must be those of its content; otherwise it is "
+        "rejected at the commit (`incompatible`). An epoch outside the years 1800 to 2300 is rejected at once (`out_of_range`).",
+        "writes flash: only with --write",
+    ),
+    Clause(
+        "6.19",
+        "A download starts with STATUS from the ground after OPENED: its pages state which chunks it holds, also if none. "
+        "The device sends no chunk before pages from chunk 0 to the last one have arrived; it asks for a missing page with "
+        "STATUS_REQUEST. A page holds at most 16 ranges.",
+        MEANING,
+    ),
+    Clause(
+        "6.20",
+        "The first chunk of a session has serial 1; every chunk sent, new or again, has the next serial. Chunk i holds the "
+        "bytes from i · chunk size on; only the last one may be shorter. STATUS has serial 0 before the first chunk.",
+        MEANING,
+    ),
+    Clause(
+        "6.21",
+        "A message without an answer is sent again unchanged, an OPEN with its request id, and is answered again. Ground: "
+        "OPEN after 0.5 s times the number of tries; VERIFY and COMMIT after 1.5 s; STATUS of a receiver after 0.4 s of "
+        "silence, longer at each try; STATUS_REQUEST after 0.25 s and the time of a quarter of a window, then 1.6 times "
+        "longer each time, up to 3 s. After 6 tries the transfer is interrupted and opened again after 4 s. The device sends"
+        " at most 8 STATUS_REQUESTs without an answer.",
+        "times of both ends",
+    ),
+    Clause(
+        "6.22",
+        "ABORT_TRANSFER and PAUSE end the session without an answer; chunks stored in a bank are kept for a later OPEN. "
+        "After COMMIT they close the session only: the content stays committed. The event TRANSFER_ABORTED reports each "
+        "ABORT_TRANSFER from the ground.",
+        "writes flash: only with --write",
+    ),
+    Clause(
+        "6.23",
+        "A message for a session that is not open is answered with ABORT_TRANSFER (`no_session`), at most twice per second. "
+        "A new upload to a target closes the older session. Of more than 8 sessions the oldest is closed.",
+        MEANING,
+    ),
+    Clause(
+        "6.24",
+        "VERIFY before the last chunk is answered with STATUS. After VERIFIED with equal = 0 the session is closed and the "
+        "stored content erased. COMMIT of unverified content is answered with ABORT_TRANSFER (`incomplete`).",
         "writes flash: only with --write",
     ),
     Clause(
@@ -215,19 +334,55 @@ CLAUSES: tuple[Clause, ...] = (
         "x[n], y[n], z[n]; i16 first[m], i16 second[m], f32 distance[m] in rad. Sunsat's: n times f32 right ascension, "
         "declination (rad), magnitude; m times u16 first, u16 second, f32 distance in rad.",
     ),
-    Clause("7.5", "The memory `registers` holds the bytes of a housekeeping packet of this moment."),
+    Clause("7.5", "The memory `registers` holds the bytes of a current housekeeping packet."),
     Clause(
         "7.6",
         "Body axes of `matched_vectors` are Sunsat's (Jacobs 1995 §1.3): the boresight is (1, −1, 0)/√2, higher columns are "
         "(1, 1, 0)/√2, higher rows are +z. Orbit axes: +z to nadir, +x along the velocity. Reference directions are shifted "
         "by the aberration of the Earth's and the satellite's velocity.",
-        "needs a sensor whose mounting is known",
+        "needs a sensor with a known mounting",
     ),
     Clause(
         "7.7",
         "Triplet tables, little-endian: 64 bytes of header with the classes, the number of stars and the CRC-32 of the bank "
         "image they belong to, then u32 key[m] ascending, u16 star[m].",
         "only some units have triplets",
+    ),
+    Clause(
+        "7.8",
+        "Columns and rows count from 0 at the first pixel of 7.1, which is at the top left; pixel centres are at whole "
+        "numbers. Centroids, regions and star windows use these coordinates.",
+        MEANING,
+    ),
+    Clause(
+        "7.9",
+        "Thumbnails are the means of blocks of 4 × 4 pixels, rounded, half to even; incomplete blocks at the right and the "
+        "bottom are left out; pixels as in 7.1.",
+        "the image may change between two downloads",
+    ),
+    Clause(
+        "7.10",
+        "Header of bank images: 4 bytes `GSSB`, u8 version 1 (2 where sections follow), u8 format, u16 64, u32 stars n, u32 "
+        "pairs m, f64 epoch (Julian year), f32 smallest and f32 largest distance (rad), 16 bytes camera profile, 8 bytes of "
+        "the SHA-256 of the profile, u32 CRC-32 of all bytes after the header, u32 CRC-32 of the 60 bytes before. The "
+        "formats 1 cubestar, 2 sunsat, 3 sunsat-5, 4 far-mst, 5 oersted and 6 aim are defined byte by byte in [catalogue "
+        "formats](catalogue-formats.md).",
+        MEANING,
+    ),
+    Clause(
+        "7.11",
+        "Header of triplet tables: 4 bytes `GSST`, u8 version 1, u8 0, u16 64, u32 stars, u32 references m, f64 width of a "
+        "class of distances and f64 of angles (rad), f64 uncertainty of a position (rad), f32 magnitude detected half of the"
+        " time, f32 relative uncertainty of brightness, f32 largest distance (rad), u32 CRC-32 of the body of the bank "
+        "image, u32 CRC-32 of the body, u32 CRC-32 of the 60 bytes before. key = first << 18 | second << 6 | angle, the "
+        "numbers of the classes.",
+        "only some units have triplets",
+    ),
+    Clause(
+        "7.12",
+        "Capture files of the ground, little-endian: records of f64 Unix time in s, u8 direction (0 from the device, 1 to "
+        "it), u32 length, and that many bytes of the line.",
+        "a file of the ground",
     ),
 )
 

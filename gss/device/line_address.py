@@ -12,11 +12,11 @@ from ipaddress import IPv6Address
 
 from gss.domain.errors import BadInput
 
-SOCKET, RFC2217 = "socket", "rfc2217"
-EXPECTED = "a device path, socket://host:port or rfc2217://host:port"
+SOCKET, RFC2217, UDP = "socket", "rfc2217", "udp"
+EXPECTED = "a device path, socket://host:port, rfc2217://host:port or udp://host:port"
 LARGEST_PORT = 65_535
 NETWORK = re.compile(
-    rf"(?P<scheme>{SOCKET}|{RFC2217})://"
+    rf"(?P<scheme>{SOCKET}|{RFC2217}|{UDP})://"
     r"(?:(?P<name>[A-Za-z0-9._-]+)|\[(?P<ipv6>[0-9A-Fa-f:.]+(?:%[A-Za-z0-9._-]+)?)\])"
     r":(?P<port>[0-9]{1,5})"
 )

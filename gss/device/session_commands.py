@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from gss.device.dictionary import Command, Dictionary, Values
-from gss.device.protocol.codec import check_arguments, encode
-from gss.device.session_events import FINAL_STAGES, CommandStage, Stage
+from gss.device.protocol.codec import EncodedCommand
+from gss.device.session_events import FINAL_STAGES, CommandUpdate, Stage
 from gss.domain.errors import Conflict, NotFound
+from gss.instruments.dictionary.definitions import CommandDefinition
 
 KEPT_COMMANDS = 512
 """Number of commands kept, so that late and repeated reports of finished ones are recognised."""
@@ -26,53 +26,50 @@ class CommandRecord:
     """One tracked command. ``deadline_s``: when its current timeout expires; None if none is running."""
 
     request_id: int
-    command: Command
+    command: CommandDefinition
     payload: bytes
     stage: Stage = Stage.QUEUED
     attempt: int = 1
     deadline_s: float | None = None
     was_unknown: bool = field(default=False)
 
-    def event(self, **facts: Any) -> CommandStage:
+    def event(self, **facts: Any) -> CommandUpdate:
         """Return the current stage as an event."""
-        base = CommandStage(self.request_id, self.command.name, self.stage, attempt=self.attempt)
+        base = CommandUpdate(self.request_id, self.command.name, self.stage, attempt=self.attempt)
         return replace(base, **facts)
 
-    def to(self, stage: Stage, deadline_s: float | None = None, **facts: Any) -> CommandStage:
+    def to(self, stage: Stage, deadline_s: float | None = None, **facts: Any) -> CommandUpdate:
         """Change the stage and return it as an event."""
         self.stage, self.deadline_s = stage, deadline_s
         return self.event(**facts)
 
 
-class CommandLane:
+class CommandQueue:
     """Sends commands one at a time: the next is released when the current one is final or unknown.
 
     ABORT has a separate queue.
     """
 
-    def __init__(self, dictionary: Dictionary) -> None:
-        self._dictionary = dictionary
+    def __init__(self) -> None:
         self._records: dict[int, CommandRecord] = {}
         self._queue: deque[CommandRecord] = deque()
         self._urgent: deque[CommandRecord] = deque()
         self._current: CommandRecord | None = None
 
-    def add(self, request_id: int, name: str, arguments: Values, *, urgent: bool = False) -> CommandStage:
-        """Queue a command. Raises BadInput or NotFound before anything changes."""
-        record = self._make(request_id, name, arguments)
+    def add(self, request_id: int, order: EncodedCommand, *, urgent: bool = False) -> CommandUpdate:
+        """Queue a command."""
+        record = self._make(request_id, order)
         (self._urgent if urgent else self._queue).append(record)
         return record.event()
 
-    def add_unknown(self, request_id: int, name: str, arguments: Values) -> CommandStage:
+    def add_unknown(self, request_id: int, order: EncodedCommand) -> CommandUpdate:
         """Add a command that was sent before a restart; its outcome is unknown."""
-        record = self._make(request_id, name, arguments)
+        record = self._make(request_id, order)
         record.was_unknown = True
         return record.to(Stage.UNKNOWN, detail="The server restarted while the command was under way.")
 
-    def _make(self, request_id: int, name: str, arguments: Values) -> CommandRecord:
-        command = self._dictionary.command(name)
-        payload = encode(command.arguments, check_arguments(command, arguments))
-        record = CommandRecord(request_id, command, payload)
+    def _make(self, request_id: int, order: EncodedCommand) -> CommandRecord:
+        record = CommandRecord(request_id, order.command, order.payload)
         self._records[request_id] = record
         self._forget_old()
         return record
@@ -87,7 +84,7 @@ class CommandLane:
         """Return the command with that id, or None."""
         return self._records.get(request_id)
 
-    def retry(self, request_id: int) -> CommandStage:
+    def retry(self, request_id: int) -> CommandUpdate:
         """Queue an unknown command again, unchanged, at the front."""
         record = self._records.get(request_id)
         if record is None:
@@ -100,7 +97,7 @@ class CommandLane:
         self._queue.appendleft(record)
         return record.to(Stage.QUEUED)
 
-    def withdraw(self, request_id: int, detail: str) -> CommandStage:
+    def withdraw(self, request_id: int, detail: str) -> CommandUpdate:
         """Withdraw a queued command: it becomes FAILED, or UNKNOWN again if it was queued for a retry."""
         record = self._records.get(request_id)
         if record is None:
@@ -113,11 +110,11 @@ class CommandLane:
             return record.to(Stage.UNKNOWN, detail=detail)
         return record.to(Stage.FAILED, reason=WITHDRAWN, detail=detail)
 
-    def clear(self, detail: str) -> list[CommandStage]:
+    def clear(self, detail: str) -> list[CommandUpdate]:
         """Withdraw all queued commands; commands already sent are not affected."""
         return [self.withdraw(record.request_id, detail) for record in list(self._queue)]
 
-    def abandon(self, detail: str) -> list[CommandStage]:
+    def abandon(self, detail: str) -> list[CommandUpdate]:
         """Drop all commands meant for the previous unit after another unit has identified itself.
 
         Queued commands are withdrawn; unknown ones can no longer be retried.
@@ -127,20 +124,20 @@ class CommandLane:
             del self._records[request_id]
         return events
 
-    def release(self, now_s: float, *, only_urgent: bool = False) -> tuple[list[CommandRecord], list[CommandStage]]:
+    def release(self, now_s: float, *, only_urgent: bool = False) -> tuple[list[CommandRecord], list[CommandUpdate]]:
         """Return the commands to send now, and their stages."""
         records = list(self._urgent)
         self._urgent.clear()
         if self._current is None and self._queue and not only_urgent:
             self._current = self._queue.popleft()
             records.append(self._current)
-        events: list[CommandStage] = []
+        events: list[CommandUpdate] = []
         for record in records:
             events.append(record.to(Stage.RELEASED))
             events.append(record.to(Stage.SENT, now_s + record.command.accept_s))
         return records, events
 
-    def expire(self, now_s: float) -> list[CommandStage]:
+    def expire(self, now_s: float) -> list[CommandUpdate]:
         """Return the commands that timed out without a report, as UNKNOWN."""
         events = []
         for record in self._records.values():
@@ -150,7 +147,7 @@ class CommandLane:
                 events.append(self._lose(record, f"No report of {missing} within {window_s:g} s."))
         return events
 
-    def lose_all(self, detail: str) -> list[CommandStage]:
+    def lose_all(self, detail: str) -> list[CommandUpdate]:
         """Handle the loss of the line: sent commands become unknown, queued ones stay queued.
 
         Urgent commands not yet sent fail: an ABORT sent on the next line, minutes later, is not what the operator
@@ -162,7 +159,7 @@ class CommandLane:
         self._urgent.clear()
         return [*unsent, *(self._lose(r, detail) for r in self._records.values() if r.deadline_s is not None)]
 
-    def _lose(self, record: CommandRecord, detail: str) -> CommandStage:
+    def _lose(self, record: CommandRecord, detail: str) -> CommandUpdate:
         record.was_unknown = True
         self._finish(record)
         return record.to(Stage.UNKNOWN, detail=detail)
@@ -171,7 +168,7 @@ class CommandLane:
         if self._current is record:
             self._current = None
 
-    def report(self, request_id: int, stage: Stage, now_s: float, facts: dict[str, Any]) -> Sequence[CommandStage]:
+    def report(self, request_id: int, stage: Stage, now_s: float, facts: dict[str, Any]) -> Sequence[CommandUpdate]:
         """Process a report of the device. A repeated or out-of-order one returns no stages."""
         record = self._records.get(request_id)
         if record is None or record.stage in FINAL_STAGES:

@@ -6,13 +6,14 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gss.device.dictionary import Value
 from gss.device.protocol.chunk_size import best_chunk_bytes, loss_per_byte
-from gss.device.protocol.line import LineReceiver, LineSender
+from gss.device.protocol.receiver import LineReceiver
+from gss.device.protocol.sender import LineSender
 from gss.device.session_events import Direction, DirectionCounters, LinkCounters
+from gss.instruments.dictionary.definitions import Value
 
 LATELY_S = 60.0
-TELLING_LOSSES = 3
+MIN_LOSSES = 3
 
 
 def count_line(
@@ -28,8 +29,8 @@ def count_line(
         too_short=receiver.too_short,
         unframed=deframer.unframed,
         unknown=receiver.unknown,
-        gaps=receiver.gaps,
-        duplicates=receiver.duplicates,
+        gaps=receiver.sequence.gaps,
+        duplicates=receiver.sequence.duplicates,
         undecodable=undecodable,
         repeated_ids=repeated_ids,
     )
@@ -47,7 +48,7 @@ class _Sample:
     def rate_since(self, before: _Sample) -> float:
         """Return the damage per byte between two samples; 0 if there is too little data for an estimate."""
         packets, damaged = self.packets - before.packets, self.damaged - before.damaged
-        if damaged < TELLING_LOSSES or packets < damaged:
+        if damaged < MIN_LOSSES or packets < damaged:
             return 0.0
         return loss_per_byte(damaged, packets, (self.bytes - before.bytes) / packets)
 

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from gss.device.dictionary import Value
+from gss.device.protocol.packet import Arrival
+from gss.instruments.dictionary.definitions import Value
 
 Ranges = tuple[tuple[int, int], ...]
 """Ranges of chunk numbers, first and last inclusive, ascending and disjoint."""
@@ -54,7 +55,7 @@ class Direction(StrEnum):
 
 
 @dataclass(frozen=True)
-class CommandStage:
+class CommandUpdate:
     """A command reached a stage.
 
     ``device_time_s``: the device's clock in the report, None for stages that the host sets itself. ``reason``: the
@@ -81,7 +82,8 @@ class Telemetry:
     """One telemetry packet.
 
     ``request_id``: the command that caused it, 0 = unsolicited. ``raw``: as on the wire; ``values``: in engineering
-    units, enumerations by name. ``lists``: rows of each list, by the list's name.
+    units, enumerations by name. ``lists``: rows of each list, by the list's name. ``arrival``: whether
+    it is the newest of its type, or was delayed or repeated on the line.
     """
 
     packet: str
@@ -91,6 +93,7 @@ class Telemetry:
     values: Mapping[str, Value]
     lists: Mapping[str, tuple[Mapping[str, Value], ...]] = field(default_factory=dict)
     simulator_only: bool = False
+    arrival: Arrival = Arrival.CURRENT
 
 
 @dataclass(frozen=True)
@@ -205,4 +208,4 @@ class LinkCounters:
     last_good_s: float | None
 
 
-SessionEvent = CommandStage | Telemetry | DeviceEvent | TransferUpdate | TransferDone | HelloReceived | LinkCounters
+SessionEvent = CommandUpdate | Telemetry | DeviceEvent | TransferUpdate | TransferDone | HelloReceived | LinkCounters

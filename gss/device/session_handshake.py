@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gss.device.dictionary import Dictionary, Value
-from gss.device.protocol.line import LineSender
+from gss.device.protocol.sender import LineSender
 from gss.device.session_events import HelloReceived
 from gss.device.session_reading import read_hello
 from gss.domain.errors import Conflict
+from gss.instruments.dictionary.definitions import Dictionary, Value
 
 HELLO_AGAIN_S = 3.0
+"""Default pause between two attempts."""
 
 
 class Handshake:
-    """State of the last HELLO. Sets the sender's prefix to that of the dictionary in use."""
+    """State of the last HELLO. Sets the sender's prefix to that of the dictionary in use. ``again_s``: pause between two
+    attempts."""
 
-    def __init__(self, dictionary: Dictionary, sender: LineSender) -> None:
-        self._dictionary, self._sender = dictionary, sender
+    def __init__(self, dictionary: Dictionary, sender: LineSender, again_s: float = HELLO_AGAIN_S) -> None:
+        self._dictionary, self._sender, self._again_s = dictionary, sender, again_s
         self.hello: HelloReceived | None = None
         self._due_s: float | None = None
         self.acknowledged = False
@@ -37,14 +39,14 @@ class Handshake:
         """True if HELLO must be sent now; schedules the next repeat."""
         if self._due_s is None or now_s < self._due_s:
             return False
-        self._due_s = now_s + HELLO_AGAIN_S
+        self._due_s = now_s + self._again_s
         return True
 
     def met(self, values: Mapping[str, Value], device_time_s: float) -> HelloReceived:
         """Process the answer to HELLO. An acknowledged mismatch stays acknowledged until the dictionaries match again."""
-        self.hello = read_hello(values, device_time_s, self._dictionary.hash)
+        self.hello = read_hello(values, device_time_s, self._dictionary)
         if self.hello.dictionary_match:
-            self._sender.prefix, self.acknowledged = self._dictionary.prefix, False
+            self._sender.prefix, self.acknowledged = int(self.hello.dictionary_hash[:4], 16), False
         self._due_s, self.greeted = None, True
         return self.hello
 

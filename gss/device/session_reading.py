@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from gss.device.dictionary import Command, Dictionary, EventDefinition, Value
-from gss.device.protocol.codec import Decoded, decode
-from gss.device.protocol.decoder import Decoder
+from gss.device.protocol.codec import decode
 from gss.device.protocol.packet import Packet
-from gss.device.session_events import DeviceEvent, HelloReceived, Stage, Telemetry
+from gss.device.session_events import DeviceEvent, HelloReceived, Stage
+from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary, EventDefinition, Value
 
 COMPLETED = bytes([5])
 
 
-def read_report(packet: Packet, command: Command, dictionary: Dictionary) -> tuple[Stage, dict[str, Any]]:
+def read_report(packet: Packet, command: CommandDefinition, dictionary: Dictionary) -> tuple[Stage, dict[str, Any]]:
     """Return a command's stage and its report's values; a completed report includes the returned values."""
     fields = dictionary.service("REPORT").fields
     completed = packet.payload[:1] == COMPLETED
@@ -31,17 +30,17 @@ def read_report(packet: Packet, command: Command, dictionary: Dictionary) -> tup
     return Stage(str(v["stage"])), facts
 
 
-def read_hello(v: Mapping[str, Value], device_time_s: float, own_hash: bytes) -> HelloReceived:
-    """Return the device's identity from the values that HELLO returns; ``own_hash``: of the host's dictionary."""
-    told = bytes(v["dictionary_hash"])  # type: ignore[arg-type]  # bytes32 decodes to bytes
+def read_hello(v: Mapping[str, Value], device_time_s: float, dictionary: Dictionary) -> HelloReceived:
+    """Return the device's identity from the values that HELLO returns; ``dictionary``: of the host."""
+    device_hash = bytes(v["dictionary_hash"])  # type: ignore[arg-type]  # bytes32 decodes to bytes
     return HelloReceived(
         device_model=str(v["device_model"]),
         profile=str(v["profile"]),
         firmware=str(v["firmware"]),
         serial=str(v["serial"]),
         simulated=bool(v["simulated"]),
-        dictionary_hash=told.hex(),
-        dictionary_match=told == own_hash,
+        dictionary_hash=device_hash.hex(),
+        dictionary_match=dictionary.describes(device_hash),
         line_baud=int(v["line_baud"]),
         columns=int(v["columns"]),
         rows=int(v["rows"]),
@@ -52,30 +51,6 @@ def read_hello(v: Mapping[str, Value], device_time_s: float, own_hash: bytes) ->
         last_request_id=int(v["last_request_id"]),
         device_time_s=device_time_s,
     )
-
-
-class TelemetryReader:
-    """Decodes telemetry packets, with a prepared decoder per packet type because they are most of the traffic."""
-
-    def __init__(self, dictionary: Dictionary) -> None:
-        self._kinds = {p.code: (p, Decoder(p.fields)) for p in reversed(dictionary.telemetry)}
-
-    def read(self, packet: Packet) -> Telemetry | None:
-        """Return a telemetry packet, raw and in engineering units; None if the dictionary does not define its code."""
-        kind = self._kinds.get(packet.code)
-        if kind is None:
-            return None
-        definition, decoder = kind
-        message: Decoded = decoder.decode(packet.payload)
-        return Telemetry(
-            definition.name,
-            packet.time_s,
-            packet.request_id,
-            message.raw,
-            message.values,
-            message.lists,
-            definition.simulator_only,
-        )
 
 
 def read_event(packet: Packet, definition: EventDefinition, dictionary: Dictionary) -> DeviceEvent:

@@ -7,11 +7,11 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from gss.device.dictionary import Value
 from gss.device.protocol.chunk_size import smaller_chunk_bytes
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, Compatibility, chunk_count
 from gss.device.session_events import Direction, Ranges, TransferState, TransferUpdate
 from gss.domain.errors import BadInput
+from gss.instruments.dictionary.definitions import Value
 
 RATE_SPAN_S = 4.0
 ENDED = (
@@ -38,7 +38,7 @@ class RequestIds:
 
 
 @dataclass(frozen=True)
-class Message:
+class ServiceMessage:
     """A service message to send."""
 
     service: str
@@ -79,7 +79,7 @@ def checked_target(target: int) -> int:
 
 
 @dataclass
-class Transfer:
+class SessionTransfer:
     """One transfer.
 
     ``chunk_bytes``: current chunk size; ``wanted_chunk_bytes``: size that the next opening requests. ``grid_is_fixed``:
@@ -156,13 +156,13 @@ class Transfer:
         if self.sender is not None:
             return smaller_chunk_bytes(self.chunk_bytes, self.sender.lost, self.sender.settled)
         if self.receiver is not None:
-            return smaller_chunk_bytes(self.chunk_bytes, self.receiver.asked_again, self.receiver.settled)
+            return smaller_chunk_bytes(self.chunk_bytes, self.receiver.requested_again, self.receiver.settled)
         return None
 
     @property
     def resent(self) -> int:
         """Chunks sent again (uplink) or requested again (downlink)."""
-        now = self.sender.resent if self.sender else self.receiver.asked_again if self.receiver else 0
+        now = self.sender.resent if self.sender else self.receiver.requested_again if self.receiver else 0
         return self.resent_before + now
 
     def to(self, state: TransferState, reason: str = "") -> None:

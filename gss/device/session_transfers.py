@@ -2,41 +2,119 @@
 
 from __future__ import annotations
 
-from gss.device.protocol.codec import Decoded
-from gss.device.protocol.transfer import StatusPage
-from gss.device.session_events import TransferDone, TransferState, TransferUpdate
-from gss.device.session_transfer import ENDED, MOVING, Message, RequestIds, Transfer
-from gss.device.session_transfer_talk import TransferTalk, abort_message
-from gss.domain.errors import Conflict, NotFound
+from gss.device.protocol.codec import Decoded, encode
+from gss.device.protocol.transfer import Compatibility, StatusPage
+from gss.device.session_counters import LineQuality
+from gss.device.session_events import Direction, Ranges, TransferDone, TransferState, TransferUpdate
+from gss.device.session_transfer import (
+    ENDED,
+    MOVING,
+    HeldPart,
+    Part,
+    RequestIds,
+    ServiceMessage,
+    SessionTransfer,
+    checked_target,
+)
+from gss.device.session_transfer_exchange import TransferExchange, abort_message
+from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.instruments.dictionary.definitions import Dictionary
 
 REPORT_EVERY_S = 0.25
 
 
-class TransferDesk:
+class TransferManager:
     """All transfers of a session. Each opening takes a new request id, which identifies the transfer on the line."""
 
-    def __init__(self) -> None:
-        self._transfers: dict[int, Transfer] = {}
+    def __init__(self, dictionary: Dictionary, quality: LineQuality, next_id: int = 1) -> None:
+        self._dictionary, self._quality, self._next_id = dictionary, quality, next_id
+        self._transfers: dict[int, SessionTransfer] = {}
         self._by_session: dict[int, int] = {}
-        self._talk = TransferTalk()
+        self._exchange = TransferExchange()
         self.line_is_up = False
 
     @property
     def line_bytes_s(self) -> float | None:
         """The line's rate; None while unknown (no pacing)."""
-        return self._talk.line_bytes_s
+        return self._exchange.line_bytes_s
 
     @line_bytes_s.setter
     def line_bytes_s(self, rate: float | None) -> None:
-        self._talk.line_bytes_s = rate
+        self._exchange.line_bytes_s = rate
 
     # --- requests of the owner ----------------------------------------------------------------------------------
 
-    def add(self, transfer: Transfer) -> None:
-        """Queue a transfer."""
-        self._transfers[transfer.id] = transfer
+    def skip_ids(self, next_id: int) -> None:
+        """Use no id below ``next_id`` from now on."""
+        self._next_id = max(self._next_id, next_id)
 
-    def get(self, transfer_id: int) -> Transfer:
+    def start_download(
+        self,
+        kind: str,
+        slot: int,
+        *,
+        held: HeldPart | None = None,
+        chunk_bytes: int | None = None,
+        part: Part | None = None,
+        paused: str = "",
+    ) -> int:
+        """Queue a download of any kind the dictionary defines and return its transfer id.
+
+        ``held``: data of an earlier attempt; only missing chunks are requested if the content is unchanged. ``part``:
+        the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line. ``paused``:
+        reason to wait until the device has identified itself.
+        """
+        size = self._chunk_size(kind, chunk_bytes, Direction.DOWN)
+        transfer = SessionTransfer(self._next_id, Direction.DOWN, kind, checked_target(slot), size)
+        transfer.part, transfer.grid_is_fixed = part or Part(), chunk_bytes is not None
+        if held is not None:
+            transfer.take_held(held)
+        return self._queue(transfer, paused)
+
+    def start_upload(
+        self,
+        kind: str,
+        target: int,
+        data: bytes,
+        compatibility: Compatibility,
+        *,
+        chunk_bytes: int | None = None,
+        paused: str = "",
+    ) -> int:
+        """Queue an upload to a bank or slot number and return its transfer id; verify and commit follow automatically.
+
+        The same data to the same target resumes after an interruption with what the device still holds. ``chunk_bytes``
+        and ``paused`` as in ``start_download``.
+        """
+        if not data:
+            raise BadInput("nothing to upload", expected="at least 1 byte", got="0 bytes")
+        size = self._chunk_size(kind, chunk_bytes, Direction.UP)
+        transfer = SessionTransfer(self._next_id, Direction.UP, kind, checked_target(target), size, compatibility)
+        transfer.take_content(data)
+        transfer.grid_is_fixed = chunk_bytes is not None
+        return self._queue(transfer, paused)
+
+    def _chunk_size(self, kind: str, wanted: int | None, direction: Direction) -> int:
+        """Return the chunk size to request. Raises BadInput if the dictionary does not define the kind."""
+        opening = self._dictionary.service("OPEN_DOWNLOAD")
+        item = next(f for f in opening.fields if f.name == "kind")
+        encode([item], {"kind": kind})  # type: ignore[list-item]  # an item of a service is an Item
+        return wanted or self._quality.chunk_bytes(direction)
+
+    def _queue(self, transfer: SessionTransfer, paused: str) -> int:
+        if paused and not self.line_is_up:
+            transfer.waits_for_device = True
+            transfer.to(TransferState.PAUSED, paused)
+        self._transfers[transfer.id] = transfer
+        self._next_id += 1
+        return transfer.id
+
+    def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
+        """Return the data of a download, (size,) bytes with zeros for missing chunks, and the held chunk ranges."""
+        transfer = self.get(transfer_id)
+        return bytes(transfer.data), transfer.stored()[0]
+
+    def get(self, transfer_id: int) -> SessionTransfer:
         """Return the transfer of that id. Raises NotFound."""
         try:
             return self._transfers[transfer_id]
@@ -51,7 +129,7 @@ class TransferDesk:
                 "the transfer cannot be paused now", expected="queued or transferring", got=transfer.state.value
             )
         if transfer.session is not None:
-            self._talk.out.append(Message("PAUSE", transfer.request_id, {"session": transfer.session}))
+            self._exchange.out.append(ServiceMessage("PAUSE", transfer.request_id, {"session": transfer.session}))
         transfer.waits_for_device = False
         transfer.to(TransferState.PAUSED)
 
@@ -71,7 +149,7 @@ class TransferDesk:
         if transfer.state in ENDED:
             raise Conflict("the transfer has ended", got=transfer.state.value)
         if transfer.session is not None:
-            self._talk.out.append(abort_message(transfer.session, transfer.request_id, "aborted"))
+            self._exchange.out.append(abort_message(transfer.session, transfer.request_id, "aborted"))
         transfer.to(TransferState.ABORTED, "by the operator")
 
     def forget(self, transfer_id: int) -> None:
@@ -84,10 +162,10 @@ class TransferDesk:
     def lose_line(self) -> None:
         """Set active transfers to link_lost after the port was lost."""
         self.line_is_up = False
-        self._talk.out.clear()
+        self._exchange.out.clear()
         for transfer in self._transfers.values():
             if transfer.state in MOVING:
-                self._talk.lose(transfer, "the line is gone", 0.0)
+                self._exchange.lose(transfer, "the line is gone", 0.0)
 
     def line_back(self, now_s: float) -> None:
         """Reopen transfers interrupted by a line loss or a restart, after the device has identified itself."""
@@ -103,7 +181,7 @@ class TransferDesk:
         """Reopen the active transfer: the device lost its sessions, but not what it had stored."""
         for transfer in self._transfers.values():
             if transfer.state in MOVING and transfer.request_id:
-                self._talk.lose(transfer, "the device restarted", now_s)
+                self._exchange.lose(transfer, "the device restarted", now_s)
                 transfer.due_s = now_s
 
     def bank_in_use(self, bank: int) -> None:
@@ -114,11 +192,11 @@ class TransferDesk:
 
     # --- time ---------------------------------------------------------------------------------------------------
 
-    def current(self) -> Transfer | None:
+    def current(self) -> SessionTransfer | None:
         """Return the transfer that uses the line, or None."""
         return next((t for t in self._transfers.values() if t.state in MOVING), None)
 
-    def step(self, now_s: float, take_request_id: RequestIds) -> list[Message]:
+    def step(self, now_s: float, take_request_id: RequestIds) -> list[ServiceMessage]:
         """Return the messages (not chunks) to send now."""
         if not self.line_is_up:
             return []
@@ -126,21 +204,21 @@ class TransferDesk:
         if transfer is None:
             transfer = next((t for t in self._transfers.values() if t.state is TransferState.QUEUED), None)
             if transfer is not None:
-                self._talk.begin_open(transfer, now_s, take_request_id)
+                self._exchange.begin_open(transfer, now_s, take_request_id)
         elif transfer.state is TransferState.LINK_LOST and now_s >= transfer.due_s:
-            self._talk.begin_open(transfer, now_s, take_request_id)
+            self._exchange.begin_open(transfer, now_s, take_request_id)
         elif transfer.state is TransferState.OPENING and now_s >= transfer.due_s:
-            self._talk.open_again(transfer, now_s)
+            self._exchange.open_again(transfer, now_s)
         elif transfer.state is TransferState.TRANSFERRING:
-            if not self._talk.adapt(transfer, now_s, take_request_id):
-                self._talk.keep_moving(transfer, now_s)
+            if not self._exchange.adapt(transfer, now_s, take_request_id):
+                self._exchange.keep_moving(transfer, now_s)
         elif transfer.state is TransferState.VERIFYING and now_s >= transfer.due_s:
-            self._talk.ask_verify(transfer, now_s)
-        messages = list(self._talk.out)
-        self._talk.out.clear()
+            self._exchange.ask_verify(transfer, now_s)
+        messages = list(self._exchange.out)
+        self._exchange.out.clear()
         return messages
 
-    def next_chunk(self, now_s: float) -> Message | None:
+    def next_chunk(self, now_s: float) -> ServiceMessage | None:
         """Return the next chunk to send, or None."""
         t = self.current()
         if t is None or t.state is not TransferState.TRANSFERRING or t.sender is None or t.session is None:
@@ -150,7 +228,9 @@ class TransferDesk:
             return None
         index, serial = choice
         data = bytes(t.data[index * t.chunk_bytes : (index + 1) * t.chunk_bytes])
-        return Message("CHUNK", t.request_id, {"session": t.session, "index": index, "serial": serial, "data": data})
+        return ServiceMessage(
+            "CHUNK", t.request_id, {"session": t.session, "index": index, "serial": serial, "data": data}
+        )
 
     # --- messages from the device -------------------------------------------------------------------------------
 
@@ -167,34 +247,34 @@ class TransferDesk:
         if t is None:
             return
         if t.session != session:
-            self._talk.after_the_end(t, service, session)
+            self._exchange.after_the_end(t, service, session)
         elif service == "STATUS" and t.sender is not None and t.state is TransferState.TRANSFERRING:
             t.sender.on_status(StatusPage.of(message), now_s)
             t.tries = 0
             if t.sender.complete:
-                self._talk.to_verify(t, now_s)
+                self._exchange.to_verify(t, now_s)
         elif service == "CHUNK" and t.receiver is not None:
-            self._talk.chunk(t, message, now_s)
+            self._exchange.chunk(t, message, now_s)
         elif service == "STATUS_REQUEST":
-            self._talk.asked(t, message, now_s)
+            self._exchange.status_requested(t, message, now_s)
         elif service == "VERIFIED" and t.state is TransferState.VERIFYING:
-            self._talk.verified(t, message, now_s)
+            self._exchange.verified(t, message, now_s)
         elif service == "COMMITTED" and t.state is TransferState.VERIFYING:
             t.to(TransferState.COMMITTED)
-            self._talk.finish(t)
+            self._exchange.finish(t)
 
-    def _of_request(self, request_id: int) -> Transfer | None:
+    def _of_request(self, request_id: int) -> SessionTransfer | None:
         return next((t for t in self._transfers.values() if t.request_id == request_id), None)
 
     def _opened(self, request_id: int, message: Decoded, now_s: float) -> None:
         t = self._of_request(request_id)
-        if t is not None and t.state is TransferState.OPENING and self._talk.opened(t, message, now_s):
+        if t is not None and t.state is TransferState.OPENING and self._exchange.opened(t, message, now_s):
             self._by_session[int(message.values["session"])] = t.id
 
     def _refused(self, request_id: int, session: int, message: Decoded, now_s: float) -> None:
         t = self._of_request(request_id)
         if t is not None:
-            self._talk.refused(t, session, message, now_s)
+            self._exchange.refused(t, session, message, now_s)
 
     # --- reports ------------------------------------------------------------------------------------------------
 
@@ -206,6 +286,6 @@ class TransferDesk:
             if t.changed or progressing:
                 events.append(t.update(now_s, self.line_bytes_s))
                 t.changed, t.reported_s = False, now_s
-        events += self._talk.done
-        self._talk.done = []
+        events += self._exchange.done
+        self._exchange.done = []
         return events

@@ -8,8 +8,8 @@ from typing import Any
 
 from gss.device.tables import Scalar
 from gss.domain.camera import Brown, BrownUndistort, Camera, Distortion, Pinhole, RadialTilt
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, NotFound
-from gss.domain.profiles import CameraProfile
 from gss.domain.sensor import Sensor
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded, OnboardChain
@@ -77,9 +77,11 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
         raise BadInput("focal lengths and gain must be above zero")
     own = calibration_values(profile)
     for name in numbers:
-        known = own.get(name, profile.focal_mm if name == "focal_mm" else 0.0)
+        current = own.get(name, profile.focal_mm if name == "focal_mm" else 0.0)
         # A lens coefficient may turn out to be zero or of the opposite sign.
-        within_reason(name, numbers[name], -abs(float(known)) if name in coefficients and name != "focal_mm" else known)
+        within_reason(
+            name, numbers[name], -abs(float(current)) if name in coefficients and name != "focal_mm" else current
+        )
     if not numbers["bright_limit_mag"] < numbers["faint_limit_mag"]:
         raise BadInput("limiting magnitudes are crossed", expected="bright_limit_mag below faint_limit_mag")
     distortion = make({n: numbers[n] for n in coefficients if n in numbers})
@@ -108,6 +110,10 @@ def within_reason(name: str, value: float, own: Scalar) -> None:
         )
 
 
+RETIRED = ("rate_interval_s",)
+"""Constants of tables written before version 0.5 that no chain has any more; such a table stays valid."""
+
+
 def constants(parameters: Any) -> dict[str, float | int | bool]:
     """Return the numeric parameters of a chain by name."""
     return {f.name: v for f in fields(parameters) if isinstance(v := getattr(parameters, f.name), float | int | bool)}
@@ -118,7 +124,7 @@ def parameter_values(profile: CameraProfile, chain: OnboardChain | None = None) 
 
     Constants derived from the camera or the exposure are left out, because a table that contains one fixes it.
     """
-    used = chain or on_board(profile.name)
+    used = chain or on_board(profile)
     parameters = used.parameters(profile, None, Commanded(), Mode.LOST_IN_SPACE)
     longer = constants(used.parameters(profile, 2 * profile.sensor.exposure_s, Commanded(), Mode.LOST_IN_SPACE))
     plain = {f.name for f in fields(parameters) if f.default is not MISSING}
@@ -128,7 +134,7 @@ def parameter_values(profile: CameraProfile, chain: OnboardChain | None = None) 
 
 def chain_of(profile: CameraProfile, values: Mapping[str, Scalar] = LOST_NOTHING) -> OnboardChain:
     """Return the chain that a parameter table is for; without a table, the unit's own."""
-    return system(str(values["chain"])) if values else on_board(profile.name)
+    return system(str(values["chain"])) if values else on_board(profile)
 
 
 def check_parameters(profile: CameraProfile, values: Mapping[str, Scalar]) -> None:
@@ -146,20 +152,20 @@ def parameters_with(
     """Return a chain's parameters for one frame: its defaults, replaced by the table's values, then by commanded ones."""
     chain = chain_of(profile, values)
     plain = chain.parameters(profile, exposure_s, Commanded(), mode)
-    told = chain.parameters(profile, exposure_s, commanded, mode)
+    parameters = chain.parameters(profile, exposure_s, commanded, mode)
     if not values:
-        return told
+        return parameters
     # Other constants that a command changes, such as the radius of a hint, also keep the commanded value.
-    changed = [n for n, v in constants(told).items() if constants(plain).get(n) != v]
+    changed = [n for n, v in constants(parameters).items() if constants(plain).get(n) != v]
     set_by_command = [n for n in COMMANDED if getattr(commanded, n) is not None]
-    return _replaced(told, values, (*set_by_command, *changed))
+    return _replaced(parameters, values, (*set_by_command, *changed))
 
 
-def _replaced(parameters: Any, values: Mapping[str, Scalar], kept: tuple[str, ...] | list[str]) -> Any:
+def _replaced(parameters: Any, values: Mapping[str, Scalar], protected: tuple[str, ...] | list[str]) -> Any:
     present = constants(parameters)
     new: dict[str, Any] = {}
     for name, value in values.items():
-        if name == "chain":
+        if name == "chain" or name in RETIRED:
             continue
         if name not in present:
             raise BadInput("the chain has no such constant", expected=", ".join(sorted(present)), got=name)
@@ -170,6 +176,6 @@ def _replaced(parameters: Any, values: Mapping[str, Scalar], kept: tuple[str, ..
             raise BadInput(f"{name} is yes or no", expected="0 or 1", got=str(value))
         if kind is not bool:
             within_reason(name, float(value), present[name])
-        if name not in kept:
+        if name not in protected:
             new[name] = kind(value)
     return replace(parameters, **new)

@@ -1,7 +1,7 @@
 """Encode and decode calibration and parameter tables as stored in the sensor. Used by the ground and the simulator.
 
 A table contains one word and named numbers: a calibration's word is its distortion model, a parameter set's word is its
-chain. Triplet tables have a separate format: ``gss.catalogue_tools.tables.triplets``. Little-endian, like bank images.
+chain. Triplet tables have a separate format: ``gss.catalogue_tools.formats.triplet_table``. Little-endian, like bank images.
 
 Header, offset type meaning
      0  4s   magic "GSSK" (calibration) or "GSSP" (parameters)
@@ -86,7 +86,7 @@ def _number(kind: str, name: str, value: object) -> float:
     if not name.isascii() or not name.isidentifier() or len(name) > LONGEST_NAME:
         raise BadInput(f"{kind}: not a name", expected=f"letters, digits, _, at most {LONGEST_NAME}", got=repr(name))
     if not isinstance(value, int | float) or not math.isfinite(value):
-        raise BadInput(f"{kind}: {name} is no number", expected="a finite number", got=repr(value))
+        raise BadInput(f"{kind}: {name} is not a number", expected="a finite number", got=repr(value))
     return float(value)
 
 
@@ -121,22 +121,22 @@ def _text(kind: str, data: bytes) -> str:
     try:
         return data.rstrip(b"\0").decode()
     except UnicodeDecodeError:
-        raise CorruptData(f"{kind} table: a name is no UTF-8") from None
+        raise CorruptData(f"{kind} table: a name is not valid UTF-8") from None
 
 
 def _pairs(kind: str, body: bytes, count: int) -> dict[str, float]:
-    found: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     at, previous = 0, ""
     for _ in range(count):
         end = at + 1 + (body[at] if at < len(body) else 0)
         if at >= len(body) or end + NUMBER.size > len(body):
-            raise CorruptData(f"{kind} table ends too early", expected=f"{count} values", got=str(len(found)))
+            raise CorruptData(f"{kind} table ends too early", expected=f"{count} values", got=str(len(numbers)))
         name = body[at + 1 : end].decode("ascii", "replace")
         (number,) = NUMBER.unpack_from(body, end)
         if not name.isidentifier() or name <= previous or not math.isfinite(number):
             raise CorruptData(f"{kind} table: a value is impossible", got=f"{name!r} = {number}")
-        found[name], previous = number, name
+        numbers[name], previous = number, name
         at = end + NUMBER.size
     if at != len(body):
         raise CorruptData(f"{kind} table is too long", expected=f"{at} B", got=f"{len(body)} B")
-    return found
+    return numbers

@@ -1,4 +1,4 @@
-"""Serial line I/O: tty, pseudo-terminal, ``socket://host:port`` and ``rfc2217://host:port``.
+"""Line I/O: tty, pseudo-terminal, ``socket://host:port``, ``rfc2217://host:port`` and, in :mod:`gss.device.udp`, ``udp://``.
 
 The only module that imports pyserial. A read blocks at most for its timeout, opening at most ``OPEN_WITHIN_S``. A port
 that disappears raises LinkDown; a port that another process holds raises Conflict.
@@ -15,7 +15,8 @@ from typing import Protocol
 
 import serial
 
-from gss.device.line_address import RFC2217, LineAddress, parse_line_address
+from gss.device.line_address import RFC2217, UDP, LineAddress, parse_line_address
+from gss.device.udp import UdpStream
 from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound
 
 OPEN_WITHIN_S = 5.0
@@ -44,7 +45,7 @@ PORT_ERRORS = (OSError, TypeError, AttributeError, ValueError)
 """Errors pyserial raises when a port fails.
 
 TypeError or AttributeError when another thread closes the port during a blocking read; ValueError when the process has
-so many open files that select() cannot watch the port.
+too many open files, so that select() cannot watch the port.
 """
 
 
@@ -53,7 +54,7 @@ class SerialStream:
 
     def __init__(self, url: str, port: serial.Serial) -> None:
         self.url, self._port = url, port
-        self._early, self._heard = b"", False
+        self._early, self._received_any = b"", False
 
     def settle(self) -> None:
         """Wait ``SETTLE_S`` for the far end to close the connection, and raise Conflict if it does.
@@ -82,7 +83,7 @@ class SerialStream:
             data = self._receive(self._port, max_bytes, timeout_s)
         except PORT_ERRORS as error:
             raise self._down(error) from error
-        self._heard = self._heard or bool(data)
+        self._received_any = self._received_any or bool(data)
         return data
 
     def _receive(self, port: serial.Serial, max_bytes: int, timeout_s: float) -> bytes:
@@ -102,7 +103,7 @@ class SerialStream:
             raise self._down(error) from error
 
     def _down(self, error: Exception) -> LinkDown:
-        hint = CONNECT_HINT if self._heard else f"{CONNECT_HINT}; another program may hold the line"
+        hint = CONNECT_HINT if self._received_any else f"{CONNECT_HINT}; another program may hold the line"
         return LinkDown(f"the line {self.url} is gone", got=str(error), hint=hint)
 
     def close(self) -> None:
@@ -173,6 +174,8 @@ def _close_late(opening: Future[ByteStream]) -> None:
 
 def _open(address: LineAddress, baud: int) -> ByteStream:
     url = address.text
+    if address.scheme == UDP:
+        return UdpStream(address)
     if address.is_device:
         _check_device(url)
     try:
@@ -214,7 +217,7 @@ def _check_device(path: str) -> None:
     except OSError as error:
         raise LinkDown(f"cannot open {path}", got=str(error)) from error
     if not stat.S_ISCHR(mode):
-        raise BadInput(f"{path} is no serial port", expected="a terminal device")
+        raise BadInput(f"{path} is not a serial port", expected="a terminal device")
 
 
 def _cannot_open(url: str, error: serial.SerialException) -> Conflict | LinkDown:

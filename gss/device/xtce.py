@@ -15,9 +15,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from gss.device.dictionary import INTEGER_RANGES, Dictionary, Group, Item, Layout, TelemetryField
 from gss.device.protocol.codec import MAX_LIST, STRUCT, fixed_bytes
 from gss.device.protocol.packet import APID_BASE, CRC_BYTES, SECONDARY, PacketType
+from gss.instruments.dictionary.definitions import INTEGER_RANGES, Dictionary, Group, Item, Layout, TelemetryField
 
 NAMESPACE = "http://www.omg.org/spec/XTCE/20180204"
 SCHEMA = "http://www.omg.org/spec/XTCE/20180204/SpaceSystem.xsd"
@@ -42,8 +42,8 @@ SECONDARY_BITS = (
     ("DEVICE_TIME_S", 32, "Whole seconds since the device's epoch"),
     ("DEVICE_TIME_MS", 16, "Milliseconds of the device's time"),
 )
-Criteria = Sequence[tuple[str, str, object]]
-"""(parameter, operator, value); all must hold."""
+Criteria = Sequence[tuple[str, str, int]]
+"""(parameter, operator, raw value); all must hold. Numbers, because some readers compare no labels of enumerations."""
 
 
 def xtce(dictionary: Dictionary, *, repeat_lists: bool = False) -> str:
@@ -95,21 +95,22 @@ class _Document:
         self._container(GSS, "Secondary header", ROOT, ours, names, abstract=True)
 
     def _leaf(self, name: str, purpose: str, kind: PacketType, code: int, fields: Layout) -> None:
-        where = [("PACKET_TYPE", "==", int(kind)), ("CODE", "==", code)]
+        where = [*_of_kind(kind), ("CODE", "==", code)]
         self._container(name, purpose, GSS, where, self._entries(name, fields), crc=True)
 
     def _abstract(self, name: str, purpose: str, kind: PacketType, fields: Layout) -> None:
-        where = [("PACKET_TYPE", "==", int(kind))]
-        self._container(name, purpose, GSS, where, self._entries(name, fields), abstract=True)
+        self._container(name, purpose, GSS, _of_kind(kind), self._entries(name, fields), abstract=True)
 
     def _reports(self) -> None:
         """Add the report containers: a completed report ends with the returned values, others after the common fields."""
         report = self._dictionary.service("REPORT")
         self._abstract("REPORT", report.purpose, PacketType.REPORT, report.fields)
         stage, on_the_way = "REPORT_stage", "A stage that is not completion"
-        self._container("REPORT_of_stage", on_the_way, "REPORT", [(stage, "!=", COMPLETED)], [], crc=True)
+        item = next(field for field in report.fields if isinstance(field, Item) and field.name == "stage")
+        completed = next(choice.value for choice in item.choices if choice.name == COMPLETED)
+        self._container("REPORT_of_stage", on_the_way, "REPORT", [(stage, "!=", completed)], [], crc=True)
         for command in self._dictionary.commands:
-            where = [("CODE", "==", command.code), (stage, "==", COMPLETED)]
+            where = [("CODE", "==", command.code), (stage, "==", completed)]
             entries = self._entries(command.name, command.returns)
             self._container(f"REPORT_{command.name}", f"{command.name} is done", "REPORT", where, entries, crc=True)
 
@@ -137,7 +138,7 @@ class _Document:
             comparisons = ET.SubElement(ET.SubElement(on, "RestrictionCriteria"), "ComparisonList")
             for parameter, operator, value in criteria:
                 facts = {"parameterRef": parameter, "comparisonOperator": operator, "value": str(value)}
-                ET.SubElement(comparisons, "Comparison", facts)
+                ET.SubElement(comparisons, "Comparison", facts | {"useCalibratedValue": "false"})
 
     # --- entries ------------------------------------------------------------------------------------------------
 
@@ -243,6 +244,11 @@ class _Document:
             listed = ET.SubElement(made, "EnumerationList")
             for choice in item.choices:
                 ET.SubElement(listed, "Enumeration", value=str(choice.value), label=choice.name)
+
+
+def _of_kind(kind: PacketType) -> list[tuple[str, str, int]]:
+    """Return the criteria of a packet type: the APID alone would do, and some readers select packets by it."""
+    return [("PKT_APID", "==", APID_BASE + int(kind)), ("PACKET_TYPE", "==", int(kind))]
 
 
 def _dynamic(size: ET.Element, parameter: str, slope: int, intercept: int) -> None:

@@ -11,11 +11,6 @@ ARCSEC_RAD = np.pi / 648_000.0
 TWO_PI_RAD = 2.0 * np.pi
 
 
-def wrap_two_pi_rad(angle_rad: Array | float) -> Array | float:
-    """Angle in [0, 2π)."""
-    return np.mod(angle_rad, TWO_PI_RAD)
-
-
 def wrap_pi_rad(angle_rad: Array | float) -> Array | float:
     """Angle in [−π, π)."""
     return np.mod(np.asarray(angle_rad) + np.pi, TWO_PI_RAD) - np.pi

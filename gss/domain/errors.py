@@ -57,7 +57,7 @@ class NotPermitted(GssError):
     """The user's role does not permit this action."""
 
 
-class TooOften(GssError):
+class RateLimited(GssError):
     """Rate limit exceeded; retry after ``retry_after_s``."""
 
     def __init__(

@@ -6,13 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import sqrt
 
+from gss.domain.stars import StarTable
+
 Cell = str | float | int | None
 Progress = Callable[[float], None]
 """Called with the fraction done; may raise to cancel."""
 
 
 @dataclass(frozen=True)
-class Series:
+class Curve:
     """A curve to plot: ``x`` and ``y`` of equal length, with their labels (unit included)."""
 
     title: str
@@ -38,7 +40,7 @@ class Experiment:
     conditions: tuple[str, ...]
     seed: int
     notes: tuple[str, ...] = ()
-    series: tuple[Series, ...] = ()
+    series: tuple[Curve, ...] = ()
 
 
 def share_interval(hits: int, trials: int, z: float = 1.96) -> tuple[float, float]:
@@ -54,3 +56,15 @@ def share_text(hits: int, trials: int) -> str:
     """Format a proportion with its interval: "97.0 % (95.1–98.2, n 300)"."""
     low, high = share_interval(hits, trials)
     return f"{100 * hits / max(1, trials):.1f} % ({100 * low:.1f}–{100 * high:.1f}, n {trials})"
+
+
+@dataclass(frozen=True)
+class ExperimentEntry:
+    """An experiment that can be run. ``rerun``: function of the stars, the number of trials, the seed and the progress
+    report. ``trials``: default number; ``epoch_jyear``: epoch of the star positions, Julian years."""
+
+    name: str
+    title: str
+    rerun: Callable[[StarTable, int, int, Progress], Experiment]
+    trials: int
+    epoch_jyear: float = 2000.0

@@ -100,15 +100,15 @@ class Persistence:
         if sample is self.counted and self.recent == (sample,) * (persistence - 1):
             return self  # fast path: nearly all samples take it
         run = (*self.recent, sample)[-persistence:]
-        kept = run[1:] if len(run) == persistence else run
+        recent = run[1:] if len(run) == persistence else run
         if len(run) < persistence:
-            return Persistence(self.counted, kept)
+            return Persistence(self.counted, recent)
         calmest, most_urgent = min(run, key=ORDER.__getitem__), worst(run)
         if ORDER[calmest] > ORDER[self.counted]:
-            return Persistence(calmest, kept)
+            return Persistence(calmest, recent)
         if ORDER[most_urgent] < ORDER[self.counted]:
-            return Persistence(most_urgent, kept)
-        return self if kept == self.recent else Persistence(self.counted, kept)
+            return Persistence(most_urgent, recent)
+        return self if recent == self.recent else Persistence(self.counted, recent)
 
     def broken(self) -> Persistence:
         """Return the filter with its run cleared and the counted state unchanged, after a missing sample or a change

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 
 
 @dataclass(frozen=True)

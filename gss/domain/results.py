@@ -158,8 +158,8 @@ class Turning:
 class SolveResult:
     """Result of one chain on one frame, with its intermediate data for inspection.
 
-    ``camera`` is the geometry at the end of the run (refined for images of unknown cameras). ``reason`` says why there
-    is no solution. ``false_match_probability`` bounds the probability that the identification is accidental; NaN if the
+    ``camera`` is the geometry at the end of the run (refined for images of unknown cameras). ``reason``: cause of a
+    missing solution. ``false_match_probability`` bounds the probability that the identification is accidental; NaN if the
     chain does not compute it. ``timing_s``: by stage, empty without a clock. ``notes``: sentences for the user.
     ``velocity_c``: ICRS velocity of the observer in units of c, if its aberration was corrected. ``turning``: angular
     rate from trails, if any. ``versions``: software versions by name.

@@ -1,4 +1,4 @@
-"""Star tables, distance tables and decoded on-board catalogues."""
+"""Star tables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
-from gss.domain.bank_tables import NO_TABLES, BankTables
 from gss.domain.errors import BadInput
 
 Ids = NDArray[np.int32]
@@ -81,51 +80,3 @@ FLAG_VARIABLE = 1
 FLAG_MULTIPLE = 2
 FLAG_NO_PROPER_MOTION = 4
 FLAG_POOR_POSITION = 8
-
-
-@dataclass(frozen=True)
-class DistanceTable:
-    """Pairs of stars sorted by angular distance.
-
-    ``first`` < ``second`` are row numbers of the associated star list; ``distance_rad`` is ascending. A table read from
-    a device is float32, so that a replay uses the same values as the device.
-    """
-
-    first: NDArray[np.int32]
-    second: NDArray[np.int32]
-    distance_rad: NDArray[np.floating]
-    min_rad: float
-    max_rad: float
-
-    def __len__(self) -> int:
-        return len(self.distance_rad)
-
-
-@dataclass(frozen=True)
-class OnboardCatalogue:
-    """Decoded content of one flash bank: everything the matcher can use.
-
-    ``hip``: (n,) catalogue numbers by row (known on the ground only; formats that store only row ids get them from the
-    manifest). ``icrs``: (n, 3) unit vectors at the precision stored on the device. ``v_mag``: (n,), NaN if the format
-    stores no magnitudes. ``distances`` is empty if the format has other tables instead. ``tables``: the other tables in
-    the bank.
-    """
-
-    hip: Ids
-    icrs: NDArray[np.floating]
-    v_mag: NDArray[np.floating]
-    distances: DistanceTable
-    tables: BankTables = NO_TABLES
-
-    def __len__(self) -> int:
-        return len(self.hip)
-
-    def need_distances(self) -> None:
-        """Raise BadInput if the bank's format has other tables instead of distances."""
-        if not len(self.distances) and (self.tables.links is not None or self.tables.constellations is not None):
-            raise BadInput(
-                "this chain matches by a distance table",
-                expected="a bank with pairs of stars",
-                got="a bank with triplets or links",
-                hint="a catalogue in the format of the chain's own system",
-            )

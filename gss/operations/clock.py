@@ -9,11 +9,18 @@ from datetime import UTC, datetime, timedelta
 Now = Callable[[], datetime]
 Monotonic = Callable[[], float]
 ONE_SECOND = timedelta(seconds=1)
+CLOCK_AHEAD = timedelta(minutes=5)
+"""A key created this much later than now was created with a clock that was ahead; it is invalid until then."""
 
 
 def utc_now() -> datetime:
     """Return the current time in UTC."""
     return datetime.now(UTC)
+
+
+def utc_us() -> int:
+    """Return the system's clock in microseconds since 1970."""
+    return time.time_ns() // 1000
 
 
 def iso_z(moment: datetime, timespec: str = "milliseconds") -> str:
@@ -26,6 +33,9 @@ monotonic_s: Monotonic = time.monotonic
 
 stopwatch_s: Monotonic = time.perf_counter
 """High-resolution seconds for timing a stage."""
+
+processor_s: Monotonic = time.thread_time
+"""Processor time of the calling thread, in seconds."""
 
 
 def after_jump(moment: datetime, now: datetime, jump_s: float) -> datetime:

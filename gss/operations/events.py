@@ -26,15 +26,6 @@ class Message:
     seq: int | None = None
 
 
-@dataclass
-class StreamCounts:
-    """Event streams over HTTP: currently open; rejected, and messages dropped for slow clients, since the server started."""
-
-    clients: int = 0
-    refused: int = 0
-    dropped: int = 0
-
-
 class Subscription:
     """The message queue of one listener. When it overflows, the oldest messages are dropped, counted and reported."""
 

@@ -30,7 +30,9 @@ def folder_lock(folder: Path) -> Iterator[None]:
         file = (folder / "server.lock").open("w")
     except OSError as error:
         raise StoreDown(
-            "the data folder cannot be written", got=str(error), hint="another folder with --data"
+            "the data folder cannot be written",
+            got=str(error),
+            hint="choose another folder with --data",
         ) from error
     with file:
         try:
@@ -39,7 +41,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
             raise Conflict(
                 "another GSS server uses this data folder",
                 got=str(folder.resolve()),
-                hint="stop it, or give another folder with --data",
+                hint="stop it, or choose another folder with --data",
             ) from None
         yield
 
@@ -52,5 +54,5 @@ def named_lock(path: Path, words: str, *, wait: bool = False) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
-            raise Conflict(words, got=str(path), hint="wait until it has ended") from None
+            raise Conflict(words, got=str(path), hint="wait until it has stopped") from None
         yield

@@ -1,8 +1,9 @@
 """Jobs: long work that is queued, reports progress, can be cancelled, stores its result, and resumes after a crash.
 
-*Resumable* work is created from its stored request alone, so that the next server can create it again. It stores checkpoints;
-after a crash it is called with the newest one and must end with the same result. Work without a checkpoint starts from the
-beginning. A job during which the server died three times without progress is not tried again.
+Each kind of job has a type of request, which is stored, and a function that does the work from this request alone, so that the
+next server can continue it. The work stores checkpoints; after a crash it is called with the newest one and must end with the
+same result. Work without a checkpoint starts from the beginning. A job during which the server died three times without progress
+is not tried again.
 """
 
 from __future__ import annotations
@@ -12,25 +13,30 @@ import math
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Generic, Protocol, TypeVar
 
-from gss.domain.errors import Conflict, GssError, StoreDown
+from pydantic import TypeAdapter, ValidationError
+
+from gss.domain.errors import BadInput, Conflict, GssError, StoreDown
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.events import EventBus
+from gss.operations.requests import as_stored
 from gss.store import jobs as store
 from gss.store.engine import Database
 from gss.store.models import Job
 
-TELL_EVERY_S = 0.1
+PUBLISH_EVERY_S = 0.1
 MOST_DEATHS = 3
 ENDED = ("done", "failed", "cancelled")
-KINDS = ("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis")
-UPKEEP_KINDS = ("backup", "retention", "check-store")
+KINDS = (
+    *("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis"),
+    *("derive", "backup", "retention", "check-store"),
+)
+"""Kinds created from their stored request alone; each is registered by the service that runs it."""
 ALWAYS = ("retention", "check-store")
 """Kinds that are accepted even if the disk is nearly full, because they free space or only read."""
-RESUMABLE_KINDS = KINDS + UPKEEP_KINDS
-"""Kinds created from their stored request alone; each is registered by the service that runs it."""
 PERMISSIONS = {
     "experiments": "campaigns",
     "campaign": "campaigns",
@@ -39,6 +45,7 @@ PERMISSIONS = {
     "design": "analyse",
     "calibration": "calibrate",
     "analysis": "analyse",
+    "derive": "derived",
     "backup": "admin.backup",
     "retention": "admin.retention",
     "check-store": "admin.health",
@@ -53,7 +60,6 @@ class Cancelled(Exception):
 
 
 Progress = Callable[[int, int, str], None]
-Work = Callable[[Progress], dict[str, Any]]
 
 
 class Keep(Protocol):
@@ -64,19 +70,62 @@ class Keep(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """Context of resumable work. ``checkpoint``: what the last ``keep`` stored, None on the first run."""
+    """Context of a job's work. ``checkpoint``: what the last ``keep`` stored, None on the first run."""
 
     job_id: int
-    request: dict[str, Any]
     checkpoint: dict[str, Any] | None
     progress: Progress
     keep: Keep
 
 
-Resumable = Callable[[Run], dict[str, Any]]
+Work = Callable[[Run], dict[str, Any]]
 
 
-LEFT_TO_THE_NEXT = "the server stops; it continues with the next start"
+@dataclass(frozen=True)
+class JobRequest:
+    """What is stored with a job: everything that its work needs. ``user``: who started it."""
+
+    user: str = field(default="", kw_only=True)
+
+
+R = TypeVar("R", bound=JobRequest)
+
+
+def nested_request(stored: dict[str, Any]) -> dict[str, Any]:
+    """Convert a request that version 0.4 stored without its user to {"asked": request}."""
+    return stored if "asked" in stored else {"asked": stored}
+
+
+@dataclass(frozen=True)
+class JobKind(Generic[R]):
+    """A kind of job, one of :data:`KINDS`. ``renewed``: returns the request of a job that is continued or repeated, with the
+    parts that may be outdated replaced; ``repeated``: the same for a repeated job only. ``older``: converts a stored request of
+    an earlier version."""
+
+    name: str
+    request: type[R]
+    work: Callable[[R, Run], dict[str, Any]]
+    renewed: Callable[[R], R] | None = None
+    repeated: Callable[[R], R] | None = None
+    older: Callable[[dict[str, Any]], dict[str, Any]] | None = None
+
+    def read(self, stored: dict[str, Any]) -> R:
+        """Return the request of a stored job. Raises BadInput if another version stored one that this version cannot use."""
+        try:
+            return TypeAdapter(self.request).validate_python(self.older(stored) if self.older else stored)
+        except ValidationError as error:
+            raise BadInput(
+                "this request was stored by another version",
+                got=str(error.errors()[0]["msg"]),
+                hint="start a new job from its page",
+            ) from None
+
+    def current(self, request: R) -> R:
+        """Return the request with the parts that may be outdated replaced."""
+        return self.renewed(request) if self.renewed else request
+
+
+LEFT_TO_THE_NEXT = "the server is stopping; the job continues after the next start"
 
 
 class JobService:
@@ -86,19 +135,14 @@ class JobService:
         self._database, self._bus, self._now, self._check_room = database, bus, now, check_room
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="job")
         self._cancel: dict[int, threading.Event] = {}
-        self._kinds: dict[str, Resumable] = {}
-        self._once: dict[str, tuple[str, ...]] = {}
+        self._kinds: dict[str, JobKind[Any]] = {}
         self._stopping = False
         self._marking = threading.RLock()
         """Makes a check of a job's state and the change that follows from it one step."""
-        self.renewals: dict[str, Callable[[], dict[str, Any]]] = {}
-        """By kind: returns the parts of a stored request that are refreshed when its job is restarted or resumed, because
-        the stored ones may be outdated."""
 
-    def resumable(self, kind: str, work: Resumable, *, once: tuple[str, ...] = ()) -> None:
-        """Register work of this kind, one of :data:`RESUMABLE_KINDS`, that survives a crash of the server. ``once``: names in the
-        request that hold for one job only; a job started again has None there."""
-        self._kinds[kind], self._once[kind] = work, once
+    def register(self, kind: JobKind[Any]) -> None:
+        """Run jobs of this kind, also those that an earlier server left open."""
+        self._kinds[kind.name] = kind
 
     def start(self) -> None:
         """Resume the jobs that the last server left open; jobs that cannot be resumed are closed, keeping their requests."""
@@ -107,15 +151,24 @@ class JobService:
         for job in left:
             deaths = job.attempts + (job.state == "running")
             if job.kind not in self._kinds:
-                self._fail(job.id, "the server stopped before the end; start it again")
+                self._fail(job.id, "the server stopped before the job ended; start it again")
             elif deaths >= MOST_DEATHS:
-                self._fail(job.id, f"the server stopped {deaths} times over it; it is not tried again by itself")
+                self._fail(
+                    job.id, f"the server stopped {deaths} times during this job; it is not retried automatically"
+                )
             else:
-                where = "goes on where it was" if job.checkpoint else "starts anew"
-                text = f"the server restarted; it {where}"
-                request = {**job.request, **self._fresh(job.kind)}
-                self._update(job.id, state="queued", attempts=deaths, text=text, request=request)
-                self._queue(job.id, self._kinds[job.kind])
+                self._continue(job, deaths)
+
+    def _continue(self, job: Job, deaths: int) -> None:
+        kind = self._kinds[job.kind]
+        try:
+            request = kind.current(kind.read(job.request))
+        except GssError as error:
+            self._fail(job.id, str(error))
+            return
+        text = f"the server restarted; the job {'continues' if job.checkpoint else 'starts again'}"
+        self._update(job.id, state="queued", attempts=deaths, text=text, request=as_stored(request))
+        self._queue(job.id, partial(kind.work, request))
 
     def interrupt(self) -> None:
         """Cancel every job, also those queued later. Running resumable jobs are stored as queued at once, so that the end of the
@@ -142,17 +195,11 @@ class JobService:
         """Wait until all queued jobs have ended; no more can be queued afterwards."""
         self._pool.shutdown(wait=True)
 
-    def submit(self, kind: str, title: str, request: dict[str, Any], work: Work) -> Job:
-        """Queue work that is lost if the server stops; return its row at once."""
-        job = self._add(kind, title, request)
-        self._queue(job.id, lambda run: work(run.progress))
-        return job
-
-    def begin(self, kind: str, title: str, request: dict[str, Any], work: Resumable | None = None) -> Job:
-        """Queue work of a resumable kind and return its row at once. It is created from ``request`` alone; ``work``: the
-        same work if it was already created to validate the request."""
-        job = self._add(kind, title, request)
-        self._queue(job.id, work or self._kinds[kind])
+    def begin(self, kind: str, title: str, request: JobRequest, work: Work | None = None) -> Job:
+        """Queue a job of a registered kind and return its row at once. ``work``: the kind's work for this request, if it was
+        already prepared to validate the request."""
+        job = self._add(kind, title, as_stored(request))
+        self._queue(job.id, work or partial(self._kinds[kind].work, request))
         return job
 
     def again(self, job_id: int, *, user: str) -> Job:
@@ -162,16 +209,13 @@ class JobService:
         if not can_start_again(old) or old.kind not in self._kinds:
             raise Conflict(
                 "this job cannot be started again",
-                expected="an ended job of a kind that is made from its stored request",
+                expected="an ended job with a stored request",
                 got=f"{old.kind}, {old.state}",
             )
-        asker = {"user": user} if "user" in old.request else {}
-        once = dict.fromkeys(name for name in self._once[old.kind] if name in old.request)
-        return self.begin(old.kind, old.title, {**old.request, **self._fresh(old.kind), **asker, **once})
-
-    def _fresh(self, kind: str) -> dict[str, Any]:
-        """Return the current values of the parts of a request that may be outdated."""
-        return self.renewals.get(kind, dict)()
+        kind = self._kinds[old.kind]
+        request = kind.current(kind.read(old.request))
+        request = kind.repeated(request) if kind.repeated else request
+        return self.begin(old.kind, old.title, replace(request, user=user))
 
     def cancel(self, job_id: int) -> Job:
         """Request a job to end, which it does at its next progress report. Raises Conflict if it has ended."""
@@ -208,27 +252,27 @@ class JobService:
         with self._database.unit_of_work() as session:
             return store.add(session, row)
 
-    def _queue(self, job_id: int, work: Resumable) -> None:
+    def _queue(self, job_id: int, work: Work) -> None:
         cancel = self._cancel[job_id] = threading.Event()
         if self._stopping:
             cancel.set()
         self._bus.publish("job", self.get(job_id))
         self._pool.submit(self._run, job_id, work)
 
-    def _run(self, job_id: int, work: Resumable) -> None:
+    def _run(self, job_id: int, work: Work) -> None:
         cancel, job = self._cancel[job_id], self.get(job_id)
 
-        told_s, last = -math.inf, {"done": job.done, "total": job.total}
+        published_s, last = -math.inf, {"done": job.done, "total": job.total}
 
         def progress(done: int, total: int, text: str) -> None:
-            nonlocal told_s, last
+            nonlocal published_s, last
             with self._marking:
                 if cancel.is_set():
                     raise Cancelled
                 # Work may report thousands of times; a row and a message for each would cost more than the work.
                 now_s, last = stopwatch_s(), {"done": done, "total": total}
-                if now_s - told_s >= TELL_EVERY_S:
-                    told_s = now_s
+                if now_s - published_s >= PUBLISH_EVERY_S:
+                    published_s = now_s
                     self._update(job_id, state="running", done=done, total=total, text=text)
 
         def keep(checkpoint: dict[str, Any], session: Any = None) -> None:
@@ -240,13 +284,13 @@ class JobService:
 
         try:
             progress(job.done, job.total, "started")
-            result = work(Run(job_id, dict(job.request), job.checkpoint, progress, keep))
+            result = work(Run(job_id, job.checkpoint, progress, keep))
         except Cancelled:
             self._interrupted(job, last)
         except GssError as error:
             self._fail(job_id, str(error))
         except Exception as error:  # a defect in a job must end as a visible failure, never as a silent dead thread
-            self._fail(job_id, f"defect in the server: {type(error).__name__}: {error}")
+            self._fail(job_id, f"internal error: {type(error).__name__}: {error}")
         else:
             values = {"result": result, "checkpoint": None, "finished": self._now(), **last}
             self._update(job_id, state="done", text="done", **values)
@@ -275,7 +319,7 @@ class JobService:
 
 def can_start_again(job: Job) -> bool:
     """True if the job has ended and its kind is created from the stored request alone."""
-    return job.state in ENDED and job.kind in RESUMABLE_KINDS
+    return job.state in ENDED and job.kind in KINDS
 
 
 def permission_of(job: Job) -> str:

@@ -140,6 +140,34 @@ def weighted_covariance_rad2(observed_cam: ArrayLike, weights: ArrayLike, sigma_
     return np.asarray(gain @ _information(b, (w * sigma) ** 2) @ gain) if np.isfinite(gain).all() else gain
 
 
+def svd_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> Array:
+    """(3, 3) covariance of the SVD method: U diag(σ²/(s_j + s_k)) Uᵀ with the third singular value signed.
+
+    With weights σ_tot²/σ² this is eq. 6.53's result up to terms of the residuals.
+    """
+    b, total = _weighted(observed, reference, sigma_rad)
+    u, s, vt = np.linalg.svd(b)
+    signed = s * [1, 1, np.sign(np.linalg.det(u) * np.linalg.det(vt))]
+    between = np.array([signed[1] + signed[2], signed[2] + signed[0], signed[0] + signed[1]])
+    return np.asarray(total * (u * (1 / between)) @ u.T)
+
+
+def foam_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> Array:
+    """(3, 3) covariance of FOAM: σ_tot² (κ1 + BBᵀ)/ζ (eq. 6.58, with λ = 1 for small residuals)."""
+    b, total = _weighted(observed, reference, sigma_rad)
+    s1, s2, s3 = np.linalg.svd(b, compute_uv=False) * [1, 1, np.sign(np.linalg.det(b)) or 1.0]
+    kappa = s2 * s3 + s3 * s1 + s1 * s2
+    zeta = (s2 + s3) * (s3 + s1) * (s1 + s2)
+    return np.asarray(total * (kappa * np.eye(3) + b @ b.T) / zeta)
+
+
+def _weighted(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> tuple[Array, float]:
+    """Profile matrix with weights σ_tot²/σ², and σ_tot² (eqs. 6.35 and 6.36)."""
+    sigma = np.broadcast_to(np.asarray(sigma_rad, float), len(np.asarray(observed)))
+    information = 1 / sigma**2
+    return profile_matrix(observed, reference, information), float(1 / np.sum(information))
+
+
 def _information(b: Array, weight: Array) -> Array:
     """Σ w (1 − b bᵀ)."""
     return np.asarray(np.sum(weight) * np.eye(3) - (weight[:, None] * b).T @ b)

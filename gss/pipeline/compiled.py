@@ -105,14 +105,14 @@ def _clip(ordered, count, mean_out, spread_out):
                 first += 1
             while last > first and off[last - 1] - mean > reach:
                 last -= 1
-            total, kept = 0.0, max(last - first, 1)
+            total, in_range = 0.0, max(last - first, 1)
             for k in range(first, last):
                 total += off[k]
-            mean = total / kept
+            mean = total / in_range
             total = 0.0
             for k in range(first, last):
                 total += (off[k] - mean) ** 2
-            spread = math.sqrt(total / kept) * 1.014
+            spread = math.sqrt(total / in_range) * 1.014
         mean_out[i], spread_out[i] = middle + mean, spread
 
 
@@ -185,9 +185,9 @@ def _settle(dx, dy, value, weight, inverse, x, y):
             peak = gv / gg
             bx = by = 0.0
             for j in range(k):
-                rest = weight[i, j] * (value[i, j] - peak * g[j])
-                bx += rest * gx[j]
-                by += rest * gy[j]
+                residual = weight[i, j] * (value[i, j] - peak * g[j])
+                bx += residual * gx[j]
+                by += residual * gy[j]
             det = (hxx * hyy - hxy * hxy) * peak
             if det == 0.0:
                 continue
@@ -211,8 +211,8 @@ def lit(image: NDArray[Any], threshold: float) -> Rows:
         if limit < 0:
             return np.arange(image.size)
         whole = np.full(1, limit, image.dtype)
-        found: Rows = _lit(np.ascontiguousarray(image).ravel(), whole[0])
-        return found
+        rows: Rows = _lit(np.ascontiguousarray(image).ravel(), whole[0])
+        return rows
     return np.flatnonzero(image > threshold)
 
 

@@ -68,11 +68,11 @@ def find_stars(
     image = _checked(pixels)
     ceiling = _ceiling(image) if saturation_dn is None else saturation_dn
     notes: list[str] = []
-    known = psf_sigma_px is not None
+    psf_is_given = psf_sigma_px is not None
     sigma = psf_sigma_px if psf_sigma_px is not None else 1.0
     covariance = np.eye(2) * (sigma**2 + 1 / 12)
     pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
-    usual, large = _sizes(image, pass_one, covariance, ceiling) if known else (0.0, 0.0)
+    usual, large = _sizes(image, pass_one, covariance, ceiling) if psf_is_given else (0.0, 0.0)
     trailed = large > DRAWN_OUT * covariance[0, 0]
     if usual > DRAWN_OUT * covariance[0, 0]:
         measured = _measure_psf(image, pass_one, ceiling)
@@ -81,7 +81,7 @@ def find_stars(
             notes.clear()
             pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
             notes.append("stars are drawn out: the camera turned, or is out of focus")
-    if not known:
+    if not psf_is_given:
         measured = _measure_psf(image, pass_one, ceiling)
         if measured is not None:
             moved = np.abs(np.log(np.linalg.eigvalsh(measured) / covariance[0, 0])).max()
@@ -91,8 +91,8 @@ def find_stars(
                 pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
             else:
                 pass_one = single_again(image, pass_one, covariance)
-    found = _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes, loops)
-    return replace(found, trailed=trailed or found.streak_px > 0)
+    detections = _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes, loops)
+    return replace(detections, trailed=trailed or detections.streak_px > 0)
 
 
 def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
@@ -297,11 +297,11 @@ def _regions(
         c, r = col[k], row[k]
         return Region(c - half, r - half, c + half, r + half, areas[k], tops[k], sums[k], why)
 
-    kept = [window(k, "") for k in order.tolist()]
+    records = [window(k, "") for k in order.tolist()]
     chosen = set(order.tolist())
     left = [window(k, why) for k, why in enumerate(reasons) if why and k not in chosen]
     hot = []
     for k in np.flatnonzero(peaks.single)[:limit].tolist():
         c, r, top = int(peaks.col[k]), int(peaks.row[k]), float(peaks.snr[k] * peaks.noise[k])
         hot.append(Region(c - half, r - half, c + half, r + half, 1, top, 0.0, "single pixel, row or column"))
-    return tuple(kept + left[:limit] + hot)
+    return tuple(records + left[:limit] + hot)

@@ -18,7 +18,7 @@ NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)
 
 
 @dataclass(frozen=True)
-class FixedPattern:
+class DarkPattern:
     """``pattern_dn``: (rows, columns) dark level of each pixel above the typical one. ``bad``: (k, 2) col, row of
     hot, noisy or dead pixels. ``exposure_s``: exposure of the dark frames."""
 
@@ -32,23 +32,23 @@ class FixedPattern:
 
 
 def clean(
-    pixels: NDArray[np.generic], known: FixedPattern, saturation_dn: float, exposure_s: float | None = None
+    pixels: NDArray[np.generic], pattern: DarkPattern, saturation_dn: float, exposure_s: float | None = None
 ) -> NDArray[np.float32]:
     """Subtract the pattern (if the exposure fits) and replace bad pixels by the median of their good neighbours.
 
     Returns (rows, columns) pixels. The pattern is not subtracted from saturated pixels, whose true value is unknown. Raises
     :class:`BadInput` if the frame and the dark frame differ in shape.
     """
-    if pixels.shape != known.pattern_dn.shape:
+    if pixels.shape != pattern.pattern_dn.shape:
         raise BadInput(
             "the dark frame is of another detector",
-            expected=f"{known.pattern_dn.shape[1]} x {known.pattern_dn.shape[0]} px",
+            expected=f"{pattern.pattern_dn.shape[1]} x {pattern.pattern_dn.shape[0]} px",
             got=f"{pixels.shape[1]} x {pixels.shape[0]} px",
         )
     raw = np.asarray(pixels, np.float32)
-    out = raw - known.pattern_dn if known.fits(exposure_s) else raw.copy()
+    out = raw - pattern.pattern_dn if pattern.fits(exposure_s) else raw.copy()
     out = np.where(raw >= saturation_dn, raw, out)
-    return _mended(out, known.bad)
+    return _mended(out, pattern.bad)
 
 
 def _mended(image: NDArray[np.float32], bad: NDArray[np.intp]) -> NDArray[np.float32]:

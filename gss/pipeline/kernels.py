@@ -1,8 +1,8 @@
-"""Selection of the inner loops of detection: numpy, or compiled loops if the optional extra ``[fast]`` is installed.
+"""Selection of the inner loops of detection and identification: numpy, or compiled loops if the extra ``[fast]`` is installed.
 
-Integer results (filter, thresholds, labels) are bit-identical; floating-point sums are added in a different order, so
-positions agree to 1e-6 px and fluxes to 1e-6 relative. The default is fixed when the program starts; a caller that must
-reproduce an older result selects explicitly.
+Identification gives the same answers either way. Integer results of detection (filter, thresholds, labels) are
+bit-identical; floating-point sums are added in a different order, so positions agree to 1e-6 px and fluxes to 1e-6 relative.
+The default is fixed when the program starts; a caller that must reproduce an older result selects explicitly.
 """
 
 from __future__ import annotations
@@ -28,13 +28,21 @@ Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
+class PairLoops:
+    """The loops of ``identify.pair_search``: the geometry of a list, and the search for the next pair with hypotheses."""
+
+    geometry: Callable[..., tuple[Array, Array, Array, Array]]
+    next_pair: Callable[..., tuple[int, NDArray[np.int16], NDArray[np.int32]]]
+
+
+@dataclass(frozen=True)
 class Kernels:
     """The time-critical loops. None: use the numpy implementation next to each call.
 
     ``binomial``: frame → filtered frame. ``clip``: (sorted samples, count of each row) → mean and spread. ``above``:
     (filtered frame, thresholds (tile rows, columns), side of a tile) → rows and columns. ``settle``: see ``psf.settled``.
     ``components``: (flat indices of lit pixels, frame's width) → count and label of each. ``lit``: (frame, threshold) →
-    flat indices.
+    flat indices. ``pairs``: see :class:`PairLoops`.
     """
 
     name: str = PLAIN
@@ -44,6 +52,7 @@ class Kernels:
     settle: Callable[..., tuple[Array, Array]] | None = None
     components: Callable[[Rows, int], tuple[int, NDArray[np.int32]]] | None = None
     lit: Callable[[NDArray[Any], float], Rows] | None = None
+    pairs: PairLoops | None = None
 
 
 NUMPY = Kernels()
@@ -65,8 +74,15 @@ def kernels(fast: bool | None = None) -> Kernels:
 @lru_cache(maxsize=1)
 def _compiled() -> Kernels:
     # Imported at first use because it takes a second, which commands that solve nothing should not wait for.
-    from gss.pipeline import compiled
+    from gss.pipeline import compiled, compiled_search
 
     return Kernels(
-        COMPILED, compiled.binomial, compiled.clip, compiled.above, compiled.settle, compiled.components, compiled.lit
+        COMPILED,
+        compiled.binomial,
+        compiled.clip,
+        compiled.above,
+        compiled.settle,
+        compiled.components,
+        compiled.lit,
+        PairLoops(compiled_search.geometry, compiled_search.next_pair),
     )

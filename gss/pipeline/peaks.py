@@ -169,9 +169,9 @@ def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.int
     rows, cols = smooth.shape
     r, c = row + AROUND[:, :1], col + AROUND[:, 1:]
     outside = (r < 0) | (r >= rows) | (c < 0) | (c >= cols)
-    there = smooth.ravel()[np.where(outside, 0, r * cols + c)]
-    here = smooth[row, col]
-    best = np.concatenate([here > there[:4], here >= there[4:]]) | outside
+    neighbours = smooth.ravel()[np.where(outside, 0, r * cols + c)]
+    centre = smooth[row, col]
+    best = np.concatenate([centre > neighbours[:4], centre >= neighbours[4:]]) | outside
     return np.asarray(best.all(axis=0))
 
 

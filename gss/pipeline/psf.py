@@ -60,7 +60,7 @@ def cut_stamps(
 
 
 @dataclass(frozen=True)
-class Shapes:
+class AdaptiveMoments:
     """Adaptive second moments: centres (n,), covariance (n, 2, 2) in px²; ``good`` is True where the iteration converged."""
 
     col: Array
@@ -69,7 +69,7 @@ class Shapes:
     good: NDArray[np.bool_]
 
 
-def adaptive_shapes(stamps: Stamps, start_sigma_px: float) -> Shapes:
+def adaptive_shapes(stamps: Stamps, start_sigma_px: float) -> AdaptiveMoments:
     """Measure each star's width and elongation by moments under an adaptive Gaussian window (Bernstein & Jarvis 2002 §3)."""
     n = len(stamps.col)
     x, y = np.zeros(n), np.zeros(n)
@@ -97,7 +97,7 @@ def adaptive_shapes(stamps: Stamps, start_sigma_px: float) -> Shapes:
         xy = np.clip(mxy, -limit, limit)
     covariance = np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -2)
     settled = (np.hypot(sx, sy) < 0.05) & (np.hypot(x, y) < max(1.5, half / 2 - 0.1))
-    return Shapes(
+    return AdaptiveMoments(
         stamps.col + x, stamps.row + y, covariance, np.asarray(settled & (xx < 0.99 * top) & (yy < 0.99 * top))
     )
 

@@ -96,9 +96,9 @@ def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Ker
     rank = np.full(count, -1, np.intp)
     rank[met[np.argsort(first)]] = np.arange(len(met))
     position = rank[label]
-    kept = np.flatnonzero(position >= 0)
-    order = kept[np.argsort(position[kept], kind="stable")]
-    start = np.concatenate([[0], np.cumsum(np.bincount(position[kept], minlength=len(met)))]).astype(np.intp)
+    accepted = np.flatnonzero(position >= 0)
+    order = accepted[np.argsort(position[accepted], kind="stable")]
+    start = np.concatenate([[0], np.cumsum(np.bincount(position[accepted], minlength=len(met)))]).astype(np.intp)
     return Blobs(lit[order], start, columns)
 
 
@@ -151,10 +151,10 @@ def _reason(area_px: int, at_edge: bool, limits: SearchLimits) -> str:
     return "touches the edge of the frame" if at_edge else ""
 
 
-def region_records(pixels: Pixels, found: SearchResult, black_dn: float, max_small: int) -> tuple[Region, ...]:
+def region_records(pixels: Pixels, result: SearchResult, black_dn: float, max_small: int) -> tuple[Region, ...]:
     """Return the regions for display, in order of discovery; of the too small ones at most the first ``max_small``.
     ``sum_dn`` is above ``black_dn``."""
-    blobs = found.blobs
+    blobs = result.blobs
     if not len(blobs):
         return ()
     row, col = np.divmod(blobs.index, blobs.columns)
@@ -164,11 +164,11 @@ def region_records(pixels: Pixels, found: SearchResult, black_dn: float, max_sma
     right, bottom = np.maximum.reduceat(col, at), np.maximum.reduceat(row, at)
     peak, total = np.maximum.reduceat(value, at), np.add.reduceat(value - black_dn, at)
     area = blobs.area_px
-    small = np.array([" < min " in r for r in found.rejected])
+    small = np.array([" < min " in r for r in result.rejected])
     shown = np.flatnonzero(~small | (np.cumsum(small) <= max_small))
     bounds = np.stack([left, top, right, bottom, area], axis=1)[shown].tolist()
     return tuple(
-        Region(c0, r0, c1, r1, size, float(peak[k]), float(total[k]), found.rejected[k])
+        Region(c0, r0, c1, r1, size, float(peak[k]), float(total[k]), result.rejected[k])
         for (c0, r0, c1, r1, size), k in zip(bounds, shown.tolist(), strict=True)
     )
 

@@ -241,14 +241,14 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
     shared = 4 if turn else 1
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
     damping, before = 1e-3, np.inf
-    kept = (turned, w2, x, y)
+    terms = (turned, w2, x, y)
     normal = np.eye(shared)
     step_size = np.inf
     for _ in range(FIT_ROUNDS):
         model, slopes, chi2, variance_next = _linear(trails, turned, w2, x, y, variance, e_per_dn)
         if chi2 > before * (1 + 1e-12) and np.isfinite(before):
             damping *= 10
-            turned, w2, x, y = kept
+            turned, w2, x, y = terms
             if damping > 1e6:
                 break
             model, slopes, chi2, variance_next = _linear(trails, turned, w2, x, y, variance, e_per_dn)
@@ -256,14 +256,14 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
             damping = max(damping / 10, 1e-9)
         if step_size < DONE and np.isfinite(before):
             break
-        before, kept = chi2, (turned, w2, x, y)
+        before, terms = chi2, (turned, w2, x, y)
         own, common = slopes[..., :3], slopes[..., 3:] if turn else slopes[..., 6:]
         weight = trails.use / variance
-        rest = (trails.value - model) * weight
+        residual = (trails.value - model) * weight
         a = np.einsum("nki,nk,nkj->nij", own, weight, own)
         b = np.einsum("nki,nk,nkj->nij", own, weight, common)
         c = np.einsum("nki,nk,nkj->ij", common, weight, common)
-        p, q = np.einsum("nki,nk->ni", own, rest), np.einsum("nki,nk->i", common, rest)
+        p, q = np.einsum("nki,nk->ni", own, residual), np.einsum("nki,nk->i", common, residual)
         solved = np.linalg.solve(a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3), b)
         own_step = np.linalg.solve(a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3), p[..., None])
         normal = c - np.einsum("nij,nik->jk", b, solved)
@@ -276,7 +276,7 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
         w2 = float(np.clip(w2 + step[-1], 0.6 * w2, 1.6 * w2))
         step_size = float(np.max(np.abs(step) * np.sqrt(np.maximum(np.diag(normal), 0.0))))
         variance = variance_next
-    turned, w2, x, y = kept
+    turned, w2, x, y = terms
     with np.errstate(all="ignore"):
         try:
             covariance: Array = np.asarray(np.linalg.inv(normal), float)

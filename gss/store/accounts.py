@@ -54,7 +54,13 @@ def add_user(session: Session, row: User) -> User:
             return row
         except IntegrityError:
             pass
-    raise Conflict("another user has this name", got=row.name, hint="take another name")
+    raise Conflict("a user with this name exists", got=row.name, hint="choose another name")
+
+
+def users_made_by(session: Session, maker: str, since: datetime, until: datetime) -> list[User]:
+    """Return enabled users created by a user name in a time range."""
+    made = (User.created_by == maker, User.created.between(since, until), User.enabled.is_(True))
+    return list(session.scalars(select(User).where(*made).order_by(User.id)))
 
 
 def enabled_admins(session: Session) -> int:
@@ -101,10 +107,10 @@ def used(session: Session, token_id: int, at: datetime) -> None:
     session.execute(update(ApiToken).where(ApiToken.id == token_id).values(last_used=at))
 
 
-def signed_in_from(session: Session, user_id: int, address: str, since: datetime) -> bool:
-    """True if this user has signed in from that address since ``since``."""
-    found = exists().where(SignIn.user_id == user_id, SignIn.address == address, SignIn.created >= since)
-    return bool(session.scalar(select(found)))
+def user_of_device(session: Session, device_hash: str, since: datetime) -> int | None:
+    """Return the id of the user who signed in with that device cookie since ``since``; None if it is unknown."""
+    mine = (SignIn.device_hash == device_hash, SignIn.created >= since)
+    return session.scalar(select(SignIn.user_id).where(*mine).limit(1))
 
 
 # --- tokens -------------------------------------------------------------------------------------------------------
@@ -137,6 +143,11 @@ def tokens_made_by(session: Session, maker: str, since: datetime, until: datetim
     return list(session.scalars(select(ApiToken).where(*made)))
 
 
+def tokens_owned_by(session: Session, user_id: int) -> list[ApiToken]:
+    """Return all tokens that a user created, including expired and revoked ones."""
+    return list(session.scalars(select(ApiToken).where(ApiToken.owner_id == user_id)))
+
+
 def living_token(session: Session, name: str, now: datetime) -> tuple[ApiToken, User | None] | None:
     """Return the valid token with that name, and its creator; None if there is none."""
     query = select(ApiToken, User).outerjoin(User, ApiToken.owner_id == User.id)
@@ -148,12 +159,16 @@ def living_token(session: Session, name: str, now: datetime) -> tuple[ApiToken, 
 # --- one-time links -----------------------------------------------------------------------------------------------
 
 
-def add_link(
-    session: Session, kind: str, user_id: int | None, key_hash: str, created: datetime, expires: datetime
-) -> None:
+def add_link(session: Session, row: OneTimeLink) -> None:
     """Store a new one-time link."""
-    session.add(OneTimeLink(kind=kind, user_id=user_id, key_hash=key_hash, created=created, expires=expires, used=None))
+    session.add(row)
     session.flush()
+
+
+def void_links_made_by(session: Session, maker: str, since: datetime, until: datetime) -> int:
+    """Invalidate the unused links that a user name created in a time range. Returns their number."""
+    made = (OneTimeLink.created_by == maker, OneTimeLink.created.between(since, until), OneTimeLink.used.is_(None))
+    return len(session.execute(update(OneTimeLink).where(*made).values(used=until).returning(OneTimeLink.id)).all())
 
 
 def void_links(session: Session, kind: str, user_id: int | None, now: datetime) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -19,12 +19,21 @@ GUARDS = {
     "postgresql": ("audit_no_change", "audit_no_truncate"),
 }
 """Triggers that prevent changes to the audit log, created by migration 0004."""
-IN_FORCE = {
-    "sqlite": "SELECT name FROM sqlite_master WHERE type = 'trigger' AND tbl_name = 'audit' AND sql LIKE '%RAISE(ABORT%'"
-    " AND (sql NOT LIKE '% WHEN %' OR name = 'audit_no_replace')",
-    "postgresql": "SELECT tgname FROM pg_trigger JOIN pg_proc ON pg_proc.oid = tgfoid WHERE tgrelid = 'audit'::regclass"
-    " AND tgenabled IN ('O', 'A') AND tgqual IS NULL AND prosrc LIKE '%RAISE EXCEPTION%'",
+SQLITE_TRIGGERS = {
+    "audit_no_update": "CREATE TRIGGER audit_no_update BEFORE UPDATE ON audit "
+    "BEGIN SELECT RAISE(ABORT, 'the audit record is append-only'); END",
+    "audit_no_delete": "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit "
+    "BEGIN SELECT RAISE(ABORT, 'the audit record is append-only'); END",
+    "audit_no_replace": "CREATE TRIGGER audit_no_replace BEFORE INSERT ON audit "
+    "WHEN EXISTS (SELECT 1 FROM audit WHERE seq = NEW.seq OR previous = NEW.previous) "
+    "BEGIN SELECT RAISE(ABORT, 'the audit record is append-only'); END",
 }
+"""Text of the triggers as migration 0004 creates them; any other text may be weaker."""
+POSTGRES_IN_FORCE = (
+    "SELECT tgname FROM pg_trigger JOIN pg_proc ON pg_proc.oid = tgfoid WHERE tgrelid = 'audit'::regclass"
+    " AND tgenabled IN ('O', 'A') AND tgqual IS NULL"
+    " AND trim(prosrc) = 'BEGIN RAISE EXCEPTION ''the audit record is append-only''; END'"
+)
 
 
 @dataclass(frozen=True)
@@ -80,6 +89,12 @@ def every(session: Session, wanted: AuditFilter) -> Iterator[AuditRow]:
     return paging.every(session, wanted.apply(select(AuditRow)), AuditRow.seq)
 
 
+def hashes(session: Session, numbers: Iterable[int]) -> dict[int, str]:
+    """Return the stored hashes of the rows with these numbers; missing rows are left out."""
+    query = select(AuditRow.seq, AuditRow.hash).where(AuditRow.seq.in_(list(numbers)))
+    return {row.seq: row.hash for row in session.execute(query)}
+
+
 def before_the_first(session: Session) -> int:
     """Return the number of rows inserted before the start of the chain."""
     return session.scalar(select(func.count()).select_from(AuditRow).where(AuditRow.seq < 1)) or 0
@@ -88,5 +103,9 @@ def before_the_first(session: Session) -> int:
 def missing_guards(session: Session) -> list[str]:
     """Return the protective triggers that are missing, disabled or ineffective."""
     kind = session.get_bind().dialect.name
-    there = set(session.scalars(text(IN_FORCE[kind])))
+    if kind == "sqlite":
+        rows = session.execute(text("SELECT name, sql FROM sqlite_master WHERE type = 'trigger'")).all()
+        there = {name for name, sql in rows if SQLITE_TRIGGERS.get(name) == sql}
+    else:
+        there = set(session.scalars(text(POSTGRES_IN_FORCE)))
     return [name for name in GUARDS[kind] if name not in there]

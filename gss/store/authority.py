@@ -24,8 +24,15 @@ def take(session: Session, user: str, at: datetime) -> Authority:
 
 
 def end(session: Session, row: Authority, at: datetime, by: str, reason: str) -> None:
-    """Close a row."""
+    """Close a row. A transfer that waited for an answer ends with it."""
     row.ended, row.ended_by, row.reason = at, by, reason
+    put_transfer(session, row, "", "", "", None)
+    session.add(row)
+
+
+def put_transfer(session: Session, row: Authority, kind: str, user: str, note: str, at: datetime | None) -> None:
+    """Store a request or an offer of the row's authority; an empty ``kind`` removes it."""
+    row.transfer, row.transfer_user, row.transfer_note, row.transfer_at = kind, user, note, at
     session.add(row)
 
 

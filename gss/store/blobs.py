@@ -1,22 +1,36 @@
 """Content-addressed storage of pixels and flash images: bytes are stored under their hash, so equal content is stored
-once and no user-chosen name reaches the disk. In a folder, or in an object store by URL (``s3://bucket/prefix``)."""
+once and no user-chosen name reaches the disk. In a folder, or in an object store by URL (``s3://bucket/prefix``).
+
+The hash is of the plain bytes; the file holds them compressed where that saves space, or plain, as all files of versions before
+0.5 do."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from gss.domain.errors import BadInput, CorruptData, GssError, NotFound, StoreDown
+from gss.store.compression import compressed, decompressed
+from gss.store.deadline import DeadlineCalls
+from gss.store.durable import sync_path
 
 TIMEOUT_S = 20.0
-"""An object store that does not respond within this time counts as down."""
+"""An object store that does not respond within this time counts as down. A whole request may take twice as long and ``MARGIN_S``
+more, and one second for each megabyte."""
+SLOWEST_BYTES_S = 1e6
+MARGIN_S = 5.0
+MOST_READ_S = 40.0
+"""Additional time of a read, whose size is not known beforehand."""
 ATTEMPTS = 2
+T = TypeVar("T")
 
 
 class BlobStore:
@@ -35,14 +49,18 @@ class BlobStore:
             self._fs, root = fsspec.core.url_to_fs(url, **_options(url, timeout_s))
         except ImportError as error:
             raise BadInput(
-                "this kind of blob store is not installed", got=str(error), hint="pip install 'gss-startracker[s3]'"
+                "the library of this blob store is not installed",
+                got=str(error),
+                hint="pip install 'gss-startracker[s3]'",
             ) from None
         self._root = str(root).rstrip("/")
         self._is_folder = isinstance(self._fs, LocalFileSystem)
+        self._calls = DeadlineCalls(2 * timeout_s + MARGIN_S)
         if hasattr(self._fs, "retries"):
             self._fs.retries = ATTEMPTS  # s3fs retries each request; its default of five would block a page for minutes
         if self._is_folder:
-            self._fs.makedirs(self._root, exist_ok=True)
+            if not self._fs.exists(self._root):  # a copy to be checked may be read-only
+                self._fs.makedirs(self._root, exist_ok=True)
         else:
             self._reach_bucket()
 
@@ -50,51 +68,63 @@ class BlobStore:
         """Check the bucket at startup, so that a wrong address is reported before the first frame. Buckets are never created."""
         bucket = self._root.partition("/")[0]
         with self._reached():
-            there = bool(self._fs.exists(bucket))
+            there = self._call(lambda: bool(self._fs.exists(bucket)))
         if not there and self._fs.protocol != "memory":
             raise StoreDown(
                 "the blob store cannot be reached",
-                expected=f"a bucket {bucket!r} that may be listed",
-                hint="make the bucket; look at AWS_ENDPOINT_URL_S3 and the credentials in the environment",
+                expected=f"a readable bucket {bucket!r}",
+                hint="create the bucket; check AWS_ENDPOINT_URL_S3 and the credentials in the environment",
             )
 
-    def put(self, data: bytes | memoryview) -> str:
-        """Store ``data`` and return its key, the SHA-256 in hex."""
+    def put(self, data: bytes | memoryview, item_bytes: int = 1) -> str:
+        """Store ``data`` and return its key, the SHA-256 in hex. ``item_bytes``: size of a number in ``data``, which helps to
+        compress it."""
         key = hashlib.sha256(data).hexdigest()
         path = self._path(key)
         with self._reached():
             if not self._is_folder:
                 # Writing an object is atomic, and writing the same bytes again costs no more than reading them to
                 # compare.
-                self._fs.pipe_file(path, bytes(data))
+                content = compressed(data, item_bytes) or bytes(data)
+                self._call(lambda: self._fs.pipe_file(path, content), len(content) / SLOWEST_BYTES_S)
             elif not self._holds(path, data):
-                self._write(path, data)
+                self._write(path, compressed(data, item_bytes) or data)
         return key
 
     def _holds(self, path: str, data: bytes | memoryview) -> bool:
         """True if the file exists and is intact. A damaged file is replaced by the next copy of its content."""
-        if not self._fs.exists(path) or self._fs.size(path) != len(data):
+        if not self._fs.exists(path):
             return False
         with self._fs.open(path, "rb") as file:
-            return bool(file.read() == data)
+            content = file.read()
+        return bool(content == data or decompressed(content) == data)
 
     def _write(self, path: str, data: bytes | memoryview) -> None:
         """Write to a temporary name, then rename: two requests may write the same bytes at once, and a crash must not
-        leave a partial file."""
-        self._fs.makedirs(path.rsplit("/", 1)[0], exist_ok=True)
+        leave a partial file. Bytes and name are on the disk when this returns, before a row names them."""
+        folder = path.rsplit("/", 1)[0]
+        is_new = not self._fs.exists(folder)
+        self._fs.makedirs(folder, exist_ok=True)
         temporary = f"{path}.{uuid.uuid4().hex[:8]}.part"
         with self._fs.open(temporary, "wb") as file:
             file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
         self._fs.mv(temporary, path)
+        for changed in (folder, self._root) if is_new else (folder,):
+            sync_path(changed)
 
     def get(self, key: str) -> bytes:
         """Return the bytes of a key, verified against it. NotFound if missing, CorruptData if damaged."""
         try:
             with self._reached():
-                data: bytes = self._fs.cat_file(self._path(key))
+                data: bytes = self._call(lambda: self._fs.cat_file(self._path(key)), MOST_READ_S)
         except FileNotFoundError:
             raise _missing(key) from None
-        if hashlib.sha256(data).hexdigest() != key:
+        plain = decompressed(data)
+        if plain is not None and hashlib.sha256(plain).hexdigest() == key:
+            return plain
+        if hashlib.sha256(data).hexdigest() != key:  # plain content may begin like compressed content
             raise CorruptData(
                 "stored bytes are damaged", expected=f"SHA-256 {key[:12]}…", hint="restore the file from a backup"
             )
@@ -103,13 +133,13 @@ class BlobStore:
     def exists(self, key: str) -> bool:
         """True if the key exists. Its content is not read."""
         with self._reached():
-            return bool(self._fs.exists(self._path(key)))
+            return self._call(lambda: bool(self._fs.exists(self._path(key))))
 
     def size(self, key: str) -> int:
-        """Return the size in bytes from the store's metadata. NotFound if missing."""
+        """Return the bytes that a key takes in the store, from its metadata. NotFound if missing."""
         try:
             with self._reached():
-                return int(self._fs.size(self._path(key)))
+                return self._call(lambda: int(self._fs.size(self._path(key))))
         except FileNotFoundError:
             raise _missing(key) from None
 
@@ -117,7 +147,7 @@ class BlobStore:
         """Delete a key; no error if it does not exist."""
         try:
             with self._reached():
-                self._fs.rm_file(self._path(key))
+                self._call(lambda: self._fs.rm_file(self._path(key)))
         except FileNotFoundError:
             return
 
@@ -125,16 +155,28 @@ class BlobStore:
         """Yield every key, in order; only 1/256 of the names are in memory at a time. Partially written files have no key."""
         try:
             with self._reached():
-                parts = [str(name).rstrip("/").rsplit("/", 1)[1] for name in self._fs.ls(self._root, detail=False)]
+                folders = self._call(lambda: self._fs.ls(self._root, detail=False))
+                parts = [str(name).rstrip("/").rsplit("/", 1)[1] for name in folders]
         except FileNotFoundError:  # a prefix without objects
             return
         for part in sorted(part for part in parts if len(part) == 2):
             with self._reached():
-                names = self._fs.find(f"{self._root}/{part}")
+                names = self._call(partial(self._fs.find, f"{self._root}/{part}"))
             for name in sorted(names):
                 rest = name.rsplit("/", 1)[1]
                 if len(rest) == 62 and "." not in rest:
                     yield part + rest
+
+    def check(self) -> str:
+        """Return in words that the store responds. Raises StoreDown."""
+        if self._is_folder:
+            return "a folder"
+        self._reach_bucket()
+        return "the object store responds"
+
+    def _call(self, work: Callable[[], T], extra_s: float = 0.0) -> T:
+        """Run a request to the store; one to an object store with a deadline."""
+        return work() if self._is_folder else self._calls.run(work, extra_s)
 
     @contextmanager
     def _reached(self) -> Iterator[None]:
@@ -145,15 +187,17 @@ class BlobStore:
             raise
         except OSError as error:
             hint = (
-                "look at disk space and permissions" if self._is_folder else "look at the store, its network and rights"
+                "check disk space and permissions"
+                if self._is_folder
+                else "check the store, its network and permissions"
             )
-            raise StoreDown("the bytes cannot be stored or read now", got=str(error)[:300], hint=hint) from error
+            raise StoreDown("the blob store cannot be read or written", got=str(error)[:300], hint=hint) from error
         except Exception as error:  # each object store's client has its own exception classes
             if self._is_folder:
                 raise
             text = f"{type(error).__name__}: {error}"[:300]
             raise StoreDown(
-                "the blob store does not answer", got=text, hint="look at the store and its network"
+                "no response from the blob store", got=text, hint="check the store and its network"
             ) from error
 
     def _path(self, key: str) -> str:

@@ -10,6 +10,21 @@ from sqlalchemy.orm import Session
 
 from gss.store.models import Choice
 
+TRUSTED_TIME = "upkeep.trusted-time"
+AUDIT_ANCHOR = "audit.anchor"
+"""Exists once the audit log has had a file of anchors."""
+
+
+def trusted_time(session: Session) -> datetime | None:
+    """Return the last time at which the server's clock was plausible; None if none is stored."""
+    row = session.get(Choice, TRUSTED_TIME)
+    return datetime.fromisoformat(row.value["at"]) if row else None
+
+
+def has(session: Session, name: str) -> bool:
+    """True if the choice is stored."""
+    return session.get(Choice, name) is not None
+
 
 def read(session: Session, prefix: str) -> list[Choice]:
     """Return all choices whose name starts with ``prefix``, by name."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import exists, func, select
 from sqlalchemy.orm import Session
@@ -65,10 +65,13 @@ def update_contact(
     captures: list[Any] | None = None,
     note: str | None = None,
     ended: datetime | None = None,
+    instrument: str | None = None,
+    instrument_version: str | None = None,
 ) -> None:
     """Update the given columns of a contact."""
     contact = session.get_one(Contact, contact_id)
     given = {"device_id": device_id, "rx_bytes": rx_bytes, "tx_bytes": tx_bytes, "captures": captures, "note": note}
+    given |= {"instrument": instrument, "instrument_version": instrument_version}
     for name, value in given.items():
         if value is not None:
             setattr(contact, name, value)
@@ -112,19 +115,26 @@ def get_contact(session: Session, contact_id: int) -> tuple[Contact, Device | No
     return row, session.get(Device, row.device_id) if row.device_id is not None else None
 
 
-def frames_of(session: Session, contact_id: int) -> list[Frame]:
-    """Return frames received during a contact, oldest first."""
-    return list(session.scalars(select(Frame).where(Frame.contact_id == contact_id).order_by(Frame.id)))
+Recorded = TypeVar("Recorded", Frame, Command, Transfer)
 
 
-def commands_of(session: Session, contact_id: int) -> list[Command]:
-    """Return commands of a contact, oldest first."""
-    return list(session.scalars(select(Command).where(Command.contact_id == contact_id).order_by(Command.id)))
+def recorded(session: Session, kind: type[Recorded], contact_id: int, most: int) -> tuple[list[Recorded], int]:
+    """Return the newest rows of a contact, oldest first, and their total number. ``kind``: Frame, Command or Transfer."""
+    mine = select(kind).where(kind.contact_id == contact_id)
+    newest = session.scalars(mine.order_by(kind.id.desc()).limit(most)).all()
+    total = session.scalar(select(func.count()).select_from(mine.with_only_columns(kind.id).subquery())) or 0
+    return list(reversed(newest)), total
 
 
-def transfers_of(session: Session, contact_id: int) -> list[Transfer]:
-    """Return transfers started during a contact, oldest first."""
-    return list(session.scalars(select(Transfer).where(Transfer.contact_id == contact_id).order_by(Transfer.id)))
+def downloaded_bytes(session: Session, contact_id: int, kinds: Sequence[str]) -> int:
+    """Return the total size of a contact's downloads of these kinds."""
+    mine = select(func.sum(Transfer.size)).where(Transfer.contact_id == contact_id, Transfer.direction == "down")
+    return int(session.scalar(mine.where(Transfer.kind.in_(kinds))) or 0)
+
+
+def count_events(session: Session, start: datetime, end: datetime) -> int:
+    """Return the number of events in a time range."""
+    return session.scalar(select(func.count(Event.seq)).where(Event.at >= start, Event.at <= end)) or 0
 
 
 def events_between(session: Session, start: datetime, end: datetime, kinds: Sequence[str] = ()) -> list[Event]:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from sqlalchemy import URL, inspect, make_url
 
+from gss.domain.callbacks import never
 from gss.domain.errors import Conflict, CorruptData, NotFound, StoreDown
 from gss.store.engine import open_engine
 
@@ -39,7 +40,7 @@ def kind_of(url: str) -> str:
     return SQLITE if url.startswith("sqlite") else POSTGRES
 
 
-def dump(url: str, file: Path, cancelled: Callable[[], bool] = lambda: False) -> None:
+def dump(url: str, file: Path, cancelled: Callable[[], bool] = never) -> None:
     """Copy the database to a new file. StoreDown if the database or the disk fails; the partial file is then deleted."""
     try:
         if kind_of(url) == SQLITE:
@@ -62,7 +63,7 @@ def _copy_sqlite(source: Path, file: Path, cancelled: Callable[[], bool]) -> Non
         if "interrupted" in str(error):
             return
         bad = isinstance(error, sqlite3.OperationalError)
-        text, hint = "the database cannot be copied", "gss check store says what is wrong with it"
+        text, hint = "the database cannot be copied", "run gss check store for details"
         raise (StoreDown if bad else CorruptData)(text, got=str(error), hint=hint) from error
     finally:
         connection.close()
@@ -96,18 +97,18 @@ def _run(program: str, url: str, arguments: list[str]) -> None:
     )
     if done.returncode:
         cause = (done.stderr.strip().splitlines() or ["no words"])[-1]
-        raise StoreDown(f"{program} did not succeed", got=cause, hint="look at the database server")
+        raise StoreDown(f"{program} failed", got=cause, hint="check the database server")
 
 
 def _environment(url: URL) -> dict[str, str]:
     """Return the libpq environment variables, including socket and encryption options from the URL's query."""
     parts: dict[str, object] = {name: url.query.get(name.removeprefix("PG").lower()) for name in FROM_QUERY}
-    told = {
+    connection_variables = {
         "PGHOST": url.host,
         "PGPORT": url.port,
         "PGUSER": url.username,
         "PGPASSWORD": url.password,
         "PGDATABASE": url.database,
     }
-    parts |= {name: value for name, value in told.items() if value}
+    parts |= {name: value for name, value in connection_variables.items() if value}
     return {name: str(value) for name, value in parts.items() if value}

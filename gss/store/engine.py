@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from alembic import command
 from alembic.config import Config
@@ -20,8 +22,8 @@ from gss.domain.errors import BadInput, Conflict, CorruptData, StoreDown
 
 QUICK_CHECK_BYTES = 512 << 20
 DAMAGED_HINT = (
-    "stop the server, keep the folder as it is; `gss check store` says what is wrong, `gss restore` puts a backup in place; "
-    "the raw captures hold what came since"
+    "stop the server and keep the folder unchanged; run `gss check store` for details and `gss restore` to restore a backup; "
+    "the raw captures hold data received since"
 )
 SHIPPED = Path(__file__).parent.parent / "migrations"
 CHECKOUT = Path(__file__).parent.parent.parent / "migrations"
@@ -43,14 +45,35 @@ def open_engine(url: str) -> Engine:
         ) from None
     engine = create_engine(url, connect_args={"check_same_thread": False})
     event.listen(engine, "connect", _tune_sqlite)
+    event.listen(engine, "checkout", _sync_each_commit)
     return engine
+
+
+def open_to_check(url: str) -> Engine:
+    """Return an engine for reading only, also from a folder that cannot be written. BadInput if a file there needs its
+    write-ahead log."""
+    path = Path(url.removeprefix("sqlite:///"))
+    if not url.startswith("sqlite:///") or os.access(path.parent, os.W_OK, effective_ids=True) or not path.exists():
+        return open_engine(url)
+    ahead = path.with_name(f"{path.name}-wal")
+    if ahead.exists() and ahead.stat().st_size:
+        raise BadInput(
+            "the newest changes of this database are in its write-ahead log, which cannot be read in a read-only folder",
+            got=str(ahead),
+            hint="copy the folder to a disk that can be written, and check the copy",
+        )
+    return create_engine(f"sqlite:///file:{quote(str(path))}?immutable=1&uri=true")
 
 
 def _tune_sqlite(connection: Any, _record: Any) -> None:
     cursor = connection.cursor()
-    for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "busy_timeout=5000", "foreign_keys=ON"):
+    for pragma in ("journal_mode=WAL", "busy_timeout=5000", "foreign_keys=ON"):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
+
+
+def _sync_each_commit(connection: Any, _record: Any, _proxy: Any) -> None:
+    connection.execute("PRAGMA synchronous=FULL")
 
 
 def open_for_migration(url: str) -> Engine:
@@ -94,7 +117,7 @@ def migrate(url: str) -> None:
         command.upgrade(config, "head")
     except CommandError as error:
         raise CorruptData(
-            "the database is of a version that this one does not know",
+            "the database was written by a newer version",
             expected=f"a schema up to {known_schemas()[-1]}",
             got=str(error),
             hint="start the newer version again, or restore a backup made before it: gss restore",
@@ -103,7 +126,7 @@ def migrate(url: str) -> None:
         if not url.startswith("sqlite"):
             cause = str(error.orig).strip().splitlines()[0]
             raise StoreDown(
-                "the database server cannot be used", got=cause, hint="look at the server and at GSS_DATABASE"
+                "the database server cannot be used", got=cause, hint="check the server and GSS_DATABASE"
             ) from None
         raise CorruptData("the database cannot be opened", got=str(error.orig), hint=DAMAGED_HINT) from error
 
@@ -135,7 +158,7 @@ def damaged_pages(engine: Engine) -> str:
             found = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA quick_check(3)")]
     except OperationalError as error:
         raise StoreDown(
-            "the database cannot be opened now", got=str(error.orig), hint="look at disk and locks"
+            "the database cannot be opened", got=str(error.orig), hint="check disk space and file locks"
         ) from error
     except DatabaseError as error:
         found = [str(error.orig)]
@@ -163,7 +186,7 @@ def sole_server(url: str) -> Iterator[None]:
     except OperationalError as error:
         cause = str(error.orig).strip().splitlines()[0]
         raise StoreDown(
-            "the database server cannot be used", got=cause, hint="look at the server and at GSS_DATABASE"
+            "the database server cannot be used", got=cause, hint="check the server and GSS_DATABASE"
         ) from None
     finally:
         engine.dispose()
@@ -201,6 +224,10 @@ def _is_damage(error: DatabaseError) -> bool:
     )
 
 
+Transaction = Session
+"""Type of an open unit of work, for code outside the store that passes it on."""
+
+
 class Database:
     """Sessions on one engine. Rows stay readable after their transaction has ended."""
 
@@ -210,21 +237,26 @@ class Database:
         """Last error about a damaged page; "" if there was none."""
         self._sessions = sessionmaker(engine, expire_on_commit=False)
 
+    def report_damage(self, damage: str) -> None:
+        """Remember a damaged page for :attr:`damage`."""
+        self.damage = damage
+
     @contextmanager
-    def unit_of_work(self) -> Iterator[Session]:
-        """Open a session that commits at the end, or rolls back on an exception. StoreDown or CorruptData if the database fails."""
+    def unit_of_work(self, *, durable: bool = True) -> Iterator[Session]:
+        """Open a session that commits at the end, or rolls back on an exception. StoreDown or CorruptData if the database fails.
+        A ``durable`` commit has reached the disk when it returns; others reach it with the next durable one."""
         try:
             with self._sessions.begin() as session:
+                if not durable and self.engine.dialect.name == "sqlite":
+                    session.connection().exec_driver_sql("PRAGMA synchronous=NORMAL")
                 yield session
         except (OperationalError, OverflowError) as error:
             cause = str(getattr(error, "orig", error))
-            raise StoreDown(
-                "the database cannot be used now", got=cause, hint="look at disk space and locks"
-            ) from error
+            raise StoreDown("the database cannot be used", got=cause, hint="check disk space and file locks") from error
         except DatabaseError as error:
             if not _is_damage(error):
                 raise
-            self.damage = str(error.orig)
+            self.report_damage(str(error.orig))
             raise CorruptData("the database is damaged", got=self.damage, hint=DAMAGED_HINT) from error
 
     def close(self) -> None:

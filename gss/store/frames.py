@@ -79,6 +79,13 @@ def page(
     return total, list(rows)
 
 
+def newest_in_slot(session: Session, slot: int, bits: int) -> Frame | None:
+    """Return the newest complete image of ``bits`` per pixel that was downloaded from a slot of image memory."""
+    query = select(Frame).where(Frame.source == "device", Frame.slot == slot, Frame.complete, Frame.bits == bits)
+    query = query.where(Frame.profile.is_not(None), Frame.pixels_removed.is_(None))
+    return session.scalar(query.order_by(Frame.id.desc()).limit(1))
+
+
 def ids_around(session: Session, frame_id: int, each_side: int) -> list[int]:
     """Return a frame's id with up to ``each_side`` ids before and after it."""
     before = select(Frame.id).where(Frame.id <= frame_id).order_by(Frame.id.desc()).limit(each_side + 1)

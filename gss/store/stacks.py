@@ -46,7 +46,7 @@ def get_run(session: Session, run_id: int) -> StackRun:
     """Return the run with that id; NotFound if there is none."""
     row = session.get(StackRun, run_id)
     if row is None:
-        raise NotFound("no such run of a stack", got=str(run_id))
+        raise NotFound("no such stack run", got=str(run_id))
     return row
 
 

@@ -107,15 +107,19 @@ def page(
     limit: int,
     before_id: int | None,
     contact_id: int | None = None,
+    after_id: int | None = None,
 ) -> list[TelemetryPacket]:
-    """Return a page of packets, newest first; ``before_id`` is the last id of the previous page."""
-    query = select(TelemetryPacket).order_by(TelemetryPacket.id.desc()).limit(limit)
+    """Return a page of packets, newest first; ``before_id`` is the last id of the previous page. With ``after_id`` they are those
+    behind it, oldest first."""
+    order = TelemetryPacket.id.desc() if after_id is None else TelemetryPacket.id
+    query = select(TelemetryPacket).order_by(order).limit(limit)
     wanted = (
         (TelemetryPacket.packet, packet, "__eq__"),
         (TelemetryPacket.contact_id, contact_id, "__eq__"),
         (TelemetryPacket.received, start, "__ge__"),
         (TelemetryPacket.received, end, "__le__"),
         (TelemetryPacket.id, before_id, "__lt__"),
+        (TelemetryPacket.id, after_id, "__gt__"),
     )
     for column, value, compare in wanted:
         if value is not None:

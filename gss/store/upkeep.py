@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import delete, func, inspect, select, text, update
+from sqlalchemy import ColumnElement, case, delete, func, inspect, select, text, update
 from sqlalchemy.orm import Session
 
 from gss.store.models import (
@@ -81,7 +81,7 @@ def still_needed(session: Session, keys: Sequence[str]) -> set[str]:
 
 @dataclass(frozen=True)
 class Pixels:
-    """Stored pixels: their frame, time of receipt and size in bytes."""
+    """Stored pixels: their frame, time of receipt and the bytes that they take in the store."""
 
     frame_id: int
     sha256: str
@@ -91,20 +91,25 @@ class Pixels:
 
 def pixels_held(session: Session) -> Iterator[Pixels]:
     """Yield every frame that has pixels and is not a favourite, oldest first."""
-    columns = (Frame.id, Frame.sha256, Frame.received, Frame.dtype, Frame.columns * Frame.rows)
+    columns = (Frame.id, Frame.sha256, Frame.received, _stored_bytes())
     query = select(*columns).where(Frame.pixels_removed.is_(None), Frame.favourite.is_(False)).order_by(Frame.id)
-    for row_id, sha256, received, dtype, pixels in session.execute(query.execution_options(yield_per=BATCH)):
-        yield Pixels(row_id, sha256, received, pixels * PIXEL_BYTES.get(dtype, 2))
+    for row_id, sha256, received, size in session.execute(query.execution_options(yield_per=BATCH)):
+        yield Pixels(row_id, sha256, received, size)
 
 
 def pixel_bytes(session: Session, since: datetime | None = None) -> tuple[int, int]:
-    """Return (frames with pixels, their bytes), for those received since ``since``."""
-    query = select(Frame.dtype, func.count(), func.sum(Frame.columns * Frame.rows))
-    query = query.where(Frame.pixels_removed.is_(None)).group_by(Frame.dtype)
+    """Return (frames with pixels, the bytes that these take in the store), for those received since ``since``."""
+    query = select(func.count(), func.sum(_stored_bytes())).where(Frame.pixels_removed.is_(None))
     if since is not None:
         query = query.where(Frame.received >= since)
-    rows = session.execute(query).all()
-    return sum(n for _, n, _ in rows), sum(int(total or 0) * PIXEL_BYTES.get(dtype, 2) for dtype, _, total in rows)
+    count, total = session.execute(query).one()
+    return count, int(total or 0)
+
+
+def _stored_bytes() -> ColumnElement[int]:
+    """Bytes that the pixels of a frame take in the store."""
+    plain = Frame.columns * Frame.rows * case(PIXEL_BYTES, value=Frame.dtype, else_=2)
+    return func.coalesce(Frame.stored_bytes, plain)
 
 
 def used_by_studies(session: Session) -> set[int]:
@@ -280,7 +285,7 @@ def broken_links(session: Session, most: int = 20) -> list[str]:
     """Return rows that reference a missing row of another table."""
     if session.get_bind().dialect.name == "sqlite":
         rows = session.execute(text("PRAGMA foreign_key_check")).fetchmany(most)
-        return [f"{row[0]} row {row[1]} names a missing row of {row[2]}" for row in rows]
+        return [f"{row[0]} row {row[1]} refers to a missing row of {row[2]}" for row in rows]
     found = []
     for table in Base.metadata.sorted_tables:
         for key in table.foreign_keys:

@@ -2,7 +2,7 @@
 
 Existing frames get, in this order: the oldest solution of the configured chain (GSS_SOLVE_CHAIN) that was made at reception or
 from the page; the newest one of any other chain that was not made by a campaign; the oldest one of a campaign with the configured
-chain. Campaigns store no grid with their solutions, which tells them apart. Reruns of the sensor's own chain are never pinned.
+chain. Campaigns store no grid with their solutions, which distinguishes them. Reruns of the sensor's own chain are never pinned.
 """
 
 from __future__ import annotations

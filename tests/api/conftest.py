@@ -12,13 +12,14 @@ from fastapi.testclient import TestClient
 
 from gss.api.app import create_app
 from gss.operations.accounts.permissions import ROLES
+from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import Services, build
+from gss.wiring import build
 
 
 @pytest.fixture(scope="session")
 def client_of(signed_in: Callable[..., dict[str, str]]) -> Callable[..., TestClient]:
-    """Makes a client of services on which ann, an admin, is signed in; with another ``name`` and ``role`` somebody else."""
+    """Factory of clients on which ann, an admin, is signed in, or a user with another ``name`` and ``role``."""
 
     def make(services: Services, name: str = "ann", role: str = "admin") -> TestClient:
         return TestClient(
@@ -41,7 +42,7 @@ def client(tmp_path_factory: pytest.TempPathFactory, client_of: Callable[..., Te
 
 @pytest.fixture(scope="module")
 def app_of(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., FastAPI]]:
-    """Makes a server without a line and starts it. ``people``: role and password of each name; hashing costs little."""
+    """Factory of started servers without a link. ``people``: role and password of each name; hashing is cheap."""
     with ExitStack() as running:
 
         def make(people: dict[str, tuple[str, str]]) -> FastAPI:
@@ -58,13 +59,13 @@ def app_of(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., F
 
 @pytest.fixture(scope="module")
 def app(app_of: Callable[..., FastAPI]) -> FastAPI:
-    """A server without a line, and without people."""
+    """A server without a link and without users."""
     return app_of({})
 
 
 @pytest.fixture(scope="module")
 def clients(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, TestClient]:
-    """One browser for each role on that server, and as "" one of nobody."""
+    """One browser for each role on that server, and as "" one that is not signed in."""
     made = {role: signed_in(app.state.services, role, f"the {role}") for role in ROLES} | {"": {"X-GSS": "1"}}
     return {
         role: TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)

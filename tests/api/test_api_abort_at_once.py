@@ -1,4 +1,4 @@
-"""ABORT over HTTP while everybody else wants something."""
+"""ABORT over HTTP while other requests use all resources."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from gss.operations.clock import utc_now
 from gss.store.models import ApiToken
 
 
-async def asked(app: FastAPI, path: str, headers: dict[str, str]) -> tuple[int, asyncio.Task[None]]:
-    """Status of a POST as soon as its answer is whole, and what still goes on for it: the row on the record."""
+async def posted(app: FastAPI, path: str, headers: dict[str, str]) -> tuple[int, asyncio.Task[None]]:
+    """Return the status of a POST when its response is complete, and the task that still writes its audit entry."""
     found: asyncio.Future[int] = asyncio.get_running_loop().create_future()
     status = 0
 
@@ -32,15 +32,15 @@ async def asked(app: FastAPI, path: str, headers: dict[str, str]) -> tuple[int, 
     async def receive() -> Any:
         return {"type": "http.request", "body": b"", "more_body": False}
 
-    told = [(b"host", b"localhost"), *((k.lower().encode(), v.encode()) for k, v in headers.items())]
+    encoded = [(b"host", b"localhost"), *((k.lower().encode(), v.encode()) for k, v in headers.items())]
     scope = {"type": "http", "http_version": "1.1", "method": "POST", "path": path, "raw_path": path.encode()}
-    scope |= {"query_string": b"", "headers": told, "client": ("127.0.0.1", 1), "server": ("localhost", 80)}
+    scope |= {"query_string": b"", "headers": encoded, "client": ("127.0.0.1", 1), "server": ("localhost", 80)}
     task = asyncio.create_task(app({**scope, "scheme": "http", "root_path": ""}, receive, send))
     return await found, task
 
 
-def test_abort_waits_for_no_thread_of_others(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> None:
-    """Every thread for requests is taken and more wait for one: ABORT is answered, also of somebody who was not known yet."""
+def test_abort_waits_for_no_other_thread(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> None:
+    """Every request thread is in use and more requests wait: ABORT is answered, also for a user not yet in the cache."""
     headers = signed_in(app.state.services, "viewer", "vera")
 
     async def run() -> int:
@@ -51,18 +51,19 @@ def test_abort_waits_for_no_thread_of_others(app: FastAPI, signed_in: Callable[.
             for _ in range(6):
                 others.create_task(anyio.to_thread.run_sync(release.wait))
             try:
-                status, rest = await asked(app, "/api/commands/abort", headers)
+                status, rest = await posted(app, "/api/commands/abort", headers)
             finally:
                 release.set()
             await rest
         return status
 
-    assert asyncio.run(run()) == 409  # the line is down
+    assert asyncio.run(run()) == 409  # the link is down
 
 
 def test_abort_of_a_token_waits_for_no_write(app: FastAPI) -> None:
-    """The token was last used two minutes ago and another connection holds the database's write lock: the response does not wait
-    for the lock (SQLite gives up after 5 s)."""
+    """The token was last used two minutes ago and another connection holds the database's write lock: the response does
+    not wait for the lock (SQLite gives up after 5 s).
+    """
     services = app.state.services
     made = services.accounts.tokens.add("night run", "operator", 1, by="test")
     with services.database.unit_of_work() as session:
@@ -70,7 +71,7 @@ def test_abort_of_a_token_waits_for_no_write(app: FastAPI) -> None:
 
     async def run(release: Callable[[], None]) -> tuple[int, float]:
         begun_s = time.monotonic()
-        status, rest = await asked(app, "/api/commands/abort", {"Authorization": f"Bearer {made.key}"})
+        status, rest = await posted(app, "/api/commands/abort", {"Authorization": f"Bearer {made.key}"})
         took_s = time.monotonic() - begun_s
         release()
         await rest
@@ -79,7 +80,7 @@ def test_abort_of_a_token_waits_for_no_write(app: FastAPI) -> None:
     with closing(sqlite3.connect(services.settings.data / "gss.db", isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         status, took_s = asyncio.run(run(lambda: other.execute("ROLLBACK")))
-    assert status == 409  # the line is down
+    assert status == 409  # the link is down
     assert took_s < 3
     with services.database.unit_of_work() as session:
         assert session.get_one(ApiToken, made.row.id).last_used == used

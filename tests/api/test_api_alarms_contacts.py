@@ -20,7 +20,7 @@ from gss.wiring import build
 TEMPERATURE = "housekeeping.sensor_temperature_c"
 
 
-class Room:
+class AlarmClient:
     """A client and the sensor behind it."""
 
     def __init__(self, client: TestClient, sensor: Any) -> None:
@@ -44,26 +44,26 @@ class Room:
         return found
 
     def alarm(self, field: str) -> Any:
-        """The open alarm of a field, None without."""
+        """Return the open alarm of a field, or None."""
         return next((a for a in self.get("/alarms") if a["field"] == field), None)
 
 
 @pytest.fixture
-def room(sensor_in_memory, tmp_path, client_of) -> Iterator[Room]:
-    """A server in this process whose line leads to a sensor in memory."""
+def room(sensor_in_memory, tmp_path, client_of) -> Iterator[AlarmClient]:
+    """A server in this process whose link leads to a sensor in memory."""
     sensor = sensor_in_memory()
-    sensor.PAUSE_S = 0.002  # five times real time: staleness goes by the wall clock
+    sensor.PAUSE_S = 0.002  # five times real time: staleness uses the wall clock
     services = build(Settings(data=tmp_path / "data"))
     with client_of(services) as client:
         services.link.open_later(sensor.url)
-        room = Room(client, sensor)
+        room = AlarmClient(client, sensor)
         room.wait(lambda: room.get("/link")["device"] != "no device")
         room.wait(lambda: next(v for v in room.get("/telemetry/latest")["values"])["state"] != "never")
         yield room
 
 
-def test_an_operators_limit_raises_an_alarm_that_is_seen_shelved_and_closed(room):
-    """From PUT limits to closed: states, header, value's alarm id, notes, and what is refused."""
+def test_an_operators_limit_raises_an_alarm_that_is_acknowledged_shelved_and_closed(room):
+    """From PUT limits to closed: states, header, the value's alarm id, notes, and rejected requests."""
     before = room.get("/telemetry/limits")
     row = next(f for f in before["fields"] if f["key"] == TEMPERATURE)
     assert (before["set"], row["origin"], row["persistence"]) == ("nominal", "dictionary", 3)
@@ -102,8 +102,8 @@ def test_an_operators_limit_raises_an_alarm_that_is_seen_shelved_and_closed(room
     room.get("/alarms/999999", 404)
 
 
-def test_limit_sets_are_chosen_and_bad_limits_refused(room):
-    """The set changes the limits of the fields that have a row for it; nonsense changes nothing."""
+def test_limit_sets_are_selected_and_invalid_limits_rejected(room):
+    """The set changes the limits of the fields that have a row for it; invalid input changes nothing."""
     after = room.send("PUT", "/telemetry/limits/set", {"name": "commissioning", "note": "bench"})
     row = next(f for f in after["fields"] if f["key"] == TEMPERATURE)
     assert (after["set"], row["origin"], row["watch"]) == ("commissioning", "set", [-25, 55])
@@ -123,7 +123,7 @@ def test_limit_sets_are_chosen_and_bad_limits_refused(room):
 
 
 def test_a_closed_contact_is_read_checked_exported_replayed_and_printed(room):
-    """Everything that the Contacts page does."""
+    """All functions of the Contacts page."""
     room.send("POST", "/commands", {"name": "GET_STATUS", "arguments": {}, "confirm": ""}, 201)
     room.wait(lambda: room.get("/contacts")[0]["rx_bytes"] > 3000)
     contact_id = room.get("/contacts")[0]["id"]
@@ -196,7 +196,7 @@ class Page(HTMLParser):
 
 
 def check_page(text: str) -> None:
-    """One page, complete in itself, nothing in it that runs or is fetched, what people wrote shown as they wrote it."""
+    """Check that the page is self-contained, runs and loads nothing, and shows user text unchanged."""
     page = Page()
     page.feed(text)
     assert text.startswith("<!doctype html>")

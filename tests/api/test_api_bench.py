@@ -1,4 +1,6 @@
-"""Methods of the bench over HTTP: typed bodies in, versions with a report out, and what they say to a calibration from stars."""
+"""Laboratory calibrations over HTTP: typed bodies in, versions with a report out, and their use in a calibration from
+stars.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ DOTS = np.column_stack([541.5 + 9 * np.cos(ANGLE), 243.25 + 9 * np.sin(ANGLE)])
 
 
 def calibration(client: TestClient, body: dict[str, Any]) -> dict[str, Any]:
-    """The version that a request makes."""
+    """Return the version that a request creates."""
     reply = client.post("/api/calibrations", json=body)
     assert reply.status_code == 202, reply.text
     job, end = reply.json(), time.monotonic() + 30
@@ -24,8 +26,8 @@ def calibration(client: TestClient, body: dict[str, Any]) -> dict[str, Any]:
     return dict(client.get(f"/api/calibrations/{job['result']['calibration_id']}").json())
 
 
-def test_a_dot_on_the_bench_becomes_a_version_with_a_report(client: TestClient) -> None:
-    """The centre with its circle; nothing for the sensor: it is one part of a camera."""
+def test_a_measured_spot_becomes_a_version_with_a_report(client: TestClient) -> None:
+    """The centre with its circle; no sensor table, because the centre is only one part of a camera."""
     made = calibration(client, {"kind": "bench-centre", "profile": "cubestar", "dots_px": DOTS.tolist()})
     assert made["kind"] == "bench-centre"
     assert abs(made["result"]["centre"]["col_px"] - 541.5) < 1e-3
@@ -43,8 +45,10 @@ def test_a_dot_on_the_bench_becomes_a_version_with_a_report(client: TestClient) 
     assert "whole camera" in reply.json()["message"]
 
 
-def test_tables_of_the_bench_are_typed(client: TestClient) -> None:
-    """Dark law and focus widths are taken; rows of another length, unknown cameras and empty requests are refused."""
+def test_laboratory_tables_are_typed(client: TestClient) -> None:
+    """Dark-current law and focus widths are accepted; rows of another length, unknown cameras and empty requests are
+    rejected.
+    """
     law = calibration(
         client,
         {"kind": "bench-dark-law", "profile": "cubestar", "points": [[0, 10], [10, 24], [20, 57], [30, 130]]},
@@ -66,8 +70,8 @@ def test_tables_of_the_bench_are_typed(client: TestClient) -> None:
         assert client.post("/api/calibrations", json=body).status_code in (status, 400, 422), body
 
 
-def test_only_what_is_known_of_a_camera_is_believed_beforehand(client: TestClient) -> None:
-    """A law of dark current says nothing of its geometry, another camera's centre nothing of this one."""
+def test_only_matching_measurements_are_used_as_prior(client: TestClient) -> None:
+    """A dark-current law does not constrain the geometry, and another camera's centre does not constrain this one."""
     law = calibration(
         client, {"kind": "bench-dark-law", "profile": "cubestar", "points": [[0, 10], [10, 24], [20, 57]]}
     )
@@ -81,7 +85,7 @@ def test_only_what_is_known_of_a_camera_is_believed_beforehand(client: TestClien
     Image.fromarray(pixels).save(buffer, format="PNG")
     files = {"file": ("dark.png", buffer.getvalue(), "image/png")}
     frame = client.post("/api/frames/import", files=files, data={"profile": "cubestar"}).json()["id"]
-    for prior, words in ((law["id"], "beforehand"), (far["id"], "another camera")):
+    for prior, words in ((law["id"], "cannot be used as a prior"), (far["id"], "another camera")):
         body = {"kind": "stars", "profile": "cubestar", "frame_ids": [frame], "prior_ids": [prior]}
         reply = client.post("/api/calibrations", json=body)
         assert reply.status_code == 400

@@ -7,6 +7,7 @@ import io
 import multiprocessing
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -22,12 +23,13 @@ from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.cli import main
 from gss.domain.errors import GssError
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.operations.jobs import Cancelled
-from gss.operations.studies.reprocess import Reprocessing
+from gss.operations.studies.reprocess import ReprocessRequest
 from gss.pipeline.render import render
+from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import Services, build
+from gss.wiring import build
 
 FRAMES = 12
 
@@ -36,7 +38,7 @@ FRAMES = 12
 def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
     """Services whose store holds twelve rendered frames with their truth."""
     services = build(Settings(data=tmp_path_factory.mktemp("campaigns")))
-    known, stars, rng = profile("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(7)
+    known, stars, rng = shipped_camera("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(7)
     for k in range(FRAMES):
         pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
         drawn = render(stars, known.camera, known.sensor, pose, 0.25, rng)
@@ -61,7 +63,7 @@ def client(services: Services, client_of: Callable[..., TestClient]) -> Iterator
 
 
 def finished(client: TestClient, job: dict[str, Any]) -> dict[str, Any]:
-    """The job when it has ended."""
+    """Return the job after its end."""
     for _ in range(600):
         row: dict[str, Any] = client.get(f"/api/jobs/{job['id']}").json()
         if row["state"] not in ("queued", "running"):
@@ -71,7 +73,7 @@ def finished(client: TestClient, job: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient) -> None:
-    """A job over all frames solves them, starting it again finds nothing left, and "again" runs them anew."""
+    """A job over all frames solves them, a second start finds none left, and "again" repeats them."""
     answer = client.post("/api/campaigns/reprocess", json={"chain": "cubestar"})
     assert answer.status_code == 201, answer.text
     job = finished(client, answer.json())
@@ -90,9 +92,9 @@ def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient)
     assert finished(client, again.json())["done"] == 2
 
 
-def test_a_cancelled_job_keeps_whole_results_only(services: Services) -> None:
-    """Cancelling at the first report of a result leaves the results of the first batch, and the rest for the next start."""
-    wanted = Reprocessing("reference")
+def test_a_cancelled_job_keeps_complete_results_only(services: Services) -> None:
+    """Cancelling at the first reported result leaves the results of the first batch, and the others for the next start."""
+    wanted = ReprocessRequest(chain="reference")
     tasks = services.reprocessing.tasks(wanted)
 
     def cancel(done: int, _total: int, _text: str) -> None:
@@ -105,10 +107,10 @@ def test_a_cancelled_job_keeps_whole_results_only(services: Services) -> None:
     assert 0 < len(left) < len(tasks)
 
 
-def test_a_killed_worker_costs_its_batch_only(services: Services, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The death of all workers costs their batches under way: these are done again, once. Who dies again and again ends the job."""
+def test_a_killed_worker_costs_only_its_batch(services: Services, monkeypatch: pytest.MonkeyPatch) -> None:
+    """If all workers die, only their batches in progress are rerun, once. Repeated deaths end the job."""
     monkeypatch.setattr("gss.operations.studies.reprocess.BATCH", 1)
-    wanted = Reprocessing("far_mst", profile="cubestar")
+    wanted = ReprocessRequest(chain="far_mst", profile="cubestar")
     tasks = services.reprocessing.tasks(wanted)
 
     killed: list[int] = []
@@ -125,19 +127,19 @@ def test_a_killed_worker_costs_its_batch_only(services: Services, monkeypatch: p
         assert [s.chain for s in services.frames.detail(task.frame_id).solutions].count("far_mst") == 1
 
     with (
-        pytest.raises(GssError, match="died again and again"),
+        pytest.raises(GssError, match="crashed repeatedly"),
         closing(services.executor.in_order(end_the_worker, [9])) as results,
     ):
         list(results)
 
 
-def end_the_worker(status: int, _told: object) -> None:
-    """Work that no process survives."""
+def end_the_worker(status: int, _arguments: object) -> None:
+    """Work that kills its process."""
     os._exit(status)
 
 
 def test_workers_and_server_give_the_same_result(client: TestClient, services: Services) -> None:
-    """The chain run by hand on the page equals the job's result to the last bit."""
+    """The chain run on the page equals the job's result to the last bit."""
     by_hand = client.post("/api/frames/3/solve", json={"chain": "cubestar"}).json()
     detail = client.get("/api/frames/3").json()
     same = [s for s in detail["solutions"] if s["chain"] == "cubestar"]
@@ -150,7 +152,7 @@ def test_workers_and_server_give_the_same_result(client: TestClient, services: S
     "body",
     [{"chain": "no-such"}, {"chain": "cubestar", "frame_ids": [99999]}, {"chain": ""}, {"chain": "cubestar", "x": 1}],
 )
-def test_bad_requests_are_told(client: TestClient, body: dict[str, Any]) -> None:
+def test_invalid_requests_are_rejected(client: TestClient, body: dict[str, Any]) -> None:
     """Unknown chain, unknown frame, missing name, unknown key: no job."""
     before = len(client.get("/api/jobs").json())
     assert client.post("/api/campaigns/reprocess", json=body).status_code in (400, 404, 422)
@@ -158,7 +160,9 @@ def test_bad_requests_are_told(client: TestClient, body: dict[str, Any]) -> None
 
 
 def test_experiments_run_as_a_job(client: TestClient) -> None:
-    """The list names them, a run brings tables with the paper's figures, and an unknown one is told before anything runs."""
+    """The list names them, a run returns tables with the paper's figures, and an unknown one is rejected before
+    anything runs.
+    """
     names = [e["name"] for e in client.get("/api/campaigns/experiments").json()]
     assert {"jacobs-5-1", "erlank-3-6"} <= set(names)
     body = {"names": ["erlank-3-6", "jacobs-5-2"], "trials": 200}
@@ -170,8 +174,23 @@ def test_experiments_run_as_a_job(client: TestClient) -> None:
     assert client.post("/api/campaigns/experiments", json={"names": ["erlank-3-6"], "trials": 0}).status_code == 422
 
 
-def test_results_leave_as_csv_and_parquet(client: TestClient, services: Services, tmp_path: Path) -> None:
-    """pandas-like readers see the same rows in both, equal to the page's figures; an unknown format is refused."""
+def test_without_the_package_the_hint_names_it(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    """List and run answer 409 with the command that installs the experiments; no job is queued."""
+    for module in ("validation", "validation.entries", "validation.run"):
+        monkeypatch.setitem(sys.modules, module, None)
+    before = len(client.get("/api/jobs").json())
+    body = {"names": ["erlank-3-6"], "trials": 50}
+    for answer in (
+        client.get("/api/campaigns/experiments"),
+        client.post("/api/campaigns/experiments", json=body),
+    ):
+        assert answer.status_code == 409
+        assert "gss-startracker[validation]" in answer.json()["hint"]
+    assert len(client.get("/api/jobs").json()) == before
+
+
+def test_results_are_exported_as_csv_and_parquet(client: TestClient, services: Services, tmp_path: Path) -> None:
+    """Both formats have the same rows, equal to the page's figures; an unknown format is rejected."""
     assert client.post("/api/frames/5/solve", json={"chain": "cubestar"}).status_code == 201
     parquet = pq.read_table(io.BytesIO(client.get("/api/campaigns/solutions?format=parquet&chain=cubestar").content))
     text = list(csv.DictReader(client.get("/api/campaigns/solutions?chain=cubestar").text.splitlines()))
@@ -187,12 +206,12 @@ def test_results_leave_as_csv_and_parquet(client: TestClient, services: Services
     assert pq.read_table(out).num_rows >= len(rows)
 
 
-def test_frames_of_a_damaged_store_are_results_too(client: TestClient, services: Services) -> None:
-    """A frame whose pixels are gone gives "none" with the reason, the others are solved, and its page still opens."""
+def test_frames_with_missing_pixels_have_a_result(client: TestClient, services: Services) -> None:
+    """A frame without stored pixels gives "none" with the reason, the others are solved, and its page still opens."""
     row = services.frames.get(1)
-    tasks = services.reprocessing.tasks(Reprocessing("cubestar", (1, 2), again=True))
+    tasks = services.reprocessing.tasks(ReprocessRequest(chain="cubestar", frame_ids=[1, 2], again=True))
     broken = [type(t)(**{**vars(t), "sha256": "0" * 64}) if t.frame_id == row.id else t for t in tasks]
-    out = services.reprocessing.work(Reprocessing("cubestar", (1, 2)), broken, lambda *_: None)
+    out = services.reprocessing.work(ReprocessRequest(chain="cubestar", frame_ids=[1, 2]), broken, lambda *_: None)
     assert out["frames"] == 2
     newest = services.frames.detail(1).solutions[0]
     assert newest.outcome == "none"

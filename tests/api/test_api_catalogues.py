@@ -1,4 +1,4 @@
-"""Catalogues by HTTP: every bad input is a 4xx with words, and differences, exports, reports, lists and banks by date are had."""
+"""Catalogues over HTTP: invalid input is a 4xx with a message; differences, exports, reports, lists and banks by date."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ STILL = {"pointing": "inertial", "roll_deg": [0.0, 0.0], "pitch_deg": [0.0, 0.0]
 
 
 def decayed() -> str:
-    """The ISS's elements at a mean motion that no orbit above the ground has, checksums right."""
+    """Return the elements of the ISS with a mean motion of no possible orbit and valid checksums."""
     first, second = TLE.splitlines()
     second = second[:52] + "17.90103472" + second[63:68]
     total = sum(int(c) if c.isdigit() else c == "-" for c in second) % 10
@@ -71,13 +71,13 @@ def pair(client: TestClient) -> tuple[dict[str, Any], dict[str, Any]]:
         ({"faint_mag": 9.0}, "not that deep"),
         ({"orbit": "none", "corrections": {"orbital_aberration": True}}, "needs an orbit"),
         ({"occultation": {"earth": True}}, "needs the altitude"),
-        (ORBIT | {"body_from_cam": [0.5, 0, 0, 0, 1.0, 0, 0, 0, 1.0]}, "mounting is no rotation"),
-        ({"source": "list"}, "no star list is named"),
+        (ORBIT | {"body_from_cam": [0.5, 0, 0, 0, 1.0, 0, 0, 0, 1.0]}, "mounting is not a rotation"),
+        ({"source": "list"}, "no star list given"),
         (STILL | {"method": "blocks"}, "turns with its orbit"),
     ],
 )
-def test_each_impossible_request_is_refused_at_once(client: TestClient, request_: Any, words: str) -> None:
-    """400 with what was expected, what came or what to try; no job, nothing stored."""
+def test_each_impossible_request_is_rejected_at_once(client: TestClient, request_: Any, words: str) -> None:
+    """400 with the expected and received values or an instruction; no job, nothing stored."""
     before = len(client.get("/api/jobs").json())
     reply = client.post("/api/catalogues", json=request_)
     assert reply.status_code == 400, reply.text
@@ -87,8 +87,8 @@ def test_each_impossible_request_is_refused_at_once(client: TestClient, request_
     assert len(client.get("/api/jobs").json()) == before
 
 
-def test_a_decayed_orbit_says_so(client: TestClient) -> None:
-    """SGP4's own verdict, in words."""
+def test_a_decayed_orbit_is_reported(client: TestClient) -> None:
+    """SGP4's error as a message."""
     body = {"orbit": "tle", "tle": decayed(), "start": "2019-12-10"}
     problem = client.post("/api/catalogues/preview", json=body).json()
     assert problem["got"] == "the orbit has decayed"
@@ -105,8 +105,8 @@ def test_every_law_can_be_previewed(client: TestClient, pointing: str) -> None:
     assert quick["bytes_estimate"] < quick["bank_bytes"]
 
 
-def test_a_list_is_read_reported_and_built_from(client: TestClient) -> None:
-    """An upload says which rows were dropped and why; the build uses the rest and names the list in its manifest."""
+def test_a_star_list_is_read_reported_and_built_from(client: TestClient) -> None:
+    """An upload reports dropped rows with reasons; the build uses the others and names the list in its manifest."""
     lines = write_star_list(load_stars(4.0), "csv").decode().splitlines()
     head = next(k for k, line in enumerate(lines) if line and not line.startswith("#"))
     spoiled = lines[head + 3].split(",")
@@ -142,14 +142,14 @@ def test_a_list_is_read_reported_and_built_from(client: TestClient) -> None:
             "row 1, column ra_deg",
         ),
         ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"mapping": '{"epoch_jyear": 1000}'}, "poch"),
-        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"mapping": "what"}, "mapping of the columns"),
-        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"profile": "hubble"}, "unknown camera profile"),
+        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"mapping": "what"}, "column mapping"),
+        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"profile": "hubble"}, "unknown instrument"),
     ],
 )
-def test_each_bad_list_is_refused_with_words(
+def test_each_invalid_list_is_rejected_with_a_message(
     client: TestClient, name: str, text: str, form: dict[str, str], words: str
 ) -> None:
-    """NaN rows where these are refused, numbers twice, a wrong epoch, no such kind: 4xx, and nothing is kept."""
+    """Disallowed NaN rows, duplicate numbers, a wrong epoch, an unknown kind: 4xx, and nothing is stored."""
     before = len(client.get("/api/catalogues/sources").json())
     reply = client.post("/api/catalogues/sources", files={"file": (name, text.encode())}, data=form)
     assert reply.status_code in (400, 404), reply.text
@@ -171,8 +171,8 @@ def test_each_bad_list_is_refused_with_words(
         '{"bogus": 1}',
     ],
 )
-def test_each_bad_mapping_is_refused_with_words(client: TestClient, mapping: str) -> None:
-    """Another shape or type, a column used twice, endless nesting: 400 with what was expected, and nothing is kept."""
+def test_each_invalid_mapping_is_rejected_with_a_message(client: TestClient, mapping: str) -> None:
+    """Another shape or type, a column used twice, endless nesting: 400 with the expected form, and nothing is stored."""
     before = len(client.get("/api/catalogues/sources").json())
     rows = "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n"
     reply = client.post("/api/catalogues/sources", files={"file": ("a.csv", rows.encode())}, data={"mapping": mapping})
@@ -181,16 +181,16 @@ def test_each_bad_mapping_is_refused_with_words(client: TestClient, mapping: str
     assert len(client.get("/api/catalogues/sources").json()) == before
 
 
-def test_a_name_with_a_line_break_is_no_name(client: TestClient) -> None:
-    """Control characters in a catalogue's name are refused, letters of any alphabet are not."""
+def test_a_name_with_a_line_break_is_rejected(client: TestClient) -> None:
+    """Control characters in a catalogue's name are rejected, letters of any alphabet are accepted."""
     reply = client.post("/api/catalogues", json={"name": "a\nb"})
     assert reply.status_code in (400, 422)
     assert "name" in reply.json()["message"]
     assert client.post("/api/catalogues/preview", json={"name": "Nächte 2026", "faint_mag": 2.5}).status_code == 200
 
 
-def test_a_list_for_another_camera_is_refused(client: TestClient) -> None:
-    """A list that was brought for one camera is not for another."""
+def test_a_list_for_another_camera_is_rejected(client: TestClient) -> None:
+    """A list imported for one camera cannot be used for another."""
     data = write_star_list(load_stars(3.0), "csv")
     row = client.post("/api/catalogues/sources", files={"file": ("s.csv", data)}, data={"profile": "sunsat"}).json()
     reply = client.post("/api/catalogues/preview", json={"source": "list", "star_list": row["id"], "faint_mag": 2.5})
@@ -205,9 +205,11 @@ def test_a_list_for_another_camera_is_refused(client: TestClient) -> None:
     assert (reply.status_code, reply.json()["message"]) == (400, "this star list is for another camera")
 
 
-def test_the_choice_of_stars_is_asked_for_and_told(client: TestClient) -> None:
-    """Screening list, reduced catalogue, thinning and mounting by three turns: in preview, detail, report and manifest."""
-    asked: dict[str, Any] = {
+def test_the_selection_of_stars_is_configurable_and_reported(client: TestClient) -> None:
+    """Screening list, reduced catalogue, thinning and mounting by three rotations: in preview, detail, report and
+    manifest.
+    """
+    requested: dict[str, Any] = {
         "faint_mag": 4.5,
         "pointing": "inertial",
         "mounting_deg": [-10, 0, 90],
@@ -216,8 +218,8 @@ def test_the_choice_of_stars_is_asked_for_and_told(client: TestClient) -> None:
         "screening": {"action": "drop", "most_companions": 3, "tolerance_deg": 0.05},
         "reduced": {"width_deg": 36, "height_deg": 36, "step_deg": 4},
     }
-    quick = client.post("/api/catalogues/preview", json=asked).json()
-    detail = built(client, name="chosen", **asked)
+    quick = client.post("/api/catalogues/preview", json=requested).json()
+    detail = built(client, name="chosen", **requested)
     assert [f["label"] for f in quick["funnel"]] == [f["label"] for f in detail["funnel"]]
     gone = next(f["stars"] for f in detail["funnel"] if f["label"] == "on the screening list")
     assert gone > 0
@@ -227,18 +229,18 @@ def test_the_choice_of_stars_is_asked_for_and_told(client: TestClient) -> None:
     assert detail["manifest"]["parameters"]["rules"]["thinning"] == "frames"
     assert detail["request"]["mounting_deg"] == [-10, 0, 90]
     assert "Screening list" in client.get(f"/api/catalogues/{detail['id']}/report.html").text
-    both = asked | {"body_from_cam": [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+    both = requested | {"body_from_cam": [1, 0, 0, 0, 1, 0, 0, 0, 1]}
     reply = client.post("/api/catalogues/preview", json=both)
     assert (reply.status_code, reply.json()["message"]) == (400, "two mountings were given")
 
 
 def test_difference_of_two_stored_catalogues(client: TestClient, pair: Any) -> None:
-    """Counts, stars with names, places and amounts, and the sky that gets poorer."""
+    """Counts, stars with names, positions and amounts, and the sky regions that lose stars."""
     old, new = pair
     d = client.get("/api/catalogues/diff", params={"old": old["id"], "new": new["id"]}).json()
     assert d["added_count"] - d["dropped_count"] == new["stars"] - old["stars"]
     assert d["same_count"] + d["moved_count"] + d["dropped_count"] == old["stars"]
-    # Aberration moves every star of the second that is not near the direction of motion.
+    # Aberration shifts every star of the second catalogue except near the direction of motion.
     assert d["moved_count"] > 0.8 * (d["same_count"] + d["moved_count"])
     assert max(s["moved_arcsec"] for s in d["moved"]) < 21.0
     assert sum(d["coverage"]["new"]) != sum(d["coverage"]["old"])
@@ -250,8 +252,8 @@ def test_difference_of_two_stored_catalogues(client: TestClient, pair: Any) -> N
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_export_holds_the_catalogue(client: TestClient, pair: Any, kind: str) -> None:
-    """Images and tables give the very same bytes back; the others name each star."""
+def test_each_export_contains_the_catalogue(client: TestClient, pair: Any, kind: str) -> None:
+    """Images and tables return identical bytes; the others list each star."""
     detail = pair[0]
     reply = client.get(f"/api/catalogues/{detail['id']}/export", params={"kind": kind})
     assert reply.status_code == 200, reply.text
@@ -272,8 +274,8 @@ def test_each_export_holds_the_catalogue(client: TestClient, pair: Any, kind: st
     assert client.get(f"/api/catalogues/{detail['id']}/export", params={"kind": "papyrus"}).status_code == 422
 
 
-def test_the_report_is_one_page_complete_in_itself(client: TestClient, pair: Any) -> None:
-    """No script, nothing from elsewhere, and the figures of the catalogue."""
+def test_the_report_is_one_self_contained_page(client: TestClient, pair: Any) -> None:
+    """No script, no external resource, and the figures of the catalogue."""
     detail = pair[1]
     page = client.get(f"/api/catalogues/{detail['id']}/report.html")
     assert page.headers["content-type"].startswith("text/html")
@@ -284,8 +286,8 @@ def test_the_report_is_one_page_complete_in_itself(client: TestClient, pair: Any
         assert words in page.text
 
 
-def test_the_detail_tells_corrections_sizes_and_the_sun(client: TestClient, pair: Any) -> None:
-    """What was applied is in the manifest with how much it moved; parts add up to the image; the Sun's way is drawn."""
+def test_the_detail_lists_corrections_sizes_and_the_sun(client: TestClient, pair: Any) -> None:
+    """The manifest lists the applied corrections with their size; parts add up to the image; the Sun's path is drawn."""
     detail = pair[1]
     applied = {c["name"]: c for c in detail["manifest"]["corrections"]["applied"]}
     assert set(applied) == {"proper_motion", "annual_aberration"}
@@ -296,9 +298,11 @@ def test_the_detail_tells_corrections_sizes_and_the_sun(client: TestClient, pair
 
 
 def test_banks_by_date(client: TestClient, pair: Any) -> None:
-    """What a device told is had as a timeline with validity and cover; nothing on record is a 404 with words."""
+    """A device's reports are served as a timeline with validity and coverage; without a record the response is a 404
+    with a message.
+    """
     empty = client.get("/api/catalogues/timeline")
-    assert (empty.status_code, empty.json()["message"]) == (404, "no banks are on record")
+    assert (empty.status_code, empty.json()["message"]) == (404, "no banks recorded")
     now = datetime.now(UTC)
     with client.app.state.services.database.unit_of_work() as session:  # type: ignore[attr-defined]
         facts = {"profile": "cubestar", "firmware": "1", "simulated": True, "dictionary_hash": "0"}
@@ -310,12 +314,12 @@ def test_banks_by_date(client: TestClient, pair: Any) -> None:
         devices.update_contact(session, contact.id, device_id=device.id)
         contact.ended = now - timedelta(hours=4)
         contact_id = contact.id
-    told = client.get("/api/catalogues/timeline").json()
-    assert told["device"]["name"] == "FM2"
-    (stay,) = told["stays"]
+    timeline = client.get("/api/catalogues/timeline").json()
+    assert timeline["device"]["name"] == "FM2"
+    (stay,) = timeline["stays"]
     assert (stay["bank"], stay["name"], stay["catalogue_id"]) == ("B", "first", pair[0]["id"])
     assert stay["valid_to"] == pair[0]["valid_to"]
-    assert told["cover"]["text"]
-    assert [(c["id"], c["ended"] is None) for c in told["contacts"]] == [(contact_id, False)]
+    assert timeline["cover"]["text"]
+    assert [(c["id"], c["ended"] is None) for c in timeline["contacts"]] == [(contact_id, False)]
     span = {"start": "2026-12-02T00:00:00Z", "end": "2026-12-01T00:00:00Z"}
     assert client.get("/api/catalogues/timeline", params=span).status_code == 400

@@ -19,8 +19,8 @@ pytestmark = pytest.mark.timeout(120)
 ENDED = ("completed", "rejected", "failed", "unknown", "withdrawn")
 
 
-class Console:
-    """A console on a server with a sensor; ``user`` in every request, an admin unless made otherwise before."""
+class ConsoleClient:
+    """A console client of a server with a sensor; ``user`` in every request, an admin unless created otherwise before."""
 
     def __init__(
         self, client: TestClient, services: Any, sensor: Any, signed_in: Callable[..., dict[str, str]]
@@ -28,7 +28,7 @@ class Console:
         self.client, self.services, self.sensor, self.signed_in = client, services, sensor, signed_in
         self.headers: dict[str, dict[str, str]] = {}
 
-    def ask(self, method: str, path: str, status: int = 200, user: str = "ann", **options: Any) -> Any:
+    def request(self, method: str, path: str, status: int = 200, user: str = "ann", **options: Any) -> Any:
         if user not in self.headers:
             self.headers[user] = self.signed_in(self.services, "admin", user)
         reply = self.client.request(method, f"/api{path}", headers=self.headers[user], **options)
@@ -38,37 +38,40 @@ class Console:
     def wait(self, look: Callable[[], Any]) -> Any:
         limit_s = time.monotonic() + 30
         while not (found := look()):
-            assert time.monotonic() < limit_s, self.ask("GET", "/events")[-3:]
+            assert time.monotonic() < limit_s, self.request("GET", "/events")[-3:]
             time.sleep(0.01)
         return found
 
     def send(self, name: str, status: int = 201, user: str = "ann", confirm: str = "", **arguments: Any) -> Any:
         body = {"name": name, "arguments": arguments, "confirm": confirm}
-        return self.ask("POST", "/commands", status, user, json=body)
+        return self.request("POST", "/commands", status, user, json=body)
 
     def end(self, row: Any) -> Any:
         return self.wait(
-            lambda: next((c for c in [self.ask("GET", f"/commands/{row['id']}")] if c["result"] in ENDED), 0)
+            lambda: next((c for c in [self.request("GET", f"/commands/{row['id']}")] if c["result"] in ENDED), 0)
         )
 
 
 @pytest.fixture
-def make_console(tmp_path, sensor_in_memory, monkeypatch, signed_in, client_of) -> Iterator[Callable[..., Console]]:
-    """Servers on sensors; each console's line is open and its sensor has answered."""
+def make_console(
+    tmp_path, sensor_in_memory, monkeypatch, signed_in, client_of
+) -> Iterator[Callable[..., ConsoleClient]]:
+    """Factory of servers on sensors; each console's link is open and its sensor has identified itself."""
     clients: list[TestClient] = []
 
-    def make(**identity: Any) -> Console:
+    def make(**identity: Any) -> ConsoleClient:
         sensor = sensor_in_memory(**identity)
-        monkeypatch.setattr("gss.wiring.monotonic_s", sensor.monotonic_s)
         start = datetime.now(UTC)
-        monkeypatch.setattr("gss.wiring.utc_now", lambda: start + timedelta(seconds=sensor.now_s))
+        for module in ("gss.wiring", "gss.rooms"):
+            monkeypatch.setattr(f"{module}.monotonic_s", sensor.monotonic_s)
+            monkeypatch.setattr(f"{module}.utc_now", lambda: start + timedelta(seconds=sensor.now_s))
         services = build(Settings(data=tmp_path / "data"))
         client = client_of(services)
         clients.append(client.__enter__())
         services.link.open_later(sensor.url)
-        console = Console(client, services, sensor, signed_in)
-        console.wait(lambda: console.ask("GET", "/link")["dictionary_match"])
-        console.wait(lambda: console.ask("GET", "/schedule")["told"])
+        console = ConsoleClient(client, services, sensor, signed_in)
+        console.wait(lambda: console.request("GET", "/link")["dictionary_match"])
+        console.wait(lambda: console.request("GET", "/schedule")["told"])
         return console
 
     yield make
@@ -77,28 +80,28 @@ def make_console(tmp_path, sensor_in_memory, monkeypatch, signed_in, client_of) 
 
 
 @pytest.fixture
-def console(make_console) -> Console:
+def console(make_console) -> ConsoleClient:
     """A console on a simulated sensor."""
     return make_console()
 
 
 def test_authority_is_taken_released_and_broken(console):
-    """Who holds it is in every answer, in the header and in the refusal; breaking wants a reason."""
-    free = console.ask("GET", "/authority")
+    """The holder is in every response, in the header and in the rejection; breaking needs a reason."""
+    free = console.request("GET", "/authority")
     assert (free["holder"], free["mine"], free["history"]) == (None, False, [])
-    taken = console.ask("POST", "/authority/take")
+    taken = console.request("POST", "/authority/take")
     assert (taken["holder"], taken["mine"]) == ("ann", True)
-    assert console.ask("GET", "/authority", user="bob")["mine"] is False
-    assert console.ask("GET", "/link")["authority"] == "ann"
+    assert console.request("GET", "/authority", user="bob")["mine"] is False
+    assert console.request("GET", "/link")["authority"] == "ann"
     refused = console.send("GET_STATUS", 409, user="bob")
     assert (refused["message"], refused["got"]) == ("command authority is held by ann", "")
-    console.ask("POST", "/authority/release", 409, user="bob")
-    console.ask("POST", "/authority/break", 422, user="bob", json={"reason": ""})
-    console.ask("POST", "/authority/break", 400, user="bob", json={"reason": "   "})
-    broken = console.ask("POST", "/authority/break", user="bob", json={"reason": "pass begins"})
+    console.request("POST", "/authority/release", 409, user="bob")
+    console.request("POST", "/authority/break", 422, user="bob", json={"reason": ""})
+    console.request("POST", "/authority/break", 400, user="bob", json={"reason": "   "})
+    broken = console.request("POST", "/authority/break", user="bob", json={"reason": "pass begins"})
     assert (broken["holder"], broken["history"][1]["reason"]) == ("bob", "pass begins")
-    assert console.ask("POST", "/authority/release", user="bob")["holder"] is None
-    kinds = [e["text"] for e in console.ask("GET", "/events") if e["kind"] == "authority"]
+    assert console.request("POST", "/authority/release", user="bob")["holder"] is None
+    kinds = [e["text"] for e in console.request("GET", "/events") if e["kind"] == "authority"]
     assert kinds == [
         "ann took command authority",
         "bob broke the command authority of ann: pass begins",
@@ -106,37 +109,70 @@ def test_authority_is_taken_released_and_broken(console):
     ]
 
 
-def test_a_command_is_checked_sent_and_kept(console):
-    """Dry run with hazard, role and authority; sending; the row with what the console draws."""
-    check = console.ask("POST", "/commands/check", json={"name": "POWER", "arguments": {"state": "off"}})
+def test_authority_is_handed_over_by_both_sides(console, signed_in):
+    """A request or an offer waits for one answer; no other user can give it, and the note is kept in the history."""
+    signed_in(console.services, "viewer", "eve")
+
+    def post(action: str, status: int = 200, user: str = "ann", to: str = "", note: str = "") -> Any:
+        body = {"note": note} | ({"user": to} if to else {})
+        return console.request("POST", f"/authority/{action}", status, user=user, json=body)
+
+    post("request", 409, user="bob")
+    post("take")
+    requested = post("request", user="bob", note="  pass   begins ")
+    assert (requested["holder"], requested["transfer"]["kind"]) == ("ann", "request")
+    assert (requested["transfer"]["user"], requested["transfer"]["note"]) == ("bob", "pass begins")
+    assert "waits for an answer" in post("offer", 409, to="bob")["message"]
+    post("accept", 409, user="bob")
+    assert post("decline", note="not now")["transfer"] is None
+    post("request", user="bob")
+    assert post("accept", note="heater is on")["holder"] == "bob"
+    for name in ("eve", "bob", "ghost"):
+        assert "cannot be offered" in post("offer", 404, user="bob", to=name)["message"]
+    post("offer", user="bob", to="ann", note="end of shift")
+    assert post("accept", user="ann")["history"][1]["reason"] == "handed over to ann: end of shift"
+    kinds = [e["text"] for e in console.request("GET", "/events") if e["kind"] == "authority"]
+    assert kinds[1:] == [
+        "bob requested command authority from ann: pass begins",
+        "ann refused bob's request of command authority: not now",
+        "bob requested command authority from ann",
+        "ann handed command authority over to bob: heater is on",
+        "bob offered command authority to ann: end of shift",
+        "bob handed command authority over to ann: end of shift",
+    ]
+
+
+def test_a_command_is_checked_sent_and_stored(console):
+    """Dry run with hazard, role and authority; sending; the row with the fields that the console shows."""
+    check = console.request("POST", "/commands/check", json={"name": "POWER", "arguments": {"state": "off"}})
     assert (check["hazard"], check["confirm_name"], check["role"]) == ("warning", "POWER", "operator")
     assert (check["allowed"], check["problems"], check["authority"]) == (True, [], None)
     assert [g["label"] for g in check["bytes"] if g["argument"]] == ["rail", "state"]
     assert "POWER was not confirmed" in console.send("POWER", 400, state="off")["message"]
     row = console.end(console.send("SET_EXPOSURE", exposure_ms=77))
     assert (row["result"], row["user"], row["run_id"], row["needs_operator"]) == ("completed", "ann", None, False)
-    assert console.ask("POST", "/commands/check", user="bob", json={"name": "GET_STATUS"})["allowed"] is False
-    abort = console.end(console.ask("POST", "/commands/abort", 201, user="bob")["command"])
+    assert console.request("POST", "/commands/check", user="bob", json={"name": "GET_STATUS"})["allowed"] is False
+    abort = console.end(console.request("POST", "/commands/abort", 201, user="bob")["command"])
     assert (abort["result"], abort["user"]) == ("completed", "bob")
 
 
-def test_an_unknown_command_is_settled_by_retry_or_by_word(console):
-    """What the pages need to offer it is in the row."""
+def test_an_unknown_command_is_resolved_by_retry_or_statement(console):
+    """The row contains the fields that the pages need for both actions."""
     console.sensor.deaf = True
     row = console.end(console.send("TAKE_IMAGE"))
     assert (row["result"], row["needs_operator"], row["can_retry"], row["idempotent"]) == ("unknown", True, True, False)
-    console.ask("POST", f"/commands/{row['id']}/withdraw", 409)
+    console.request("POST", f"/commands/{row['id']}/withdraw", 409)
     console.sensor.deaf = False
-    console.ask("POST", f"/commands/{row['id']}/retry", 409, user="bob")
-    console.ask("POST", f"/commands/{row['id']}/retry")
+    console.request("POST", f"/commands/{row['id']}/retry", 409, user="bob")
+    console.request("POST", f"/commands/{row['id']}/retry")
     assert console.end(row)["attempts"] == 2
-    console.ask("POST", f"/commands/{row['id']}/resolve", 409, json={"note": "late"})
+    console.request("POST", f"/commands/{row['id']}/resolve", 409, json={"note": "late"})
 
 
-def test_commands_for_simulators_are_hidden_from_a_real_unit(make_console):
-    """The list of a real unit lacks them, and a request is refused."""
+def test_simulator_commands_are_hidden_from_a_real_unit(make_console):
+    """The list of a real unit lacks them, and a request is rejected."""
     console = make_console(simulated=False, serial="FM-1")
-    assert not [c for c in console.ask("GET", "/dictionary")["commands"] if c["simulator_only"]]
+    assert not [c for c in console.request("GET", "/dictionary")["commands"] if c["simulator_only"]]
     assert "for simulators only" in console.send("SIM_INJECT", 409)["message"]
 
 
@@ -145,60 +181,63 @@ def test_history_pages_filters_and_exports(console):
     for exposure_ms in (11, 22, 33):
         console.end(console.send("SET_EXPOSURE", exposure_ms=exposure_ms))
     query = {"name": ["SET_EXPOSURE"], "user": "ann", "result": ["completed"]}
-    rows = console.ask("GET", "/commands", params=query)
+    rows = console.request("GET", "/commands", params=query)
     assert [r["arguments"]["exposure_ms"] for r in rows] == [33, 22, 11]
-    page = console.ask("GET", "/commands", params=query | {"limit": 1, "before": rows[0]["id"]})
+    page = console.request("GET", "/commands", params=query | {"limit": 1, "before": rows[0]["id"]})
     assert [r["id"] for r in page] == [rows[1]["id"]]
-    assert [r["id"] for r in console.ask("GET", "/commands", params={"text": "22"}) if r["user"] == "ann"] == [
+    assert [r["id"] for r in console.request("GET", "/commands", params={"text": "22"}) if r["user"] == "ann"] == [
         rows[1]["id"]
     ]
     span = {"start": rows[1]["created"], "end": rows[0]["created"]}
-    assert rows[1]["id"] in [r["id"] for r in console.ask("GET", "/commands", params=span)]
-    exported = console.ask("GET", "/commands.json", params=query)
+    assert rows[1]["id"] in [r["id"] for r in console.request("GET", "/commands", params=span)]
+    exported = console.request("GET", "/commands.json", params=query)
     assert [r["id"] for r in exported] == [r["id"] for r in reversed(rows)]
     table = console.client.get("/api/commands.csv", params=query)
     assert table.headers["content-disposition"] == "attachment; filename=commands.csv"
     assert [int(r["id"]) for r in csv.DictReader(io.StringIO(table.text))] == [r["id"] for r in exported]
-    assert "SET_EXPOSURE" in console.ask("GET", "/commands/facets")["names"]
+    assert "SET_EXPOSURE" in console.request("GET", "/commands/facets")["names"]
     moment = rows[0]["created"]
     for path in ("/commands", "/commands.csv", "/commands.json"):
-        assert "span is empty" in console.ask("GET", path, 400, params={"start": moment, "end": moment})["message"]
-    console.ask("GET", "/commands", 422, params={"start": "yesterday"})
+        assert "span is empty" in console.request("GET", path, 400, params={"start": moment, "end": moment})["message"]
+    console.request("GET", "/commands", 422, params={"start": "yesterday"})
 
 
-def test_a_stack_is_kept_tried_run_and_followed(console):
-    """From the form to the record of its run, with the names typed."""
+def test_a_stack_is_stored_tried_run_and_followed(console):
+    """From the form to the record of its run, with the typed names."""
     wait = {"field": "cycle_running", "op": "eq", "value": False, "wait_s": 10}
     steps = [
         {"command": "GET_STATUS", "condition": wait},
         {"command": "POWER", "arguments": {"state": "off"}, "delay_s": 1},
     ]
-    stack = console.ask("POST", "/stacks", 201, json={"name": "evening", "steps": steps})
+    stack = console.request("POST", "/stacks", 201, json={"name": "evening", "steps": steps})
     assert (stack["author"], stack["steps"][1]["arguments"]) == ("ann", {"rail": "imager", "state": "off"})
-    check = console.ask("POST", f"/stacks/{stack['id']}/check")
+    check = console.request("POST", f"/stacks/{stack['id']}/check")
     assert (check["confirm"], check["problems"], check["shortest_s"]) == (["POWER"], [], 1.0)
-    draft = console.ask("POST", "/stacks/check", json={"steps": steps})
+    draft = console.request("POST", "/stacks/check", json={"steps": steps})
     assert [step["size"] for step in draft["steps"]] == [step["size"] for step in check["steps"]]
-    assert "POWER" in console.ask("POST", f"/stacks/{stack['id']}/run", 400, json={"confirm": []})["expected"]
+    assert "POWER" in console.request("POST", f"/stacks/{stack['id']}/run", 400, json={"confirm": []})["expected"]
     subscription = console.services.bus.subscribe(lambda: None)
-    run = console.ask("POST", f"/stacks/{stack['id']}/run", 201, json={"confirm": ["POWER"]})
+    run = console.request("POST", f"/stacks/{stack['id']}/run", 201, json={"confirm": ["POWER"]})
     run = console.wait(
-        lambda: next((r for r in [console.ask("GET", f"/stack-runs/{run['id']}")] if r["finished"]), None)
+        lambda: next((r for r in [console.request("GET", f"/stack-runs/{run['id']}")] if r["finished"]), None)
     )
     assert (run["state"], [s["state"] for s in run["steps"]]) == ("completed", ["completed", "completed"])
     assert {m.topic for m in subscription.take()[0]} >= {"stack_run", "command", "event"}
-    assert [c["name"] for c in console.ask("GET", "/commands", params={"run": run["id"]})] == ["POWER", "GET_STATUS"]
+    assert [c["name"] for c in console.request("GET", "/commands", params={"run": run["id"]})] == [
+        "POWER",
+        "GET_STATUS",
+    ]
     for order in ("pause", "resume", "stop"):
-        console.ask("POST", f"/stack-runs/{run['id']}/{order}", 409)
-    console.ask("POST", f"/stack-runs/{run['id']}/go-on", 409, json={"skip": "", "confirm": []})
-    file = console.ask("GET", f"/stacks/{stack['id']}/stack.json")
-    console.ask("POST", "/stacks/import", 409, json=file)
-    console.ask("DELETE", f"/stacks/{stack['id']}", 204)
-    assert console.ask("POST", "/stacks/import", 201, json=file)["steps"] == stack["steps"]
-    assert console.ask("GET", "/stack-runs")[0]["stack_id"] is None
+        console.request("POST", f"/stack-runs/{run['id']}/{order}", 409)
+    console.request("POST", f"/stack-runs/{run['id']}/go-on", 409, json={"skip": "", "confirm": []})
+    file = console.request("GET", f"/stacks/{stack['id']}/stack.json")
+    console.request("POST", "/stacks/import", 409, json=file)
+    console.request("DELETE", f"/stacks/{stack['id']}", 204)
+    assert console.request("POST", "/stacks/import", 201, json=file)["steps"] == stack["steps"]
+    assert console.request("GET", "/stack-runs")[0]["stack_id"] is None
     for damage in ({"format": "other"}, {"version": 2}, {"steps": "all"}, {"name": 5}):
-        console.ask("POST", "/stacks/import", 422, json=file | damage)
-    bad = console.ask(
+        console.request("POST", "/stacks/import", 422, json=file | damage)
+    bad = console.request(
         "POST",
         "/stacks",
         400,
@@ -208,30 +247,30 @@ def test_a_stack_is_kept_tried_run_and_followed(console):
 
 
 def test_a_command_is_scheduled_listed_and_cancelled(console):
-    """The moment in UTC with its uncertainty; the device's table in words."""
-    clock = console.wait(lambda: console.ask("GET", "/schedule")["clock"])
+    """The time in UTC with its uncertainty; the device's schedule as text."""
+    clock = console.wait(lambda: console.request("GET", "/schedule")["clock"])
     assert clock["uncertainty_s"] < 1
     at = (console.services.link._now() + timedelta(seconds=300)).isoformat()
     body = {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 44}, "at": at}
-    check = console.ask("POST", "/schedule/check", json=body)
+    check = console.request("POST", "/schedule/check", json=body)
     assert (check["problems"], check["hazard"]) == ([], "watch")
     assert bytes.fromhex(next(g["hex"] for g in check["bytes"] if g["label"] == "payload"))[:2] == b"\0\x2c"
-    row = console.end(console.ask("POST", "/schedule", 201, json=body))
+    row = console.end(console.request("POST", "/schedule", 201, json=body))
     number = row["values"]["schedule_id"]
 
     def entry() -> Any:
-        return next((e for e in console.ask("GET", "/schedule")["entries"] if e["schedule_id"] == number), None)
+        return next((e for e in console.request("GET", "/schedule")["entries"] if e["schedule_id"] == number), None)
 
     found = console.wait(entry)
     assert (found["command"], found["text"], found["state"]) == ("SET_EXPOSURE", "exposure 44", "waiting")
     assert found["at"][:16] == check["at"][:16]
-    console.end(console.ask("POST", f"/schedule/{number}/cancel", 201))
+    console.end(console.request("POST", f"/schedule/{number}/cancel", 201))
     console.wait(lambda: entry()["state"] == "cancelled")
-    console.ask("POST", f"/schedule/{number}/cancel", 409)
-    console.ask("POST", "/schedule/99/cancel", 404)
-    assert "past" in console.ask("POST", "/schedule", 400, json=body | {"at": "2020-01-01T00:00:00Z"})["message"]
-    assert "at once" in console.ask("POST", "/schedule", 400, json={"command": "ABORT", "at": at})["message"]
-    console.ask("POST", "/schedule", 409, user="bob", json=body)
-    console.ask("POST", "/schedule", 422, json=body | {"at": "noon"})
-    assert console.end(console.ask("POST", "/schedule/refresh", 201))["name"] == "LIST_SCHEDULE"
-    assert console.end(console.ask("POST", "/schedule/cancel-all", 201))["result"] == "completed"
+    console.request("POST", f"/schedule/{number}/cancel", 409)
+    console.request("POST", "/schedule/99/cancel", 404)
+    assert "past" in console.request("POST", "/schedule", 400, json=body | {"at": "2020-01-01T00:00:00Z"})["message"]
+    assert "immediately" in console.request("POST", "/schedule", 400, json={"command": "ABORT", "at": at})["message"]
+    console.request("POST", "/schedule", 409, user="bob", json=body)
+    console.request("POST", "/schedule", 422, json=body | {"at": "noon"})
+    assert console.end(console.request("POST", "/schedule/refresh", 201))["name"] == "LIST_SCHEDULE"
+    assert console.end(console.request("POST", "/schedule/cancel-all", 201))["result"] == "completed"

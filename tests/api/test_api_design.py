@@ -1,4 +1,4 @@
-"""The design desk over HTTP."""
+"""Design studies over HTTP."""
 
 from __future__ import annotations
 
@@ -9,16 +9,26 @@ import pytest
 from fastapi.testclient import TestClient
 
 
-def test_cameras_come_with_limits_sources_and_lines(client: TestClient) -> None:
-    """The form's start: five cameras with all their numbers, what each field takes, and their lines of the table."""
+def test_cameras_are_listed_with_limits_sources_and_rows(client: TestClient) -> None:
+    """Initial values of the form: all cameras with their numbers, the range of each field, and their rows of the
+    table.
+    """
     answer = client.get("/api/design/cameras").json()
-    assert [c["name"] for c in answer["cameras"]] == ["sunsat", "cubestar", "far_mst", "oersted", "aim"]
-    assert answer["cameras"][0]["values"]["focal_mm"] == 25.0
+    assert [c["name"] for c in answer["cameras"]] == [
+        "aim",
+        "cubestar",
+        "far_mst",
+        "nos3",
+        "oersted",
+        "sagitta",
+        "sunsat",
+    ]
+    assert answer["cameras"][-1]["values"]["focal_mm"] == 25.0
     assert answer["limits"]["focal_mm"] == {"min": 1.0, "max": 2000.0, "unit": "mm"}
-    assert len(answer["rows"]) == 5
+    assert len(answer["rows"]) == 7
 
 
-def test_a_quick_look_follows_the_edit(client: TestClient) -> None:
+def test_a_quick_study_follows_the_edit(client: TestClient) -> None:
     """Changed fields are named, the field of view follows the focal length, and nothing is NaN."""
     answer = client.post("/api/design", json={"profile": "sunsat", "focal_mm": 50, "mag_limit": 6.0}).json()
     assert answer["changed"] == ["focal_mm", "mag_limit"]
@@ -31,7 +41,7 @@ def test_a_quick_look_follows_the_edit(client: TestClient) -> None:
 @pytest.mark.parametrize(
     ("body", "status", "said"),
     [
-        ({"profile": "hubble"}, 404, "unknown camera"),
+        ({"profile": "hubble"}, 404, "unknown instrument"),
         ({"focal_mm": 0}, 400, "focal_mm is out of range"),
         ({"focal_mm": "long"}, 422, "focal_mm"),
         ({"colour": 1}, 422, "colour"),
@@ -40,17 +50,17 @@ def test_a_quick_look_follows_the_edit(client: TestClient) -> None:
     ],
 )
 @pytest.mark.parametrize("path", ["/api/design", "/api/design/run"])
-def test_impossible_cameras_are_told_at_once(
+def test_impossible_cameras_are_rejected_at_once(
     client: TestClient, path: str, body: dict[str, Any], status: int, said: str
 ) -> None:
-    """Both ways in refuse the same, before anything is queued."""
+    """Both routes reject the same input before anything is queued."""
     answer = client.post(path, json=body)
     assert answer.status_code == status
     assert said in answer.json()["message"]
 
 
 def test_the_full_count_is_a_job_that_can_be_cancelled(client: TestClient) -> None:
-    """It tells its progress and ends when asked to."""
+    """It reports its progress and ends when it is cancelled."""
     job = client.post("/api/design/run", json={"profile": "sunsat"}).json()
     assert job["kind"] == "design"
     client.post(f"/api/jobs/{job['id']}/cancel")
@@ -60,3 +70,10 @@ def test_the_full_count_is_a_job_that_can_be_cancelled(client: TestClient) -> No
             break
         time.sleep(0.05)
     assert state == "cancelled"
+
+
+def test_the_page_starts_with_the_camera_of_the_configured_instrument(client):
+    """The server names it; the page has no built-in default."""
+    found = client.get("/api/design/cameras").json()
+    assert found["unit"] == "cubestar"
+    assert found["unit"] in [camera["name"] for camera in found["cameras"]]

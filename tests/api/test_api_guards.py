@@ -1,4 +1,4 @@
-"""Who may ask: this machine, this origin, and nobody by accident."""
+"""Access by network address, origin and host name; no request is accepted by accident."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gss.domain.errors import BadInput
 from gss.settings import Settings
 
 
-def test_every_answer_carries_the_strict_policy(client):
-    """Content policy and its companions are on pages, data and errors."""
+def test_every_response_has_the_strict_policy(client):
+    """Content policy and related headers are on pages, data and errors."""
     for path in ("/api/health", "/api/frames/999", "/nowhere"):
         headers = client.get(path).headers
         assert "default-src 'self'" in headers["content-security-policy"]
@@ -22,7 +22,9 @@ def test_every_answer_carries_the_strict_policy(client):
 
 
 def test_a_foreign_page_can_neither_read_nor_change(client):
-    """Another origin, another host name (DNS rebinding) and a request without our mark are refused with words."""
+    """Another origin, another host name (DNS rebinding) and a request without the CSRF token are rejected with a
+    message.
+    """
     assert client.get("/api/link", headers={"Origin": "http://evil.example"}).status_code == 403
     assert client.get("/api/link", headers={"Host": "evil.example"}).status_code == 403
     reply = client.post("/api/link/close", headers={"Origin": "http://evil.example"})
@@ -30,30 +32,30 @@ def test_a_foreign_page_can_neither_read_nor_change(client):
     unmarked = client.build_request("POST", "/api/link/close")
     del unmarked.headers["X-GSS"]
     reply = client.send(unmarked)
-    assert (reply.status_code, reply.json()["message"]) == (403, "a change needs the session's own mark")
+    assert (reply.status_code, reply.json()["message"]) == (403, "the CSRF token is missing or wrong")
 
 
-def test_our_own_page_may(client):
-    """The same origin is welcome."""
+def test_our_own_page_is_accepted(client):
+    """A request of the same origin passes."""
     reply = client.post("/api/link/close", headers={"Origin": "http://localhost"})
     assert reply.status_code == 200
 
 
-def test_a_body_beyond_the_cap_is_refused_before_it_is_read(client):
-    """The length alone is enough."""
+def test_a_body_beyond_the_limit_is_rejected_before_it_is_read(client):
+    """The declared length is enough."""
     reply = client.post("/api/frames/import", headers={"Content-Length": str(1 << 30)}, content=b"x")
     assert reply.status_code == 413
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.8.8.8", "::1", "localhost"])
-def test_loopback_addresses_may_be_listened_on(host):
+def test_loopback_addresses_are_permitted_for_listening(host):
     """All of them."""
     check_exposure(Settings(host=host))
 
 
 @pytest.mark.parametrize("host", ["192.168.1.5", "example.org", "", "::", "0.0.0.0"])  # noqa: S104 - that is the point
 def test_other_addresses_need_tls_or_a_proxy(host):
-    """Both with all that belongs to them."""
+    """Each with its complete settings."""
     with pytest.raises(BadInput, match="loopback only"):
         check_exposure(Settings(host=host))
     check_exposure(Settings(host=host, tls_certificate="c.pem", tls_key="k.pem"))
@@ -77,16 +79,16 @@ def test_other_addresses_need_tls_or_a_proxy(host):
         ("catalogues/preview", {"orbit": "elements", "mounting_deg": [1e308, 0, 0]}),
     ],
 )
-def test_numbers_beyond_any_use_are_refused_by_the_schema(
+def test_numbers_out_of_range_are_rejected_by_the_schema(
     client: TestClient, path: str, body: dict[str, object]
 ) -> None:
-    """Ids that no row can have, and sizes and angles that nothing has, are a 422 that names the field."""
+    """Impossible ids, sizes and angles give a 422 that names the field."""
     reply = client.post(f"/api/{path}", json=body)
     assert reply.status_code == 422, reply.text
 
 
-def test_every_id_in_a_request_has_an_end(client: TestClient) -> None:
-    """No integer that travels in is without a largest value: the database counts in 32 bits."""
+def test_every_id_in_a_request_is_bounded(client: TestClient) -> None:
+    """No integer in a request lacks a maximum: the database has 32-bit ids."""
     schemas = client.app.openapi()["components"]["schemas"]
     for name, schema in schemas.items():
         if name.endswith("In"):

@@ -1,4 +1,4 @@
-"""The documents as pages of our own origin."""
+"""The documents as pages of the same origin."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def reader():
 
 
 def test_contents_chapters_and_pictures_are_served(reader):
-    """/help leads to every chapter; a chapter has its headings as anchors; its pictures come from here."""
+    """/help links to every chapter; the headings of a chapter are anchors; its pictures are served by GSS."""
     contents = reader.get("/help")
     assert contents.status_code == 200
     assert "/help/operator" in contents.text
@@ -33,21 +33,21 @@ def test_contents_chapters_and_pictures_are_served(reader):
 
 
 @pytest.mark.parametrize("name", ["nothing", "..%2Fpyproject", "README.md", "%00", "pictures"])
-def test_what_is_no_chapter_is_a_page_that_says_so(reader, name):
-    """Only known names are files; the rest is told with the contents beside it."""
+def test_an_unknown_chapter_is_a_page_with_the_contents(reader, name):
+    """Only known names are read as files; the response lists the contents."""
     answer = reader.get(f"/help/{name}")
     assert answer.status_code == 404
     assert "Operator" in answer.text or "no such" in answer.text or "Not Found" in answer.text
 
 
 @pytest.mark.parametrize("name", ["..%2F..%2Fpyproject.toml", "live.md", ".png", "x%00.png"])
-def test_a_picture_is_only_ever_a_picture(reader, name):
-    """Nothing outside the folder, nothing of another kind."""
+def test_only_pictures_are_served_as_pictures(reader, name):
+    """No file outside the folder or of another type."""
     assert reader.get(f"/help/pictures/{name}").status_code == 404
 
 
 def test_a_document_runs_nothing(tmp_path):
-    """Markup in a document is shown, not run; a script for an address is no link."""
+    """Markup in a document is shown as text; a script as an address gives no link."""
     text = "# T\n\n<script>alert(1)</script> <b onclick=x>hi</b>\n\n[a](javascript:alert(1)) ![p](../x/y.png) [c](other.md#part)"
     known = {"other": Document("other", "Other", ".", tmp_path / "other.md")}
     page = help_page(text, None, known)
@@ -58,7 +58,7 @@ def test_a_document_runs_nothing(tmp_path):
     assert 'href="/help/other#part"' in page
 
 
-def test_two_headings_of_one_name_have_two_anchors():
+def test_two_equal_headings_have_different_anchors():
     """The second gets a number, as on code hosts."""
     page = help_page("# A\n\n## Part `x`\n\n## Part `x`\n", None, {})
     assert 'id="part-x"' in page

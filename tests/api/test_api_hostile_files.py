@@ -1,4 +1,4 @@
-"""Uploads made to freeze the server or to fill its memory: one clear answer, and ABORT meanwhile."""
+"""Uploads that try to block the server or to fill its memory get one clear response, and ABORT works meanwhile."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ BOUND_S = ParseLimits().wall_s + 5
 
 @pytest.fixture
 def admin(clients: dict[str, TestClient]) -> TestClient:
-    """Who may do all this."""
+    """A client with all permissions."""
     return clients["admin"]
 
 
@@ -56,17 +56,17 @@ def send(client: TestClient, name: str, data: bytes) -> Any:
 
 
 @pytest.mark.parametrize("name", [*LISTS, *FRAMES])
-def test_a_hostile_file_is_refused_and_abort_is_answered(admin: TestClient, hostile: ModuleType, name: str) -> None:
-    """4xx with what was expected, within the limits, while ABORT and the health of the server are answered."""
+def test_a_hostile_file_is_rejected_while_abort_works(admin: TestClient, hostile: ModuleType, name: str) -> None:
+    """4xx with the expected form, within the limits, while ABORT and the health request are answered."""
     data, replies, began_s = hostile.content(name), [], time.monotonic()
     upload = threading.Thread(target=lambda: replies.append(send(admin, name, data)))
     upload.start()
     while True:
         under_way = upload.is_alive()
-        asked_s = time.monotonic()
-        assert admin.post("/api/commands/abort").status_code == 409  # the line is down
+        requested_s = time.monotonic()
+        assert admin.post("/api/commands/abort").status_code == 409  # the link is down
         assert admin.get("/api/health").status_code in (200, 503)
-        assert time.monotonic() - asked_s < 10
+        assert time.monotonic() - requested_s < 10
         if not under_way:
             break
         upload.join(0.05)
@@ -76,19 +76,19 @@ def test_a_hostile_file_is_refused_and_abort_is_answered(admin: TestClient, host
 
 
 def test_a_comment_of_blanks_is_read(admin: TestClient, hostile: ModuleType) -> None:
-    """40 000 blanks in a comment take no time; the list below them is kept."""
+    """40 000 blanks in a comment cost no time; the list below them is read."""
     reply = send(admin, "blanks.csv", hostile.content("blanks.csv"))
     assert (reply.status_code, reply.json()["stars"]) == (201, 24)
 
 
-def test_files_beyond_the_turns_are_sent_away(app: FastAPI, admin: TestClient) -> None:
-    """With every turn taken, an upload is answered 503 with the time after which to try again, and ABORT as ever."""
+def test_uploads_beyond_the_limit_are_rejected(app: FastAPI, admin: TestClient) -> None:
+    """With every parser in use, an upload gets 503 with the time to retry, and ABORT works."""
     places = app.state.services.parsing._places
     count = Turns().at_once + Turns().waiting
     taken = [places.acquire(blocking=False) for _ in range(count)]
     try:
         reply = send(admin, "a.csv", b"id,ra,dec,v\n1,2,3,4\n")
-        assert (reply.status_code, reply.json()["message"]) == (503, "the server is busy reading other files")
+        assert (reply.status_code, reply.json()["message"]) == (503, "the server is reading other files")
         assert int(reply.headers["retry-after"]) > 0
         assert admin.post("/api/commands/abort").status_code == 409
     finally:
@@ -97,7 +97,7 @@ def test_files_beyond_the_turns_are_sent_away(app: FastAPI, admin: TestClient) -
     assert sum(taken) == count
 
 
-def test_a_frame_comes_through_the_child_as_it_was(app: FastAPI, admin: TestClient) -> None:
+def test_a_frame_is_unchanged_by_the_child_process(app: FastAPI, admin: TestClient) -> None:
     """Pixels of an imported picture are those of the file."""
     pixels = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64)
     file = io.BytesIO()
@@ -108,10 +108,10 @@ def test_a_frame_comes_through_the_child_as_it_was(app: FastAPI, admin: TestClie
     assert (frames.pixels(frames.get(reply.json()["id"])) == pixels).all()
 
 
-def test_a_stop_of_the_server_ends_the_reading(
+def test_stopping_the_server_ends_the_reading(
     app_of: Callable[..., FastAPI], signed_in: Callable[..., dict[str, str]], hostile: ModuleType
 ) -> None:
-    """A server that stops does not wait for a file that is being read."""
+    """A stopping server does not wait for a file that is being read."""
     app = app_of({})
     headers = signed_in(app.state.services, "admin", "ann")
     client = TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)

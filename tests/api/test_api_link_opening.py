@@ -1,4 +1,4 @@
-"""Opening a line to a peer that does not answer costs nothing but that opening."""
+"""Opening a link to a peer that does not answer blocks only that request."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ def silent() -> Iterator[str]:
         yield f"rfc2217://127.0.0.1:{listener.getsockname()[1]}"
 
 
-def test_openings_that_hang_leave_every_other_route_answering(client: TestClient, silent: str) -> None:
-    """Of many openings at a time one waits, the others are refused with a reason; meanwhile routes that need a thread answer."""
+def test_hanging_openings_leave_every_other_route_answering(client: TestClient, silent: str) -> None:
+    """Of many simultaneous openings one waits, the others are rejected with a reason; meanwhile routes that need a
+    thread answer.
+    """
     with ThreadPoolExecutor(MANY) as threads:
         openings = [threads.submit(client.post, "/api/link/open", json={"url": silent}) for _ in range(MANY)]
         for path in ("/api/link", "/api/commands", "/api/contacts", "/api/frames"):

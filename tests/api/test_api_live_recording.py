@@ -12,8 +12,8 @@ from starlette.requests import ClientDisconnect
 from gss.api.routers.rerun import Pieces
 
 
-def test_who_is_gone_before_the_first_piece_keeps_no_place() -> None:
-    """The recording is closed although nothing of it was ever asked for."""
+def test_a_client_that_left_before_the_first_block_frees_its_place() -> None:
+    """The recording is closed although no data were requested."""
     closed: list[bool] = []
 
     async def pieces() -> AsyncIterator[bytes]:

@@ -1,4 +1,4 @@
-"""What an API worker answers itself: exactly what the table names."""
+"""An API worker answers itself exactly the routes in the table."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import re
 from gss.api.workers.local_routes import LOCAL, is_local
 
 
-def test_the_table_names_routes_and_decides_about_them_alone(client):
-    """Each entry is a route of the application; every other route of data is forwarded, whatever stands in its parameters."""
+def test_the_table_alone_decides_which_routes_are_local(client):
+    """Each entry is a route of the application; every other data route is forwarded, whatever its parameters."""
     paths = client.get("/api/openapi.json").json()["paths"]
     routes = {(method.upper(), path) for path, methods in paths.items() for method in methods}
     named = {(method, path) for method, templates in LOCAL.items() for path in templates}

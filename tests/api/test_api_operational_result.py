@@ -1,4 +1,6 @@
-"""The operational ground result of a frame: from the configured chain and the frame's camera, whatever else is run beside it."""
+"""The operational ground result of a frame comes from the configured chain and the frame's camera, whatever else is
+run.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,11 @@ from PIL import Image
 
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.render import render
+from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import Services, build
+from gss.wiring import build
 
 CHAIN = "oersted"
 PHOTOGRAPH = 4
@@ -25,8 +28,8 @@ PHOTOGRAPH = 4
 
 
 def rendered(seed: int) -> bytes:
-    """A PNG of stars as the cubestar camera shows them."""
-    known, rng = profile("cubestar"), np.random.default_rng(seed)
+    """Return a PNG of stars as the cubestar camera images them."""
+    known, rng = shipped_camera("cubestar"), np.random.default_rng(seed)
     stars = propagate(load_stars(known.sensor.faint_limit_mag + 0.5), 2026.5)
     pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
     out = io.BytesIO()
@@ -35,7 +38,7 @@ def rendered(seed: int) -> bytes:
 
 
 def until(ready: Callable[[], bool]) -> None:
-    """Wait until it is so."""
+    """Wait until ``ready()`` is true."""
     for _ in range(1200):
         if ready():
             return
@@ -62,7 +65,7 @@ def client(services: Services, client_of: Callable[..., TestClient]) -> Iterator
 
 
 def ground(client: TestClient) -> dict[int, dict[str, Any]]:
-    """What the list, the frame's page and its FITS file say of the ground result, by frame."""
+    """Return the ground result of each frame in the list, the frame's page and its FITS file."""
     shown = {}
     for row in client.get("/api/frames").json()["frames"]:
         detail = client.get(f"/api/frames/{row['id']}").json()
@@ -78,15 +81,17 @@ def ground(client: TestClient) -> dict[int, dict[str, Any]]:
 
 
 def ran(client: TestClient, job: Any) -> None:
-    """The job has ended well."""
+    """Check that the job completed."""
     assert job.status_code == 201, job.text
     path = f"/api/jobs/{job.json()['id']}"
     until(lambda: client.get(path).json()["finished"] is not None)
     assert client.get(path).json()["state"] == "done", client.get(path).json()
 
 
-def test_a_campaign_with_another_chain_leaves_the_ground_result(client: TestClient) -> None:
-    """Every frame keeps the result of the configured chain in list, detail, filters and export; the campaign's is beside it."""
+def test_a_campaign_with_another_chain_keeps_the_ground_result(client: TestClient) -> None:
+    """Every frame keeps the result of the configured chain in list, detail, filters and export; the campaign's is
+    stored beside it.
+    """
     before = ground(client)
     assert {v["list"]["outcome"] for v in before.values()} == {"solved"}
     ran(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN}))
@@ -97,8 +102,8 @@ def test_a_campaign_with_another_chain_leaves_the_ground_result(client: TestClie
         assert [s["operational"] for s in beside] == [False]
 
 
-def test_a_run_by_hand_and_the_same_chain_again_leave_it_too(client: TestClient) -> None:
-    """Another chain, another camera, and even the configured chain once more are stored beside the operational result."""
+def test_a_manual_run_keeps_the_ground_result(client: TestClient) -> None:
+    """Another chain, another camera, and even the configured chain again are stored beside the operational result."""
     before = ground(client)
     for body in ({"chain": "cubestar"}, {"fov_deg": 30.0}, {"blind": True}, {}):
         assert client.post("/api/frames/1/solve", json=body).status_code == 201
@@ -106,8 +111,8 @@ def test_a_run_by_hand_and_the_same_chain_again_leave_it_too(client: TestClient)
     assert ground(client) == before
 
 
-def test_the_page_is_told_chain_and_camera(client: TestClient) -> None:
-    """The ground result says which chain and which camera it is from; an unknown camera is said to be solved blind."""
+def test_the_ground_result_names_chain_and_camera(client: TestClient) -> None:
+    """A frame of an unknown camera is marked as solved blind."""
     shown = {row["id"]: (row["chain"], row["camera_name"]) for row in client.get("/api/frames").json()["frames"]}
     assert shown == dict.fromkeys(range(1, PHOTOGRAPH), ("reference", "cubestar")) | {
         PHOTOGRAPH: ("reference", "blind")
@@ -115,8 +120,8 @@ def test_the_page_is_told_chain_and_camera(client: TestClient) -> None:
     assert client.get("/api/frames/1").json()["ground"]["camera_name"] == "cubestar"
 
 
-def test_an_engineer_pins_another_result(client: TestClient, services: Services, client_of: Any) -> None:
-    """A deliberate act changes the result of one frame, is audited, can be taken back, and is not an operator's."""
+def test_an_engineer_selects_another_result(client: TestClient, services: Services, client_of: Any) -> None:
+    """The selection changes the result of one frame, is audited, can be undone, and is not permitted to operators."""
     before = ground(client)
     detail = client.get("/api/frames/2").json()
     other = next(s for s in detail["solutions"] if s["chain"] == CHAIN)
@@ -134,7 +139,7 @@ def test_an_engineer_pins_another_result(client: TestClient, services: Services,
     assert ground(client) == before
 
 
-def test_what_cannot_be_the_ground_result_is_refused(client: TestClient) -> None:
+def test_an_invalid_selection_is_rejected(client: TestClient) -> None:
     """A result of another frame, and one that does not exist."""
     other = client.get("/api/frames/3").json()["ground"]["id"]
     wrong = client.put("/api/frames/2/operational", json={"solution_id": other})
@@ -142,14 +147,12 @@ def test_what_cannot_be_the_ground_result_is_refused(client: TestClient) -> None
     assert client.put("/api/frames/2/operational", json={"solution_id": 999999}).status_code == 404
 
 
-def test_a_frame_that_was_not_solved_when_it_came_gets_its_result_from_a_campaign(
-    client: TestClient, services: Services
-) -> None:
+def test_a_frame_without_a_result_gets_it_from_a_campaign(client: TestClient, services: Services) -> None:
     """The configured chain with the frame's camera fills an empty place; another chain or another camera does not."""
     row = services.frames.get(1)
     skipped = {"source": "import", "name": "skipped", "profile": "cubestar"}
     known = {name: getattr(row, name) for name in ("bits", "exposure_s", "taken")}
-    frame = services.frames._add(services.frames.pixels(row), **skipped, **known)
+    frame, _ = services.frames._add(services.frames.pixels(row), **skipped, **known)
     ran(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN, "frame_ids": [frame.id]}))
     assert client.post(f"/api/frames/{frame.id}/solve", json={"blind": True}).status_code == 201
     assert client.get(f"/api/frames/{frame.id}").json()["ground"] is None

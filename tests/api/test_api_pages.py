@@ -1,4 +1,4 @@
-"""The pages' files and long answers: compressed, kept, and never from the disk by a name that somebody sent."""
+"""Page files and long responses: compressed, cached, and never read from disk by a name from a request."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ def pages(folder: Path) -> TestClient:
     return TestClient(app, raise_server_exceptions=False)
 
 
-def test_hashed_files_are_kept_for_ever_and_compressed_for_whoever_can_read_it(pages):
-    """A name that holds a hash never changes; both forms have their own mark, and a known one is not sent again."""
+def test_hashed_files_are_immutable_and_compressed_on_request(pages):
+    """A name with a hash never changes; each form has its own ETag, and a known one is not sent again."""
     packed = pages.get("/assets/app-1a2b.js", headers={"Accept-Encoding": "gzip"})
     plain = pages.get("/assets/app-1a2b.js", headers={"Accept-Encoding": "identity"})
     assert packed.headers["content-encoding"] == "gzip"
@@ -48,8 +48,8 @@ def test_hashed_files_are_kept_for_ever_and_compressed_for_whoever_can_read_it(p
     assert (head.headers["content-length"], head.content) == (str(len(plain.content)), b"")
 
 
-def test_every_address_of_the_console_is_the_one_page_and_nothing_else_is(pages):
-    """What the page's script knows gets the page, asked for again each time; files that are not there, data and changes do not."""
+def test_only_addresses_of_the_console_return_the_page(pages):
+    """The script's routes get the page, revalidated each time; missing files, data and changes do not."""
     for address in ("/", "/live", "/frames/12"):
         reply = pages.get(address)
         assert (reply.status_code, reply.headers["cache-control"]) == (200, "no-cache")
@@ -66,7 +66,7 @@ def test_every_address_of_the_console_is_the_one_page_and_nothing_else_is(pages)
     assert pages.post("/live").status_code == 405
 
 
-def test_pages_that_are_built_anew_are_served_anew(pages, folder):
+def test_rebuilt_pages_are_served_at_once(pages, folder):
     """A running server shows a new build without a restart."""
     assert pages.get("/assets/app-9z.js").status_code == 404
     (folder / "assets" / "app-9z.js").write_text("new")
@@ -75,8 +75,8 @@ def test_pages_that_are_built_anew_are_served_anew(pages, folder):
     assert "another page" in pages.get("/live").text
 
 
-def test_only_long_whole_answers_without_a_secret_are_compressed():
-    """JSON of some length is; a short one, a picture, a stream and the session's own answer stay as they are."""
+def test_only_long_complete_responses_without_a_secret_are_compressed():
+    """A long JSON is; a short one, a picture, a stream and the session's own response are not."""
 
     async def app(scope, receive, send):
         kind, size, pieces = scope["query_string"].decode().split(",")

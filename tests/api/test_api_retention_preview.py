@@ -1,4 +1,4 @@
-"""What a removal would take is told before anything is chosen."""
+"""The effect of a removal is shown before a policy is chosen."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gss.store.models import Event
 
 
 def test_a_preview_counts_and_changes_nothing(client):
-    """With lines of the record a moment old allowed to go, they are counted; the policy in force stays, and so do the lines."""
+    """With deletion of recent events permitted, they are counted; the current policy and the events stay."""
     before = client.get("/api/admin/retention").json()
     harmless = client.post("/api/admin/retention/preview", json={})
     assert harmless.status_code == 200, harmless.text
@@ -18,21 +18,23 @@ def test_a_preview_counts_and_changes_nothing(client):
     assert harmless.json()["unusual"] == ""
     app = client.app.state.services
     app.bus.record("test", "ok", "a line to count")
-    told = client.post("/api/admin/retention/preview", json={"events_days": 1e-9, "keep_frames": 0}).json()
-    assert told["events"] >= 1
+    preview = client.post("/api/admin/retention/preview", json={"events_days": 1e-9, "keep_frames": 0}).json()
+    assert preview["events"] >= 1
     assert client.get("/api/admin/retention").json()["events_days"] == before["events_days"] == 0
     assert any(row["text"] == "a line to count" for row in client.get("/api/events?after=0").json())
 
 
-def test_a_preview_refuses_what_could_not_be_chosen(client):
-    """Packets that would go before they are thinned."""
+def test_an_invalid_policy_has_no_preview(client):
+    """Packets that would be deleted before they are thinned."""
     wrong = client.post("/api/admin/retention/preview", json={"telemetry_days": 1, "telemetry_thin_days": 2})
     assert wrong.status_code == 400
     assert "thinned" in wrong.json()["message"]
 
 
-def test_the_clock_is_confirmed_by_an_admin_only(client, client_of):
-    """In doubt the page says why and a removal is refused; only the permission of retention confirms, and it is audited."""
+def test_only_an_admin_confirms_the_clock(client, client_of):
+    """With an untrusted clock the page states the reason and a removal is rejected; only the permission for retention
+    confirms, and it is audited.
+    """
     app = client.app.state.services
     now = app.upkeep.trust.state().now
     app.upkeep.trust._keep(now - timedelta(days=3652), "test")
@@ -52,8 +54,8 @@ def test_the_clock_is_confirmed_by_an_admin_only(client, client_of):
     ), rows
 
 
-def test_an_unusual_removal_is_run_with_the_confirmed_preview(client):
-    """Thousands of lines of the record that are all older than the policy: 409 without, a job with what the preview said."""
+def test_an_unusual_removal_needs_the_confirmed_preview(client):
+    """Thousands of events older than the policy: 409 without the preview, a job with its figures."""
     app = client.app.state.services
     old = app.upkeep.trust.state().now - timedelta(days=40)
     with app.database.unit_of_work() as session:
@@ -68,7 +70,7 @@ def test_an_unusual_removal_is_run_with_the_confirmed_preview(client):
     assert (refused.status_code, "2100 of" in refused.json()["got"]) == (409, True), refused.text
     confirmed = {name: preview[name] for name in ("at", "frames", "frames_bytes", "packets", "to_thin", "events")}
     fewer = client.post("/api/admin/retention/run", json={"confirmed": confirmed | {"events": 2000}})
-    assert (fewer.status_code, "more would be removed" in fewer.json()["message"]) == (409, True), fewer.text
+    assert (fewer.status_code, "more data would be removed" in fewer.json()["message"]) == (409, True), fewer.text
     job = client.post("/api/admin/retention/run", json={"confirmed": confirmed})
     assert job.status_code == 202, job.text
     app.jobs.finish()

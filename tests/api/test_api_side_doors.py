@@ -1,4 +1,4 @@
-"""Who may do what, and whose name goes on the record."""
+"""Every route checks authority, and the audit log has the right user."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 
 @pytest.fixture(scope="module")
 def headers(client: TestClient, signed_in: Callable[..., dict[str, str]]) -> dict[str, dict[str, str]]:
-    """Of requests of alice, bob and carol."""
+    """Headers of requests of alice, bob and carol."""
     return {name: signed_in(client.app.state.services, "operator", name) for name in ("alice", "bob", "carol")}
 
 
@@ -27,18 +27,18 @@ def headers(client: TestClient, signed_in: Callable[..., dict[str, str]]) -> dic
         ("/api/commands", {"name": "GET_STATUS", "arguments": {}, "confirm": ""}),
     ],
 )
-def test_nobody_else_commands_through_a_side_door(
+def test_no_other_user_commands_through_another_route(
     client: TestClient, headers: dict[str, dict[str, str]], path: str, body: dict[str, Any] | None
 ) -> None:
-    """While alice holds authority bob is told so, whatever door he takes."""
+    """While alice has authority bob is rejected on every route."""
     assert client.post("/api/authority/take", headers=headers["alice"]).status_code in (200, 409)
     answer = client.post(path, json=body, headers=headers["bob"])
     assert answer.status_code == 409, answer.text
     assert "alice" in answer.text
 
 
-def test_the_record_names_who_changed_a_limit(client: TestClient, headers: dict[str, dict[str, str]]) -> None:
-    """Not the server's own user."""
+def test_a_limit_change_is_recorded_with_its_user(client: TestClient, headers: dict[str, dict[str, str]]) -> None:
+    """It is not recorded under the server's own user."""
     limit = {
         "watch": [-10, 40],
         "warning": [None, None],
@@ -53,21 +53,21 @@ def test_the_record_names_who_changed_a_limit(client: TestClient, headers: dict[
 
 
 @pytest.mark.parametrize("path", ["/api/commands", "/api/commands.csv", "/api/telemetry/packets"])
-def test_a_moment_beyond_the_calendar_is_told(client: TestClient, path: str) -> None:
-    """422, not a defect and not an empty file."""
+def test_a_time_beyond_the_calendar_is_rejected(client: TestClient, path: str) -> None:
+    """422, not a server error and not an empty file."""
     assert client.get(path, params={"end": "9999-12-31T23:59:59-14:00"}).status_code == 422
 
 
-def test_what_the_form_offers_can_be_sent_back(client: TestClient) -> None:
-    """Defaults of a parameter set, as they are."""
+def test_default_parameters_are_accepted_unchanged(client: TestClient) -> None:
+    """Defaults of a parameter set can be sent back as they are."""
     offered = client.get("/api/tables/defaults", params={"kind": "parameters", "profile": "cubestar"}).json()
     body = {"kind": "parameters", "name": "as it is", "profile": "cubestar", "content": offered["content"]}
     answer = client.post("/api/tables", json=body)
     assert answer.status_code == 201, answer.text
 
 
-def test_a_number_in_words_is_refused(client: TestClient) -> None:
-    """A focal length of "12" is named, not a defect."""
+def test_a_number_as_text_is_rejected(client: TestClient) -> None:
+    """A focal length of "12" gives an error that names it, not a server error."""
     body = {"kind": "calibration", "name": "x", "profile": "cubestar", "content": {"focal_col_px": "12"}}
     answer = client.post("/api/tables", json=body)
     assert answer.status_code in (400, 422)

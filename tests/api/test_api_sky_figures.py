@@ -1,4 +1,4 @@
-"""The constellations' lines over HTTP."""
+"""Constellation lines over HTTP."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 
-def test_figures_are_rows_of_places_in_degrees(clients: dict[str, TestClient]) -> None:
-    """Of everybody who may look; Crux is two strokes, and the upright one goes from Acrux to Gacrux."""
+def test_constellations_are_rows_of_positions_in_degrees(clients: dict[str, TestClient]) -> None:
+    """Readable by every role that may view; Crux has two lines, and the upright one joins Acrux and Gacrux."""
     found = {figure["name"]: figure["lines"] for figure in clients["viewer"].get("/api/sky/figures").json()}
     assert len(found) >= 40
     upright, _ = found["Crux"]

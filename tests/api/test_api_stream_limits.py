@@ -1,4 +1,4 @@
-"""How many event streams may be open: of one name, and of all; the next one hears why not, and everything else goes on."""
+"""Limits of open event streams per user and in total; a rejected stream gets the reason, and existing ones continue."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ from typing import Any
 
 import pytest
 
-from gss.api.stream.fanout import Fanout, wire
+from gss.api.stream.broadcast import Broadcaster, wire
 from gss.api.stream.route import EventStream
-from gss.domain.errors import TooOften
-from gss.operations.events import StreamCounts
+from gss.domain.errors import RateLimited
+from gss.operations.metrics import StreamCounts
 
 
-def test_each_name_and_all_together_have_a_limit():
-    """Who left makes room; nobody in particular, as a worker's own stream, is not counted against a name."""
-    fanout = Fanout(StreamCounts(), each=2, most=3)
-    first, _ = fanout.join("ann"), fanout.join("ann")
-    with pytest.raises(TooOften, match="at most 2 of one user"):
-        fanout.join("ann")
-    fanout.join("bob")
-    with pytest.raises(TooOften, match="at most 3 of everybody"):
-        fanout.join("eve")
-    fanout.join()
-    assert fanout.counts.refused == 2
-    fanout.leave(first)
-    fanout.join("")
-    with pytest.raises(TooOften):
-        fanout.join("ann")
+def test_each_user_and_all_together_have_a_limit():
+    """A closed stream frees its place; anonymous streams, as a worker's, do not count against a user."""
+    broadcaster = Broadcaster(StreamCounts(), each=2, most=3)
+    first, _ = broadcaster.join("ann"), broadcaster.join("ann")
+    with pytest.raises(RateLimited, match="at most 2 of one user"):
+        broadcaster.join("ann")
+    broadcaster.join("bob")
+    with pytest.raises(RateLimited, match="at most 3 of everybody"):
+        broadcaster.join("eve")
+    broadcaster.join()
+    assert broadcaster.counts.refused == 2
+    broadcaster.leave(first)
+    broadcaster.join("")
+    with pytest.raises(RateLimited):
+        broadcaster.join("ann")
 
 
-def test_one_too_many_is_answered_with_429_and_when_to_come_again():
-    """The answer is a problem as every other, and nothing of a stream was begun."""
+def test_one_stream_too_many_gets_429_with_a_retry_time():
+    """The response is a problem document like every other, and no part of a stream was sent."""
 
     async def run() -> list[Any]:
-        fanout, sent = Fanout(StreamCounts(), each=1), []
-        fanout.newest = wire("link", {}, None)
-        fanout.join("ann")
+        broadcaster, sent = Broadcaster(StreamCounts(), each=1), []
+        broadcaster.newest = wire("link", {}, None)
+        broadcaster.join("ann")
 
         async def send(message: Any) -> None:
             sent.append(message)
@@ -46,22 +46,22 @@ def test_one_too_many_is_answered_with_429_and_when_to_come_again():
             return {"type": "http.request"}
 
         state: dict[str, Any] = {}
-        await EventStream(None, fanout, name="ann")({"type": "http", "state": state}, receive, send)  # type: ignore[arg-type]
+        await EventStream(None, broadcaster, name="ann")({"type": "http", "state": state}, receive, send)  # type: ignore[arg-type]
         assert "too many" in state["detail"]
-        assert len(fanout) == 1
+        assert len(broadcaster) == 1
         return sent
 
     start, body = asyncio.run(run())
     assert start["status"] == 429
     assert dict(start["headers"])[b"retry-after"] == b"10"
-    assert json.loads(body["body"])["message"] == "too many event streams are open"
+    assert json.loads(body["body"])["message"] == "too many open event streams"
 
 
-def test_who_is_gone_before_the_first_byte_does_not_count():
-    """Else a few broken connections would keep somebody out for good."""
+def test_a_client_that_left_before_the_first_byte_does_not_count():
+    """Otherwise a few broken connections would block a user permanently."""
 
     async def run() -> int:
-        fanout = Fanout(StreamCounts(), each=1)
+        broadcaster = Broadcaster(StreamCounts(), each=1)
 
         async def gone(_message: Any) -> None:
             raise OSError("gone")
@@ -69,16 +69,16 @@ def test_who_is_gone_before_the_first_byte_does_not_count():
         async def silent() -> Any:
             await asyncio.Event().wait()
 
-        await EventStream(None, fanout, name="ann")({"type": "http", "state": {}}, silent, gone)  # type: ignore[arg-type]
-        return len(fanout)
+        await EventStream(None, broadcaster, name="ann")({"type": "http", "state": {}}, silent, gone)  # type: ignore[arg-type]
+        return len(broadcaster)
 
     assert asyncio.run(run()) == 0
 
 
-def test_refused_streams_are_counted_and_written_once_a_minute(client):
-    """A page that tries again and again fills neither the record nor the log of denials; the figure tells how often."""
-    fanout = client.app.state.fanout
-    listeners = [fanout.join("ann") for _ in range(20)]
+def test_rejected_streams_are_counted_and_logged_once_a_minute(client):
+    """A page that retries in a loop fills neither the audit log nor the log of denials; the count is recorded."""
+    broadcaster = client.app.state.broadcaster
+    listeners = [broadcaster.join("ann") for _ in range(20)]
     try:
         before = len(client.get("/api/audit", params={"action": "route."}).json())
         assert [client.get("/api/stream").status_code for _ in range(4)] == [429] * 4
@@ -86,7 +86,7 @@ def test_refused_streams_are_counted_and_written_once_a_minute(client):
         figures = client.get("/metrics").text
     finally:
         for listener in listeners:
-            fanout.leave(listener)
+            broadcaster.leave(listener)
     assert "gss_streams_refused_total 4" in figures
     rows = client.get("/api/audit", params={"action": "route."}).json()
     assert len(rows) == before + 1
@@ -94,8 +94,8 @@ def test_refused_streams_are_counted_and_written_once_a_minute(client):
 
 
 @pytest.mark.parametrize("path", ["/api/frames/", "/api/link/", "/api/session/", "/help/"])
-def test_a_slash_too_many_leads_nowhere_else(client, path):
-    """A redirect would name the address behind the proxy; it is not found, or the page that the pages' own script knows."""
+def test_a_double_slash_does_not_redirect(client, path):
+    """A redirect would reveal the address behind the proxy; the response is 404, or the page for routes of the console."""
     reply = client.get(path, headers={"Host": "localhost"}, follow_redirects=False)
     assert reply.status_code in (200, 404)
     assert "location" not in reply.headers

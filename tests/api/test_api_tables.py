@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-from gss.catalogue_tools.tables.triplets import decode_triplets
+from gss.catalogue_tools.formats.triplet_table import decode_triplets
 from gss.device.tables import decode_table
 
 
@@ -25,7 +25,7 @@ def catalogue(client: TestClient, **request: Any) -> int:
 
 @pytest.mark.parametrize("kind", ["calibration", "parameters"])
 @pytest.mark.parametrize("profile", ["cubestar", "sunsat", "far_mst", "oersted", "aim"])
-def test_every_camera_s_own_values_make_a_table_that_says_the_same(client: TestClient, kind: str, profile: str) -> None:
+def test_every_camera_s_values_survive_the_table_format(client: TestClient, kind: str, profile: str) -> None:
     """Defaults to bytes and back."""
     defaults = client.get("/api/tables/defaults", params={"kind": kind, "profile": profile}).json()["content"]
     made = client.post("/api/tables", json={"kind": kind, "name": "own", "profile": profile})
@@ -38,7 +38,7 @@ def test_every_camera_s_own_values_make_a_table_that_says_the_same(client: TestC
 
 
 def test_triplets_are_built_of_a_stored_catalogue(client: TestClient) -> None:
-    """The table belongs to that bank image's rows; another camera's catalogue is refused."""
+    """The table belongs to that bank image's rows; another camera's catalogue is rejected."""
     number = catalogue(client, faint_mag=5.5, pair_max_deg=5.0)
     body = {
         "kind": "triplets",
@@ -59,8 +59,8 @@ def test_triplets_are_built_of_a_stored_catalogue(client: TestClient) -> None:
     assert client.post("/api/tables", json=body | {"content": {"catalogue_id": 9999}}).status_code == 404
 
 
-def test_without_a_device_nothing_can_be_sent_and_the_answer_says_why(client: TestClient) -> None:
-    """Uploads and downloads need a line."""
+def test_without_a_device_sending_is_rejected_with_the_reason(client: TestClient) -> None:
+    """Uploads and downloads need a link."""
     made = client.post("/api/tables", json={"kind": "calibration", "profile": "cubestar"}).json()
     assert made["name"] == "cubestar calibration"
     assert client.get("/api/tables/on-board").json() == []

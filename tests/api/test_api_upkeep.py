@@ -11,7 +11,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 
 def ended(client, reply):
-    """The job of a reply when it has ended."""
+    """Return the job of a response after its end."""
     assert reply.status_code == 202, reply.text
     for _ in range(1000):
         job = client.get(f"/api/jobs/{reply.json()['id']}").json()
@@ -21,18 +21,33 @@ def ended(client, reply):
     pytest.fail("the job did not end")
 
 
-def test_health_names_every_thing_with_its_state(client):
-    """A server without a line and without a backup says both, in words."""
+def test_health_lists_every_part_with_its_state(client):
+    """A server without a link and without a backup reports both."""
     health = client.get("/api/admin/health").json()
     states = {check["name"]: check["state"] for check in health["checks"]}
-    wanted = ["database", "disk", "captures", "link", "jobs", "queues", "clock", "backup", "memory", "version"]
+    wanted = [
+        "database",
+        "audit log",
+        "disk",
+        "blobs",
+        "captures",
+        "link",
+        "jobs",
+        "queues",
+        "clock",
+        "backup",
+        "memory",
+        "version",
+    ]
     assert [name for name in wanted if name not in states] == []
     assert (states["database"], states["disk"], states["backup"]) == ("ok", "ok", "watch")
     assert health["state"] == "watch"
 
 
-def test_figures_are_read_by_prometheus_own_reader(client):
-    """Every family has its type and help; counters of requests rise, and no address that anybody makes up becomes a label."""
+def test_metrics_are_readable_by_prometheus_parser(client):
+    """Every family has its type and help; request counters increase, and no address invented by a client becomes a
+    label.
+    """
     for path in ("/api/frames", "/api/frames", "/api/dictionary", "/api/made-up", "/api/made-up-2"):
         client.get(path)
     reply = client.get("/metrics")
@@ -53,8 +68,8 @@ def test_figures_are_read_by_prometheus_own_reader(client):
     assert families["gss_metrics_failed"].samples[0].value == 0
 
 
-def test_retention_is_chosen_and_forecast(client):
-    """At first everything is kept; what cannot be is refused with words."""
+def test_retention_is_configured_and_forecast(client):
+    """By default everything is kept; impossible values are rejected with a message."""
     first = client.get("/api/admin/retention").json()
     assert (first["frames_days"], first["telemetry_days"], first["last_run"]) == (0, 0, None)
     assert first["forecast"]["free_bytes"] > 0
@@ -66,7 +81,7 @@ def test_retention_is_chosen_and_forecast(client):
     assert client.get("/api/admin/retention").json()["last_run"]
 
 
-def test_a_backup_is_made_listed_and_taken_away(client):
+def test_a_backup_is_made_listed_and_downloaded(client):
     """The file is a tar of the manifest, its seal, the database, and the bytes by their hashes."""
     job = ended(client, client.post("/api/admin/backups"))
     (made,) = client.get("/api/admin/backups").json()

@@ -1,4 +1,4 @@
-"""Which connections stay open over real sockets when there are too many, and what the log says of it."""
+"""Which connections stay open over real sockets when there are too many, and what is logged."""
 
 from __future__ import annotations
 
@@ -98,12 +98,12 @@ async def is_open(peer: Peer) -> bool:
 
 
 def request(path: str) -> bytes:
-    """A whole request."""
+    """Return a complete request."""
     return f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode()
 
 
-def test_the_oldest_unauthenticated_connection_of_an_address_makes_room() -> None:
-    """Idle or in the middle of a request; another address keeps its connection, and the new one is answered."""
+def test_the_oldest_unauthenticated_connection_of_an_address_is_dropped() -> None:
+    """Idle or during a request; another address keeps its connection, and the new one is answered."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
         other = await connect(b"", "127.0.0.9")
@@ -129,8 +129,8 @@ def test_over_the_total_the_address_with_the_most_connections_loses_its_oldest()
     with_server(visit)
 
 
-def test_a_connection_that_proved_a_user_is_not_dropped_for_others() -> None:
-    """Neither an open stream nor an idle connection, however many strangers connect."""
+def test_an_authenticated_connection_is_not_dropped_for_others() -> None:
+    """Neither an open stream nor an idle connection, however many unknown clients connect."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
         stream, idle = await connect(request("/user/stream")), await connect(request("/user"))
@@ -205,7 +205,7 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {"tls_certificate": chain, "tls_key": key}
 
 
-def test_a_handshake_that_does_not_go_on_makes_room_too(certificate: dict[str, str]) -> None:
+def test_an_incomplete_handshake_is_dropped_too(certificate: dict[str, str]) -> None:
     """Before TLS there is no request, but a descriptor."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
@@ -216,8 +216,8 @@ def test_a_handshake_that_does_not_go_on_makes_room_too(certificate: dict[str, s
     with_server(visit, **certificate)
 
 
-def test_a_failed_handshake_is_forgotten(certificate: dict[str, str], caplog: pytest.LogCaptureFixture) -> None:
-    """Connections that the server closed take no place: no other is dropped for the next one."""
+def test_a_failed_handshake_frees_its_place(certificate: dict[str, str], caplog: pytest.LogCaptureFixture) -> None:
+    """Connections that the server closed do not count: no other is dropped for the next one."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
         for address in ("127.0.0.7", "127.0.0.8", "127.0.0.9"):
@@ -232,8 +232,8 @@ def test_a_failed_handshake_is_forgotten(certificate: dict[str, str], caplog: py
     assert not [text for text in caplog.messages if "Connection limit" in text]
 
 
-def test_out_of_descriptors_an_unauthenticated_connection_makes_room(caplog: pytest.LogCaptureFixture) -> None:
-    """The new client is answered; without one to drop the error reaches the event loop once in a while."""
+def test_without_descriptors_an_unauthenticated_connection_is_dropped(caplog: pytest.LogCaptureFixture) -> None:
+    """The new client is answered; without one to drop the error reaches the event loop at limited rate."""
 
     async def visit(connect: Connect, connections: Connections) -> None:
         slow = await connect(SLOW)
@@ -261,8 +261,8 @@ def test_out_of_descriptors_an_unauthenticated_connection_makes_room(caplog: pyt
     assert f"Cannot accept a connection: {os.strerror(errno.EMFILE)}" in caplog.messages
 
 
-def test_limits_follow_the_setting_and_the_open_files_that_are_allowed() -> None:
-    """Half of the descriptors at most; behind a proxy everybody has one address."""
+def test_limits_follow_the_setting_and_the_limit_of_open_files() -> None:
+    """Half of the descriptors at most; behind a proxy all clients have one address."""
     assert ConnectionLimits.within(800, 20_000, behind_proxy=False) == ConnectionLimits(400, 400, 200)
     assert ConnectionLimits.within(800, 256, behind_proxy=False) == ConnectionLimits(64, 64, 32)
     assert ConnectionLimits.within(800, 20_000, behind_proxy=True).per_address == 400
@@ -294,8 +294,8 @@ print(len(used), stream.read(1, 5.0).decode())
 """
 
 
-def test_a_line_opens_with_nearly_all_descriptors_in_use() -> None:
-    """pyserial watches its port with select(), which takes descriptors below 1024 only."""
+def test_a_link_opens_with_nearly_all_descriptors_in_use() -> None:
+    """pyserial watches its port with select(), which accepts descriptors below 1024 only."""
     run = [sys.executable, "-c", WITH_ALL_DESCRIPTORS]
     ended = subprocess.run(run, capture_output=True, text=True, timeout=60)
     assert ended.stdout.endswith(" x\n"), ended.stderr
@@ -334,8 +334,8 @@ def throttled() -> Iterator[tuple[logging.Logger, list[str], list[float]]]:
     log.removeHandler(handler)
 
 
-def test_similar_messages_are_counted_and_not_written(throttled: tuple[logging.Logger, list[str], list[float]]) -> None:
-    """Some in a minute, then the number of the others; another message is written meanwhile."""
+def test_similar_messages_are_counted_and_not_logged(throttled: tuple[logging.Logger, list[str], list[float]]) -> None:
+    """A few per minute, then the number of the others; another message is logged meanwhile."""
     log, lines, clock = throttled
     for number in range(1000):
         log.warning("dropped %s", number)
@@ -343,11 +343,11 @@ def test_similar_messages_are_counted_and_not_written(throttled: tuple[logging.L
     assert len(lines) == PER_MINUTE + 1
     clock[0] = WINDOW_S
     log.warning("dropped %s", "again")
-    assert lines[-1] == f"dropped again ({1000 - PER_MINUTE} similar messages were left out)"
+    assert lines[-1] == f"dropped again ({1000 - PER_MINUTE} similar messages were omitted)"
 
 
-def test_failed_requests_of_strangers_do_not_fill_the_record(client: TestClient) -> None:
-    """A hundred requests that nobody signed in sends leave one row, not a hundred."""
+def test_failed_unauthenticated_requests_do_not_fill_the_audit_log(client: TestClient) -> None:
+    """A hundred unauthenticated requests leave one row, not a hundred."""
     stranger = TestClient(client.app, base_url="http://localhost", headers={"X-GSS": "1"})
     before = client.get("/api/audit").json()
     assert {stranger.post("/api/session", json={"wrong": number}).status_code for number in range(100)} == {422}

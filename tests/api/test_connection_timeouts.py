@@ -1,4 +1,4 @@
-"""Half-sent requests over a real socket: whoever does not go on gives the connection back, whoever listens keeps it."""
+"""Incomplete requests over a real socket: an idle client loses its connection, a listening one keeps it."""
 
 from __future__ import annotations
 
@@ -22,9 +22,13 @@ Reader, Writer = asyncio.StreamReader, asyncio.StreamWriter
 
 
 async def application(scope: Any, receive: Any, send: Any) -> None:
-    """Takes the body, then answers; /stream goes on answering for longer than every time limit. /signed-in proves who asks."""
+    """Read the body, then answer; /stream sends for longer than every time limit, /signed-in authenticates the
+    connection.
+    """
     if scope["path"] == "/signed-in":
         scope["state"]["connection"].mark_authenticated()
+    if scope["path"] == "/begun":
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"3")]})
     more = True
     while more:
         message = await receive()
@@ -40,7 +44,7 @@ async def application(scope: Any, receive: Any, send: Any) -> None:
 
 
 def with_server(visit: Callable[[Callable[[], Awaitable[tuple[Reader, Writer]]]], Awaitable[None]]) -> None:
-    """Let ``visit`` connect to a server as the settings want it."""
+    """Let ``visit`` connect to a server with these timeouts."""
 
     async def run() -> None:
         options = uvicorn_options(Settings(), Connections(ConnectionLimits(9, 9, 9)), TIMEOUTS)
@@ -66,8 +70,8 @@ def with_server(visit: Callable[[Callable[[], Awaitable[tuple[Reader, Writer]]]]
         b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\nGET / HTTP/1.1\r\nX: ",
     ],
 )
-def test_a_request_that_does_not_go_on_loses_its_connection(begin: bytes) -> None:
-    """Nothing at all, half a head, the beginning of a body, half a head after a request that was answered."""
+def test_an_incomplete_request_loses_its_connection(begin: bytes) -> None:
+    """No byte, half a head, the beginning of a body, half a head after an answered request."""
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
@@ -79,8 +83,8 @@ def test_a_request_that_does_not_go_on_loses_its_connection(begin: bytes) -> Non
     with_server(visit)
 
 
-def test_a_head_must_end_in_time_however_often_a_byte_of_it_comes() -> None:
-    """A byte now and then keeps no connection."""
+def test_a_head_must_be_complete_in_time_despite_single_bytes() -> None:
+    """Occasional bytes do not keep a connection open."""
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
@@ -95,8 +99,8 @@ def test_a_head_must_end_in_time_however_often_a_byte_of_it_comes() -> None:
     with_server(visit)
 
 
-def test_a_stream_and_a_slow_body_last_as_long_as_they_like() -> None:
-    """An answer that takes longer than every limit comes to its end; so does a signed-in user's body whose pieces keep coming."""
+def test_streams_and_slow_authenticated_bodies_have_no_time_limit() -> None:
+    """A response longer than every limit is completed; so is a signed-in user's body that keeps arriving."""
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
@@ -113,8 +117,10 @@ def test_a_stream_and_a_slow_body_last_as_long_as_they_like() -> None:
 
 
 @pytest.mark.parametrize("path", ["/signed-in", "/api/session"])
-def test_a_body_without_sign_in_has_a_total_time(path: str) -> None:
-    """Pieces that keep coming hold the connection of a signed-in user, not that of others nor a route that needs no sign-in."""
+def test_an_unauthenticated_body_has_a_total_time(path: str) -> None:
+    """A body that keeps arriving holds the connection of a signed-in user only, except on a route that needs no
+    sign-in.
+    """
 
     async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
         reader, writer = await connect()
@@ -133,9 +139,32 @@ def test_a_body_without_sign_in_has_a_total_time(path: str) -> None:
 
 
 async def pieces(reader: Reader) -> Any:
-    """What comes until the far end has gone, gently or not."""
+    """Yield received data until the peer has closed, regularly or not."""
     try:
         while piece := await reader.read(4096):
             yield piece
     except ConnectionError:
         return
+
+
+@pytest.mark.parametrize("path", ["/body", "/begun"])
+def test_invalid_bytes_in_a_body_end_the_connection_without_a_traceback(
+    caplog: pytest.LogCaptureFixture, path: str
+) -> None:
+    """Before and after the response has begun."""
+    answered: list[bytes] = []
+
+    async def visit(connect: Callable[[], Awaitable[tuple[Reader, Writer]]]) -> None:
+        reader, writer = await connect()
+        head = f"POST {path} HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\n"
+        writer.write(head.encode() + b"1\r\na\r\n")
+        if path == "/begun":
+            answered.append(await reader.readuntil(b"\r\n\r\n"))
+        writer.write(b"-1\r\n")
+        answered.append(await reader.read())
+        writer.close()
+
+    with_server(visit)
+    assert b"".join(answered).count(b"HTTP/1.1 ") == 1
+    assert (b"400 Bad Request" in answered[0]) == (path == "/body")
+    assert "Traceback" not in caplog.text

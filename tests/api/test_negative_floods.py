@@ -1,4 +1,6 @@
-"""What a flood or a narrow key must not do: hold ABORT up, freeze the server, fill the record, make a wider key."""
+"""A flood or a limited token must not delay ABORT, block the server, fill the log, or create a token with more
+permissions.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +13,8 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from gss.operations.accounts.passwords import AT_ONCE, MOST_WAITING
+from gss.services import Services
 from gss.store.audit import AuditFilter
-from gss.wiring import Services
 
 PASSWORD = "orion over the sea"
 MARK = {"X-GSS": "1"}
@@ -26,14 +28,14 @@ def app(app_of: Callable[..., FastAPI]) -> FastAPI:
 
 @pytest.fixture
 def services(app: FastAPI) -> Services:
-    """Behind it."""
+    """Its services."""
     services: Services = app.state.services
     services.accounts.attempts._failures.clear()
     return services
 
 
 def browser(app: FastAPI, address: str, headers: dict[str, str] | None = None) -> TestClient:
-    """Somebody at an address."""
+    """Return a browser at an address."""
     given = MARK | (headers or {})
     return TestClient(
         app, base_url="http://localhost", headers=given, raise_server_exceptions=False, client=(address, 1)
@@ -41,7 +43,7 @@ def browser(app: FastAPI, address: str, headers: dict[str, str] | None = None) -
 
 
 def program(app: FastAPI, services: Services, name: str, role: str, scopes: list[str]) -> TestClient:
-    """A token's bearer; the token lives for a day."""
+    """Return a client with a token that expires after a day."""
     owner = services.accounts.users.named("Élodie")
     assert owner is not None
     made = services.accounts.tokens.add(name, role, 1, by="test", owner_id=owner.id, scopes=scopes)
@@ -49,18 +51,18 @@ def program(app: FastAPI, services: Services, name: str, role: str, scopes: list
 
 
 def sign_in(client: TestClient, name: str, password: str) -> Any:
-    """As the page does."""
+    """Sign in as the page does."""
     return client.post("/api/session", json={"name": name, "password": password})
 
 
-def test_abort_waits_for_no_sign_in_and_too_many_are_sent_away(app: FastAPI, services: Services) -> None:
-    """With every place at the hashing taken, ABORT is answered and one more sign-in hears 429 at once."""
+def test_abort_does_not_wait_for_sign_ins_and_too_many_are_rejected(app: FastAPI, services: Services) -> None:
+    """With every hashing slot in use, ABORT is answered and one more sign-in gets 429 at once."""
     go, turns = threading.Event(), services.accounts.passwords.turns
     held = [turns.take(lambda: go.wait(30)) for _ in range(AT_ONCE + MOST_WAITING)]
     try:
         client = program(app, services, "stop only", "viewer", ["stop"])
         reply = client.post("/api/commands/abort")
-        assert reply.status_code not in (401, 403, 429), reply.text  # a token that may only stop
+        assert reply.status_code not in (401, 403, 429), reply.text  # a token with scope stop only
         reply = sign_in(browser(app, "10.1.0.2"), "vic", PASSWORD + " vic")
         assert (reply.status_code, reply.headers["retry-after"]) == (429, "2")
     finally:
@@ -69,8 +71,8 @@ def test_abort_waits_for_no_sign_in_and_too_many_are_sent_away(app: FastAPI, ser
     assert sign_in(browser(app, "10.1.0.2"), "vic", PASSWORD + " vic").status_code == 200
 
 
-def test_a_body_is_not_read_for_those_who_may_not(app: FastAPI, services: Services) -> None:
-    """403 before the length and the form are looked at; and who may sends words of 1 MiB at most, whatever they call them."""
+def test_a_body_is_not_read_without_permission(app: FastAPI, services: Services) -> None:
+    """403 before length and form are checked; with permission a JSON body has at most 1 MiB, whatever its content type."""
     viewer = browser(app, "10.1.0.3")
     viewer.headers["X-GSS"] = sign_in(viewer, "vic", PASSWORD + " vic").json()["csrf"]
     big = b"[" + b"1," * (1 << 20) + b"1]"
@@ -84,32 +86,32 @@ def test_a_body_is_not_read_for_those_who_may_not(app: FastAPI, services: Servic
 
 
 @pytest.mark.parametrize("depth", [40, 900, 100_000])
-def test_brackets_in_brackets_are_a_bad_request(app: FastAPI, services: Services, depth: int) -> None:
-    """However deep."""
+def test_deeply_nested_json_is_a_bad_request(app: FastAPI, services: Services, depth: int) -> None:
+    """At any depth."""
     client = program(app, services, f"deep {depth}", "admin", [])
     for body in (b"[" * depth + b"]" * depth, b'{"name":' + b"[" * depth + b"]" * depth + b"}"):
         reply = client.post("/api/commands/check", content=body, headers={"Content-Type": "application/json"})
         assert reply.status_code in (400, 422), reply.text
 
 
-def test_a_name_is_known_in_any_case_of_any_alphabet(app: FastAPI, services: Services) -> None:
-    """Signing in as typed, in small letters, and with the accent apart; the row is the same."""
+def test_a_name_is_found_in_any_case_of_any_alphabet(app: FastAPI, services: Services) -> None:
+    """Signing in as typed, in lower case, and with a combining accent gives the same row."""
     for name in ("Élodie", "élodie", "ÉLODIE", "E\u0301lodie"):
         reply = sign_in(browser(app, "10.1.0.4"), name, PASSWORD)
         assert (reply.status_code, reply.json().get("name")) == (200, "Élodie"), name
 
 
-def test_failed_sign_ins_are_one_row_a_minute(app: FastAPI, services: Services) -> None:
-    """For each address, whatever names are tried, and none for those that a brake stopped."""
+def test_failed_sign_ins_are_one_audit_row_a_minute(app: FastAPI, services: Services) -> None:
+    """For each address, whatever names are tried, and none for attempts rejected by the rate limit."""
     stranger = browser(app, "10.1.0.5")
-    codes = [sign_in(stranger, name, "wrong").status_code for name in ["vic", "nobody here", *["vic"] * 6]]
+    codes = [sign_in(stranger, name, "wrong").status_code for name in ["vic", "unknown user", *["vic"] * 6]]
     assert codes[0] == 401
     assert codes[-1] == 429
     rows = services.audit.page(AuditFilter(action="session.sign_in"), 100)
     assert [row.who for row in rows if row.address == "10.1.0.5"] == ["vic"]
 
 
-def test_a_narrow_token_makes_nothing_wider_or_longer(app: FastAPI, services: Services) -> None:
+def test_a_limited_token_creates_nothing_with_more_permissions_or_longer_life(app: FastAPI, services: Services) -> None:
     """No user, link, role or token beyond its own permissions, and none that outlives it."""
     narrow = program(app, services, "narrow", "admin", ["admin.users", "admin.tokens", "view", "metrics", "stop"])
     admin, vic = services.accounts.users.named("Élodie"), services.accounts.users.named("vic")

@@ -1,6 +1,6 @@
-"""Text, names and files from outside: kept as they are, served as data, and never a path, a page or a program.
+"""External text, names and files: stored unchanged, served as data, and never used as a path, page or program.
 
-Decompression bombs, pixel floods and body caps have their own tests: tests/operations/test_frame_files.py,
+Decompression bombs, pixel floods and body limits have separate tests: tests/operations/test_frame_files.py,
 tests/catalogue_tools/test_hostile_star_lists.py, tests/api/test_api_guards.py.
 """
 
@@ -39,8 +39,8 @@ FILES = [
 
 @pytest.mark.parametrize("name", TRAVERSALS)
 @pytest.mark.parametrize("where", FILES)
-def test_no_name_in_an_address_leads_out_of_its_folder(client: TestClient, where: str, name: str) -> None:
-    """Captures, viewer files, backups, documents, the pages: whatever is asked for, no file of the machine comes."""
+def test_no_name_in_an_address_leaves_its_folder(client: TestClient, where: str, name: str) -> None:
+    """Captures, viewer files, backups, documents, pages: no request returns another file of the machine."""
     for address in (where.format(name), where.format(quote(name, safe=""))):
         reply = client.get(address)
         assert b"root:" not in reply.content
@@ -50,8 +50,8 @@ def test_no_name_in_an_address_leads_out_of_its_folder(client: TestClient, where
 
 
 @pytest.mark.parametrize("name", [*TRAVERSALS[:5], SCRIPT, "a\r\nX-Evil: 1", "\u202egnp.exe", "x" * 5000])
-def test_the_name_of_an_uploaded_file_is_only_a_word(client: TestClient, name: str) -> None:
-    """It is stored and shown, cut and without control characters; on the disk is a hash."""
+def test_the_name_of_an_uploaded_file_is_only_text(client: TestClient, name: str) -> None:
+    """It is stored and shown, shortened and without control characters; the name on disk is a hash."""
     folder: Path = client.app.state.services.settings.data  # type: ignore[attr-defined]
     before = {path.name for path in folder.parent.iterdir()}
     reply = client.post("/api/frames/import", files={"file": (name, b"not an image", "image/png")})
@@ -67,8 +67,9 @@ def test_the_name_of_an_uploaded_file_is_only_a_word(client: TestClient, name: s
 
 
 def test_a_script_in_a_note_stays_text(client: TestClient) -> None:
-    """Stack names and notes, alarm and limit notes: kept to the letter, answered as JSON that no browser takes for a page, under a
-    policy that runs no inline script."""
+    """Stack names and notes, alarm and limit notes: stored unchanged, returned as JSON that no browser interprets as a
+    page, under a policy that runs no inline script.
+    """
     steps = [{"command": "GET_STATUS", "note": SCRIPT}]
     made = client.post("/api/stacks", json={"name": SCRIPT[:60], "note": SCRIPT, "steps": steps})
     assert made.status_code == 201, made.text
@@ -83,7 +84,7 @@ def test_a_script_in_a_note_stays_text(client: TestClient) -> None:
 
 
 def test_a_script_in_the_log_stays_text(client: TestClient) -> None:
-    """What somebody types as a reason goes into the events as it is, and into no page of ours as markup."""
+    """A typed reason is stored unchanged in the events, and no page contains it as markup."""
     services = client.app.state.services  # type: ignore[attr-defined]
     services.bus.record("device", "watch", SCRIPT)
     reply = client.get("/api/events", params={"limit": 1000})
@@ -92,7 +93,7 @@ def test_a_script_in_the_log_stays_text(client: TestClient) -> None:
 
 
 def test_no_page_of_ours_writes_markup_from_data(root: Path) -> None:
-    """{@html} and innerHTML are the two doors of the framework: nothing of the pages' source goes through them."""
+    """{@html} and innerHTML are the framework's two ways to insert markup: the pages' source uses neither for data."""
     for path in (root / "web" / "src").rglob("*"):
         if path.suffix in (".ts", ".svelte"):
             text = path.read_text()
@@ -117,23 +118,23 @@ def test_no_page_of_ours_writes_markup_from_data(root: Path) -> None:
     ],
 )
 def test_a_filter_is_a_value_and_never_sql(client: TestClient, path: str, query: dict[str, str]) -> None:
-    """Nothing, or words on what is wrong; no row of another table, and all tables still there."""
+    """No rows, or an error message; no row of another table, and all tables still exist."""
     reply = client.get(path, params=query)
     assert reply.status_code in (200, 400, 404, 422), reply.text
     assert "argon2" not in reply.text
     assert client.get("/api/users").json()[0]["name"] == "ann"
 
 
-def test_a_spreadsheet_takes_no_exported_text_for_a_formula(client: TestClient) -> None:
-    """The audit record, which strangers can write into."""
+def test_exported_text_is_not_a_spreadsheet_formula(client: TestClient) -> None:
+    """The audit log, which unauthenticated clients can write to."""
     headers = {"X-GSS": "1", "Cookie": ""}
     client.post("/api/session", json={"name": "=cmd|' /C calc'!A0", "password": "x"}, headers=headers)
     text = client.get("/api/audit/export", params={"format": "csv"}).text
     assert not [line for line in text.splitlines() for cell in line.split(",") if cell.startswith(("=", "+", "@"))]
 
 
-def test_nothing_of_ours_runs_text_as_a_program(root: Path) -> None:
-    """No eval, exec, pickle, marshal, shelve, shell=True, os.system; YAML by a loader that makes plain values only."""
+def test_no_code_runs_text_as_a_program(root: Path) -> None:
+    """No eval, exec, pickle, marshal, shelve, shell=True, os.system; YAML with a loader for plain values only."""
     words = r"\b(eval|exec|__import__|pickle|marshal|shelve|dill|cloudpickle|shell|yaml|system|popen)\b"
     for path in (root / "gss").rglob("*.py"):
         if re.search(words, text := path.read_text()):

@@ -1,4 +1,4 @@
-"""Long work and transfers are ordered by who may order their kind, through every door."""
+"""Jobs and transfers need the permission of their kind on every route."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 from gss.api.deps import needs_of
 from gss.operations.accounts.permissions import ROLES
 from gss.operations.clock import utc_now
-from gss.operations.jobs import PERMISSIONS, RESUMABLE_KINDS
+from gss.operations.jobs import PERMISSIONS
 from gss.store.models import Job, Transfer
 
 STARTED_AT = {
@@ -23,6 +23,7 @@ STARTED_AT = {
     "design": "/api/design/run",
     "calibration": "/api/calibrations",
     "analysis": "/api/analyses",
+    "derive": "/api/telemetry/derived/{name}/recompute",
     "backup": "/api/admin/backups",
     "retention": "/api/admin/retention/run",
     "check-store": "/api/admin/check-store",
@@ -30,31 +31,30 @@ STARTED_AT = {
 
 
 def stored(app: FastAPI, row: Any) -> int:
-    """The id of a row that is put into the store as it is."""
+    """Store a row unchanged and return its id."""
     with app.state.services.database.unit_of_work() as session:
         session.add(row)
         session.flush()
         return int(row.id)
 
 
-def a_job(app: FastAPI, kind: str, state: str, user: str = "somebody") -> int:
-    """The id of a job that nobody does."""
+def a_job(app: FastAPI, kind: str, state: str, user: str = "operator") -> int:
+    """Store a job that no worker runs and return its id."""
     row = Job(kind=kind, title="t", state=state, created=utc_now(), request={"user": user}, result={})
     return stored(app, row)
 
 
 def declared(app: FastAPI) -> dict[str, str]:
-    """What each POST route needs."""
+    """Return the permission of each POST route."""
     found = [(c.path or "", c.original_route) for c in iter_route_contexts(app.routes)]
     return {p: needs_of(r)[0].permission for p, r in found if isinstance(r, APIRoute) and "POST" in r.methods}
 
 
-def test_a_job_is_ordered_again_only_by_who_may_start_its_kind(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """What the route that starts it needs, its second start and its end need too; of an unknown kind all but admins are
-    refused."""
+def test_restarting_a_job_needs_the_permission_of_its_kind(app: FastAPI, clients: dict[str, TestClient]) -> None:
+    """Starting, restarting and cancelling need the same permission; an unknown kind needs an admin."""
     needs = declared(app)
     assert {kind: needs[path] for kind, path in STARTED_AT.items()} == PERMISSIONS
-    assert set(PERMISSIONS) == set(RESUMABLE_KINDS)
+    assert set(app.state.services.jobs._kinds) <= set(PERMISSIONS)
     tried = 0
     for kind in (*PERMISSIONS, "unheard of"):
         ended, running = a_job(app, kind, "done"), a_job(app, kind, "running")
@@ -85,7 +85,7 @@ def test_a_job_is_ordered_again_only_by_who_may_start_its_kind(app: FastAPI, cli
 def test_a_transfer_needs_the_permission_of_its_kind(
     app: FastAPI, clients: dict[str, TestClient], kind: str, place: dict[str, Any], wanted: str
 ) -> None:
-    """To bring it down and to go on with it; having one of the three is not enough."""
+    """For downloading and for resuming; having one of the three is not enough."""
     names = {"direction": "down", "kind": kind, "target": "0", "subject": "t", "state": "verified"}
     row = stored(app, Transfer(created=utc_now(), stored=[], options={}, log=[], **names))
     for role, permissions in ROLES.items():
@@ -94,15 +94,15 @@ def test_a_transfer_needs_the_permission_of_its_kind(
             (f"/api/transfers/{row}/resume", None),
         ):
             reply = clients[role].post(path, json=body)
-            # Who may is told what really stands in the way: there is no line, and it has ended.
+            # With the permission the actual reason is returned: the link is closed, and the transfer has ended.
             assert reply.status_code == (409 if wanted in permissions else 403), (role, path, reply.text)
             clients[role].post("/api/authority/release")
 
 
-def test_going_on_with_a_frame_to_be_solved_needs_what_sending_it_needed(
+def test_resuming_an_upload_to_be_solved_needs_the_permission_of_the_upload(
     app: FastAPI, clients: dict[str, TestClient]
 ) -> None:
-    """Its commands are sent by the server, in the name of who went on with it."""
+    """The server sends its commands in the name of the user who resumes it."""
     names = {"direction": "up", "kind": "image", "target": "0", "subject": "t", "state": "failed"}
     row = stored(app, Transfer(created=utc_now(), stored=[], options={"solve": True}, log=[], **names))
     reply = clients["engineer"].post(f"/api/transfers/{row}/resume")

@@ -1,4 +1,4 @@
-"""Where requests come from: foreign pages, rebound names, proxies that are none, and the event stream."""
+"""Origins of requests: foreign pages, rebound names, untrusted proxies, and the event stream."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ PROXY = {"behind_proxy": True, "public_names": "gss.example.org", "trusted_proxi
 
 @pytest.fixture(scope="module")
 def proxied(tmp_path_factory: pytest.TempPathFactory) -> FastAPI:
-    """A server behind a proxy; it is not started, because nothing here needs its threads."""
+    """A server behind a proxy; it is not started, because these tests need none of its threads."""
     folder: Path = tmp_path_factory.mktemp("proxied")
     return create_app(build(Settings(data=folder, **PROXY)))
 
 
 @pytest.fixture(scope="module")
 def headers(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, str]:
-    """Of an admin's browser."""
+    """Headers of an admin's browser."""
     return signed_in(app.state.services)
 
 
 def browser(app: FastAPI, host: str = "http://localhost", peer: str = "127.0.0.1") -> TestClient:
-    """A client at an address."""
+    """Return a client at an address."""
     return TestClient(app, base_url=host, raise_server_exceptions=False, client=(peer, 4000))
 
 
@@ -69,8 +69,9 @@ def browser(app: FastAPI, host: str = "http://localhost", peer: str = "127.0.0.1
 def test_a_foreign_page_gets_nothing_even_with_a_cookie(
     app: FastAPI, headers: dict[str, str], foreign: dict[str, str], path: str
 ) -> None:
-    """Other sites, other ports of this machine, sandboxed frames, names that were rebound: refused before anything is looked up,
-    the stream before it begins."""
+    """Other sites, other ports of this machine, sandboxed frames, rebound names: rejected before any lookup, the stream
+    before it starts.
+    """
     reply = browser(app).get(path, headers=headers | foreign)
     assert reply.status_code == 403, reply.text
     assert "access-control-allow-origin" not in reply.headers
@@ -80,32 +81,30 @@ def test_a_foreign_page_gets_nothing_even_with_a_cookie(
     "foreign",
     [{"Origin": "https://evil.example"}, {"Origin": "http://localhost:9999"}, {"Sec-Fetch-Site": "same-site"}],
 )
-def test_a_foreign_page_changes_nothing_even_with_cookie_and_mark(
+def test_a_foreign_page_changes_nothing_even_with_cookie_and_token(
     app: FastAPI, headers: dict[str, str], foreign: dict[str, str]
 ) -> None:
-    """And signs nobody in (login CSRF)."""
+    """It also signs no user in (login CSRF)."""
     assert browser(app).post("/api/authority/take", headers=headers | foreign).status_code == 403
     reply = browser(app).post("/api/session", json={"name": "x", "password": "y"}, headers={"X-GSS": "1"} | foreign)
     assert reply.status_code == 403
     assert app.state.services.authority.holder() is None
 
 
-def test_a_plain_form_of_another_site_is_not_heard(app: FastAPI, headers: dict[str, str]) -> None:
-    """What a form can send without asking first: no header of ours, so no change, and no preflight is answered either."""
+def test_a_plain_form_of_another_site_is_rejected(app: FastAPI, headers: dict[str, str]) -> None:
+    """A form cannot send our header without a preflight, so it changes nothing, and no preflight is answered."""
     cookie = {"Cookie": headers["Cookie"]}
     form = {"Content-Type": "text/plain"}
     assert browser(app).post("/api/authority/take", headers=cookie | form, content=b"{}").status_code == 403
     assert browser(app).post("/api/session", headers=form, content=b'{"name":"a","password":"b"}').status_code == 403
-    asked = {"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"}
-    reply = browser(app).options("/api/authority/take", headers=cookie | asked)
+    preflight = {"Origin": "https://evil.example", "Access-Control-Request-Method": "POST"}
+    reply = browser(app).options("/api/authority/take", headers=cookie | preflight)
     assert reply.status_code == 403
     assert not [name for name in reply.headers if name.startswith("access-control")]
 
 
-def test_our_own_page_is_heard_and_a_link_from_elsewhere_opens_the_page_only(
-    app: FastAPI, headers: dict[str, str]
-) -> None:
-    """Same origin for data; the page itself may be opened from anywhere: it holds nothing."""
+def test_our_own_page_is_accepted_and_a_foreign_link_opens_the_page_only(app: FastAPI, headers: dict[str, str]) -> None:
+    """Same origin for data; the page itself, which contains no data, may be opened from anywhere."""
     own = {"Origin": "http://localhost", "Sec-Fetch-Site": "same-origin"}
     assert browser(app).post("/api/authority/take", headers=headers | own).status_code == 200
     assert browser(app).post("/api/authority/release", headers=headers | own).status_code == 200
@@ -114,14 +113,14 @@ def test_our_own_page_is_heard_and_a_link_from_elsewhere_opens_the_page_only(
 
 
 @pytest.mark.parametrize("header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Client-IP"])
-def test_nobody_writes_their_own_address_into_the_record(app: FastAPI, header: str) -> None:
-    """Without a proxy these headers are nothing: neither for the record nor for the brakes."""
+def test_a_client_cannot_write_another_address_into_the_record(app: FastAPI, header: str) -> None:
+    """Without a proxy these headers have no effect, neither on the audit log nor on the rate limits."""
     client = browser(app, peer="203.0.113.9")
     codes = []
     for k in range(20):
         spoofed = {"X-GSS": "1", header: f"198.51.100.{k}"}
         codes.append(
-            client.post("/api/session", json={"name": "nobody", "password": "guess"}, headers=spoofed).status_code
+            client.post("/api/session", json={"name": "unknown", "password": "guess"}, headers=spoofed).status_code
         )
     assert codes[-1] == 429
     rows = app.state.services.audit.page(AuditFilter(action="session.sign_in"), 20)
@@ -129,8 +128,8 @@ def test_nobody_writes_their_own_address_into_the_record(app: FastAPI, header: s
     app.state.services.accounts.attempts._failures.clear()
 
 
-def test_behind_a_proxy_only_the_proxy_is_heard(proxied: FastAPI) -> None:
-    """Past it, over plain HTTP, or under another name: refused. Health is for whoever watches."""
+def test_behind_a_proxy_only_the_proxy_is_accepted(proxied: FastAPI) -> None:
+    """Requests past it, over plain HTTP, or under another name are rejected. Health is open for monitoring."""
     good = {"X-Forwarded-Proto": "https", "X-Forwarded-For": "203.0.113.5", "Host": "gss.example.org"}
     through = browser(proxied, peer="192.0.2.7")
     assert through.get("/api/session", headers=good).status_code == 200
@@ -144,8 +143,8 @@ def test_behind_a_proxy_only_the_proxy_is_heard(proxied: FastAPI) -> None:
     assert browser(proxied, peer="127.0.0.1").get("/api/health").json() == {"status": "ok"}
 
 
-def test_behind_a_proxy_the_last_stranger_of_the_list_is_the_caller(proxied: FastAPI) -> None:
-    """What stands before the proxy's own entry anybody may have written."""
+def test_behind_a_proxy_the_last_untrusted_address_of_the_list_is_the_caller(proxied: FastAPI) -> None:
+    """Entries before the proxy's own may be forged."""
     head = {"X-Forwarded-Proto": "https", "Host": "gss.example.org", "X-GSS": "1"}
     for forwarded, address in (
         ("203.0.113.5", "203.0.113.5"),
@@ -154,15 +153,15 @@ def test_behind_a_proxy_the_last_stranger_of_the_list_is_the_caller(proxied: Fas
         ("198.51.100.1, <script>", "-"),
         ("", "192.0.2.7"),
     ):
-        told = head | {"X-Forwarded-For": forwarded}
-        body = {"name": "nobody", "password": "guess"}
-        reply = browser(proxied, peer="192.0.2.7").post("/api/session", json=body, headers=told)
+        spoofed = head | {"X-Forwarded-For": forwarded}
+        body = {"name": "unknown", "password": "guess"}
+        reply = browser(proxied, peer="192.0.2.7").post("/api/session", json=body, headers=spoofed)
         assert reply.status_code == 401
         assert proxied.state.services.audit.page(AuditFilter(), 1)[0].address == address
 
 
 def test_of_several_forwarded_lines_the_last_one_counts() -> None:
-    """A proxy that adds a line of its own leaves the browser's before it: that one says nothing."""
+    """A proxy that adds a separate header line leaves the browser's before it, which is ignored."""
     perimeter = Perimeter(Settings(**PROXY))
     lines = [
         ("x-forwarded-proto", "https"),
@@ -178,7 +177,7 @@ def test_of_several_forwarded_lines_the_last_one_counts() -> None:
 def test_with_tls_cookies_are_secure_and_browsers_stay_with_it(proxied: FastAPI) -> None:
     """Secure cookie and HSTS behind a proxy (and with TLS files: the same switch), not on plain loopback."""
     users = proxied.state.services.accounts.users
-    link = users.password_link(users.add("ann", "admin", by="test").id)
+    link = users.password_link(users.add("ann", "admin", by="test").id, by="test")
     head = {"X-Forwarded-Proto": "https", "Host": "gss.example.org", "X-GSS": "1"}
     body = {"token": link.key, "password": "orion over the sea"}
     reply = browser(proxied, peer="10.0.0.1").post("/api/password-links", json=body, headers=head)
@@ -187,13 +186,13 @@ def test_with_tls_cookies_are_secure_and_browsers_stay_with_it(proxied: FastAPI)
     assert reply.headers["strict-transport-security"] == "max-age=31536000"
 
 
-def test_the_plain_server_promises_no_tls(app: FastAPI) -> None:
-    """A promise that would lock browsers out of localhost."""
+def test_the_plain_server_sends_no_hsts(app: FastAPI) -> None:
+    """HSTS would lock browsers out of localhost."""
     assert "strict-transport-security" not in browser(app).get("/api/session").headers
 
 
-def test_the_start_tells_one_address() -> None:
-    """With a set-up link while there is nobody; with the name that browsers use."""
+def test_the_start_prints_one_address() -> None:
+    """With a setup link while there is no user; with the host name that browsers use."""
     link = Link("KEY", utc_now())
     assert greeting(Settings(), 8181, None) == "GSS is at http://127.0.0.1:8181"
     assert greeting(Settings(), 8181, link).endswith("http://127.0.0.1:8181/setup#KEY")
@@ -212,8 +211,8 @@ def test_the_start_tells_one_address() -> None:
 
 
 @pytest.mark.parametrize("path", ["//evil.example", "/\\evil.example", "/%2F%2Fevil.example", "/https://evil.example/"])
-def test_no_address_of_ours_leads_elsewhere(app: FastAPI, path: str) -> None:
-    """Open redirect: no answer has a Location on another host."""
+def test_no_response_redirects_to_another_host(app: FastAPI, path: str) -> None:
+    """No response has a Location on another host."""
     reply = browser(app).get(f"http://localhost{path}", follow_redirects=False)
     target = reply.headers.get("location", "")
     assert not target.startswith(("//", "/\\", "http")) or target.startswith("http://localhost/")
@@ -228,14 +227,14 @@ def test_there_is_no_websocket(app: FastAPI, headers: dict[str, str]) -> None:
 
 
 class Listener:
-    """An EventSource as ASGI sees it."""
+    """An EventSource as an ASGI server passes it."""
 
     def __init__(self, app: FastAPI, headers: dict[str, str]) -> None:
         self.app, self.body, self.status, self.gone = app, b"", 0, asyncio.Event()
         self.headers = [(b"host", b"localhost"), *((k.lower().encode(), v.encode()) for k, v in headers.items())]
 
     async def listen(self) -> None:
-        """Until the server ends it."""
+        """Run until the server ends it."""
         scope = {
             "type": "http",
             "asgi": {"version": "3.0"},
@@ -265,7 +264,9 @@ class Listener:
 def test_a_stream_ends_with_the_session_that_opened_it(
     app: FastAPI, signed_in: Any, monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
-    """An open page is cut off when its session is ended, its user switched off, the password changed, or its token revoked."""
+    """An open page is disconnected when its session ends, its user is disabled, the password changes, or its token is
+    revoked.
+    """
     monkeypatch.setattr(stream, "RECHECK_S", 0.02)
     accounts = app.state.services.accounts
     name = f"listener {how}"
@@ -277,7 +278,7 @@ def test_a_stream_ends_with_the_session_that_opened_it(
 
     def end() -> None:
         if how == "ended":
-            mine = next(row for row, owner in accounts.sessions.living() if owner.name == name)
+            mine = next(row for row, owner in accounts.sessions.active() if owner.name == name)
             accounts.sessions.end(mine.id, by="test")
         elif how == "switched off":
             accounts.users.change(user.id, enabled=False)

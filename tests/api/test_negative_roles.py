@@ -1,4 +1,4 @@
-"""Nobody does more than their role: every route with every role, and commands by their group."""
+"""Permissions of every role on every route, and of commands by their group."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute, iter_route_contexts
 from fastapi.testclient import TestClient
 
-from gss.api.deps import NOBODY, is_export, needs_of
-from gss.api.guard.door import OPEN, SAFE_METHODS
-from gss.device.dictionary_file import load_dictionary
+from gss.api.deps import NO_SIGN_IN, is_export, needs_of
+from gss.api.guard.route_table import OPEN, SAFE_METHODS
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.operations.accounts.permissions import ALL, COMMANDS, ROLES, permitted
 
 ENDLESS = ("/api/stream", "/api/rerun/live")
@@ -26,11 +26,11 @@ NO_FILES = (
     "/api/stream",
     "/api/rerun/live",
 )
-"""Drawn by the pages as one looks at them: not taken away as a file."""
+"""Images displayed by the pages: not audited as exports."""
 
 
 def routes(app: FastAPI) -> list[tuple[str, str, APIRoute]]:
-    """(method, path, route) of everything that is declared, without the pages' files and documents."""
+    """Return (method, path, route) of all declared routes except page files and documents."""
     found = []
     for context in iter_route_contexts(app.routes):
         route, path = context.original_route, context.path or ""
@@ -40,44 +40,47 @@ def routes(app: FastAPI) -> list[tuple[str, str, APIRoute]]:
 
 
 def with_ids(path: str) -> str:
-    """An address whose ids nothing has."""
+    """Return the address with ids that do not exist."""
     return re.sub(r"\{\w+\}", "999999", path)
 
 
 def test_every_changing_route_declares_exactly_one_known_permission(app: FastAPI) -> None:
-    """And only signing in, setting up and using a link are open to nobody in particular."""
+    """Only sign-in, setup and using a link need no authentication."""
     changing = [(m, p, r) for m, p, r in routes(app) if m not in SAFE_METHODS]
     assert len(changing) > 60
     for method, path, route in changing:
         (need,) = needs_of(route)
-        assert all(one in ALL | {"command", NOBODY} for one in need.permission.split("|")), path
-        assert (need.permission == NOBODY) == ((method, path) in OPEN), path
-    assert {(m, p) for m, p, r in routes(app) if any(n.permission == NOBODY for n in needs_of(r))} == OPEN
+        assert all(one in ALL | {"command", NO_SIGN_IN} for one in need.permission.split("|")), path
+        assert (need.permission == NO_SIGN_IN) == ((method, path) in OPEN), path
+    assert {(m, p) for m, p, r in routes(app) if any(n.permission == NO_SIGN_IN for n in needs_of(r))} == OPEN
 
 
-def test_what_is_outside_the_guard_is_known(app: FastAPI) -> None:
+def test_routes_without_authentication_are_known(app: FastAPI) -> None:
     """Pages, their files, and the documents: nothing else answers outside /api and /metrics."""
     outside = {c.path for c in iter_route_contexts(app.routes) if not (c.path or "/").startswith(("/api", "/metrics"))}
     assert all(path is None or path == "/" or path.startswith("/help") for path in outside), outside
 
 
-def test_every_permission_is_needed_somewhere(app: FastAPI) -> None:
-    """None is only a word in the table."""
+def test_every_permission_is_used(app: FastAPI) -> None:
+    """Each is required by a route."""
     needed = {one for _, _, route in routes(app) for need in needs_of(route) for one in need.permission.split("|")}
     assert ALL - {"view"} - set(COMMANDS) <= needed
 
 
-def test_every_file_that_is_taken_away_is_on_the_record(app: FastAPI) -> None:
-    """A GET that answers with something else than JSON or a picture of the page is marked as an export."""
+def test_every_downloaded_file_is_audited(app: FastAPI) -> None:
+    """A GET that returns something other than JSON or a picture of the page is marked as an export."""
     for method, path, route in routes(app):
         plain = route.response_class.__class__.__name__ == "DefaultPlaceholder"
         if method == "GET" and not plain and not any(word in path for word in NO_FILES) and path != "/metrics":
             assert is_export(route), path
 
 
-def test_every_changing_route_refuses_every_role_that_lacks_it(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """Route by route and role by role: 401 for nobody, 403 with the permission in words for those without; whoever has it gets
-    past the door (and is told what is wrong with an empty request)."""
+def test_every_changing_route_rejects_every_role_without_permission(
+    app: FastAPI, clients: dict[str, TestClient]
+) -> None:
+    """Route by route and role by role: 401 without a session, 403 with the permission's name without it; with it the
+    request is processed (and an empty body rejected).
+    """
     tried = 0
     for method, path, route in routes(app):
         if method in SAFE_METHODS or (method, path) in OPEN or path in ("/api/session", "/api/session/password"):
@@ -103,13 +106,13 @@ def test_nothing_is_read_without_signing_in(app: FastAPI, clients: dict[str, Tes
     assert {"/api/stream", "/api/rerun/{name}", "/metrics", "/api/contacts/{contact_id}/captures/{file}"} <= set(paths)
     for path in [*paths, "/api/openapi.json", "/api/nothing-here", "/api", "/metrics/"]:
         reply = clients[""].get(with_ids(path))
-        assert (reply.status_code, reply.json()["message"]) == (401, "nobody is signed in"), path
+        assert (reply.status_code, reply.json()["message"]) == (401, "not signed in"), path
 
 
-def test_what_only_admins_may_see_nobody_else_sees(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """GETs that declare more than looking."""
+def test_admin_data_are_hidden_from_other_roles(app: FastAPI, clients: dict[str, TestClient]) -> None:
+    """GETs that need more than view."""
     special = [(path, needs_of(route)[0]) for m, path, route in routes(app) if m == "GET" and needs_of(route)]
-    special = [(path, need) for path, need in special if need.permission not in (NOBODY, "view")]
+    special = [(path, need) for path, need in special if need.permission not in (NO_SIGN_IN, "view")]
     assert {"/api/users", "/api/sessions", "/api/tokens", "/api/audit", "/api/audit/export"} <= {p for p, _ in special}
     for path, need in special:
         for role, permissions in ROLES.items():
@@ -117,15 +120,15 @@ def test_what_only_admins_may_see_nobody_else_sees(app: FastAPI, clients: dict[s
                 assert clients[role].get(with_ids(path)).status_code == 403, (role, path)
 
 
-def test_a_viewer_may_look_at_everything_else(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """No GET without a declaration of its own refuses the least of the roles."""
+def test_a_viewer_may_read_everything_else(app: FastAPI, clients: dict[str, TestClient]) -> None:
+    """No GET without a separate permission rejects the lowest role."""
     for method, path, route in routes(app):
         if method == "GET" and not needs_of(route) and path not in ENDLESS:
             assert clients["viewer"].get(with_ids(path)).status_code not in (401, 403), path
 
 
-def test_nobody_raises_themselves(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """Not by their own row, a new user, a token, or a field that does not belong there."""
+def test_no_user_raises_his_own_permissions(app: FastAPI, clients: dict[str, TestClient]) -> None:
+    """Not by his own row, a new user, a token, or an unexpected field."""
     users = app.state.services.accounts.users
     for role in ROLES:
         if role == "admin":
@@ -146,7 +149,7 @@ def test_nobody_raises_themselves(app: FastAPI, clients: dict[str, TestClient]) 
 
 
 def test_the_last_admin_stays(app: FastAPI, clients: dict[str, TestClient]) -> None:
-    """Neither by mistake nor by malice is a server left without one."""
+    """The last admin can be removed neither by mistake nor on purpose."""
     own = app.state.services.accounts.users.named("the admin")
     for change in ({"role": "viewer"}, {"enabled": False}):
         reply = clients["admin"].put(f"/api/users/{own.id}", json=change)
@@ -161,13 +164,13 @@ GROUP_OF = {
 
 
 def send(client: TestClient, name: str, **arguments: Any) -> Any:
-    """A command, confirmed."""
+    """Send a confirmed command."""
     return client.post("/api/commands", json={"name": name, "arguments": arguments, "confirm": name})
 
 
 @pytest.mark.parametrize("role", [role for role in ROLES if role != "viewer"])
 def test_a_command_needs_the_permission_of_its_group(clients: dict[str, TestClient], role: str) -> None:
-    """Where the role has the group the refusal is the line's (there is none here), else it is the permission's."""
+    """With the group's permission the rejection is about the link (which is closed), otherwise about the permission."""
     for name, group in GROUP_OF.items():
         allowed = f"command.{group}" in ROLES[role]
         reply = send(clients[role], name)
@@ -178,7 +181,7 @@ def test_a_command_needs_the_permission_of_its_group(clients: dict[str, TestClie
 
 
 def test_a_viewer_sends_nothing_but_abort(clients: dict[str, TestClient]) -> None:
-    """Stopping is everybody's: ABORT only fails because there is no line."""
+    """Every role may send ABORT, which fails only because the link is closed."""
     assert all(send(clients["viewer"], name).status_code == 403 for name in GROUP_OF)
     assert send(clients["viewer"], "ABORT").status_code == 403
     assert clients["viewer"].post("/api/commands/abort").status_code == 409
@@ -187,7 +190,7 @@ def test_a_viewer_sends_nothing_but_abort(clients: dict[str, TestClient]) -> Non
     assert clients["viewer"].post("/api/stack-runs/999999/stop").status_code in (404, 409)
 
 
-def test_a_dry_run_says_what_the_role_lacks(clients: dict[str, TestClient]) -> None:
+def test_a_dry_run_lists_missing_permissions(clients: dict[str, TestClient]) -> None:
     """Before anything is sent."""
     reply = (
         clients["engineer"].post("/api/commands/check", json={"name": "POWER", "arguments": {"state": "off"}}).json()
@@ -195,8 +198,8 @@ def test_a_dry_run_says_what_the_role_lacks(clients: dict[str, TestClient]) -> N
     assert any("command.power" in problem for problem in reply["problems"])
 
 
-def test_no_command_hides_inside_another(app: FastAPI, clients: dict[str, TestClient], signed_in: Any) -> None:
-    """SCHEDULE needs the permission of what it carries, and every group's where that cannot be read."""
+def test_an_inner_command_needs_its_permission(app: FastAPI, clients: dict[str, TestClient], signed_in: Any) -> None:
+    """SCHEDULE needs the permission of its inner command, and every group's if that cannot be read."""
     services = app.state.services
     scopes = ["view", "schedule", "command.processor", "command.imager"]
     token = services.accounts.tokens.add("narrow", "operator", 1, by="test", scopes=scopes)
@@ -211,7 +214,9 @@ def test_no_command_hides_inside_another(app: FastAPI, clients: dict[str, TestCl
         assert (reply.status_code != 403) is allowed, (code, reply.text)
 
 
-def test_a_stack_with_one_forbidden_command_is_refused_whole(app: FastAPI, clients: dict[str, TestClient]) -> None:
+def test_a_stack_with_one_forbidden_command_is_rejected_completely(
+    app: FastAPI, clients: dict[str, TestClient]
+) -> None:
     """Before its first step; the dry run names the step."""
     services = app.state.services
     steps = [{"command": "GET_STATUS"}, {"command": "LIST_BANKS"}]
@@ -227,8 +232,8 @@ def test_a_stack_with_one_forbidden_command_is_refused_whole(app: FastAPI, clien
 
 
 def test_solving_on_board_needs_the_permission_of_its_commands(clients: dict[str, TestClient]) -> None:
-    """Sending a frame up may be an engineer's, what the server then commands for it is not."""
-    asked = {"slot": 1, "solve": True}
-    reply = clients["engineer"].post("/api/frames/999999/upload", json=asked)
+    """An engineer may upload a frame, but not send the server's commands that follow."""
+    options = {"slot": 1, "solve": True}
+    reply = clients["engineer"].post("/api/frames/999999/upload", json=options)
     assert (reply.status_code, "command.attitude" in reply.json()["message"]) == (403, True)
-    assert clients["engineer"].post("/api/frames/999999/upload", json=asked | {"solve": False}).status_code != 403
+    assert clients["engineer"].post("/api/frames/999999/upload", json=options | {"solve": False}).status_code != 403

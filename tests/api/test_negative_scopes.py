@@ -1,4 +1,4 @@
-"""A token does only what its scopes name: tokens of every single scope against every route."""
+"""A token has only the permissions of its scopes: tokens of every single scope against every route."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from fastapi.routing import APIRoute, iter_route_contexts
 from fastapi.testclient import TestClient
 
 from gss.api.deps import needs_of
-from gss.api.guard.door import OPEN
+from gss.api.guard.route_table import OPEN
 from gss.operations.accounts.permissions import ALL
 
 UNDECLARED = "view"
-"""What a route needs that declares nothing."""
+"""The permission of a route that declares none."""
 ENDLESS = {"/api/stream", "/api/rerun/live"}
 
 
 def routes(app: FastAPI) -> list[tuple[str, str, str]]:
-    """Method, address with ids that nothing has, and declared permission of every route that needs signing in."""
+    """Return method, address with ids that do not exist, and declared permission of every authenticated route."""
     found = [("GET", "/api/openapi.json", UNDECLARED)]
     for context in iter_route_contexts(app.routes):
         route, path = context.original_route, context.path or ""
@@ -37,15 +37,15 @@ def names(permission: str, scope: str) -> bool:
 
 
 def scoped(app: FastAPI, name: str, *scopes: str) -> TestClient:
-    """A program with a token of an admin, narrowed."""
+    """Return a program with an admin's token, limited to ``scopes``."""
     token = app.state.services.accounts.tokens.add(name, "admin", 1, by="test", scopes=scopes)
     headers = {"Authorization": f"Bearer {token.key}"}
     return TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)
 
 
 @pytest.mark.parametrize("scope", sorted(ALL))
-def test_a_token_of_one_scope_is_refused_by_every_route_that_needs_another(app: FastAPI, scope: str) -> None:
-    """Reading, changing, commanding and stopping alike; a route that names the scope does not refuse at the door."""
+def test_a_token_of_one_scope_is_rejected_by_every_route_that_needs_another(app: FastAPI, scope: str) -> None:
+    """Reading, changing, commanding and stopping alike; a route that names the scope accepts it."""
     client, tried = scoped(app, f"only {scope}", scope), 0
     for method, path, permission in routes(app):
         if names(permission, scope):
@@ -54,16 +54,16 @@ def test_a_token_of_one_scope_is_refused_by_every_route_that_needs_another(app: 
             continue
         reply = client.request(method, path)
         assert (reply.status_code, method, path) == (403, method, path)
-        assert "this needs the permission" in reply.json()["message"]
+        assert "permission required:" in reply.json()["message"]
         tried += 1
     assert tried > 80
 
 
 @pytest.mark.parametrize("path", ["/api/commands/abort", "/api/transfers/999999/abort", "/api/transfers/999999/pause"])
-def test_stopping_is_open_to_users_and_whole_tokens_and_a_scope_of_its_own(
+def test_stopping_is_open_to_users_unlimited_tokens_and_scope_stop(
     app: FastAPI, clients: dict[str, TestClient], path: str
 ) -> None:
-    """Every role may stop without further permission, a token of a whole role too; a narrowed token needs the scope stop."""
+    """Every role and every unlimited token may stop without further permission; a limited token needs the scope stop."""
     whole = scoped(app, f"whole {path}")
     stopper = scoped(app, f"stop {path}", "stop")
     allowed: list[Any] = [whole, stopper, *(client for role, client in clients.items() if role)]
@@ -77,4 +77,4 @@ def test_abort_as_a_command_needs_the_scope_too(app: FastAPI) -> None:
     may = scoped(app, "with stop", "view", "command.link", "stop").post("/api/commands", json=abort)
     assert (may.status_code, may.json()["message"]) == (409, "ABORT was not sent: the line is down")
     refused = scoped(app, "without stop", "view", "command.link").post("/api/commands", json=abort)
-    assert (refused.status_code, refused.json()["message"]) == (403, "this needs the permission stop")
+    assert (refused.status_code, refused.json()["message"]) == (403, "permission required: stop")

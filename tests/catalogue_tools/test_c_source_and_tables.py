@@ -21,12 +21,12 @@ from gss.catalogue_tools.exports import export, export_table, import_table
 from gss.catalogue_tools.formats.c_source import identifier
 from gss.catalogue_tools.formats.registry import blocks_of
 from gss.catalogue_tools.formats.table_files import KINDS
-from gss.catalogue_tools.manifest import Manifest
+from gss.catalogue_tools.manifest import BuildManifest
 from gss.catalogue_tools.onboard import FORMATS, c_source, decode, encode, frame_of, read_c_source, tables_for
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
+from gss.skytables.pairs import distance_table
 
 GOLDEN = Path(__file__).parent.parent / "golden"
 COMPILER = next((c for c in ("cc", "gcc", "clang", "tcc") if shutil.which(c)), None)
@@ -41,7 +41,7 @@ def image_of(format_name):
     if format_name != "sections":
         return encode(stars, pairs, format_name, format_name, bytes(range(8)))
     stars = replace(stars, v_mag=np.where(np.arange(len(stars)) == 5, np.nan, stars.v_mag))
-    camera = profile("far_mst").camera
+    camera = shipped_camera("far_mst").camera
     own = tables_for("sunsat", stars, pairs, camera, index=True, reduced=frame_of(camera))
     return encode(stars, own.distances, "sunsat", "sunsat", tables=own.tables)
 
@@ -80,8 +80,8 @@ def test_compiled_arrays_are_the_image(name, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "int main(void) { return 0; }", "const float gss_stars_x[2] = {0.0f, 1.0f};"])
-def test_other_c_sources_are_refused(text):
-    """A file that is no catalogue is named so."""
+def test_other_c_sources_are_rejected(text):
+    """A file that is not a catalogue gives an error that states it."""
     with pytest.raises(BadInput, match="not a catalogue in C source"):
         read_c_source(text)
 
@@ -92,7 +92,7 @@ def test_other_c_sources_are_refused(text):
         ("gss_stars_x[", "gss_stars_w[", "gss_stars_x is not whole"),
         ("{\n  0, 1, 2,", "{\n  0, 2, 2,", "damaged"),
         ("{\n  0, 1, 2,", "{\n  0, 1,", "gss_stars_id is not whole"),
-        ("{\n  0, 1, 2,", "{\n  0, 1, 70000,", "no number of its type"),
+        ("{\n  0, 1, 2,", "{\n  0, 1, 70000,", "not a number of its type"),
         ('"<i2",[],49]', '"<i2",[],48]', "gss_stars_id is not whole"),
         ("gss-layout: [", "gss-layout: (", "layout line of the C source is damaged"),
     ],
@@ -140,8 +140,8 @@ def test_parquet_tables_are_for_any_reader():
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("data", [b"", b"PK\x05\x06" + bytes(18), b"SIMPLE  =", b"row,hip\n1,2\n", bytes(3000)])
-def test_other_files_are_refused(kind, data):
-    """What is no such file is refused with what is expected."""
+def test_other_files_are_rejected(kind, data):
+    """A file of another type is rejected with the expected one."""
     with pytest.raises(BadInput):
         import_table(data, kind)
 
@@ -204,9 +204,9 @@ def test_any_changed_byte_of_a_file_is_found_or_harmless(kind, data):
 
 def test_star_list_for_people_in_parquet():
     """Rows, Hipparcos numbers and degrees, as in CSV."""
-    names = [f.name for f in fields(Manifest) if f.type == "str"]
+    names = [f.name for f in fields(BuildManifest) if f.type == "str"]
     empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
-    manifest = Manifest(**dict.fromkeys(names, "x"), **empty, epoch_jyear=2026.5, hip=())
+    manifest = BuildManifest(**dict.fromkeys(names, "x"), **empty, epoch_jyear=2026.5, hip=())
     stars = load_stars(2.0)
     table = pq.read_table(io.BytesIO(export(decode(image_of("aim"), stars.hip), manifest, "parquet")))
     assert table.column_names == ["row", "hip", "ra_deg", "dec_deg", "v_mag"]
@@ -215,11 +215,11 @@ def test_star_list_for_people_in_parquet():
 
 def test_any_name_goes_into_a_fits_card():
     """Accents fall off, what has no ASCII form is a question mark, line breaks too; a long name keeps its length."""
-    names = [f.name for f in fields(Manifest) if f.type == "str"]
+    names = [f.name for f in fields(BuildManifest) if f.type == "str"]
     empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
     given_name = "Nächte 2026 – Straße\n星" + "x" * 90
     texts = dict.fromkeys(names, "x") | {"name": given_name}
-    manifest = Manifest(**texts, **empty, epoch_jyear=2026.5, hip=())
+    manifest = BuildManifest(**texts, **empty, epoch_jyear=2026.5, hip=())
     with fits.open(io.BytesIO(export(decode(image_of("cubestar")), manifest, "fits"))) as hdus:
         hdus.verify("exception")
         assert hdus[0].header["NAME"] == "Nachte 2026 - Strasse??" + "x" * 90

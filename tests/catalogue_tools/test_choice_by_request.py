@@ -12,24 +12,25 @@ from gss.catalogue_tools.envelope.attitude import AttitudeLimits
 from gss.catalogue_tools.onboard import decode
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, parameters_of, request_from
 from gss.catalogue_tools.selection.screening import ScreeningRules, screen
-from gss.catalogue_tools.selection.selection import Fate, Rules
+from gss.catalogue_tools.selection.selection import Fate, SelectionRules
 from gss.catalogue_tools.selection.uniform_density import survey_attitudes
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import separation_rad
-from gss.domain.bank_tables import ReducedFrame
 from gss.domain.errors import BadInput
+from gss.instruments.registry import shipped_camera
+from gss.skytables.bank import ReducedFrame
 
 
 def deg(*values):
     return tuple(float(np.radians(v)) for v in values)
 
 
-WHOLE = BuildRequest("sunsat", "sunsat", Rules(5.0), pointings=300)
+WHOLE = BuildRequest(shipped_camera("sunsat"), "sunsat", SelectionRules(5.0), pointings=300)
 PATCH = replace(
     WHOLE,
-    profile_name="oersted",
+    profile=shipped_camera("oersted"),
     format_name="oersted",
-    rules=Rules(4.5),
+    rules=SelectionRules(4.5),
     attitude=AttitudeLimits("inertial", deg(-4, 4), deg(-4, 4), deg(-4, 4), ra_rad=1.4, dec_rad=0.1),
 )
 BAND = replace(
@@ -47,7 +48,7 @@ def stars():
 
 def test_a_reduced_directory_that_fits_is_not_refused_early(stars):
     """far-mst to V 6 fits a bank that the pairs of all its stars would overflow, and its preview says about how large it is."""
-    request = BuildRequest("far_mst", "far-mst", Rules(6.0), bank_bytes=600_000, pointings=300)
+    request = BuildRequest(shipped_camera("far_mst"), "far-mst", SelectionRules(6.0), bank_bytes=600_000, pointings=300)
     assert len(prepare(request, stars).selection.kept) > 5000
     quick, built = preview(request, stars), build(request, stars)
     assert len(built.image) <= 600_000
@@ -59,7 +60,7 @@ def test_a_reduced_directory_that_fits_is_not_refused_early(stars):
 @pytest.mark.parametrize("faint_mag", [4.5, 6.0])
 def test_the_size_of_a_small_patch_is_known_before(stars, profile, faint_mag):
     """Formats of triplets and links say in the preview what the image takes, on a patch of the sky."""
-    request = replace(PATCH, profile_name=profile, format_name=profile, rules=Rules(faint_mag))
+    request = replace(PATCH, profile=shipped_camera(profile), format_name=profile, rules=SelectionRules(faint_mag))
     quick, built = preview(request, stars), build(request, stars)
     assert len(quick.selection.kept) == pytest.approx(len(built.stars), abs=1)
     assert quick.bytes == pytest.approx(len(built.image), rel=0.02 if len(built.stars) > 50 else 0.2)
@@ -69,7 +70,7 @@ def test_the_size_of_a_small_patch_is_known_before(stars, profile, faint_mag):
 def test_the_screening_list_drops_and_says_how_many(stars):
     """Stars with the marks of Moniteq's table are gone, each counted in the funnel, and the manifest says why."""
     plain = build(BAND, stars)
-    built = build(replace(BAND, rules=Rules(5.0, screening=ScreeningRules())), stars)
+    built = build(replace(BAND, rules=SelectionRules(5.0, screening=ScreeningRules())), stars)
     marks = screen(stars.brighter_than(5.0))
     bad = set(stars.brighter_than(5.0).hip[marks.marked].tolist())
     assert set(built.stars.hip.tolist()) == set(plain.stars.hip.tolist()) - bad
@@ -84,7 +85,7 @@ def test_the_screening_list_drops_and_says_how_many(stars):
 
 def test_the_screening_list_may_only_name(stars):
     """With the action list every star stays, and the funnel and the manifest name those that are on it."""
-    listed = build(replace(BAND, rules=Rules(5.0, screening=ScreeningRules("list"))), stars)
+    listed = build(replace(BAND, rules=SelectionRules(5.0, screening=ScreeningRules("list"))), stars)
     assert listed.sha256 == build(BAND, stars).sha256
     paper = listed.manifest.assessment["screening"]
     last = listed.selection.funnel[-1]
@@ -96,7 +97,7 @@ def test_companions_and_false_triples_have_limits(stars):
     """A star goes when more others lie in its ring than allowed, counted one by one; so says the limit on triples."""
     marks = {"doubles": False, "variables": False, "fast": False}
     ring = {"arc_rad": deg(8)[0], "tolerance_rad": deg(0.05)[0]}
-    by_count = replace(WHOLE, rules=Rules(5.0, screening=ScreeningRules(most_companions=1, **marks, **ring)))
+    by_count = replace(WHOLE, rules=SelectionRules(5.0, screening=ScreeningRules(most_companions=1, **marks, **ring)))
     ready = prepare(by_count, stars)
     found, candidates = ready.selection.screened, ready.selection.candidates
     for k in range(0, len(candidates), 97):
@@ -105,7 +106,7 @@ def test_companions_and_false_triples_have_limits(stars):
     assert np.array_equal(ready.selection.fate == Fate.SCREENED, found.companions > 1)
     assert 0 < ready.selection.count(Fate.SCREENED) < len(candidates)
     by_false = ScreeningRules(most_false=1.5 * found.third, **marks, **ring)
-    again = prepare(replace(WHOLE, rules=Rules(5.0, screening=by_false)), stars)
+    again = prepare(replace(WHOLE, rules=SelectionRules(5.0, screening=by_false)), stars)
     assert np.array_equal(again.selection.fate, ready.selection.fate)
 
 
@@ -127,7 +128,12 @@ def test_any_format_may_have_a_reduced_catalogue(stars):
 
 def test_thinning_by_frames_fills_every_frame(stars):
     """Upright frames of the camera's shape hold the wanted number, or all there are, and the funnel says which fields it was."""
-    request = replace(WHOLE, profile_name="cubestar", format_name="cubestar", rules=Rules(5.0, brightest_per_field=6))
+    request = replace(
+        WHOLE,
+        profile=shipped_camera("cubestar"),
+        format_name="cubestar",
+        rules=SelectionRules(5.0, brightest_per_field=6),
+    )
     circles = prepare(request, stars)
     frames = prepare(replace(request, rules=replace(request.rules, thinning="frames")), stars)
     assert frames.selection.count(Fate.THINNED) > 0
@@ -139,22 +145,22 @@ def test_thinning_by_frames_fills_every_frame(stars):
         assert have >= min(could, 5)
 
 
-def test_choices_come_back_from_their_parameters():
-    """A request with all choices survives its manifest, and one of before they existed reads as without them."""
-    rules = Rules(5.0, thinning="frames", screening=ScreeningRules("list", most_companions=3, most_false=0.1))
+def test_choices_are_restored_from_their_parameters():
+    """A request with all choices survives its manifest, and an older one is read as without them."""
+    rules = SelectionRules(5.0, thinning="frames", screening=ScreeningRules("list", most_companions=3, most_false=0.1))
     request = replace(WHOLE, rules=rules, reduced=ReducedFrame(*deg(30, 24)))
     plain = json.loads(json.dumps(parameters_of(request)))
-    assert request_from(plain) == request
+    assert request_from(plain, WHOLE.profile) == request
     for name in ("thinning", "screening"):
         del plain["rules"][name]
     del plain["reduced"]
-    assert request_from(plain) == replace(WHOLE, rules=Rules(5.0))
+    assert request_from(plain, WHOLE.profile) == replace(WHOLE, rules=SelectionRules(5.0))
 
 
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Rules(5.0, thinning="squares"), "way of thinning"),
+        (lambda: SelectionRules(5.0, thinning="squares"), "way of thinning"),
         (lambda: ScreeningRules("burn"), "unknown screening"),
         (lambda: ScreeningRules(most_companions=-1), "limit of the screening"),
         (lambda: ScreeningRules(most_false=float("nan")), "limit of the screening"),

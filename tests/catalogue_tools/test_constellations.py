@@ -54,7 +54,7 @@ def test_no_segment_crosses_the_sky(bright: StarTable) -> None:
     assert np.all((angle_rad > 0) & (angle_rad < LONGEST_RAD))
 
 
-def test_a_table_without_a_joined_star_is_told(bright: StarTable) -> None:
-    """By the figure and the star."""
+def test_a_table_without_a_joined_star_is_rejected(bright: StarTable) -> None:
+    """The error names the constellation and the star."""
     with pytest.raises(CorruptData, match="does not name"):
         figures(bright.brighter_than(2.0))

@@ -8,21 +8,21 @@ import pytest
 from astropy_healpix import HEALPix
 
 from gss.catalogue_tools.envelope.envelope import WholeSky
-from gss.catalogue_tools.envelope.field import Disc, FieldShape
+from gss.catalogue_tools.envelope.field import CircularField, FieldShape
 from gss.catalogue_tools.envelope.healpix import centres, pixel_of, pixel_radius_rad
 from gss.catalogue_tools.selection.counting import Shadow, fields_per_star, stars_per_field
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.domain.profiles import PROFILES, profile
+from gss.instruments.registry import shipped_camera, shipped_registry
 
 
 def attitudes(count, seed=3):
-    return WholeSky(FieldShape(profile("sunsat").camera)).attitudes(np.random.default_rng(seed), count)
+    return WholeSky(FieldShape(shipped_camera("sunsat").camera)).attitudes(np.random.default_rng(seed), count)
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", shipped_registry().cameras_with_chain())
 def test_counts_are_those_of_brute_force(name):
     """Every camera: identical to asking the field about each star."""
-    shape, unit, cam = FieldShape(profile(name).camera), load_stars(5.0).icrs, attitudes(3000)
+    shape, unit, cam = FieldShape(shipped_camera(name).camera), load_stars(5.0).icrs, attitudes(3000)
     counts = stars_per_field(unit, cam, shape)
     assert np.array_equal(counts[:400], [shape.inside(unit @ a.T).sum() for a in cam[:400]])
     assert counts.sum() > 0
@@ -32,20 +32,20 @@ def test_counts_are_those_of_brute_force(name):
 def test_circles_of_any_size_are_counted(radius):
     """Circles, those larger than half the sky included."""
     unit, cam = load_stars(4.0).icrs, attitudes(500)
-    disc = Disc(radius)
+    disc = CircularField(radius)
     assert np.array_equal(stars_per_field(unit, cam, disc), [disc.inside(unit @ a.T).sum() for a in cam])
 
 
 def test_threads_count_the_same():
     """A pool of threads gives the same counts in the same order."""
-    shape, unit, cam = FieldShape(profile("cubestar").camera), load_stars(4.0).icrs, attitudes(60_000)
+    shape, unit, cam = FieldShape(shipped_camera("cubestar").camera), load_stars(4.0).icrs, attitudes(60_000)
     with ThreadPoolExecutor(2) as pool:
         assert np.array_equal(stars_per_field(unit, cam, shape), stars_per_field(unit, cam, shape, pool.map))
 
 
 def test_both_ways_of_counting_add_up():
     """Stars over fields and fields over stars are the same pairs, with a shadow too, and a shadow only takes away."""
-    shape, unit, cam = FieldShape(profile("cubestar").camera), load_stars(4.0).icrs, attitudes(4000)
+    shape, unit, cam = FieldShape(shipped_camera("cubestar").camera), load_stars(4.0).icrs, attitudes(4000)
     nadir = attitudes(4000, 9)[:, 0]
     shadow = Shadow(nadir, 1.2)
     plain, shaded = stars_per_field(unit, cam, shape), stars_per_field(unit, cam, shape, shadow=shadow)
@@ -58,7 +58,7 @@ def test_both_ways_of_counting_add_up():
 
 def test_nothing_to_count_is_zero():
     """No stars or no fields."""
-    shape = FieldShape(profile("cubestar").camera)
+    shape = FieldShape(shipped_camera("cubestar").camera)
     assert stars_per_field(np.empty((0, 3)), attitudes(3), shape).tolist() == [0, 0, 0]
     assert len(stars_per_field(centres(2), attitudes(0), shape)) == 0
 

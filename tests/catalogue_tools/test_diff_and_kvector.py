@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from gss.catalogue_tools.diff import compare
+from gss.catalogue_tools.formats.section_contents import line_index
 from gss.catalogue_tools.onboard import decode, encode
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
-from gss.catalogue_tools.tables.distances import distance_table
-from gss.catalogue_tools.tables.kvector import k_vector
 from gss.domain.errors import BadInput
+from gss.skytables.kvector import k_vector
+from gss.skytables.pairs import distance_table
 
 
 def onboard(stars, format_name="sunsat"):
@@ -44,23 +45,27 @@ def test_every_kind_of_change_is_listed():
     assert len(d.moved) + len(d.same) == len(stars) - 3
 
 
-def test_k_vector_brackets_every_query():
-    """The rows it names hold all distances asked for and few others, for queries inside, across and beyond the ends."""
+def test_k_vector_answers_every_query():
+    """It names exactly the rows of a binary search, for queries inside, across and beyond the ends; counts are its line's."""
     d = distance_table(load_stars(4.5), 0.004, 0.24).distance_rad
     index = k_vector(d)
     rng = np.random.default_rng(2)
     lows = np.concatenate([rng.uniform(-0.01, 0.26, 500), d[[0, -1, 5]]])
-    for low, width in zip(lows, rng.uniform(0, 0.003, len(lows)), strict=True):
-        start, end = index.bounds(low, low + width)
-        first, last = np.searchsorted(d, low, "left"), np.searchsorted(d, low + width, "right")
-        if first < last:
-            assert start <= first
-            assert end >= last
-        assert (end - start) - (last - first) < 30
+    highs = lows + rng.uniform(0, 0.003, len(lows))
+    start, end = index.ranges(d, lows, highs)
+    np.testing.assert_array_equal(start, np.searchsorted(d, lows, "left"))
+    np.testing.assert_array_equal(end, np.searchsorted(d, highs, "right"))
+    line = index.start + index.step * np.arange(len(d))
+    np.testing.assert_array_equal(index.k, np.count_nonzero(d[:, None] <= line, axis=0))
 
 
-@pytest.mark.parametrize("table", [[], [0.1], [0.1, 0.1], [0.2, 0.1]])
-def test_no_k_vector_of_nothing(table):
-    """Too short or unsorted tables have none."""
-    with pytest.raises(BadInput):
-        k_vector(np.array(table, float))
+@pytest.mark.parametrize("table", [[], [0.1], [0.1, 0.1]])
+def test_banks_store_no_k_vector_of_one_value(table):
+    """A line needs two different values."""
+    assert line_index(np.array(table, float)) is None
+
+
+def test_an_unsorted_table_has_no_k_vector():
+    """Its values must ascend."""
+    with pytest.raises(BadInput, match="ascending"):
+        k_vector(np.array([0.2, 0.1]))

@@ -13,8 +13,8 @@ from gss.catalogue_tools.corrections.doubles import POLICIES, Doubles, merge, se
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import ARCSEC_RAD, separation_rad
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES
 from gss.domain.stars import FLAG_MULTIPLE, StarTable
+from gss.instruments.registry import shipped_camera, shipped_registry
 
 CLOSE_RAD = 1e-3
 ALPHA_CEN = (71683, 71681)  # α Centauri A and B, 19″ apart in 1991
@@ -54,7 +54,7 @@ def test_erlank_averages_the_position_without_the_light() -> None:
 
 def test_blend_that_is_not_star_like_is_rejected() -> None:
     """Equal stars s apart have an extra spread of s/2: rejected above the limit of half a σ, kept below it."""
-    profile = PROFILES["sunsat"]
+    profile = shipped_camera("sunsat")
     sigma = separable_rad(profile) / 4
     wide = merge(_stars([(0, 0), (1.2 * sigma, 0)], [4.0, 4.0]), Doubles("moniteq"), profile)
     narrow = merge(_stars([(0, 0), (0.8 * sigma, 0)], [4.0, 4.0]), Doubles("moniteq"), profile)
@@ -120,10 +120,10 @@ def test_light_is_neither_lost_nor_made(seed: int) -> None:
     assert light(merged) @ merged.icrs == pytest.approx(light(stars) @ stars.icrs, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
+@pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
 def test_no_two_merged_stars_are_within_the_cameras_reach(name: str) -> None:
     """After Huffman's merging of the stars to V 6 hardly any two centres are closer than the camera separates."""
-    profile = PROFILES[name]
+    profile = shipped_camera(name)
     merged = merge(load_stars(6.0), Doubles("huffman"), profile)
     assert len(merged.stars) + merged.members - merged.groups == len(load_stars(6.0))
     again = merge(merged.stars, Doubles("huffman"), profile)
@@ -134,7 +134,7 @@ def test_alpha_centauri_becomes_one_star_for_a_wide_camera() -> None:
     """The two suns of α Cen, 19″ apart, are one centre of light at −0.3 mag between them."""
     stars = load_stars(2.0)
     rows = [int(np.flatnonzero(stars.hip == hip)[0]) for hip in ALPHA_CEN]
-    merged = merge(stars, Doubles("moniteq"), PROFILES["sunsat"]).stars
+    merged = merge(stars, Doubles("moniteq"), shipped_camera("sunsat")).stars
     row = int(np.flatnonzero(merged.hip == ALPHA_CEN[0])[0])
     assert ALPHA_CEN[1] not in merged.hip
     assert merged.v_mag[row] == pytest.approx(-0.29, abs=0.05)
@@ -155,14 +155,14 @@ def test_alpha_centauri_becomes_one_star_for_a_wide_camera() -> None:
         (lambda: merge(load_stars(2.0), Doubles()), "need a separation"),
     ],
 )
-def test_impossible_policies_are_refused(bad, text) -> None:  # type: ignore[no-untyped-def]
-    """Each mistake is told with its name."""
+def test_impossible_policies_are_rejected(bad, text) -> None:  # type: ignore[no-untyped-def]
+    """Each error names the field."""
     with pytest.raises(BadInput, match=text):
         bad()
 
 
-def test_empty_and_lonely_tables_pass_through() -> None:
-    """No star and one star are no pair, whatever the policy."""
+def test_empty_and_single_star_tables_are_unchanged() -> None:
+    """No star and one star are not a pair, whatever the policy."""
     for policy in POLICIES:
         for n in (0, 1):
             few = load_stars(2.0).take(np.arange(n))

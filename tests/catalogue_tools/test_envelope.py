@@ -15,8 +15,8 @@ from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs, orbit_from_icrs
-from gss.domain.profiles import PROFILES, profile
 from gss.domain.rotation import rotation_x, rotation_y, rotation_z
+from gss.instruments.registry import shipped_camera, shipped_registry
 
 
 def deg(*values):
@@ -28,7 +28,7 @@ SUNSAT_LIMITS = AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140)
 
 def sunsat(raan_low, raan_high, inclination=97.0):
     planes = from_elements(deg(inclination, inclination), deg(raan_low, raan_high))
-    return BandEnvelope(FieldShape(profile("sunsat").camera), SUNSAT_LIMITS, planes)
+    return BandEnvelope(FieldShape(shipped_camera("sunsat").camera), SUNSAT_LIMITS, planes)
 
 
 def seen_by_sampling(envelope, unit, count, seed=1):
@@ -127,7 +127,7 @@ BANDS = {
 def test_band_is_brute_force_over_the_sphere(name):
     """Over the whole sphere, wrap and poles included: sampling finds nothing outside, and fills the inside but for its rim."""
     limits, camera, inclination, raan = BANDS[name]
-    shape = FieldShape(profile(camera).camera)
+    shape = FieldShape(shipped_camera(camera).camera)
     envelope = BandEnvelope(shape, limits, from_elements(deg(*inclination), deg(*raan)))
     unit = np.concatenate([centres(16), [[0, 0, 1.0], [0, 0, -1.0]]])
     sampled, geometric = seen_by_sampling(envelope, unit, 2500), envelope.contains(unit)
@@ -161,7 +161,7 @@ PATCHES = {
 @pytest.mark.parametrize("camera", ["sunsat", "cubestar"])
 def test_patch_is_brute_force_over_the_sphere(name, camera):
     """Laws that do not turn with the orbit: as for the band."""
-    envelope = PatchEnvelope(FieldShape(profile(camera).camera), PATCHES[name], deg(355, 362))
+    envelope = PatchEnvelope(FieldShape(shipped_camera(camera).camera), PATCHES[name], deg(355, 362))
     unit = np.concatenate([centres(32), [[0, 0, 1.0], [0, 0, -1.0]]])
     sampled, geometric = seen_by_sampling(envelope, unit, 1500), envelope.contains(unit)
     assert geometric.any()
@@ -171,10 +171,10 @@ def test_patch_is_brute_force_over_the_sphere(name, camera):
     assert all(r < np.radians(4) for r in rim)
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", shipped_registry().cameras_with_chain())
 def test_field_shape_is_the_detector(name):
     """Directions a hair inside the detector's edge are inside the shape, a hair outside are not, for every camera."""
-    camera = profile(name).camera
+    camera = shipped_camera(name).camera
     shape = FieldShape(camera)
     assert shape.inside(widened(camera, -2 * camera.pixel_rad).outline(37)).all()
     assert not shape.inside(widened(camera, 2 * camera.pixel_rad).outline(37)).any()
@@ -188,7 +188,7 @@ def test_field_shape_is_the_detector(name):
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
 def test_field_is_never_ruled_out_when_it_is_near(name):
     """may_be_within never denies a field that is within the slack, and does deny one clearly beyond."""
-    shape = FieldShape(profile(name).camera)
+    shape = FieldShape(shipped_camera(name).camera)
     rng = np.random.default_rng(8)
     unit = rng.normal(size=(400, 3))
     unit /= np.linalg.norm(unit, axis=1, keepdims=True)
@@ -200,7 +200,7 @@ def test_field_is_never_ruled_out_when_it_is_near(name):
 
 def test_margin_widens_the_field():
     """A margin of half a degree makes both fields of view a degree wider, near enough."""
-    camera = profile("sunsat").camera
+    camera = shipped_camera("sunsat").camera
     wider = np.degrees(widened(camera, np.radians(0.5)).fov_rad)
     assert wider - np.degrees(camera.fov_rad) == pytest.approx([1.0, 1.0], abs=0.03)
 
@@ -215,7 +215,7 @@ def test_time_in_field_adds_up_to_one_field(envelope):
 
 def test_time_in_field_of_a_patch_adds_up_too():
     """The same for a camera held still."""
-    envelope = PatchEnvelope(FieldShape(profile("sunsat").camera), PATCHES["round the pole"])
+    envelope = PatchEnvelope(FieldShape(shipped_camera("sunsat").camera), PATCHES["round the pole"])
     share = envelope.time_fraction(centres(32))
     assert share.sum() * 4 * np.pi / len(share) == pytest.approx(envelope.shape.area_sr, rel=0.05)
 
@@ -244,7 +244,7 @@ def test_edges_lie_on_the_border():
 def test_inertial_edge_is_the_field_there():
     """A camera held still draws its own outline."""
     limits = AttitudeLimits("inertial", ra_rad=1.0, dec_rad=0.5, field_roll_rad=2.0)
-    shape = FieldShape(profile("cubestar").camera)
+    shape = FieldShape(shipped_camera("cubestar").camera)
     (line,) = PatchEnvelope(shape, limits).edges(False)
     seen = line @ cam_from_icrs(1.0, 0.5, 2.0).T
     assert shape.camera.contains(shape.camera.project(seen), margin_px=-1).all()
@@ -253,7 +253,7 @@ def test_inertial_edge_is_the_field_there():
 
 def test_random_attitudes_are_rotations_and_look_inside():
     """Every envelope's attitudes are proper rotations whose boresight it contains."""
-    shape = FieldShape(profile("sunsat").camera)
+    shape = FieldShape(shipped_camera("sunsat").camera)
     for envelope in (sunsat(133, 149), WholeSky(shape), PatchEnvelope(shape, PATCHES["across 0h"])):
         attitudes = envelope.attitudes(np.random.default_rng(6), 200)
         assert np.abs(attitudes @ np.swapaxes(attitudes, 1, 2) - np.eye(3)).max() < 1e-12
@@ -270,7 +270,7 @@ def test_random_attitudes_are_rotations_and_look_inside():
         (lambda: AttitudeLimits("sunsat", deg(10, -10)), "roll: the minimum is above the maximum"),
         (lambda: AttitudeLimits("sunsat", yaw_rad=deg(0, 400)), "more than a turn apart"),
         (lambda: AttitudeLimits("sideways"), "unknown pointing law"),
-        (lambda: AttitudeLimits("zenith", body_from_cam=(1.0,) * 9), "the mounting is no rotation"),
+        (lambda: AttitudeLimits("zenith", body_from_cam=(1.0,) * 9), "the mounting is not a rotation"),
     ],
 )
 def test_impossible_limits_are_named(make, text):
@@ -279,8 +279,8 @@ def test_impossible_limits_are_named(make, text):
         make()
 
 
-def test_a_mounting_that_mirrors_is_refused():
-    """Rows of unit length at right angles are not enough: a mirror is no rotation."""
+def test_a_mounting_that_mirrors_is_rejected():
+    """Orthogonal rows of unit length are not enough: a reflection is not a rotation."""
     with pytest.raises(BadInput, match="it mirrors"):
         AttitudeLimits("zenith", body_from_cam=(1.0, 0, 0, 0, 1.0, 0, 0, 0, -1.0))
     assert AttitudeLimits("zenith", body_from_cam=(1.0, 0, 0, 0, -1.0, 0, 0, 0, -1.0)).cam_from_body[2, 2] == -1

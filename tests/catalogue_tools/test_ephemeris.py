@@ -44,8 +44,8 @@ def _seen(name: str, time: Time) -> np.ndarray:
 
 
 @pytest.mark.parametrize("date", DATES)
-def test_planets_moon_and_sun_stand_where_astropy_sees_them(date: str) -> None:
-    """Directions from the Earth's centre, with our aberration applied, agree with astropy's apparent places."""
+def test_planets_moon_and_sun_agree_with_astropy(date: str) -> None:
+    """Directions from the Earth's centre, with our aberration applied, agree with astropy's apparent positions."""
     time = Time(date, scale="tt")
     bodies = bodies_at(_jyear(time))
     for name, icrs in zip(PLANETS, aberrate(bodies.planets_icrs, bodies.earth_velocity_c), strict=True):

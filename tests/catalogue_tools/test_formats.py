@@ -1,4 +1,4 @@
-"""Every on-board format byte by byte: what is written, what comes back, what is refused, and what damage is found."""
+"""Every on-board format byte by byte: written bytes, decoded values, rejected input, and detected damage."""
 
 import struct
 import zlib
@@ -30,14 +30,14 @@ from gss.catalogue_tools.onboard import (
     tables_for,
 )
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
-from gss.catalogue_tools.tables.distances import distance_table
-from gss.catalogue_tools.tables.sin2_directory import pair_directory
 from gss.domain.angles import ARCSEC_RAD, unit_from_ra_dec
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.neighbours import neighbour_links
-from gss.domain.profiles import profile
-from gss.domain.stars import DistanceTable, OnboardCatalogue
-from gss.domain.triplets import CERTAIN, TripletClasses, build_triplets
+from gss.instruments.registry import shipped_camera
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.neighbours import neighbour_links
+from gss.skytables.pairs import DistanceTable, distance_table
+from gss.skytables.sin2 import sin2_directory
+from gss.skytables.triplets import CERTAIN, TripletClasses, build_triplets
 
 ROOT = Path(__file__).parent.parent.parent
 GOLDEN = ROOT / "tests" / "golden"
@@ -65,7 +65,7 @@ def small(format_name):
 @lru_cache
 def full():
     """CubeStar's image with both optional sections, in the frame of Huffman's own camera."""
-    camera = profile("far_mst").camera
+    camera = shipped_camera("far_mst").camera
     own = tables_for("cubestar", sky(), pairs(), camera, index=True, reduced=frame_of(camera))
     return encode(sky(), own.distances, "cubestar", "cubestar", bytes(range(8)), own.tables)
 
@@ -130,7 +130,7 @@ def test_directory_is_columns_of_sin2_with_its_k_vector():
 
 def test_directory_of_the_bank_is_that_of_the_stars():
     """The same pairs with the same sin² as the directory that the ground makes straight from the stars."""
-    made, kept = pair_directory(sky(), MAX_RAD), decode(small("far-mst"))
+    made, kept = sin2_directory(distance_table(sky(), 0.0, MAX_RAD), len(sky())), decode(small("far-mst"))
     far = made.sin2 >= np.sin(MIN_RAD) ** 2
     assert np.array_equal(kept.distances.first, made.first[far])
     assert np.array_equal(kept.distances.second, made.second[far])
@@ -153,7 +153,7 @@ def test_linked_list_is_counts_pointers_and_neighbours():
 
 def test_triplets_of_the_bank_are_those_of_the_stars():
     """Spread again, the sections are the data base that the star list itself gives; a dozen references in eight bytes."""
-    stars, camera = propagate(load_stars(4.5), 2026.5), profile("oersted").camera
+    stars, camera = propagate(load_stars(4.5), 2026.5), shipped_camera("oersted").camera
     own = tables_for("oersted", stars, pairs(), camera, limit_mag=4.15, uncertainty_rad=float(np.radians(0.05)))
     image = encode(stars, own.distances, "oersted", "oersted", tables=own.tables)
     found = decode(image).tables.constellations.table()
@@ -172,7 +172,7 @@ def test_triplets_of_a_sparse_list_fit_their_classes():
     rng = np.random.default_rng(5)
     unit = rng.normal(size=(9, 3))
     stars = list_of(unit / np.linalg.norm(unit, axis=1, keepdims=True))
-    wide = profile("cubestar").camera
+    wide = shipped_camera("cubestar").camera
     own = tables_for(
         "oersted", stars, distance_table(stars, 0.0, 1.0), wide, uncertainty_rad=float(np.radians(20 / 3600))
     )
@@ -190,7 +190,7 @@ def test_certain_triplets_are_one_per_star():
 
 def test_reduced_catalogue_comes_back_with_its_frame():
     """Huffman 2006 §5.5.4: which stars, and the frame that they were chosen for."""
-    reduced, (width, height) = decode(full()).tables.reduced, profile("far_mst").camera.fov_rad
+    reduced, (width, height) = decode(full()).tables.reduced, shipped_camera("far_mst").camera.fov_rad
     assert (reduced.frame.width_rad, reduced.frame.height_rad) == pytest.approx((width, height))
     assert (reduced.frame.brightest, len(reduced.kept)) == (8, len(sky()))
     assert reduced.kept.any()
@@ -213,7 +213,7 @@ def test_size_is_known_before_the_image(format_name):
 def test_size_of_triplets_is_nearly_known():
     """Within a fifth for the whole sky to V 4.5."""
     stars = load_stars(4.5)
-    own = tables_for("oersted", stars, pairs(), profile("oersted").camera)
+    own = tables_for("oersted", stars, pairs(), shipped_camera("oersted").camera)
     image = encode(stars, own.distances, "oersted", "oersted", tables=own.tables)
     assert image_bytes("oersted", len(stars), 0) == pytest.approx(len(image), rel=0.2)
 
@@ -357,7 +357,7 @@ def test_a_set_spare_bit_is_found():
         ("sunsat", 68, struct.pack("<f", 1.7), "declination is impossible"),
         ("aim", 64 + 4 * 49, struct.pack("<i", 2**30 + 1), "declination is impossible"),
         ("far-mst", 64 + 14 * 49 + 4 * 76, struct.pack("<f", -0.1), "sin² is impossible"),
-        ("far-mst", 64, struct.pack("<f", 2.0), "no unit vector"),
+        ("far-mst", 64, struct.pack("<f", 2.0), "not a unit vector"),
         ("sunsat-5", 64 + 12 * 49, b"\xff\x1f", "not in the list"),
     ],
 )
@@ -420,17 +420,17 @@ def test_flags_beyond_eight_bits_are_refused():
 
 
 @pytest.mark.parametrize("format_name", FORMATS)
-def test_a_list_with_nan_is_refused(format_name):
-    """A direction that is no unit vector is never written."""
+def test_a_list_with_nan_is_rejected(format_name):
+    """A direction that is not a unit vector is never written."""
     icrs = sky().icrs.copy()
     icrs[7] = np.nan
-    with pytest.raises(BadInput, match="no unit vector"):
+    with pytest.raises(BadInput, match="not a unit vector"):
         encode(replace(sky(), icrs=icrs), pairs(), format_name, "any")
 
 
 def test_tables_of_another_list_are_refused():
     """Links, triplets and reduced catalogue of one list do not go with another."""
-    camera = profile("far_mst").camera
+    camera = shipped_camera("far_mst").camera
     for format_name in ("far-mst", "oersted"):
         own = tables_for(format_name, sky(), pairs(), camera)
         fewer = sky().take(np.arange(len(sky()) - 1))

@@ -1,4 +1,4 @@
-"""Requests that take long: counted before they are tried, told as they go on, ended when somebody cancels."""
+"""Long requests: their cost is estimated first, progress is reported, and a cancellation ends them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from gss.catalogue_tools.build import build, plan, preview, too_heavy
 from gss.catalogue_tools.envelope.attitude import AttitudeLimits
 from gss.catalogue_tools.envelope.blocks import BlockEnvelope
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit
-from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.selection.selection import SelectionRules
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
+from gss.instruments.registry import shipped_camera
 
 
 def deg(*values: float) -> tuple[float, ...]:
@@ -24,9 +25,9 @@ def deg(*values: float) -> tuple[float, ...]:
 TURN = (-np.pi, np.pi)
 ORBIT = ElementsOrbit((deg(97)[0], deg(97)[0]), (0.0, 0.1))
 BLOCKS = BuildRequest(
+    shipped_camera("cubestar"),
     "cubestar",
-    "cubestar",
-    Rules(3.8),
+    SelectionRules(3.8),
     orbit=ORBIT,
     attitude=AttitudeLimits("zenith", TURN, TURN, TURN),
     start=datetime(2026, 12, 1, tzinfo=UTC),
@@ -48,14 +49,14 @@ def test_blocks_over_all_attitudes_are_counted_and_not_previewed() -> None:
 
 
 def test_the_count_of_fields_is_the_number_stepped() -> None:
-    """What is counted beforehand is what is then worked out, and the share told ends at one."""
-    told: list[float] = []
+    """The predicted number equals the calculated one, and the reported share ends at one."""
+    progress: list[float] = []
     limits = AttitudeLimits("zenith", deg(-5, 5), deg(0, 5), deg(0, 10))  # type: ignore[arg-type]
-    p = plan(replace(BLOCKS, attitude=limits), told.append)
+    p = plan(replace(BLOCKS, attitude=limits), progress.append)
     assert isinstance(p.base, BlockEnvelope)
     assert p.base.looked_at == sum(len(a) for a in p.base._attitudes(0.0)) == 3 * 2 * 3 * 36
     assert p.base.marked.any()
-    assert told[-1] == pytest.approx(1.0)
+    assert progress[-1] == pytest.approx(1.0)
 
 
 def test_a_heavy_build_is_cancelled_from_within() -> None:
@@ -67,7 +68,9 @@ def test_a_heavy_build_is_cancelled_from_within() -> None:
 
     with pytest.raises(Stopped):
         build(replace(BLOCKS, attitude=AttitudeLimits("zenith", yaw_rad=(0.0, 0.2))), load_stars(3.8), stop)
-    frames = BuildRequest("cubestar", "cubestar", Rules(4.5, brightest_per_field=8, thinning="frames"))
+    frames = BuildRequest(
+        shipped_camera("cubestar"), "cubestar", SelectionRules(4.5, brightest_per_field=8, thinning="frames")
+    )
 
     def stop_thinning(stage: str, share: float) -> None:
         if stage == "thinning":
@@ -77,13 +80,15 @@ def test_a_heavy_build_is_cancelled_from_within() -> None:
         build(frames, load_stars(4.5), stop_thinning)
 
 
-def test_frames_with_many_stars_are_counted() -> None:
-    """Five hundred of the brightest to V 7 in every frame are no preview; eight to V 5 are."""
+def test_frames_with_many_stars_are_too_expensive_for_a_preview() -> None:
+    """Five hundred of the brightest to V 7 in every frame are too expensive; eight to V 5 are not."""
     stars = load_stars(7.0)
-    many = BuildRequest("cubestar", "cubestar", Rules(7.0, brightest_per_field=500, thinning="frames"))
+    many = BuildRequest(
+        shipped_camera("cubestar"), "cubestar", SelectionRules(7.0, brightest_per_field=500, thinning="frames")
+    )
     with pytest.raises(BadInput, match="too many combinations for a preview"):
         preview(many, stars)
-    few = replace(many, rules=Rules(5.0, brightest_per_field=8, thinning="frames"))
+    few = replace(many, rules=SelectionRules(5.0, brightest_per_field=8, thinning="frames"))
     assert too_heavy(plan(few), load_stars(5.0)) is None
 
 

@@ -109,7 +109,7 @@ def test_v_agrees_with_hipparcos_own_photometry(stars):
 
 
 def test_arrays_are_shared_and_read_only():
-    """Two loads cost one, and nobody can spoil the other's table."""
+    """Two loads cost one, and no caller can change another's table."""
     a, b = load_stars(5.0), load_stars(6.0)
     assert np.shares_memory(a.icrs, b.icrs)
     with pytest.raises(ValueError, match="read-only"):

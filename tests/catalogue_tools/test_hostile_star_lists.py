@@ -1,4 +1,4 @@
-"""Star lists that somebody made to do harm, or by mistake: refused with words before any library reads them."""
+"""Malicious or damaged star lists are rejected with a message before any library reads them."""
 
 from __future__ import annotations
 
@@ -79,8 +79,8 @@ def test_entities_and_document_types_are_refused(prologue: str, encoding: str) -
         read_star_list(data, "votable", SAID)
 
 
-def test_a_votable_with_a_link_for_people_is_read() -> None:
-    """LINK, which no reader follows and archives write, is no reason to refuse a list."""
+def test_a_votable_with_a_link_element_is_read() -> None:
+    """LINK, which archives write and no reader follows, is not a reason to reject a list."""
     rows = "<TABLEDATA><TR><TD>1</TD><TD>2</TD><TD>3</TD></TR></TABLEDATA>"
     data = votable(rows).replace(b"</TABLE>", b'<LINK href="http://example.org/"/></TABLE>', 1)
     data = data.replace(b"<DATA>", b'<LINK href="http://example.org/about"/><DATA>', 1).replace(
@@ -138,7 +138,7 @@ def test_an_ecsv_header_holds_plain_values(meta: str, words: str) -> None:
 @pytest.mark.parametrize("column", ["id", "ra", "v"])
 @pytest.mark.parametrize("kind", [complex, bool])
 def test_a_star_has_numbers(column: str, kind: type) -> None:
-    """Complex numbers and truth values are no places, magnitudes or numbers."""
+    """Complex numbers and booleans are not positions, magnitudes or identifiers."""
     columns = {name: np.arange(1.0, 30) for name in ("id", "ra", "dec", "v")}
     file = io.BytesIO()
     Table(columns | {column: (np.arange(29) % 3).astype(kind)}).write(file, format="fits")

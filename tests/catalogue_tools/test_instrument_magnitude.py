@@ -23,9 +23,9 @@ from gss.catalogue_tools.corrections.sky_source import corrected
 from gss.catalogue_tools.sources.gaia import v_from_g
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES
 from gss.domain.response import GENERIC, RESPONSES, SpectralResponse, response_of
 from gss.domain.sensor import Defects
+from gss.instruments.registry import shipped_camera, shipped_registry
 
 ASTROPY_TOLERANCE_MAG = 0.002
 
@@ -87,18 +87,18 @@ def test_white_stars_keep_their_v_and_unknown_colours_are_stated() -> None:
 
 def test_every_profile_has_a_response_with_its_source() -> None:
     """All five cameras have a curve, and each says what of it is chosen."""
-    for profile in PROFILES.values():
+    for profile in shipped_registry().cameras_with_chain().values():
         assert "chosen" in response_of(profile).source
-    assert response_of(replace(PROFILES["sunsat"], name="mine")) is GENERIC
+    assert response_of(replace(shipped_camera("sunsat"), name="mine")) is GENERIC
     aim = RESPONSES["aim"]
     assert aim.at(np.linspace(400, 1000, 601)).mean() == pytest.approx(0.15, rel=0.01)
     assert max(RESPONSES["far_mst"].a_per_w) == pytest.approx(0.16)
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
+@pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
 def test_mean_lens_loss_is_that_of_the_pixels(name: str) -> None:
     """The average roll-off is the mean over all pixels of a loss growing with the square of the radius."""
-    profile = PROFILES[name]
+    profile = shipped_camera(name)
     camera = profile.camera
     col = np.arange(camera.columns) - camera.centre_col_px
     row = np.arange(camera.rows) - camera.centre_row_px
@@ -111,7 +111,7 @@ def test_mean_lens_loss_is_that_of_the_pixels(name: str) -> None:
 
 def test_corrections_record_how_colours_were_had() -> None:
     """The facts name the response curve, its source, and how many stars had no colour."""
-    sky = corrected(load_stars(), Corrections(instrument_magnitude=True), 2026.9, profile=PROFILES["oersted"])
+    sky = corrected(load_stars(), Corrections(instrument_magnitude=True), 2026.9, profile=shipped_camera("oersted"))
     fact = sky.facts["applied"][-1]
     assert (fact["name"], fact["no_colour"]) == ("instrument_magnitude", 52)
     assert fact["source"].startswith("chosen")
@@ -125,11 +125,11 @@ def test_corrections_record_how_colours_were_had() -> None:
         (lambda: SpectralResponse("x", "", (500.0, 400.0), (1.0, 1.0)), "response curve"),
         (lambda: SpectralResponse("x", "", (400.0, 500.0), (0.0, 0.0)), "response curve"),
         (lambda: SpectralResponse("x", "", (400.0, 500.0), (-1.0, 1.0)), "response curve"),
-        (lambda: roll_off_mag(PROFILES["aim"], "much"), "roll-off"),
-        (lambda: roll_off_mag(replace(PROFILES["aim"], defects=Defects(corner_loss=1.0)), "worst"), "no light"),
+        (lambda: roll_off_mag(shipped_camera("aim"), "much"), "roll-off"),
+        (lambda: roll_off_mag(replace(shipped_camera("aim"), defects=Defects(corner_loss=1.0)), "worst"), "no light"),
     ],
 )
-def test_impossible_optics_are_refused(bad, text) -> None:  # type: ignore[no-untyped-def]
-    """Each mistake is told with its name."""
+def test_impossible_optics_are_rejected(bad, text) -> None:  # type: ignore[no-untyped-def]
+    """Each error names the field."""
     with pytest.raises(BadInput, match=text):
         bad()

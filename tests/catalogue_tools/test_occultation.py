@@ -6,7 +6,7 @@ import pytest
 from astropy.coordinates import GCRS, get_body
 from astropy.time import Time
 
-from gss.catalogue_tools.design.baffle_search import Baffle
+from gss.catalogue_tools.design.baffle_search import AvoidanceAngles
 from gss.catalogue_tools.envelope.attitude import AttitudeLimits, off_nadir_rad
 from gss.catalogue_tools.envelope.blocks import BlockEnvelope
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, PatchEnvelope, WholeSky
@@ -20,8 +20,8 @@ from gss.catalogue_tools.selection.counting import fields_per_star
 from gss.catalogue_tools.selection.quality import assess
 from gss.domain.angles import separation_rad
 from gss.domain.errors import BadInput
-from gss.domain.profiles import profile
 from gss.domain.rotation import rotation_x
+from gss.instruments.registry import shipped_camera
 
 START, END = 2026.92, 2026.92 + 14 / 365.25
 UNIT = np.concatenate([centres(16), [[0, 0, 1.0], [0, 0, -1.0]]])
@@ -35,7 +35,7 @@ def planes(inclination, low, high):
     return from_elements(deg(inclination, inclination), deg(low, high))
 
 
-SUNSAT, CUBESTAR = (FieldShape(profile(name).camera) for name in ("sunsat", "cubestar"))
+SUNSAT, CUBESTAR = (FieldShape(shipped_camera(name).camera) for name in ("sunsat", "cubestar"))
 SUNSAT_LIMITS = AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140))
 SIDE = AttitudeLimits("target", off_nadir_rad=0.5, body_from_cam=tuple(rotation_x(2.0).ravel()))
 ALL = Occultation(700e3, *deg(20, 28.1, 28.1))
@@ -152,9 +152,9 @@ def test_without_an_earth_the_band_is_whole():
     assert not Occultation().active
 
 
-def test_sun_and_moon_stand_where_astropy_says():
+def test_sun_and_moon_agree_with_astropy():
     """Directions from the Earth's centre over a year, to 0.1°."""
-    baffle, part = Baffle(1.0, 1.0, 2026.0, 2027.0), np.linspace(0, 1, 40)
+    baffle, part = AvoidanceAngles(1.0, 1.0, 2026.0, 2027.0), np.linspace(0, 1, 40)
     times = Time(2026.0 + part, format="jyear", scale="tt")
     for name, ours in zip(("sun", "moon"), baffle.bodies(part), strict=True):
         place = get_body(name, times, ephemeris="builtin").transform_to(GCRS(obstime=times)).cartesian.xyz
@@ -197,7 +197,7 @@ def test_camera_beside_the_sun_sees_the_ring_round_it():
     """Law sun_pointing: the boresight stays at right angles to the Sun, body +z points to it."""
     limits = AttitudeLimits("sun_pointing", yaw_rad=deg(-180, 180))
     base = PatchEnvelope(SUNSAT, limits, deg(250, 264))
-    sun, _ = Baffle(1.0, 0.0, START, END).bodies(np.array([0.5]))
+    sun, _ = AvoidanceAngles(1.0, 0.0, START, END).bodies(np.array([0.5]))
     moments = base.at(np.column_stack([np.full(50, 0.5), np.zeros((50, 2)), np.linspace(0, 1, 50)]))
     assert separation_rad(moments.cam_from_icrs[:, 2], sun[0]) == pytest.approx(np.pi / 2, abs=np.radians(20))
     spread = separation_rad(moments.cam_from_icrs[:1, 2], moments.cam_from_icrs[:, 2])
@@ -205,7 +205,7 @@ def test_camera_beside_the_sun_sees_the_ring_round_it():
 
 
 def test_quality_counts_clear_stars_in_usable_fields():
-    """With the Earth in the way fewer stars count, and the share of lost time is told."""
+    """With the Earth in the field fewer stars count, and the share of lost time is reported."""
     envelope = hidden("zenith, tilted")
     unit = centres(16)
     free = assess(unit, envelope.base, CUBESTAR, 2000, np.random.default_rng(1))

@@ -85,7 +85,7 @@ def test_unusable_tle_or_dates_are_named(text, start, days, words):
 
 
 def test_decayed_orbit_is_named():
-    """A satellite that has come down within the span is no orbit."""
+    """A satellite that decays within the span is rejected."""
     line = with_checksum(TLE.splitlines()[1].replace("38792-4", "99999-0"))
     second = with_checksum(TLE.splitlines()[2].replace("15.50103472", "16.48000000"))
     with pytest.raises(BadInput, match=r"decayed|no orbit"):
@@ -110,7 +110,7 @@ def test_altitude_is_that_of_the_mean_orbit():
 
 
 def test_perigee_in_the_air_is_a_decayed_orbit():
-    """A perigee below 100 km is no orbit, whatever the mean motion says, and the error says what to try."""
+    """A perigee below 100 km is rejected whatever the mean motion, and the error has a hint."""
     low = with_checksum(TLE.splitlines()[2].replace("0007417", "0550000"))
     for use in (read_tle, altitude_of_tle, lambda text: from_tle(text, START, 5)):
         with pytest.raises(BadInput, match="decayed") as error:

@@ -16,9 +16,10 @@ from gss.catalogue_tools.manifest import SINCE_2, read_manifest
 from gss.catalogue_tools.plan import plan
 from gss.catalogue_tools.quick_look import QuickLook
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, parameters_of, request_from
-from gss.catalogue_tools.selection.selection import Rules
+from gss.catalogue_tools.selection.selection import SelectionRules
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import CorruptData
+from gss.instruments.registry import shipped_camera
 
 
 def deg(*values):
@@ -27,9 +28,9 @@ def deg(*values):
 
 BOX = deg(-5, 5)
 REQUEST = BuildRequest(
+    shipped_camera("sunsat"),
     "sunsat",
-    "sunsat",
-    Rules(5.0),
+    SelectionRules(5.0),
     orbit=ElementsOrbit(deg(97, 97), deg(133, 149)),
     attitude=AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140)),
     start=datetime(2026, 12, 1, tzinfo=UTC),
@@ -91,10 +92,12 @@ def test_a_drifting_node_widens_the_limits():
 def test_requests_come_back_from_their_parameters():
     """The request of a manifest equals the one it was made of."""
     changed = replace(REQUEST, occultation=Occultation(8e5, 0.0, 0.4, 0.2), k_vector=True, orbit=TleOrbit("x"))
-    for request in (REQUEST, changed, BuildRequest("cubestar", "cubestar", Rules(3.8))):
-        assert request_from(json.loads(json.dumps(parameters_of(request)))) == request
-    with pytest.raises(CorruptData, match="no request"):
-        request_from({"rules": {"colour": 1}})
+    for request in (REQUEST, changed, BuildRequest(shipped_camera("cubestar"), "cubestar", SelectionRules(3.8))):
+        assert request_from(json.loads(json.dumps(parameters_of(request))), request.profile) == request
+    with pytest.raises(CorruptData, match="not a valid request"):
+        request_from({"rules": {"colour": 1}}, REQUEST.profile)
+    with pytest.raises(CorruptData, match="the camera is"):
+        request_from(parameters_of(REQUEST), shipped_camera("aim"))
 
 
 def test_a_manifest_of_version_1_is_still_read():
@@ -106,11 +109,11 @@ def test_a_manifest_of_version_1_is_still_read():
     read = read_manifest(paper)
     assert (read.version, read.corrections, read.method) == (1, {}, "exact")
     assert read.as_dict() == json.loads(paper)
-    assert request_from(read.parameters) == REQUEST
+    assert request_from(read.parameters, REQUEST.profile) == REQUEST
 
 
 def test_the_default_build_keeps_its_bytes():
     """The documents' case gives the image that it gave before there were switches."""
-    request = replace(REQUEST, rules=Rules(6.0))
+    request = replace(REQUEST, rules=SelectionRules(6.0))
     assert build(request, load_stars()).sha256 == "b41e1832fd0b29fa0f0b1b89b13bb77291a08e6614b906ca2ce8beb753d2a254"
     assert preview(request, load_stars()).pairs == 2783

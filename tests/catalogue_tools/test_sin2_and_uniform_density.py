@@ -7,65 +7,58 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.envelope.field import Disc
+from gss.catalogue_tools.corrections.doubles import Doubles, merge
+from gss.catalogue_tools.envelope.field import CircularField
 from gss.catalogue_tools.selection.uniform_density import (
-    merge_doubles,
     reduce_catalogue,
     square_field,
     survey_attitudes,
 )
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
-from gss.catalogue_tools.tables.sin2_directory import figures, pair_directory
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs, ra_dec_roll_rad
 from gss.domain.stars import StarTable
-from gss.pipeline.identify.sin2_directory import sin2_directory
+from gss.skytables.pairs import distance_table
+from gss.skytables.sin2 import sin2_directory
 
 
-def test_both_directories_are_the_brute_force_list() -> None:
-    """The ground's pairs are all pairs under the limit, and the processor's directory from the bank's distances is equal."""
+def test_the_directory_is_the_brute_force_list() -> None:
+    """Its pairs are all pairs under the limit, with the sine from the cross product."""
     stars = load_stars(3.5)
-    made = pair_directory(stars, 0.5)
+    made = sin2_directory(distance_table(stars, 0.0, 0.5), len(stars))
     i, j = np.triu_indices(len(stars), 1)
     cosine = np.einsum("ij,ij->i", stars.icrs[i], stars.icrs[j])
     assert len(made) == np.count_nonzero(cosine >= np.cos(0.5))
     across = np.cross(stars.icrs[made.first], stars.icrs[made.second])
     np.testing.assert_allclose(made.sin2, np.sum(across**2, axis=1), atol=1e-14)
-    on_board = sin2_directory(distance_table(stars, 0.0, 0.5), len(stars))
-    np.testing.assert_array_equal(made.first, on_board.first)
-    np.testing.assert_array_equal(made.sin2, on_board.sin2)
 
 
-def test_ranges_of_both_directories_are_exact() -> None:
+def test_ranges_of_the_directory_are_exact() -> None:
     """400 random intervals, ends on table values among them, give exactly what comparing every value gives."""
     stars = load_stars(3.5)
-    made = pair_directory(stars, 0.6)
-    on_board = sin2_directory(distance_table(stars, 0.0, 0.6), len(stars))
+    made = sin2_directory(distance_table(stars, 0.0, 0.6), len(stars))
     rng = np.random.default_rng(1)
     low = rng.uniform(-0.02, 0.34, 400)
     low[::4] = rng.choice(made.sin2, 100)
     high = low + rng.exponential(3e-3, 400)
     high[1::4] = np.maximum(low[1::4], rng.choice(made.sin2, 100))
-    start, end = on_board.ranges(low, high)
+    start, end = made.ranges(low, high)
     for k in range(400):
         inside = np.flatnonzero((made.sin2 >= low[k]) & (made.sin2 <= high[k]))
         assert np.array_equal(np.arange(start[k], end[k]), inside)
-        assert np.array_equal(np.arange(len(made))[made.rows_between(low[k], high[k])], inside)
 
 
 def test_the_sorted_table_is_nearly_a_straight_line() -> None:
     """sin²θ is a nearly straight line over the sorted table (Huffman 2006 §5.5.4): 5 % bow at most for 30°."""
-    report = figures(pair_directory(load_stars(4.4), np.radians(30)), len(load_stars(4.4)))
-    assert report.bow_sin2 < 0.05
-    assert report.size_bytes == 12 * report.pairs
+    stars = load_stars(4.4)
+    sin2 = sin2_directory(distance_table(stars, 0.0, np.radians(30)), len(stars)).sin2
+    share = (sin2 - sin2[0]) / (sin2[-1] - sin2[0])
+    assert np.max(np.abs(share - np.linspace(0, 1, len(share)))) < 0.05
 
 
 def test_a_right_angle_is_the_limit() -> None:
-    """Pairs beyond 90°, which sin² cannot tell, are refused by both builders."""
+    """Pairs beyond 90° are refused: sin² is ambiguous there."""
     stars = load_stars(2.0)
-    with pytest.raises(BadInput, match="90"):
-        pair_directory(stars, 2.0)
     with pytest.raises(BadInput, match="90"):
         sin2_directory(distance_table(stars, 0.0, 2.5), len(stars))
 
@@ -102,14 +95,14 @@ def test_the_documents_540_stars_come_out_for_a_36_degree_square() -> None:
     assert abs(len(stars) - 5060) < 80
 
 
-def test_a_circle_may_stand_for_the_field() -> None:
+def test_a_circle_may_replace_the_field() -> None:
     """In every disc the stars kept are the four brightest or, where there are fewer, all."""
     stars, radius_rad = load_stars(3.0), np.radians(20)
     attitudes = survey_attitudes(np.radians(15))
-    reduced = reduce_catalogue(stars, Disc(radius_rad), attitudes, 4)
+    reduced = reduce_catalogue(stars, CircularField(radius_rad), attitudes, 4)
     everywhere = np.count_nonzero(attitudes[:, 2] @ stars.icrs.T >= np.cos(radius_rad), axis=1)
     assert np.all(reduced.per_field >= np.minimum(everywhere, 4))
-    assert reduced.share_below(4) == pytest.approx(np.mean(everywhere < 4))
+    assert np.mean(reduced.per_field < 4) == pytest.approx(np.mean(everywhere < 4))
     assert 0 < reduced.kept.sum() < len(stars)
 
 
@@ -125,7 +118,7 @@ def test_survey_pointings_leave_no_gap() -> None:
 
 
 def test_survey_attitudes_are_cameras_on_the_sky() -> None:
-    """Each is the rotation of a camera at its own right ascension and declination with the roll asked for."""
+    """Each is the rotation of a camera at its own right ascension and declination with the requested roll."""
     for m in survey_attitudes(np.radians(20), 0.7)[::7]:
         ra, dec, roll = ra_dec_roll_rad(m)
         assert roll == pytest.approx(0.7)
@@ -143,14 +136,12 @@ def _two(m1: float, m2: float, apart_rad: float) -> StarTable:
 )
 def test_doubles_add_their_light(m1: float, m2: float, together: float, weight: float) -> None:
     """Magnitude and place of a merged pair are those of eqs. 6.1 and 6.2 in base 10."""
-    merged = merge_doubles(_two(m1, m2, 1e-3), 2e-3)
+    merged = merge(_two(m1, m2, 1e-3), Doubles("huffman", 2e-3)).stars
     assert len(merged) == 1
     assert merged.v_mag[0] == pytest.approx(together, abs=1e-4)
     assert np.arctan2(merged.icrs[0, 1], merged.icrs[0, 0]) == pytest.approx((1 - weight) * 1e-3, rel=1e-3)
 
 
-def test_stars_apart_stay_apart() -> None:
-    """Beyond the separation nothing is merged, and with none asked for the table is the same."""
-    assert len(merge_doubles(_two(3, 3, 1e-3), 5e-4)) == 2
-    stars = load_stars(4.0)
-    assert merge_doubles(stars, 0.0) is stars
+def test_separated_stars_are_not_merged() -> None:
+    """Beyond the separation nothing is merged."""
+    assert len(merge(_two(3, 3, 1e-3), Doubles("huffman", 5e-4)).stars) == 2

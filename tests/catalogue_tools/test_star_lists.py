@@ -1,4 +1,4 @@
-"""A user's star list: what is understood, what is asked for, and what each bad row is told."""
+"""A user's star list: recognised columns, questions, and the reason for each rejected row."""
 
 from __future__ import annotations
 
@@ -253,7 +253,7 @@ def test_broken_rows_do_not_shift_the_numbers_of_others() -> None:
         (_csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=2000.0), "does not state its frame"),
         (_csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=1066.0, frame="icrs"), "epoch is out of range"),
         (_csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=float("nan"), frame="icrs"), "epoch is out of range"),
-        (b"# epoch = 1991.25\n" + _csv("1,1,1,3"), "csv", SAID, "of another epoch"),
+        (b"# epoch = 1991.25\n" + _csv("1,1,1,3"), "csv", SAID, "has another epoch"),
         (b"# epoch = now\n" + _csv("1,1,1,3"), "csv", ListMapping(frame="icrs"), "not a year"),
         (b"# frame = fk4\n" + _csv("1,1,1,3"), "csv", SAID, "in another frame"),
         (b"# frame = galactic\n" + _csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=2000.0), "frame is unknown"),
@@ -268,8 +268,8 @@ def test_broken_rows_do_not_shift_the_numbers_of_others() -> None:
         (b"\xff\xfe\x00", "csv", SAID, "not text"),
     ],
 )
-def test_list_that_cannot_be_read_is_refused(data: bytes, kind: str, mapping: ListMapping, text: str) -> None:
-    """What is wrong with a list as a whole is told before a row is looked at."""
+def test_an_unreadable_list_is_rejected(data: bytes, kind: str, mapping: ListMapping, text: str) -> None:
+    """Problems of the list as a whole are reported before any row is checked."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with pytest.raises(BadInput, match=text):
@@ -312,8 +312,8 @@ def test_line_ends_marks_and_separators_do_not_matter(text: str) -> None:
     assert read_star_list(text.encode(), "csv", SAID).stars.hip.tolist() == [1]
 
 
-def test_hours_taken_for_degrees_are_asked_about() -> None:
-    """Right ascensions that all lie below 24, or declinations below π/2, are a question, not a sky."""
+def test_hours_used_as_degrees_raise_a_question() -> None:
+    """Right ascensions all below 24, or declinations below π/2, give a question instead of a catalogue."""
     stars = load_stars(3.0)
     ra, dec = ra_dec_from_unit(stars.icrs)
     hours = [f"{i},{a},{d},3" for i, (a, d) in enumerate(zip(np.degrees(ra) / 15, np.degrees(dec), strict=True), 1)]
@@ -357,7 +357,7 @@ def test_list_without_motions_says_so() -> None:
 
 
 def test_only_the_first_hundred_bad_rows_are_listed() -> None:
-    """All bad rows are counted, the first hundred told in the order of the file."""
+    """All invalid rows are counted, the first hundred listed in the order of the file."""
     found = read_star_list(_csv("1,1,1,3", *(f"{i},1,99,3" for i in range(2, 400))), "csv", SAID)
     assert (found.dropped_count, len(found.dropped)) == (398, 100)
     assert [d.row for d in found.dropped] == list(range(2, 102))
@@ -386,7 +386,7 @@ def test_a_hundred_thousand_rows_are_no_trouble() -> None:
         lambda: write_star_list(load_stars(2.0).take(np.arange(0)), "csv"),
     ],
 )
-def test_impossible_wishes_are_refused(bad) -> None:  # type: ignore[no-untyped-def]
-    """A mapping that means nothing is told at once."""
+def test_impossible_mappings_are_rejected(bad) -> None:  # type: ignore[no-untyped-def]
+    """An invalid mapping gives an error at once."""
     with pytest.raises(BadInput):
         bad()

@@ -9,9 +9,9 @@ from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.envelope.orbits import from_elements
 from gss.catalogue_tools.envelope.sweep import STEPS, outlines, sweep
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 
-SHAPE = FieldShape(profile("cubestar").camera)
+SHAPE = FieldShape(shipped_camera("cubestar").camera)
 
 
 def deg(*values):

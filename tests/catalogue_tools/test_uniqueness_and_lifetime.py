@@ -14,16 +14,15 @@ from gss.catalogue_tools.envelope.healpix import centres
 from gss.catalogue_tools.envelope.lifetime import lifetime
 from gss.catalogue_tools.envelope.orbits import from_elements
 from gss.catalogue_tools.selection.ambiguity import ambiguity_map, wrong_matches
-from gss.catalogue_tools.selection.moniteq import moniteq_screening
 from gss.catalogue_tools.selection.poorest import search_poorest
 from gss.catalogue_tools.selection.quality import assess, candidates_per_star, stars_per_field
 from gss.catalogue_tools.selection.screening import companions, false_matches, screen
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.angles import separation_rad
 from gss.domain.errors import BadInput
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.identify.geometric_voting import pairs_of, vote
+from gss.skytables.pairs import distance_table
 
 
 def deg(*values):
@@ -31,7 +30,7 @@ def deg(*values):
 
 
 LIMITS = AttitudeLimits("sunsat", deg(-10, 10), deg(-5, 5), deg(130, 140))
-SUNSAT, CUBESTAR = (FieldShape(profile(name).camera) for name in ("sunsat", "cubestar"))
+SUNSAT, CUBESTAR = (FieldShape(shipped_camera(name).camera) for name in ("sunsat", "cubestar"))
 VALID_TO = datetime(2026, 12, 15, tzinfo=UTC)
 
 
@@ -143,7 +142,7 @@ def test_search_finds_a_hole_that_random_fields_miss():
 
 
 def test_quality_reports_the_poorest_field_where_it_is():
-    """The worst field is at the attitude told, in the envelope, and no richer than any of the pointings."""
+    """The worst field is at the reported attitude, in the envelope, and no richer than any of the pointings."""
     stars = load_stars(5.0)
     envelope = sunsat(133, 149)
     quality = assess(stars.icrs, envelope, SUNSAT, 2000, np.random.default_rng(1))
@@ -205,15 +204,6 @@ def test_impossible_tolerances_are_named(bad):
     """Tolerances, arcs and areas that cannot be."""
     with pytest.raises(BadInput, match="must be possible"):
         false_matches(np.array([5.0]), **bad)
-
-
-def test_screening_experiment_stands_beside_the_document():
-    """The table: figures of the document, the law and what is counted, by the same seed the same."""
-    stars = load_stars(8.0)
-    made = moniteq_screening(stars, 500, 3, lambda _: None)
-    assert made.rows == moniteq_screening(stars, 500, 3, lambda _: None).rows
-    assert made.rows[0][1] == 0.17
-    assert made.rows[0][2] == pytest.approx(0.17, rel=0.05)
 
 
 # Lifetime

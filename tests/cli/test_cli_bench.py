@@ -14,11 +14,11 @@ from PIL import Image
 
 from gss.cli import main
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.render import render
 
-SUNSAT = profile("sunsat")
+SUNSAT = shipped_camera("sunsat")
 
 
 def measured(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def table(path: Path, heading: str, rows: np.ndarray) -> str:
 
 def stars(path: Path, psf_sigma_px: float, seed: int, ra_rad: float = 1.4) -> str:
     """A picture of stars by CubeStar's camera."""
-    known = profile("cubestar")
+    known = shipped_camera("cubestar")
     sensor = replace(known.sensor, psf_sigma_px=psf_sigma_px, zero_point_e_s=4 * known.sensor.zero_point_e_s)
     table_of = SolverCache().stars(2026.5).brighter_than(6.0)
     image = render(table_of, known.camera, sensor, cam_from_icrs(ra_rad, 0.1, 0.4), 0.25, np.random.default_rng(seed))
@@ -101,8 +101,8 @@ def test_frames_of_stars_give_focal_length_and_focus(tmp_path: Path, capsys: pyt
 
 
 @pytest.mark.skipif(importlib.util.find_spec("cv2") is None, reason="no OpenCV here")
-def test_pictures_without_a_board_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Grey pictures: no board in any; exit code 2 and what to look at."""
+def test_pictures_without_a_board_are_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Grey pictures without a checkerboard: exit code 2 and a hint."""
     names = []
     for k in range(3):
         Image.fromarray(np.full((240, 320), 90 + k, np.uint8)).save(tmp_path / f"{k}.png")
@@ -120,12 +120,12 @@ def test_what_the_bench_cannot_use_is_said(tmp_path: Path, capsys: pytest.Captur
     Image.fromarray(np.zeros((512, 1024), np.uint8)).save(image)
     wrong = (
         (["dots", str(tmp_path / "none.csv")], "cannot be read"),
-        (["dots", str(short)], "row 2"),
+        (["dots", str(short)], "dots_px, item 2"),
         (["dots", str(words)], "line 1"),
         (["focus", "--camera", "cubestar"], "--at, or --widths"),
         (["focus", str(image), "--at", "1,2", "--camera", "cubestar"], "its setting"),
-        (["focal-pairs", str(image), "--camera", "hubble"], "unknown camera profile"),
-        (["radial", str(image), "--camera", "cubestar", "--order", "7"], "1 to 4"),
+        (["focal-pairs", str(image), "--camera", "hubble"], "unknown instrument"),
+        (["radial", str(image), "--camera", "cubestar", "--order", "7"], "order is out of range"),
         (["checkerboard", str(image), "--corners", "many", "--square-mm", "1"], "corners"),
     )
     for arguments, expected in wrong:

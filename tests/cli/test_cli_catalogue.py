@@ -17,7 +17,7 @@ from gss.domain.errors import BadInput, CorruptData, NotFound
 
 SUNSAT = [
     *("--profile", "sunsat", "--inclination-deg", "97", "--raan-deg", "133:149", "--mag-limit", "6"),
-    *("--roll-deg", "-10:10", "--pitch-deg", "-5:5", "--yaw-deg", "130:140"),
+    *("--pointing", "sunsat", "--margin-deg", "0"),
 ]
 TLE = """ISS (ZARYA)
 1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
@@ -114,13 +114,13 @@ def test_camera_held_still(capsys):
 @pytest.mark.parametrize(
     ("arguments", "error", "words"),
     [
-        ("--profile hubble", NotFound, "unknown camera profile"),
-        ("--raan-deg 10:20", BadInput, "a node without an inclination"),
+        ("--profile hubble", NotFound, "unknown instrument"),
+        ("--raan-deg 10:20", BadInput, "needs an inclination"),
         ("--inclination-deg 97 --raan-deg 20:10", BadInput, "the minimum is above the maximum"),
         ("--roll-deg -5:5", BadInput, "attitude limits without an orbit"),
         ("--tle no-such-file", BadInput, "cannot be read"),
         ("--tle x --inclination-deg 3", BadInput, "two orbits"),
-        ("--from yesterday", BadInput, "the first day cannot be read"),
+        ("--from yesterday", BadInput, "the start is not a date"),
         ("--mag-limit 9", BadInput, "not that deep"),
         ("--mag-limit 6", BadInput, "overflows the bank"),
         ("--out /no/such/folder/file", BadInput, "cannot be written"),

@@ -1,4 +1,4 @@
-"""What ``gss check device`` prints and how it exits, for findings of every kind."""
+"""Output and exit code of ``gss check device`` for every kind of finding."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ DEVICE: dict[str, object] = {"serial": "X-1", "device_model": "m", "profile": "c
 
 
 def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pytest.CaptureFixture[str]) -> None:
-    """Passed clauses take one line; what failed or was left out is listed below its clause."""
+    """Passed clauses take one line; failed or skipped ones are listed below their clause."""
     findings = Findings(left=["mode is tracking, was standby"], damaged=3)
     findings.check("4.5", "code 255", True)
     findings.check("4.6", "SET_EXPOSURE with 1 B", False, "accepted, completed")
-    findings.skip("4.3", "RESET", "has a hazard")
+    findings.skip("4.3", "RESET", "hazardous")
     _print(findings, DEVICE)
     lines = capsys.readouterr().out.splitlines()
     assert "X-1: m, cubestar, firmware f" in lines
     assert "pass        4.5   A code that no command has is rejected (`unknown_command`)." in lines
     at = lines.index("fail        4.6   Arguments of the wrong length are rejected (`bad_length`).")
     assert lines[at + 1].strip() == "FAILED: SET_EXPOSURE with 1 B: accepted, completed"
-    assert "left out: RESET: has a hazard" in [line.strip() for line in lines]
-    assert "NOT GIVEN BACK: mode is tracking, was standby" in lines
-    assert lines[-2].startswith("3 packets came damaged")
-    assert lines[-1] == "2 trials, 1 failed; clauses that do not hold: 1"
+    assert "left out: RESET: hazardous" in [line.strip() for line in lines]
+    assert "NOT RESTORED: mode is tracking, was standby" in lines
+    assert lines[-2].startswith("3 packets were damaged")
+    assert lines[-1] == "2 trials, 1 failed; failed clauses: 1"

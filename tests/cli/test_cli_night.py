@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
+from gss.api.schemas.sheets import SheetOut
 from gss.cli import main
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 from gss.settings import Settings
 from gss.wiring import build
 
-KNOWN = profile("cubestar")
+KNOWN = shipped_camera("cubestar")
 TRUE = replace(
     KNOWN.camera, focal_col_px=KNOWN.camera.focal_col_px * 1.001, focal_row_px=KNOWN.camera.focal_row_px * 1.001
 )
@@ -72,16 +73,16 @@ def test_what_cannot_be_is_said(night: list[str], tmp_path: Path, capsys: pytest
     wrong = (
         (["analyse", "earth-fixed", "nothing.fits", "--camera", "cubestar"], "cannot be read"),
         (["analyse", "tides", night[0], "--camera", "cubestar"], "unknown analysis"),
-        (["analyse", "slew", night[0], "--camera", "cubestar"], "needs the rate"),
-        (["analyse", "earth-fixed", night[0], "--camera", "hubble"], "unknown camera profile"),
+        (["analyse", "slew", night[0], "--camera", "cubestar"], "commanded rate"),
+        (["analyse", "earth-fixed", night[0], "--camera", "hubble"], "unknown instrument"),
         (["analyse", "earth-fixed", night[0], "--camera", "cubestar"], "too few"),
         (["calibrate", *night, "--camera", "sunsat"], "no frame could be solved"),
-        (["calibrate", night[0], "--darks"], "which camera"),
+        (["calibrate", night[0], "--darks"], "no camera given"),
         (
             ["calibrate", *night, "--camera", "cubestar", "--model", "brown-4", "--out", str(tmp_path / "x.doc")],
             "kind of report",
         ),
-        (["calibrate", night[0], "--camera", "cubestar", "--darks", "--flats", night[0]], "two and two"),
+        (["calibrate", night[0], "--camera", "cubestar", "--darks", "--flats", night[0]], "in pairs"),
     )
     for arguments, words in wrong:
         assert main(arguments) == 2, arguments
@@ -132,3 +133,25 @@ def test_stored_frames_go_out_as_fits_and_say_what_their_sky_is_without(
     )
     record = json.loads(capsys.readouterr().out)
     assert record["truth"]["error_arcsec"] < 8
+
+
+def test_a_sheet_is_made_from_files_and_follows_its_schema(
+    night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The JSON document has the fields of the schema that the command prints; a PDF is written beside it."""
+    assert main(["sheet", "--schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    paper = tmp_path / "sheet.pdf"
+    assert main(["sheet", *night, "--camera", "cubestar", "--json", "--out", str(paper)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert SheetOut.model_validate(document).rows[0].key == "bias"
+    assert set(document) == set(schema["required"])
+    assert paper.read_bytes().startswith(b"%PDF")
+
+
+def test_a_sheet_needs_a_camera_and_frames(capsys: pytest.CaptureFixture[str]) -> None:
+    """The error says what is missing."""
+    assert main(["sheet"]) == 2
+    assert "--camera" in capsys.readouterr().err
+    assert main(["sheet", "--camera", "cubestar"]) == 2
+    assert "simulated unit" in capsys.readouterr().err

@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 
 from gss.cli import main
-from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import encode
-from gss.device.protocol.line import LineSender
 from gss.device.protocol.packet import PacketType
-from gss.operations.line.raw_capture import RECEIVED, SENT, RawCapture
+from gss.device.protocol.sender import LineSender
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.operations.line.line_capture import RawCapture
+from gss.operations.line.raw_capture import RECEIVED, SENT
 from gss.settings import Settings
 from gss.store import devices, telemetry
 from gss.store.engine import Database, migrate, open_engine
@@ -65,8 +66,8 @@ def test_telemetry_of_a_contact_and_of_a_span(data, capsys, tmp_path):
     assert "gss:" in capsys.readouterr().err
 
 
-def test_the_record_check_tells_the_gap_and_its_exit_code(data, capsys):
-    """One packet missing, no cause: code 1, in words and as JSON; an unknown contact is code 2."""
+def test_the_record_check_reports_the_gap_and_its_exit_code(data, capsys):
+    """One packet missing, no cause: code 1, as text and as JSON; an unknown contact is code 2."""
     assert main(["check", "record", "--data", str(data), "--json"]) == 1
     facts = json.loads(capsys.readouterr().out)
     assert (facts["expected"], facts["held"], facts["unexplained"]) == (10, 9, 1)
@@ -104,14 +105,14 @@ def test_a_capture_is_printed_decoded(capsys, tmp_path):
     capture.close()
     (file,) = (tmp_path / "captures").iterdir()
     assert main(["replay", str(file), "--json"]) == 0
-    told = capsys.readouterr()
-    said = [json.loads(line) for line in told.out.splitlines()]
+    captured = capsys.readouterr()
+    said = [json.loads(line) for line in captured.out.splitlines()]
     assert [(s["kind"], s["name"], s["at"]) for s in said] == [
         ("command", "GET_STATUS", "2026-12-01T18:00:00.000Z"),
         ("event", "LATCHUP", "2026-12-01T18:00:02.000Z"),
     ]
     assert (said[0]["request_id"], said[1]["text"], said[1]["severity"]) == (7, "rail fpga", "critical")
-    assert "1 good packets, 1 damaged" in told.err
+    assert "1 good packets, 1 damaged" in captured.err
     assert main(["replay", str(file)]) == 0
     assert "LATCHUP" in capsys.readouterr().out
     assert main(["replay", str(tmp_path / "no.raw")]) == 2
@@ -119,3 +120,10 @@ def test_a_capture_is_printed_decoded(capsys, tmp_path):
     empty = tmp_path / "contact-000002-000.raw"
     empty.touch()
     assert main(["replay", str(empty)]) == 3
+    plain = tmp_path / "received.bin"
+    plain.write_bytes(b"\0" + event)
+    capsys.readouterr()
+    assert main(["replay", str(plain)]) == 2
+    assert "is not a capture" in capsys.readouterr().err
+    assert main(["replay", str(plain), "--received", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["name"] == "LATCHUP"

@@ -20,8 +20,8 @@ from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.cli import main
 from gss.cli.solve import julian_year, register
 from gss.domain.frames import cam_from_icrs, ra_dec_roll_rad
-from gss.domain.profiles import PROFILES, profile
 from gss.domain.rotation import matrix_from_quaternion, rotation_from_vector
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.operations.frames.solve import CHAINS
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.render import render
@@ -30,7 +30,7 @@ from gss.pipeline.render import render
 @pytest.fixture(scope="module")
 def sky_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A rendered CubeStar frame at RA 80.2°, Dec 0°, roll 57.3°, dated 2025."""
-    p = profile("cubestar")
+    p = shipped_camera("cubestar")
     stars = SolverCache().stars(2025.0).brighter_than(4.5)
     rotation = cam_from_icrs(np.radians(80.2), 0.0, 1.0)
     frame = render(stars, p.camera, p.sensor, rotation, p.sensor.exposure_s, np.random.default_rng(1))
@@ -101,7 +101,8 @@ def test_no_solution_is_exit_code_3(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [(None, "does not exist"), (b"", "is empty"), (b"hello world, this is text", "not an image")]
+    ("content", "words"),
+    [(None, "does not exist"), (b"", "is empty"), (b"hello world, this is text", "is not a supported image file")],
 )
 def test_bad_input_is_exit_code_2_and_one_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, words: str
@@ -129,10 +130,10 @@ def test_unknown_names_and_sizes_are_exit_code_2(
     assert len(capsys.readouterr().err.splitlines()) == 5
 
 
-def test_several_files_go_on_after_a_bad_one(
+def test_several_files_continue_after_an_invalid_one(
     sky_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A bad file does not keep the good one from being solved; the exit code tells of the bad one."""
+    """An invalid file does not prevent the solution of the valid one; the exit code reports the invalid one."""
     assert gss(str(tmp_path / "nothing"), str(sky_file), "--camera", "cubestar", "--json") == 2
     assert json.loads(capsys.readouterr().out)["outcome"] == "solved"
 
@@ -166,9 +167,9 @@ def test_as_a_process(sky_file: Path) -> None:
     assert json.load(io.BytesIO(done.stdout))["outcome"] == "solved"
 
 
-def test_a_sequence_follows_and_tells_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Three images of a camera that turns by 0.1° a second about its y axis: hints are used and the rate comes out."""
-    stars, known, rng = propagate(load_stars(6.0), 2026.0), profile("cubestar"), np.random.default_rng(2)
+def test_a_sequence_is_tracked_and_reports_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Three images of a camera that rotates by 0.1° a second about its y axis: hints are used and the rate is measured."""
+    stars, known, rng = propagate(load_stars(6.0), 2026.0), shipped_camera("cubestar"), np.random.default_rng(2)
     start, names, truths = cam_from_icrs(1.4, 0.1, 0.5), [], {}
     for k in range(3):
         turned = rotation_from_vector(np.array([0.0, -math.radians(0.1) * k, 0.0])) @ start
@@ -190,7 +191,7 @@ def test_a_sequence_follows_and_tells_the_rate(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize("chain", CHAINS)
 def test_every_chain_takes_a_hint(chain: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With its own camera and a hint within a degree each chain answers with the truth or with nothing."""
-    known = profile(chain) if chain in PROFILES else profile("cubestar")
+    known = shipped_camera(chain) if chain in shipped_registry().cameras() else shipped_camera("cubestar")
     stars = propagate(load_stars(7.5), 2026.0)
     drawn = render(
         stars,
@@ -224,8 +225,10 @@ def test_every_chain_takes_a_hint(chain: str, tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(
     "options", [["--hint", "1,2"], ["--hint", "1,200,3"], ["--truth", "x"], ["--sequence", "--interval", "-1"]]
 )
-def test_bad_hints_and_truths_are_told(options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 2 and a sentence."""
+def test_invalid_hints_and_truths_are_rejected(
+    options: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2 and a message."""
     assert main(["solve", str(tmp_path / "x.png"), "--camera", "cubestar", *options]) == 2
     assert "expected" in capsys.readouterr().err
 
@@ -233,7 +236,7 @@ def test_bad_hints_and_truths_are_told(options: list[str], tmp_path: Path, capsy
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (("--exposure", "inf"), "exposure is impossible"),
+        (("--exposure", "inf"), "exposure is out of range"),
         (("--exposure", "1e308"), "at most 86400 s"),
         (("--utc", "9999-12-31T23:59:59"), "time is out of range"),
         (("--utc", "0001-01-01"), "time is out of range"),
@@ -246,6 +249,6 @@ def test_impossible_circumstances_are_named(
 ) -> None:
     """Exposures and times that no image has and a missing element set: one sentence, exit code 2."""
     assert gss(str(sky_file), "--camera", "cubestar", *more) == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert len(told.splitlines()) == 1
+    errors = capsys.readouterr().err
+    assert words in errors
+    assert len(errors.splitlines()) == 1

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -46,18 +51,54 @@ def test_what_the_shell_backs_up_it_puts_back_and_finds_whole(folder, tmp_path, 
     assert (made["files"], len(made["removed"])) == (1, 2)
     assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 0
     assert main(["restore", made["folder"], "--into", str(tmp_path / "new")]) == 2
-    assert "writes over nothing" in capsys.readouterr().err
+    assert "target folder is not empty" in capsys.readouterr().err
     assert main(["check", "store", "--data", str(tmp_path / "new"), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["whole"], report["rows"]["frames"]) == (True, 1)
     next(p for p in (tmp_path / "new" / "blobs").rglob("*") if p.is_file()).unlink()
     assert main(["check", "store", "--data", str(tmp_path / "new")]) == 1
     out = capsys.readouterr().out
-    assert all(words in out for words in ("ERROR bytes missing", "frame 1", "NOT whole"))
+    assert all(words in out for words in ("ERROR missing files", "frame 1", "NOT intact"))
 
 
-def test_retention_tells_what_it_would_do_and_a_wrong_folder_is_said(folder, tmp_path, capsys):
-    """Without --run nothing goes, nor while the clock is in doubt; once it is confirmed, what the policy lets go."""
+@contextlib.contextmanager
+def without_permissions():
+    """Give up the permissions of root, which may write everywhere."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+def test_a_read_only_copy_is_checked(folder, capsys):
+    """As a user without write permission; a copy with a write-ahead log is rejected with what to do."""
+    assert main(["check", "store", "--data", str(folder)]) == 0
+    with tempfile.TemporaryDirectory() as held:
+        copy = Path(held) / "copy"
+        shutil.copytree(folder, copy)
+        log = copy / "gss.db-wal"
+        for path in (Path(held), copy, *copy.rglob("*")):
+            path.chmod(0o555 if path.is_dir() else 0o444)
+        with without_permissions():
+            assert main(["check", "store", "--data", str(copy)]) == 0
+        copy.chmod(0o755)
+        log.write_bytes(b"x")
+        copy.chmod(0o555)
+        with without_permissions():
+            assert main(["check", "store", "--data", str(copy)]) == 2
+        assert "write-ahead log" in capsys.readouterr().err
+        for path in (Path(held), copy, *copy.rglob("*")):
+            path.chmod(0o755)
+
+
+def test_retention_reports_its_effect_and_rejects_a_wrong_folder(folder, tmp_path, capsys):
+    """Without --run nothing is deleted, nor while the clock is untrusted; after confirmation only what the policy
+    permits.
+    """
     assert main(["retention", "--data", str(folder), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["policy"]["frames_days"], facts["forecast"]["frames_bytes"]) == (0, 8)
@@ -67,7 +108,9 @@ def test_retention_tells_what_it_would_do_and_a_wrong_folder_is_said(folder, tmp
     assert main(["retention", "--data", str(folder), "--confirm-clock"]) == 0
     assert main(["retention", "--data", str(folder), "--run"]) == 0
     out = capsys.readouterr().out
-    assert all(words in out for words in ("removed frames", "pixels go at the age of", "8 B", "kept for ever"))
+    assert all(
+        words in out for words in ("removed frames", "pixels are deleted at the age of", "8 B", "kept indefinitely")
+    )
     assert "_" not in out.replace("GSS_CAPTURE_KEEP_MB", "")
     assert main(["check", "store", "--data", str(tmp_path / "nowhere")]) == 2
     assert main(["restore", str(tmp_path / "nowhere"), "--into", str(tmp_path / "x")]) == 2

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
 from gss.device.session import HostSession
-from gss.device.session_events import CommandStage, SessionEvent, Stage, TransferUpdate
+from gss.device.session_events import CommandUpdate, SessionEvent, Stage, TransferUpdate
 from gss.device.transport import ByteStream, open_stream
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 ENDS = (Stage.COMPLETED, Stage.FAILED, Stage.REJECTED, Stage.UNKNOWN)
 
@@ -39,12 +39,12 @@ class Contact:
             data = self.stream.read(8192, 0.01)
             self.events += self.host.feed(data, time.monotonic())
 
-    def do(self, name: str, **arguments: float | str | bool) -> CommandStage:
+    def do(self, name: str, **arguments: float | str | bool) -> CommandUpdate:
         """Send a command and wait for its end."""
-        request_id = self.host.submit(name, arguments, time.monotonic())
+        request_id = self.host.submit(self.host.encode(name, arguments))
 
-        def end() -> list[CommandStage]:
-            mine = [e for e in self.events if isinstance(e, CommandStage) and e.request_id == request_id]
+        def end() -> list[CommandUpdate]:
+            mine = [e for e in self.events if isinstance(e, CommandUpdate) and e.request_id == request_id]
             return [e for e in mine if e.stage in ENDS]
 
         self.until(lambda: bool(end()))
@@ -63,7 +63,15 @@ class Simulator:
     """A child process that has said READY."""
 
     def __init__(self, *options: str) -> None:
-        command = [sys.executable, "-m", "gss.device.simulator", "--exit-with-stdin", *options]
+        command = [
+            sys.executable,
+            "-m",
+            "gss.device.simulator",
+            "--instrument",
+            "cubestar",
+            "--exit-with-stdin",
+            *options,
+        ]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         first = self.process.stdout.readline().split()

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 
 from gss.device.clauses import CLAUSES
-from gss.device.dictionary_file import load_dictionary
-from gss.device.golden import build_golden
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.firmware import StarTracker
-from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.orbit import Inertial
-from gss.device.simulator.sky import Sky
+from gss.device.simulator.sky import SimulatedSky
 from gss.device.transport import open_stream
-from gss.domain.profiles import profile
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.golden import build_golden
+from gss.instruments.registry import shipped_camera
 from gss.operations.checks.check_device import check_device
 from gss.operations.checks.check_findings import FAIL, PASS
 from gss.operations.checks.probe import Probe
@@ -42,15 +42,15 @@ pytestmark = pytest.mark.timeout(240)
 
 
 class MemoryLine:
-    """A line into a device of this process; time passes only while somebody waits for bytes."""
+    """A line to a device in this process; simulated time advances only while a caller waits for bytes."""
 
     def __init__(self, camera: str) -> None:
         self.url, self.now_s = "memory", 100.0
-        memory, own = Memory.in_ram(), profile(camera)
+        memory, own = Memory.in_ram(), shipped_camera(camera)
         burn_golden(memory, own, build_golden(own, memory.bank_bytes))
         motion = Inertial.pointing(np.radians(84.0), np.radians(5.0), 0.3)
-        tracker = StarTracker(own, Sky(own, motion, 2026.0, 1), memory)
-        self.device = Device(load_dictionary(), Identity(), memory, tracker, self.now_s)
+        tracker = StarTracker(own, SimulatedSky(own, motion, 2026.0, 1), memory)
+        self.device = SimulatedDevice(load_dictionary(), Identity(), memory, tracker, self.now_s)
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         del max_bytes, timeout_s

@@ -58,5 +58,5 @@ def test_bytes_that_telnet_escapes_arrive_unchanged(server: Rfc2217Server, conta
     """A frame holds every byte value, also 255: the one downloaded is the one on board."""
     device = contact(server.url)
     assert device.do("TAKE_IMAGE").reason == ""
-    update = device.finish(device.host.start_download("image", 0, time.monotonic()))
+    update = device.finish(device.host.transfers.start_download("image", 0))
     assert update.state == "verified"

@@ -15,12 +15,12 @@ import pytest
 
 from gss.catalogue_tools.onboard import encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Stage, Telemetry, TransferDone
 from gss.device.simulator.__main__ import main
 from gss.device.transport import open_stream
 from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound
+from gss.skytables.pairs import distance_table
 
 if TYPE_CHECKING:
     from conftest import Contact, Simulator
@@ -48,7 +48,7 @@ def test_the_main_job_over_a_real_line(simulator: Start, contact: Open, tmp_path
     unit = simulator(*options)
     c = contact(unit.url)
     taken = c.do("TAKE_IMAGE", slot=1)
-    update = c.finish(c.host.start_download("frame", 1, 0.0))
+    update = c.finish(c.host.transfers.start_download("frame", 1))
     assert update.state == "verified"
     (frame,) = [e for e in c.events if isinstance(e, TransferDone)]
     assert (len(frame.data), frame.frame_number) == (1024 * 512, taken.values["frame_number"])
@@ -57,7 +57,7 @@ def test_the_main_job_over_a_real_line(simulator: Start, contact: Open, tmp_path
     assert np.frombuffer(frame.data, np.uint8).max() > 100
     assert c.do("RUN_ITERATION").values["outcome"] == "solved"
     image = catalogue()
-    up = c.finish(c.host.start_upload("catalogue", 1, image, compatible(c), 0.0))
+    up = c.finish(c.host.transfers.start_upload("catalogue", 1, image, compatible(c)))
     assert (up.state, up.stored_bytes) == ("committed", len(image))
     assert c.do("VERIFY_BANK", bank="B").values["sha256"] == hashlib.sha256(image).digest()
     assert c.do("ACTIVATE_BANK", bank="B").stage is Stage.COMPLETED
@@ -81,19 +81,19 @@ def test_a_killed_simulator_is_a_lost_line_and_the_upload_resumes(
     options = ["--tcp", "0", "--state-dir", str(tmp_path), "--baud", "921600"]
     unit = simulator(*options)
     c, image = contact(unit.url), catalogue()
-    transfer_id = c.host.start_upload("catalogue", 2, image, compatible(c), 0.0)
+    transfer_id = c.host.transfers.start_upload("catalogue", 2, image, compatible(c))
     c.until(lambda: c.host.transfer(transfer_id).stored_bytes > len(image) // 2)
     unit.process.kill()
     with pytest.raises(LinkDown):
         c.until(lambda: False)
     second = contact(simulator(*options).url)
-    again = second.finish(second.host.start_upload("catalogue", 2, image, compatible(second), 0.0))
+    again = second.finish(second.host.transfers.start_upload("catalogue", 2, image, compatible(second)))
     assert (again.state, again.resumed) == ("committed", True)
     assert second.host.counters.sent.bytes < 0.7 * len(image)
 
 
 def test_the_process_ends_with_its_input_and_removes_its_name(simulator: Start, tmp_path: Path) -> None:
-    """Nobody keeps a simulator that nobody holds."""
+    """A simulator without an owner ends."""
     link = tmp_path / "port"
     unit = simulator("--symlink", str(link))
     assert link.is_symlink()
@@ -105,8 +105,8 @@ def test_the_process_ends_with_its_input_and_removes_its_name(simulator: Start, 
     assert not link.is_symlink()
 
 
-def test_a_port_is_held_by_one_process(simulator: Start) -> None:
-    """A second opener is told who is in the way; after closing it may come."""
+def test_a_port_is_owned_by_one_process(simulator: Start) -> None:
+    """A second process gets the owner's name; after closing it can open the port."""
     unit = simulator("--baud", "0")
     first = open_stream(unit.url)
     with pytest.raises(Conflict, match="another process holds"):
@@ -116,13 +116,13 @@ def test_a_port_is_held_by_one_process(simulator: Start) -> None:
     open_stream(unit.url).close()
 
 
-def test_lines_that_cannot_be_opened_say_why(simulator: Start, tmp_path: Path) -> None:
-    """No port, no device, nobody listening, no address."""
+def test_lines_that_cannot_be_opened_give_the_reason(simulator: Start, tmp_path: Path) -> None:
+    """No port, no device, no listener, no address."""
     plain = tmp_path / "file"
     plain.write_text("")
     with pytest.raises(NotFound):
         open_stream(str(tmp_path / "nothing"))
-    with pytest.raises(BadInput, match="no serial port"):
+    with pytest.raises(BadInput, match="not a serial port"):
         open_stream(str(plain))
     with pytest.raises(BadInput):
         open_stream("")
@@ -138,7 +138,7 @@ def test_lines_that_cannot_be_opened_say_why(simulator: Start, tmp_path: Path) -
 @pytest.mark.parametrize("options", [["--attitude", "1,2"], ["--attitude", "1,95,0"], ["--speed", "0"]])
 def test_bad_options_end_with_code_2(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """The message goes to standard error, READY is never printed."""
-    assert main(options) == 2
+    assert main(["--instrument", "cubestar", *options]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert "expected" in said.err

@@ -1,22 +1,21 @@
-"""A ground and a device on a line in memory, with simulated time: nothing waits, everything is real but the clock."""
+"""Ground and device on a line in memory with simulated time: no waiting, and only the clock is simulated."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
-from gss.device.dictionary import Dictionary, Value
-from gss.device.dictionary_file import load_dictionary
-from gss.device.golden import Golden, build_golden
+from gss.device.protocol.authentication import LinkKeys, PacketSigner
 from gss.device.protocol.codec import decode, encode
-from gss.device.protocol.line import LineReceiver
 from gss.device.protocol.packet import PacketType
+from gss.device.protocol.receiver import LineReceiver
 from gss.device.session import HostSession
 from gss.device.session_events import (
-    CommandStage,
+    CommandUpdate,
     DeviceEvent,
     SessionEvent,
     Stage,
@@ -28,22 +27,26 @@ from gss.device.session_transfer import Part
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.device.simulator.firmware import StarTracker
-from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.orbit import Inertial
-from gss.device.simulator.sky import Sky
-from gss.domain.profiles import profile
+from gss.device.simulator.sky import SimulatedSky
+from gss.instruments.dictionary.definitions import Dictionary, Value
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.golden import Golden, build_golden
+from gss.instruments.package_files import TYPICAL, UnitTiming
+from gss.instruments.registry import shipped_camera
 
 STEP_S = 0.01
 
 
 @lru_cache(maxsize=8)
 def golden(camera: str = "cubestar") -> Golden:
-    return build_golden(profile(camera), Memory.in_ram().bank_bytes)
+    return build_golden(shipped_camera(camera), Memory.in_ram().bank_bytes)
 
 
 class Bench:
-    """Host session and device joined by a line of a given rate; ``events`` collects what the host said."""
+    """Host session and device joined by a line of a given rate; ``events`` collects the host's events."""
 
     def __init__(
         self,
@@ -53,17 +56,24 @@ class Bench:
         camera: str = "cubestar",
         identity: Identity | None = None,
         memory: Memory | None = None,
+        keys: LinkKeys | None = None,
+        timing: UnitTiming = TYPICAL,
     ) -> None:
         self.dictionary = load_dictionary()
         self.baud, self.now_s = baud, 100.0
         self.memory = memory or Memory.in_ram()
         if memory is None:
-            burn_golden(self.memory, profile(camera), golden(camera))
+            burn_golden(self.memory, shipped_camera(camera), golden(camera))
         motion = Inertial.pointing(np.radians(84.0), np.radians(5.0), 0.3)
-        self.tracker = StarTracker(profile(camera), Sky(profile(camera), motion, 2026.0, 1), self.memory)
+        self.tracker = StarTracker(
+            shipped_camera(camera), SimulatedSky(shipped_camera(camera), motion, 2026.0, 1), self.memory, timing
+        )
         unit = identity or Identity(line_baud=baud)
-        self.device = Device(self.dictionary, unit, self.memory, self.tracker, self.now_s)
-        self.host = HostSession(dictionary or self.dictionary)
+        self.device = SimulatedDevice(
+            self.dictionary, unit, self.memory, self.tracker, self.now_s, keys=keys, timing=timing
+        )
+        signer = PacketSigner(keys, itertools.count(1).__next__) if keys else None
+        self.host = HostSession(dictionary or self.dictionary, signer=signer)
         self.up_faults = LineFaults(faults or FaultRates(), 1)
         self.down_faults = LineFaults(faults or FaultRates(), 2)
         self.connected = True
@@ -73,7 +83,7 @@ class Bench:
         self.host.link_up(self.now_s)
 
     def step(self) -> None:
-        """One hundredth of a second."""
+        """Advance time by 10 ms."""
         self.now_s += STEP_S
         share = int(self.baud / 10 * STEP_S) or 1
         out, events = self.host.poll(self.now_s)
@@ -93,65 +103,69 @@ class Bench:
             self.events += self.host.feed(self.down_faults.apply(coming), self.now_s)
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance time."""
         for _ in range(round(seconds / STEP_S)):
             self.step()
 
     def until(self, done: Callable[[], bool], seconds: float = 30.0) -> None:
-        """Let time pass until something holds; fails when it never does."""
+        """Advance time until ``done()`` is true; fails after ``seconds``."""
         for _ in range(round(seconds / STEP_S)):
             if done():
                 return
             self.step()
         pytest.fail(f"not reached within {seconds} s of simulated time")
 
-    def stages(self, request_id: int) -> list[CommandStage]:
-        """What was said about a command."""
-        return [e for e in self.events if isinstance(e, CommandStage) and e.request_id == request_id]
+    def stages(self, request_id: int) -> list[CommandUpdate]:
+        """Return the stages of a command so far."""
+        return [e for e in self.events if isinstance(e, CommandUpdate) and e.request_id == request_id]
 
     def stage(self, request_id: int) -> Stage:
-        """Where a command is now."""
+        """Return the current stage of a command."""
         said = self.stages(request_id)
         return said[-1].stage if said else Stage.QUEUED
 
-    def do(self, name: str, seconds: float = 30.0, **arguments: float | str | bool) -> CommandStage:
+    def do(self, name: str, seconds: float = 30.0, **arguments: float | str | bool) -> CommandUpdate:
         """Send a command and wait for its end."""
-        request_id = self.host.submit(name, arguments, self.now_s)
+        request_id = self.host.submit(self.host.encode(name, arguments))
         ends = (Stage.COMPLETED, Stage.FAILED, Stage.REJECTED, Stage.UNKNOWN)
         self.until(lambda: self.stage(request_id) in ends, seconds)
         return self.stages(request_id)[-1]
 
     def telemetry(self, packet: str) -> list[Telemetry]:
-        """Packets of one name, in order."""
+        """Return the packets of one name, in order."""
         return [e for e in self.events if isinstance(e, Telemetry) and e.packet == packet]
 
     def device_events(self, name: str) -> list[DeviceEvent]:
-        """Events of one name, in order."""
+        """Return the events of one name, in order."""
         return [e for e in self.events if isinstance(e, DeviceEvent) and e.name == name]
 
     def status(self) -> Mapping[str, Value]:
-        """Housekeeping now."""
+        """Return the current housekeeping values."""
         self.do("GET_STATUS")
         return self.telemetry("housekeeping")[-1].values
 
     def updates(self, transfer_id: int) -> list[TransferUpdate]:
-        """What was said about a transfer."""
+        """Return the updates of a transfer so far."""
         return [e for e in self.events if isinstance(e, TransferUpdate) and e.transfer_id == transfer_id]
 
     def bring(self, kind: str, target: int, **part: int) -> bytes:
-        """Download something whole."""
+        """Download a complete object."""
         wanted = Part(**part) if part else Part()
-        transfer_id = self.host.start_download(kind, target, self.now_s, part=wanted)
+        transfer_id = self.host.transfers.start_download(kind, target, part=wanted)
         self.until(lambda: self.host.transfer(transfer_id).state in ("verified", "failed", "aborted"), 60.0)
         done = [e for e in self.events if isinstance(e, TransferDone) and e.transfer_id == transfer_id]
         assert done, self.host.transfer(transfer_id)
         return done[-1].data
 
     def refusal(self, service: str, values: Mapping[str, Value]) -> str:
-        """Reason of the ABORT_TRANSFER that a message of the caller's own making brings."""
+        """Return the reason of the ABORT_TRANSFER that answers a message with these values."""
         row = self.dictionary.service(service)
+        return self.refusal_of(row.code, encode(row.fields, values))
+
+    def refusal_of(self, code: int, payload: bytes) -> str:
+        """Return the reason of the ABORT_TRANSFER that answers a transfer message with any payload."""
         refused = self.dictionary.service("ABORT_TRANSFER")
-        frame = self.host.craft(PacketType.TRANSFER, row.code, encode(row.fields, values))[1]
+        frame = self.host.craft(PacketType.TRANSFER, code, payload)[1]
         self.device.feed(frame, self.now_s)
         receiver = LineReceiver(from_device=True)
         while (sent := self.device.next_frame(self.now_s)) is not None:
@@ -168,7 +182,7 @@ class Bench:
 
 @pytest.fixture
 def bench() -> Bench:
-    """A fast faultless line, greeted."""
+    """A fast line without faults, after HELLO."""
     made = Bench()
     made.until(lambda: made.host.hello is not None)
     return made
@@ -176,7 +190,7 @@ def bench() -> Bench:
 
 @pytest.fixture(scope="module")
 def bench_unit() -> Bench:
-    """One greeted unit for a whole file of things that may not change it."""
+    """One unit after HELLO, shared by a file whose tests must not change it."""
     made = Bench()
     made.until(lambda: made.host.hello is not None)
     return made
@@ -184,7 +198,7 @@ def bench_unit() -> Bench:
 
 @pytest.fixture
 def make_bench() -> Callable[..., Bench]:
-    """Benches with other lines."""
+    """Factory of benches with other lines."""
     return Bench
 
 

@@ -1,4 +1,4 @@
-"""ABORT has a lane of its own: whatever waits or fills the line, it is the next thing out."""
+"""ABORT has a separate lane: it is the next packet sent, whatever waits or fills the line."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
-from gss.device.protocol.line import LineReceiver
+from gss.device.protocol.receiver import LineReceiver
 from gss.device.session import Compatibility
 from gss.device.session_events import Stage
 from gss.domain.errors import Conflict, NotFound
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def names_in(data: bytes) -> list[str]:
-    """Commands and service messages in these bytes, in order."""
+    """Return the commands and service messages in these bytes, in order."""
     dictionary = load_dictionary()
     names = []
     for packet in LineReceiver(from_device=False).feed(b"\0" + data):
@@ -30,12 +30,14 @@ def names_in(data: bytes) -> list[str]:
     return names
 
 
-def test_abort_passes_four_commands_that_wait(bench: Bench) -> None:
-    """One under way and four behind it: ABORT is in the next bytes out, alone, and the device stops what runs."""
+def test_abort_passes_four_queued_commands(bench: Bench) -> None:
+    """One command runs and four are queued: the next bytes sent are ABORT alone, and the device stops the running
+    command.
+    """
     bench.do("SET_MODE", mode="lost_in_space")
-    running = bench.host.submit("RUN_ITERATION", {}, bench.now_s)
+    running = bench.host.submit(bench.host.encode("RUN_ITERATION", {}))
     bench.until(lambda: bench.stage(running) in (Stage.STARTED, Stage.PROGRESS))
-    waiting = [bench.host.submit("SET_EXPOSURE", {"exposure_ms": 100 + k}, bench.now_s) for k in range(4)]
+    waiting = [bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 100 + k})) for k in range(4)]
     abort = bench.host.abort(bench.now_s)
     out, events = bench.host.poll(bench.now_s)
     assert names_in(out) == ["ABORT"]
@@ -47,17 +49,17 @@ def test_abort_passes_four_commands_that_wait(bench: Bench) -> None:
 
 
 def test_abort_passes_a_transfer_that_fills_the_window(make_bench: Callable[..., Bench]) -> None:
-    """With the window full of chunks that nobody has confirmed no chunk goes before it, and the transfer ends on board."""
+    """With the window full of unacknowledged chunks no chunk is sent before it, and the transfer ends on board."""
     bench = make_bench(baud=115_200)
     bench.until(lambda: bench.host.hello is not None)
     data = np.random.default_rng(1).integers(0, 256, 512 * 1024, dtype=np.uint8).tobytes()
-    transfer = bench.host.start_upload("image", 1, data, Compatibility(), bench.now_s)
+    transfer = bench.host.transfers.start_upload("image", 1, data, Compatibility())
     bench.until(lambda: bool(bench.updates(transfer)) and bench.updates(transfer)[-1].stored_bytes > 16_384)
     bench.connected = False
     bench.until(lambda: bench.updates(transfer)[-1].in_flight >= 8)
     bench.connected = True
     for k in range(4):
-        bench.host.submit("SET_EXPOSURE", {"exposure_ms": 100 + k}, bench.now_s)
+        bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 100 + k}))
     abort = bench.host.abort(bench.now_s)
     out, events = bench.host.poll(bench.now_s)
     assert names_in(out)[0] == "ABORT"
@@ -67,33 +69,33 @@ def test_abort_passes_a_transfer_that_fills_the_window(make_bench: Callable[...,
     bench.until(lambda: bench.updates(transfer)[-1].state in ("aborted", "failed"), 10.0)
 
 
-def test_abort_goes_out_before_the_device_has_said_who_it_is(make_bench: Callable[..., Bench]) -> None:
+def test_abort_is_sent_before_the_device_has_identified_itself(make_bench: Callable[..., Bench]) -> None:
     """Commands wait for HELLO; ABORT does not."""
     bench = make_bench()
-    bench.host.submit("GET_STATUS", {}, bench.now_s)
+    bench.host.submit(bench.host.encode("GET_STATUS", {}))
     bench.host.abort(bench.now_s)
     out, _ = bench.host.poll(bench.now_s)
     assert names_in(out) == ["ABORT", "HELLO"]
 
 
 def test_a_reserved_id_is_used_once_and_abort_may_come_between(bench: Bench) -> None:
-    """An owner writes the id down before it queues the command; an ABORT meanwhile has the next one."""
+    """The caller stores the id before it queues the command; an ABORT meanwhile gets the next one."""
     reserved = bench.host.reserve()
     abort = bench.host.abort(bench.now_s)
     assert abort == reserved + 1
-    assert bench.host.submit("GET_STATUS", {}, bench.now_s, request_id=reserved) == reserved
+    assert bench.host.submit(bench.host.encode("GET_STATUS", {}), request_id=reserved) == reserved
     bench.until(lambda: bench.stage(reserved) is Stage.COMPLETED)
     assert bench.host.next_request_id == abort + 1
 
 
-def test_only_what_waits_is_withdrawn(bench: Bench) -> None:
-    """A queued command never reaches the line; a withdrawn retry is as unknown as before."""
+def test_only_queued_commands_are_withdrawn(bench: Bench) -> None:
+    """A queued command is not sent; a withdrawn retry is still unknown."""
     bench.connected = False
-    lost = bench.host.submit("TAKE_IMAGE", {}, bench.now_s)
+    lost = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     bench.until(lambda: bench.stage(lost) is Stage.UNKNOWN)
-    blocking = bench.host.submit("SET_EXPOSURE", {"exposure_ms": 9}, bench.now_s)
+    blocking = bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 9}))
     bench.step()
-    waiting = bench.host.submit("GET_STATUS", {}, bench.now_s)
+    waiting = bench.host.submit(bench.host.encode("GET_STATUS", {}))
     stage = bench.host.withdraw(waiting, "not needed")
     assert (stage.stage, stage.reason, stage.detail) == (Stage.FAILED, "withdrawn", "not needed")
     bench.host.retry(lost, bench.now_s)

@@ -1,4 +1,4 @@
-"""Commands that no honest ground would send: arguments beyond their ranges, wrong lengths, wrong modes, huge frames."""
+"""Commands that a correct ground never sends: arguments out of range, wrong lengths, wrong modes, huge frames."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from gss.device.dictionary import FLOATS, INTEGER_RANGES, Argument, Command
-from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import STRUCT, decode, encode_item, fixed_bytes
-from gss.device.protocol.frame import MAX_PACKET_BYTES
-from gss.device.protocol.line import LineReceiver
+from gss.device.protocol.framing import MAX_PACKET_BYTES
 from gss.device.protocol.packet import Packet, PacketType
+from gss.device.protocol.receiver import LineReceiver
+from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, Argument, CommandDefinition
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -22,7 +22,7 @@ FIELDS = DICTIONARY.service("REPORT").fields
 
 
 def plain(argument: Argument) -> bytes:
-    """The default, or the lowest value."""
+    """Return the default, or the lowest value."""
     value = argument.default if argument.default is not None else argument.minimum
     if argument.type == "bytes":
         return bytes(argument.size)
@@ -30,7 +30,7 @@ def plain(argument: Argument) -> bytes:
 
 
 def beyond(argument: Argument) -> list[float]:
-    """Just outside, as far as the type's bytes can say so."""
+    """Return values just outside the range that the type can encode."""
     if argument.choices:
         return [max(c.value for c in argument.choices) + 1, 255]
     if argument.minimum is None or argument.maximum is None:
@@ -46,7 +46,7 @@ OUTSIDE = [(c, a, value) for c in DICTIONARY.commands for a in c.arguments for v
 
 
 def answer(bench: Bench, code: int, payload: bytes, request_id: int | None = None) -> tuple[str, str]:
-    """Stage and reason of the first report on a packet of the caller's own making."""
+    """Return stage and reason of the first report on a packet built by the caller."""
     used, frame = bench.host.craft(PacketType.COMMAND, code, payload, request_id=request_id)
     while bench.device.next_frame(bench.now_s) is not None:
         pass
@@ -60,8 +60,8 @@ def answer(bench: Bench, code: int, payload: bytes, request_id: int | None = Non
     return str(values["stage"]), str(values["reason"])
 
 
-def test_there_is_something_outside_of_every_range_that_has_an_outside() -> None:
-    """The list below is made from the dictionary: it cannot forget a command."""
+def test_every_bounded_argument_has_a_value_outside_its_range() -> None:
+    """The list below is generated from the dictionary, so that no command is missed."""
     tried = {(c.name, a.name) for c, a, _ in OUTSIDE}
     every = {(c.name, a.name) for c in DICTIONARY.commands for a in c.arguments}
     full = {
@@ -77,10 +77,10 @@ def test_there_is_something_outside_of_every_range_that_has_an_outside() -> None
 @pytest.mark.parametrize(
     ("command", "argument", "value"), OUTSIDE, ids=[f"{c.name}.{a.name}={v:g}" for c, a, v in OUTSIDE]
 )
-def test_one_beyond_the_range_is_rejected_and_changes_nothing(
-    bench_unit: Bench, command: Command, argument: Argument, value: float
+def test_a_value_out_of_range_is_rejected_and_changes_nothing(
+    bench_unit: Bench, command: CommandDefinition, argument: Argument, value: float
 ) -> None:
-    """min − 1, max + 1, not-a-number and infinity, in otherwise good bytes, past all checks of the ground."""
+    """min − 1, max + 1, not-a-number and infinity, in otherwise valid bytes that bypass the ground's checks."""
     payload = b"".join(STRUCT[a.type].pack(value) if a is argument else plain(a) for a in command.arguments)
     before = (bench_unit.device.housekeeping(), bench_unit.memory.record.active, len(bench_unit.memory.record.schedule))
     assert answer(bench_unit, command.code, payload) == ("rejected", "out_of_range")
@@ -92,8 +92,8 @@ def test_one_beyond_the_range_is_rejected_and_changes_nothing(
 
 @pytest.mark.parametrize("command", DICTIONARY.commands, ids=lambda c: c.name)
 @pytest.mark.parametrize("off", [-1, 1, 300])
-def test_arguments_of_the_wrong_length_are_rejected(bench_unit: Bench, command: Command, off: int) -> None:
-    """One byte short, one too many, far too many."""
+def test_arguments_of_the_wrong_length_are_rejected(bench_unit: Bench, command: CommandDefinition, off: int) -> None:
+    """One byte missing, one extra, many extra."""
     length = fixed_bytes(command.arguments) + off
     if length >= 0:
         good = b"".join(plain(a) for a in command.arguments)
@@ -102,8 +102,8 @@ def test_arguments_of_the_wrong_length_are_rejected(bench_unit: Bench, command: 
 
 
 @pytest.mark.parametrize("command", [c for c in DICTIONARY.commands if c.preconditions], ids=lambda c: c.name)
-def test_in_the_wrong_mode_commands_are_rejected(bench: Bench, command: Command) -> None:
-    """Each condition of each command, broken by what breaks it."""
+def test_commands_in_the_wrong_mode_are_rejected(bench: Bench, command: CommandDefinition) -> None:
+    """Each condition of each command, violated."""
     payload = b"".join(plain(a) for a in command.arguments)
     for condition in command.preconditions:
         if condition.field == "mode":
@@ -124,7 +124,7 @@ def test_the_same_id_with_other_bytes_is_rejected(bench: Bench) -> None:
 
 
 def test_a_command_too_long_for_a_packet_is_dropped_and_counted(bench: Bench) -> None:
-    """No answer; the next command is heard."""
+    """No answer; the next command is received."""
     before = int(bench.status()["frames_bad"])
     _, frame = bench.host.craft(PacketType.COMMAND, 2, bytes(MAX_PACKET_BYTES - 24))
     bench.device.feed(frame, bench.now_s)
@@ -139,7 +139,7 @@ def test_a_command_too_long_for_a_packet_is_dropped_and_counted(bench: Bench) ->
         ({"kind": "catalogue", "target": 9}, "not_found"),
         ({"kind": "catalogue", "target": 3}, "write_protected"),
         ({"kind": "catalogue", "size_bytes": 200 * 1024}, "too_large"),
-        ({"kind": "catalogue", "size_bytes": 0}, "too_large"),
+        ({"kind": "catalogue", "size_bytes": 0}, "bad_length"),
         ({"kind": "catalogue", "profile": "sunsat"}, "incompatible"),
         ({"kind": "catalogue", "device_model": "another"}, "incompatible"),
         ({"kind": "catalogue", "dictionary_hash": bytes(32)}, "incompatible"),
@@ -147,20 +147,20 @@ def test_a_command_too_long_for_a_packet_is_dropped_and_counted(bench: Bench) ->
         ({"kind": "catalogue", "chunk_bytes": 15}, "out_of_range"),
         ({"kind": "catalogue", "chunk_bytes": 1537}, "out_of_range"),
         ({"kind": "image", "target": 4}, "not_found"),
-        ({"kind": "image", "size_bytes": 1024 * 512 - 1}, "too_large"),
+        ({"kind": "image", "size_bytes": 1024 * 512 - 1}, "bad_length"),
         ({"kind": "image", "size_bytes": 1024 * 512 + 1}, "too_large"),
         ({"kind": "calibration", "target": 2}, "not_found"),
         ({"kind": "calibration", "target": 3}, "write_protected"),
         ({"kind": "calibration", "size_bytes": 4097}, "too_large"),
         ({"kind": "parameters", "format_version": 2}, "incompatible"),
-        ({"kind": "triplets", "size_bytes": 768 * 1024 + 1}, "too_large"),
+        ({"kind": "triplets", "size_bytes": 1536 * 1024 + 1}, "too_large"),
         ({"kind": "star_list"}, "not_found"),
         ({"kind": "distance_table"}, "not_found"),
         ({"kind": "region"}, "not_found"),
         ({"kind": "frame"}, "not_found"),
     ],
 )
-def test_uploads_that_cannot_be_are_refused(bench: Bench, values: dict[str, object], reason: str) -> None:
+def test_impossible_uploads_are_rejected(bench: Bench, values: dict[str, object], reason: str) -> None:
     """By kind, place, size, camera, dictionary, format and chunk size; nothing is erased for them."""
     offer = {"target": 1, "size_bytes": 1000, "chunk_bytes": 256, "sha256": bytes(32), "profile": "cubestar"}
     offer |= {"device_model": bench.dictionary.device_model, "dictionary_hash": bench.dictionary.hash}

@@ -1,4 +1,4 @@
-"""Catalogue banks on board: verify, activate on trial, confirm, fall back, erase; what corruption does."""
+"""Catalogue banks on board: verify, activate on trial, confirm, fall back, erase; effects of corruption."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 
 from gss.catalogue_tools.onboard import encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import DeviceEvent, Stage, Telemetry
+from gss.skytables.pairs import distance_table
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -20,11 +20,11 @@ BANKS = {"A": 0, "B": 1, "C": 2, "golden": 3}
 
 
 def load(bench: Bench, bank: str = "B", faint_mag: float = 3.6) -> bytes:
-    """Upload a catalogue that is smaller than the factory's; its image."""
+    """Upload a catalogue that is smaller than the factory's and return its image."""
     stars = load_stars(faint_mag)
     image = encode(stars, distance_table(stars, 0.0044, 1.0), "cubestar", "cubestar")
     facts = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, 1, 1991.25)
-    transfer_id = bench.host.start_upload("catalogue", BANKS[bank], image, facts, bench.now_s)
+    transfer_id = bench.host.transfers.start_upload("catalogue", BANKS[bank], image, facts)
     bench.transfer_ends(transfer_id, "committed")
     return image
 
@@ -37,7 +37,7 @@ def bank_info(bench: Bench, bank: str) -> Telemetry:
     return [t for t in bench.telemetry("bank_info") if t.values["bank"] == bank][-1]
 
 
-def test_banks_are_listed_with_what_they_hold(bench: Bench) -> None:
+def test_banks_are_listed_with_their_content(bench: Bench) -> None:
     """Four banks; the factory's is active and protected."""
     assert bench.do("LIST_BANKS").values == {"count": 4}
     golden, empty = bank_info(bench, "golden").values, bank_info(bench, "A").values
@@ -48,7 +48,9 @@ def test_banks_are_listed_with_what_they_hold(bench: Bench) -> None:
 
 
 def test_a_new_catalogue_changes_what_is_matched(bench: Bench) -> None:
-    """Upload, verify, activate, confirm; the same frame is matched with other rows, and its attitude stays."""
+    """After upload, verify, activate and confirm the same frame is matched with other rows, and its attitude does not
+    change.
+    """
     bench.do("TAKE_IMAGE")
     bench.do("FIND_CENTROIDS")
     bench.do("MATCH_STARS")
@@ -72,8 +74,8 @@ def test_a_new_catalogue_changes_what_is_matched(bench: Bench) -> None:
     assert bench.host.transfer(1).state == "active"
 
 
-def test_without_confirmation_the_old_bank_comes_back(bench: Bench) -> None:
-    """Trial time over: fall back, with an event."""
+def test_without_confirmation_the_old_bank_is_active_again(bench: Bench) -> None:
+    """After the trial time: fallback, with an event."""
     load(bench)
     bench.do("ACTIVATE_BANK", bank="B", confirm_within_s=10)
     assert bench.memory.record.active == "B"
@@ -98,7 +100,7 @@ def test_a_reset_during_the_trial_falls_back(bench: Bench) -> None:
 
 
 def test_a_confirmed_bank_survives_a_reset_and_can_be_rolled_back(bench: Bench) -> None:
-    """Confirmation is for good; ROLLBACK_BANK is the way back."""
+    """Confirmation is permanent; ROLLBACK_BANK reverts it."""
     load(bench)
     bench.do("ACTIVATE_BANK", bank="B")
     bench.do("CONFIRM_BANK", bank="B")
@@ -109,8 +111,8 @@ def test_a_confirmed_bank_survives_a_reset_and_can_be_rolled_back(bench: Bench) 
     assert bench.memory.record.active == "golden"
 
 
-def test_a_corrupt_bank_is_found_said_and_not_used(bench: Bench) -> None:
-    """One flipped bit: VERIFY and ACTIVATE refuse and an event tells."""
+def test_a_corrupt_bank_is_detected_reported_and_not_used(bench: Bench) -> None:
+    """One flipped bit: VERIFY and ACTIVATE reject it with an event."""
     load(bench)
     bench.memory.flash.flip(bench.memory.offset("B") + 5000, 3)
     end = bench.do("VERIFY_BANK", bank="B")
@@ -121,8 +123,8 @@ def test_a_corrupt_bank_is_found_said_and_not_used(bench: Bench) -> None:
     assert bench.memory.record.active == "golden"
 
 
-def test_a_corrupt_active_bank_makes_matching_fail_and_say_so(bench: Bench) -> None:
-    """After the damage no attitude comes out, rather than a wrong one."""
+def test_a_corrupt_active_bank_makes_matching_fail_with_the_reason(bench: Bench) -> None:
+    """After the damage there is no attitude instead of a wrong one."""
     load(bench)
     bench.do("ACTIVATE_BANK", bank="B")
     bench.do("CONFIRM_BANK", bank="B")
@@ -143,8 +145,8 @@ def test_a_corrupt_active_bank_makes_matching_fail_and_say_so(bench: Bench) -> N
     assert bench.do("MATCH_STARS").stage is Stage.COMPLETED
 
 
-def test_the_bank_in_use_and_the_one_behind_it_cannot_be_written_or_erased(bench: Bench) -> None:
-    """Active, golden, and the bank a trial would fall back to."""
+def test_the_active_and_the_fallback_bank_cannot_be_written_or_erased(bench: Bench) -> None:
+    """Active, golden, and the bank that a trial falls back to."""
     load(bench, "A")
     load(bench, "B")
     bench.do("ACTIVATE_BANK", bank="A")
@@ -152,8 +154,8 @@ def test_the_bank_in_use_and_the_one_behind_it_cannot_be_written_or_erased(bench
     bench.do("ACTIVATE_BANK", bank="B")
     for bank, reason in (("B", "bank_active"), ("A", "bank_active"), ("golden", "write_protected")):
         assert bench.do("ERASE_BANK", bank=bank).reason == reason
-        transfer_id = bench.host.start_upload(
-            "catalogue", BANKS[bank], b"x" * 100, Compatibility("", "", bytes(32)), bench.now_s
+        transfer_id = bench.host.transfers.start_upload(
+            "catalogue", BANKS[bank], b"x" * 100, Compatibility("", "", bytes(32))
         )
         assert bench.transfer_ends(transfer_id, "failed").reason.startswith(reason)
     assert bench.do("ACTIVATE_BANK", bank="golden").reason == "wrong_state"
@@ -178,8 +180,8 @@ def test_activation_needs_a_stopped_cycle(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("offset", [0, 60, 64, 9000])
-def test_any_flipped_bit_of_the_factory_bank_is_noticed_at_boot(bench: Bench, offset: int) -> None:
-    """Header or body: the catalogue is not used and the boot says why."""
+def test_any_flipped_bit_of_the_factory_bank_is_detected_at_boot(bench: Bench, offset: int) -> None:
+    """Header or body: the catalogue is not used and the boot event states the reason."""
     rng = np.random.default_rng(offset)
     bench.memory.flash.flip(bench.memory.offset("golden") + offset, int(rng.integers(8)))
     bench.device.reset("watchdog", bench.now_s)

@@ -1,4 +1,4 @@
-"""What a calibration finds goes into the device's table and comes back as the same camera."""
+"""A calibration stored in the device's table gives the same camera when it is read back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from gss.device.table_use import calibrated, calibration_values
 from gss.domain.camera import Brown, Distortion, Pinhole, RadialTilt
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES, profile
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.pipeline.calibration.apply import DetectorFigures, calibrated_profile
 
 LENSES: tuple[Distortion, ...] = (
@@ -22,11 +22,11 @@ LENSES: tuple[Distortion, ...] = (
 )
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", shipped_registry().cameras_with_chain())
 @pytest.mark.parametrize("lens", LENSES)
 def test_every_lens_model_fits_every_units_table(name: str, lens: Distortion) -> None:
-    """A term that a calibration does without, or finds of the other sign, is no mistake; the camera is the same again."""
-    own = profile(name)
+    """A term that a calibration lacks, or has with the other sign, is valid; the camera read back is the same."""
+    own = shipped_camera(name)
     camera = replace(own.camera.with_focal_scaled(1.004), distortion=lens, centre_col_px=own.camera.centre_col_px + 7)
     made = calibrated_profile(own, camera, detector=DetectorFigures(psf_sigma_px=1.1))
     back = calibrated(own, calibration_values(made))
@@ -35,9 +35,9 @@ def test_every_lens_model_fits_every_units_table(name: str, lens: Distortion) ->
     assert np.allclose(back.camera.unproject(pixels), camera.unproject(pixels), atol=1e-12)
 
 
-def test_coefficients_beyond_reason_are_still_refused() -> None:
-    """A hundredfold is a mistake with either sign."""
-    own = profile("cubestar")
+def test_implausible_coefficients_are_rejected() -> None:
+    """A factor of a hundred is an error with either sign."""
+    own = shipped_camera("cubestar")
     for k1 in (40.0, -40.0):
         values = calibration_values(replace(own, camera=replace(own.camera, distortion=Brown(k1))))
         with pytest.raises(BadInput, match="k1 cannot be right"):

@@ -23,11 +23,13 @@ from gss.device.protocol.transfer import ChunkSender, ChunkSet, chunk_count
     ("bit_error_rate", "best"), [(0.0, 1024), (1e-6, 1024), (1e-5, 1024), (1e-4, 256), (3e-4, 128), (1e-2, 128)]
 )
 def test_the_best_size_follows_the_bit_error_rate(bit_error_rate: float, best: int) -> None:
-    """A byte survives with (1 − p)⁸; the size that carries most on such a line, large ones first where it is all the same."""
+    """A byte survives with (1 − p)⁸; the result is the size with the highest throughput, and the largest one where
+    sizes are equal.
+    """
     assert best_chunk_bytes(-8 * math.log1p(-bit_error_rate)) == best
 
 
-def test_losses_tell_the_rate_they_come_from() -> None:
+def test_losses_give_the_bit_error_rate() -> None:
     """Of frames of 1064 bytes at one bit in ten thousand 57.3 % are lost."""
     rate = -8 * math.log1p(-1e-4)
     lost = round(1000 * (1 - math.exp(-rate * 1064)))
@@ -40,18 +42,18 @@ def test_losses_tell_the_rate_they_come_from() -> None:
     ("chunk_bytes", "lost", "sent", "smaller"),
     [
         (1024, 0, 500, None),
-        (1024, 3, 3, None),  # too little to tell
-        (1024, 1, 100, None),  # a small loss does not pay for more headers
+        (1024, 3, 3, None),  # too few to estimate
+        (1024, 1, 100, None),  # a small loss does not justify more headers
         (1024, 57, 100, 256),
         (1024, 8, 8, 128),
         (256, 20, 100, None),
         (128, 90, 100, None),
     ],
 )
-def test_a_transfer_is_opened_again_only_where_it_pays(
+def test_a_transfer_is_reopened_only_with_a_benefit(
     chunk_bytes: int, lost: int, sent: int, smaller: int | None
 ) -> None:
-    """Enough experience, and clearly more content on the line afterwards."""
+    """Enough samples, and clearly more payload per byte sent afterwards."""
     assert smaller_chunk_bytes(chunk_bytes, lost, sent) == smaller
     if smaller is not None:
         rate = loss_per_byte(lost, sent, chunk_bytes + FRAME_OVERHEAD_BYTES)
@@ -59,10 +61,10 @@ def test_a_transfer_is_opened_again_only_where_it_pays(
 
 
 @given(st.integers(1, 5000), st.integers(1, 700), st.integers(1, 700), st.data())
-def test_regridding_claims_exactly_the_chunks_whose_every_byte_is_held(
+def test_regridding_marks_exactly_the_chunks_with_every_byte_held(
     size: int, old: int, new: int, data: st.DataObject
 ) -> None:
-    """Byte by byte: what is claimed is held, and nothing that is wholly held is left out."""
+    """Checked byte by byte: every marked chunk is held, and no completely held chunk is left out."""
     count = chunk_count(size, old)
     held = ChunkSet(count, data.draw(st.lists(st.integers(0, count - 1), max_size=40)))
     there = bytearray(size)
@@ -72,8 +74,8 @@ def test_regridding_claims_exactly_the_chunks_whose_every_byte_is_held(
     assert regrid(held.ranges()[0], size, old, new) == expected
 
 
-def test_a_sender_asks_at_once_after_its_last_chunk() -> None:
-    """Nothing follows that would make the receiver report; without asking, a lost last chunk would cost its patience."""
+def test_a_sender_requests_status_after_its_last_chunk() -> None:
+    """No later chunk would make the receiver report; without the request a lost last chunk would cost its timeout."""
     sender = ChunkSender(3, 16, 5.0)
     assert [sender.next_chunk(0.0) for _ in range(3)] == [(0, 1), (1, 2), (2, 3)]
     assert sender.request_due(0.0) == (3, 0)

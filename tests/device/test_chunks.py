@@ -1,4 +1,4 @@
-"""Chunk sets, sender and receiver by themselves, without line or session."""
+"""Chunk sets, sender and receiver without line or session."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ def test_chunk_sets_count_ranges_and_bytes() -> None:
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3, 0.7])
-def test_sender_and_receiver_finish_whatever_is_lost(loss: float) -> None:
+def test_sender_and_receiver_finish_despite_losses(loss: float) -> None:
     """Chunks, status pages and requests are lost at random; every chunk arrives, the window is never exceeded, and
-    without loss nothing is sent twice."""
+    without loss nothing is sent twice.
+    """
     rng = np.random.default_rng(5)
     sender, receiver = ChunkSender(300, 16, 0.5), ChunkReceiver(3000, 10, 16)
     sent, now_s = 0, 0.0
@@ -53,11 +54,11 @@ def test_sender_and_receiver_finish_whatever_is_lost(loss: float) -> None:
     assert sender.complete
     if loss == 0:
         assert sent == 300
-    assert receiver.asked_again == sender.resent == sent - 300
+    assert receiver.requested_again == sender.resent == sent - 300
 
 
-def test_a_resumed_sender_learns_all_pages_first() -> None:
-    """A comb of held chunks fills many pages; only the gaps are sent."""
+def test_a_resumed_sender_reads_all_pages_first() -> None:
+    """Alternating held chunks fill many pages; only the gaps are sent."""
     receiver = ChunkReceiver(2000, 10, 16, range(0, 200, 2))
     sender, sent, now_s = ChunkSender(200, 16, 0.5, resumed=True), [], 0.0
     while not sender.complete and now_s < 100:

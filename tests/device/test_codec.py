@@ -10,10 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.device.dictionary import INTEGER_RANGES, Argument, Command, Group, Item, Layout, Value
-from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import check_argument, check_arguments, decode, encode
 from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.definitions import (
+    INTEGER_RANGES,
+    Argument,
+    CommandDefinition,
+    Group,
+    Item,
+    Layout,
+    Value,
+)
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 DICTIONARY = load_dictionary()
 LAYOUTS: dict[str, Layout] = {
@@ -26,7 +34,7 @@ ARGUMENTS = [(c, a) for c in DICTIONARY.commands for a in c.arguments]
 
 
 def values_of(item: Item) -> st.SearchStrategy[Any]:
-    """Everything the type can carry."""
+    """Return a strategy for every value the type can encode."""
     if item.type in INTEGER_RANGES:
         return st.integers(*INTEGER_RANGES[item.type])
     text = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=10)
@@ -49,7 +57,7 @@ def values_of(item: Item) -> st.SearchStrategy[Any]:
 @given(data=st.data())
 @settings(max_examples=12, deadline=None)
 def test_every_layout_survives_the_round_trip(name: str, data: st.DataObject) -> None:
-    """What is encoded comes back, value by value and list by list; one byte less or more is refused."""
+    """Encoded values are decoded value by value and list by list; one byte less or more is rejected."""
     layout = LAYOUTS[name]
     values = {e.name: data.draw(values_of(e)) for e in layout if isinstance(e, Item)}
     lists = {
@@ -72,7 +80,7 @@ def test_every_layout_survives_the_round_trip(name: str, data: st.DataObject) ->
 
 
 @pytest.mark.parametrize(("command", "argument"), ARGUMENTS, ids=[f"{c.name}.{a.name}" for c, a in ARGUMENTS])
-def test_argument_limits_are_inclusive(command: Command, argument: Argument) -> None:
+def test_argument_limits_are_inclusive(command: CommandDefinition, argument: Argument) -> None:
     """Minimum and maximum pass, one step beyond does not, and the message says "low – high, got x"."""
     if argument.choices:
         for choice in argument.choices:
@@ -100,7 +108,7 @@ def test_argument_limits_are_inclusive(command: Command, argument: Argument) -> 
 
 
 def test_message_for_a_value_out_of_range_is_the_console_s() -> None:
-    """The sentence that the field shows."""
+    """The message that the field shows."""
     threshold = DICTIONARY.command("SET_DETECTION").argument("threshold_dn")
     with pytest.raises(BadInput) as caught:
         check_argument(threshold, 5000)
@@ -109,20 +117,20 @@ def test_message_for_a_value_out_of_range_is_the_console_s() -> None:
 
 @pytest.mark.parametrize("wrong", [True, "12", 12.5, math.nan, math.inf, None, b"\1"])
 def test_a_number_must_be_a_number(wrong: Value) -> None:
-    """No truth values, texts, fractions or infinities where a whole number is asked for."""
+    """No booleans, texts, fractions or infinities for an integer."""
     with pytest.raises(BadInput):
         check_argument(Argument("n", "u8", minimum=0, maximum=255), wrong)
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, True, "1.0"])
 def test_a_float_argument_must_be_finite(wrong: Value) -> None:
-    """Angles are numbers."""
+    """NaN and infinity are rejected."""
     with pytest.raises(BadInput):
         check_argument(DICTIONARY.command("SET_ATTITUDE_HINT").argument("ra_deg"), wrong)
 
 
-def test_unknown_and_missing_arguments_are_refused_and_defaults_fill_in() -> None:
-    """Only what the dictionary names goes out, all of it."""
+def test_unknown_and_missing_arguments_are_rejected_and_defaults_fill_in() -> None:
+    """The packet contains exactly the arguments of the dictionary."""
     command = DICTIONARY.command("TAKE_IMAGE")
     assert check_arguments(command, {"slot": 3}) == {"slot": 3, "exposure_ms": 0}
     with pytest.raises(BadInput, match="unknown argument"):
@@ -138,7 +146,7 @@ def test_bytes_are_big_endian_and_in_order() -> None:
     assert encode(command.arguments, values) == struct.pack(">dddf", 10.5, -3.25, 1.0, 5.0)
 
 
-def test_telemetry_comes_in_engineering_units() -> None:
+def test_telemetry_is_in_engineering_units() -> None:
     """Linear and polynomial conversion, and enumerations by name."""
     fields = [f for f in DICTIONARY.packet("housekeeping").fields if isinstance(f, Item)]
     chosen = [
@@ -152,8 +160,8 @@ def test_telemetry_comes_in_engineering_units() -> None:
     assert back.raw["mode"] == 3
 
 
-def test_nonsense_in_a_payload_is_corrupt() -> None:
-    """Unknown choices, bools above one and broken text are refused."""
+def test_an_invalid_payload_is_corrupt() -> None:
+    """Unknown choices, bools above one and invalid text are rejected."""
     for kind, payload in (("bool", b"\2"), ("text", b"\2\xff\xff")):
         with pytest.raises(CorruptData):
             decode([Item("x", kind)], payload)

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
+from gss.device.protocol import codec
 from gss.device.session_events import DeviceEvent, Stage
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
+from gss.instruments.dictionary.definitions import CommandDefinition, Value, Values
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -21,8 +23,8 @@ def quaternion_of(values: object) -> np.ndarray:
     return np.array([values[f"quaternion_{axis}"] for axis in "xyzw"], float)  # type: ignore[index]
 
 
-def test_device_introduces_itself(bench: Bench) -> None:
-    """HELLO goes out by itself when the line opens and says who is there."""
+def test_device_identifies_itself(bench: Bench) -> None:
+    """HELLO is sent automatically when the line opens and gets the device's identity."""
     hello = bench.host.hello
     assert hello is not None
     assert (hello.profile, hello.columns, hello.rows, hello.bits) == ("cubestar", 1024, 512, 8)
@@ -42,8 +44,8 @@ def test_a_command_passes_every_stage_in_order(bench: Bench) -> None:
     assert times[-1] - times[0] == pytest.approx(0.9 + 0.2, abs=0.15)
 
 
-def test_an_iteration_reports_everything_and_is_right(bench: Bench) -> None:
-    """Centroids, matches, attitude, timing and truth of one frame; the attitude is the one the frame was drawn with."""
+def test_an_iteration_reports_every_result_correctly(bench: Bench) -> None:
+    """Centroids, matches, attitude, timing and truth of one frame; the attitude is the rendered one."""
     end = bench.do("RUN_ITERATION")
     for packet in ("frame_info", "centroids", "matches", "attitude", "timing", "frame_truth"):
         (report,) = bench.telemetry(packet)
@@ -59,7 +61,7 @@ def test_an_iteration_reports_everything_and_is_right(bench: Bench) -> None:
     assert len(bench.telemetry("matches")[0].lists["items"]) == attitude.values["matched"]
 
 
-def test_single_steps_give_what_one_iteration_gives(bench: Bench) -> None:
+def test_single_steps_equal_one_iteration(bench: Bench) -> None:
     """TAKE_IMAGE, FIND_CENTROIDS, MATCH_STARS, CALCULATE_ATTITUDE one by one."""
     taken = bench.do("TAKE_IMAGE", slot=1, exposure_ms=200)
     assert taken.values == {"frame_number": 1, "slot": 1}
@@ -74,7 +76,7 @@ def test_single_steps_give_what_one_iteration_gives(bench: Bench) -> None:
 
 
 def test_matches_name_rows_of_the_active_catalogue(bench: Bench, golden_catalogue: object) -> None:
-    """The star numbers of the telemetry are rows of the bank; with its manifest they are the stars that were drawn."""
+    """The star numbers of the telemetry are rows of the bank; with its manifest they are the rendered stars."""
     bench.do("RUN_ITERATION")
     truth = bench.tracker.slots[0].truth
     assert truth is not None
@@ -86,8 +88,8 @@ def test_matches_name_rows_of_the_active_catalogue(bench: Bench, golden_catalogu
         assert np.hypot(float(spot["col_px"]) - col, float(spot["row_px"]) - row) < 2.0
 
 
-def test_housekeeping_comes_once_a_second(bench: Bench) -> None:
-    """1 Hz, unasked, with values inside their limits on a healthy unit."""
+def test_housekeeping_is_sent_once_a_second(bench: Bench) -> None:
+    """1 Hz, automatically, with values within limits on a healthy unit."""
     bench.events.clear()
     bench.run(10.0)
     reports = bench.telemetry("housekeeping")
@@ -99,8 +101,8 @@ def test_housekeeping_comes_once_a_second(bench: Bench) -> None:
             assert field.limits.state(float(reports[0].values[field.name])).value == "ok", field.name
 
 
-def test_the_cycle_gives_an_attitude_every_second_half_a_second_old(bench: Bench) -> None:
-    """The document's pipelining: while an image is taken the one before is solved, so results are up to 1.5 s old."""
+def test_the_cycle_gives_an_attitude_every_second(bench: Bench) -> None:
+    """Pipelining as documented: while an image is taken the previous one is solved, so results are up to 1.5 s old."""
     bench.do("START_CYCLE")
     bench.events.clear()
     bench.run(6.0)
@@ -117,7 +119,7 @@ def test_the_cycle_gives_an_attitude_every_second_half_a_second_old(bench: Bench
 
 
 def test_mode_follows_the_result(bench: Bench) -> None:
-    """A solution leads to tracking; housekeeping and an event say so."""
+    """A solution leads to tracking; housekeeping and an event report it."""
     bench.do("RUN_ITERATION")
     assert bench.do("GET_STATUS").stage is Stage.COMPLETED
     assert bench.host.housekeeping is not None
@@ -128,7 +130,7 @@ def test_mode_follows_the_result(bench: Bench) -> None:
 
 
 def test_a_command_in_the_wrong_mode_is_rejected(bench: Bench) -> None:
-    """Preconditions are the device's to enforce; the reason and the condition come back."""
+    """The device checks preconditions; the report has the reason and the condition."""
     bench.do("SET_MODE", mode="standby")
     end = bench.do("START_CYCLE")
     assert (end.stage, end.reason) == (Stage.REJECTED, "wrong_state")
@@ -141,15 +143,15 @@ def test_a_command_in_the_wrong_mode_is_rejected(bench: Bench) -> None:
     assert bench.telemetry("attitude")[-1].values["outcome"] == "solved"
 
 
-def test_steps_without_their_input_fail_and_say_what_is_missing(bench: Bench) -> None:
+def test_steps_without_their_input_fail_with_the_reason(bench: Bench) -> None:
     """No image, no centroids, no matches."""
     assert bench.do("FIND_CENTROIDS", slot=3).reason == "no_image"
     assert "FIND_CENTROIDS" in bench.do("MATCH_STARS").detail
     assert "MATCH_STARS" in bench.do("CALCULATE_ATTITUDE").detail
 
 
-def test_detection_settings_reach_the_chain(bench: Bench) -> None:
-    """A higher threshold finds fewer stars; impossible sizes are refused on board."""
+def test_detection_settings_are_used_by_the_chain(bench: Bench) -> None:
+    """A higher threshold finds fewer stars; impossible sizes are rejected on board."""
     bench.do("TAKE_IMAGE")
     many = int(bench.do("FIND_CENTROIDS").values["centroids"])
     bench.do("SET_DETECTION", threshold_dn=100)
@@ -158,8 +160,8 @@ def test_detection_settings_reach_the_chain(bench: Bench) -> None:
     assert bench.do("SET_DETECTION", min_pixels=30, max_pixels=20).reason == "out_of_range"
 
 
-def test_bad_arguments_never_leave_the_ground(bench: Bench) -> None:
-    """Range and type are checked before anything is queued; ids are not used up."""
+def test_invalid_arguments_are_rejected_on_the_ground(bench: Bench) -> None:
+    """Range and type are checked before the command is queued; no id is used."""
     before = bench.host.next_request_id
     for name, arguments in (
         ("SET_EXPOSURE", {"exposure_ms": 2001}),
@@ -167,36 +169,55 @@ def test_bad_arguments_never_leave_the_ground(bench: Bench) -> None:
         ("HELLO", {"x": 1}),
     ):
         with pytest.raises(BadInput):
-            bench.host.submit(name, arguments, bench.now_s)
+            bench.host.submit(bench.host.encode(name, arguments))
     with pytest.raises(NotFound):
-        bench.host.submit("SELF_DESTRUCT", {}, bench.now_s)
+        bench.host.submit(bench.host.encode("SELF_DESTRUCT", {}))
     assert bench.host.next_request_id == before
 
 
-def test_the_device_checks_ranges_itself(bench: Bench) -> None:
-    """A ground that does not check is answered out_of_range; too few or too many bytes are bad_length."""
-    lane = bench.host._lane
+def test_the_device_checks_ranges_too(bench: Bench) -> None:
+    """Without checks on the ground the report is out_of_range; too few or too many bytes are bad_length."""
+    queue = bench.host._command_queue
     for request_id, payload, reason in (
         (900, b"\xff\xff", "out_of_range"),
         (901, b"\1", "bad_length"),
         (902, bytes(3), "bad_length"),
     ):
-        lane.add(request_id, "SET_EXPOSURE", {"exposure_ms": 5})
-        record = lane.record(request_id)
+        queue.add(request_id, bench.host.encode("SET_EXPOSURE", {"exposure_ms": 5}))
+        record = queue.record(request_id)
         assert record is not None
         record.payload = payload
         bench.until(lambda i=request_id: bench.stage(i) is Stage.REJECTED)
         assert bench.stages(request_id)[-1].reason == reason
 
 
-def test_preview_shows_the_bytes_that_go_out(bench: Bench) -> None:
+def test_preview_shows_the_bytes_that_are_sent(bench: Bench) -> None:
     """The dry run is the packet of the next submit, group by group."""
-    groups = bench.host.preview("TAKE_IMAGE", {"slot": 2, "exposure_ms": 300})
+    groups = bench.host.preview(bench.host.encode("TAKE_IMAGE", {"slot": 2, "exposure_ms": 300}))
     assert [label for label, _ in groups][8:] == ["slot", "exposure_ms", "CRC-32"]
     assert dict(groups)["slot"] == b"\x02"
     assert dict(groups)["exposure_ms"] == b"\x01\x2c"
-    bench.host.submit("TAKE_IMAGE", {"slot": 2, "exposure_ms": 300}, bench.now_s)
+    bench.host.submit(bench.host.encode("TAKE_IMAGE", {"slot": 2, "exposure_ms": 300}))
     out, _ = bench.host.poll(bench.now_s)
     from cobs import cobs
 
     assert cobs.decode(out.strip(b"\0")) == b"".join(data for _, data in groups)
+
+
+def test_arguments_are_validated_once_from_the_request_to_the_wire(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dry run and sending use the bytes of one validation."""
+    calls: list[str] = []
+    check = codec.check_arguments
+
+    def counting(command: CommandDefinition, arguments: Values) -> dict[str, Value]:
+        calls.append(command.name)
+        return check(command, arguments)
+
+    monkeypatch.setattr(codec, "check_arguments", counting)
+    order = bench.host.encode("TAKE_IMAGE", {"slot": 2, "exposure_ms": 300})
+    bench.host.preview(order)
+    request_id = bench.host.submit(order)
+    bench.until(lambda: bench.stage(request_id) is Stage.COMPLETED)
+    assert calls == ["TAKE_IMAGE"]

@@ -1,4 +1,4 @@
-"""What becomes of commands when something goes wrong: silence, resets, lost lines, other dictionaries, noise."""
+"""Commands during failures: silence, resets, lost lines, other dictionaries, noise."""
 
 from __future__ import annotations
 
@@ -7,18 +7,22 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from gss.device.dictionary_file import parse_dictionary
+from gss.device.protocol.codec import decode, encode
+from gss.device.protocol.packet import PacketType
+from gss.device.protocol.receiver import LineReceiver
 from gss.device.session import HostSession
 from gss.device.session_events import DeviceEvent, HelloReceived, LinkCounters, Stage
 from gss.device.simulator.faults import FaultRates
 from gss.domain.errors import Conflict, NotFound
+from gss.instruments.dictionary.definitions import Value
+from gss.instruments.dictionary.read_dictionary import parse_dictionary
 
 if TYPE_CHECKING:
     from conftest import Bench
 
 
-def test_a_ground_without_memory_goes_on_above_the_ids_of_the_device(bench: Bench) -> None:
-    """HELLO tells the highest id; a wiped server never gets an old report for a new command."""
+def test_a_ground_without_stored_ids_continues_above_the_ids_of_the_device(bench: Bench) -> None:
+    """HELLO reports the highest id; an empty server never gets an old report for a new command."""
     for _ in range(4):
         bench.do("TAKE_IMAGE")
     bench.host, bench.events = HostSession(bench.dictionary), []
@@ -29,9 +33,9 @@ def test_a_ground_without_memory_goes_on_above_the_ids_of_the_device(bench: Benc
     assert end.values["frame_number"] == 5
 
 
-def test_silence_makes_a_command_unknown_and_a_retry_brings_the_stored_answer(bench: Bench) -> None:
-    """A lost answer is neither success nor failure; the same id again is answered and not carried out twice."""
-    request_id = bench.host.submit("TAKE_IMAGE", {}, bench.now_s)
+def test_a_missing_report_makes_a_command_unknown_and_a_retry_gets_the_stored_one(bench: Bench) -> None:
+    """A lost report is neither success nor failure; the same id again is answered and not executed twice."""
+    request_id = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     bench.until(lambda: bench.stage(request_id) is Stage.STARTED)
     bench.connected = False
     bench.until(lambda: bench.stage(request_id) is Stage.UNKNOWN)
@@ -47,7 +51,7 @@ def test_silence_makes_a_command_unknown_and_a_retry_brings_the_stored_answer(be
     assert bench.memory.record.frames == frames == 1
 
 
-def test_retry_is_only_for_the_unknown(bench: Bench) -> None:
+def test_only_unknown_commands_can_be_retried(bench: Bench) -> None:
     """A finished command cannot be sent again under its id."""
     end = bench.do("GET_STATUS")
     with pytest.raises(Conflict, match="completed"):
@@ -56,9 +60,9 @@ def test_retry_is_only_for_the_unknown(bench: Bench) -> None:
         bench.host.retry(4711, bench.now_s)
 
 
-def test_a_late_report_counts_and_says_so(bench: Bench) -> None:
-    """What comes after the window still settles the command, marked late."""
-    request_id = bench.host.submit("TAKE_IMAGE", {}, bench.now_s)
+def test_a_late_report_is_used_and_marked(bench: Bench) -> None:
+    """A report after the window still determines the result, marked late."""
+    request_id = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     bench.until(lambda: bench.stage(request_id) is Stage.STARTED)
     held: list[bytes] = []
     feed, bench.host.feed = bench.host.feed, lambda data, now_s: held.append(data) or []  # type: ignore[method-assign]
@@ -69,8 +73,8 @@ def test_a_late_report_counts_and_says_so(bench: Bench) -> None:
     assert (end.stage, end.late) == (Stage.COMPLETED, True)
 
 
-def test_the_same_id_with_other_content_is_rejected(bench: Bench) -> None:
-    """Ids are never re-used for something else."""
+def test_the_same_id_with_other_content_is_rejected_on_board(bench: Bench) -> None:
+    """An id is never reused for another command."""
     done = bench.do("SET_EXPOSURE", exposure_ms=100)
     bench.host._ids.following = done.request_id
     bench.events.clear()
@@ -80,7 +84,7 @@ def test_the_same_id_with_other_content_is_rejected(bench: Bench) -> None:
     assert bench.tracker.exposure_ms == 100
 
 
-def test_device_remembers_the_last_64_commands_over_a_restart(bench: Bench) -> None:
+def test_device_stores_the_last_64_commands_over_a_restart(bench: Bench) -> None:
     """The ring of ids is part of the non-volatile record."""
     first = bench.do("GET_STATUS").request_id
     for _ in range(63):
@@ -92,30 +96,30 @@ def test_device_remembers_the_last_64_commands_over_a_restart(bench: Bench) -> N
 
 
 def test_another_dictionary_blocks_commanding_until_acknowledged(make_bench: Callable[..., Bench]) -> None:
-    """HELLO still works, everything else waits for the operator; unacknowledged packets are refused on board."""
+    """HELLO still works, everything else waits for the operator; unacknowledged packets are rejected on board."""
     from importlib import resources
 
-    text = resources.files("gss.device").joinpath("dictionary.yaml").read_text("utf-8")
-    other = parse_dictionary(text.replace("purpose: Send housekeeping now", "purpose: Housekeeping"))
+    text = resources.files("gss.instruments.dictionary").joinpath("gss-common.yaml").read_text("utf-8")
+    other = parse_dictionary(text.replace("version: 2", "version: 3", 1))
     bench = make_bench(dictionary=other)
     bench.until(lambda: bench.host.hello is not None)
     hello = next(e for e in bench.events if isinstance(e, HelloReceived))
     assert not hello.dictionary_match
     with pytest.raises(Conflict, match="another dictionary"):
-        bench.host.submit("GET_STATUS", {}, bench.now_s)
+        bench.host.submit(bench.host.encode("GET_STATUS", {}))
     assert bench.do("HELLO").stage is Stage.COMPLETED
     assert not bench.telemetry("housekeeping")
-    bench.host._lane.add(800, "GET_STATUS", {})
+    bench.host._command_queue.add(800, bench.host.encode("GET_STATUS", {}))
     bench.until(lambda: bench.stage(800) is Stage.REJECTED)
     assert bench.stages(800)[-1].reason == "wrong_dictionary"
     bench.host.acknowledge_mismatch()
     assert bench.do("GET_STATUS").stage is Stage.COMPLETED
 
 
-def test_abort_overtakes_the_queue_and_stops_what_runs(bench: Bench) -> None:
-    """ABORT has its own lane, here and on board."""
-    running = bench.host.submit("RUN_ITERATION", {}, bench.now_s)
-    waiting = bench.host.submit("GET_STATUS", {}, bench.now_s)
+def test_abort_overtakes_the_queue_and_stops_the_running_command(bench: Bench) -> None:
+    """ABORT has a separate queue on the ground and on board."""
+    running = bench.host.submit(bench.host.encode("RUN_ITERATION", {}))
+    waiting = bench.host.submit(bench.host.encode("GET_STATUS", {}))
     bench.until(lambda: bench.stage(running) is Stage.STARTED)
     abort = bench.host.abort(bench.now_s)
     bench.until(lambda: bench.stage(abort) is Stage.COMPLETED, 0.2)
@@ -124,9 +128,9 @@ def test_abort_overtakes_the_queue_and_stops_what_runs(bench: Bench) -> None:
     bench.until(lambda: bench.stage(waiting) is Stage.COMPLETED)
 
 
-def test_a_reset_in_the_middle_fails_the_running_command_and_says_so(bench: Bench) -> None:
-    """After the reset the device reports what was cut off; nothing stays open for ever."""
-    running = bench.host.submit("TAKE_IMAGE", {}, bench.now_s)
+def test_a_reset_during_a_command_reports_it_as_failed(bench: Bench) -> None:
+    """After the reset the device reports the interrupted command; none stays open."""
+    running = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
     bench.until(lambda: bench.stage(running) is Stage.STARTED)
     bench.device.reset("watchdog", bench.now_s)
     bench.until(lambda: bench.stage(running) is Stage.FAILED)
@@ -137,7 +141,7 @@ def test_a_reset_in_the_middle_fails_the_running_command_and_says_so(bench: Benc
 
 
 def test_reset_command_completes_and_restarts(bench: Bench) -> None:
-    """RESET answers before it acts; image memory is empty afterwards, the clock goes on."""
+    """RESET is answered before it is executed; image memory is empty afterwards, the clock continues."""
     bench.do("TAKE_IMAGE")
     before_s = bench.device.time_s
     assert bench.do("RESET").stage is Stage.COMPLETED
@@ -149,10 +153,10 @@ def test_reset_command_completes_and_restarts(bench: Bench) -> None:
     assert (bench.host.housekeeping["resets"], bench.host.housekeeping["reset_cause"]) == (1, "command")
 
 
-def test_losing_the_line_makes_what_was_sent_unknown_and_keeps_the_queue(bench: Bench) -> None:
-    """Nothing is re-sent by itself; what was never sent goes out when the line is back."""
-    sent = bench.host.submit("TAKE_IMAGE", {}, bench.now_s)
-    queued = bench.host.submit("GET_STATUS", {}, bench.now_s)
+def test_losing_the_line_makes_sent_commands_unknown_and_keeps_the_queue(bench: Bench) -> None:
+    """Nothing is resent automatically; unsent commands are sent when the line is open again."""
+    sent = bench.host.submit(bench.host.encode("TAKE_IMAGE", {}))
+    queued = bench.host.submit(bench.host.encode("GET_STATUS", {}))
     bench.step()
     bench.events += bench.host.link_lost(bench.now_s)
     assert bench.stage(sent) is Stage.UNKNOWN
@@ -163,11 +167,11 @@ def test_losing_the_line_makes_what_was_sent_unknown_and_keeps_the_queue(bench: 
     bench.until(lambda: bench.stage(queued) is Stage.COMPLETED)
 
 
-def test_after_a_restart_of_the_server_commands_come_back_as_unknown(bench: Bench) -> None:
-    """Ids go on from where they were; only the operator sends an old command again."""
+def test_after_a_restart_of_the_server_commands_are_unknown(bench: Bench) -> None:
+    """Ids continue; only the operator sends an old command again."""
     done = bench.do("TAKE_IMAGE")
     host = HostSession(bench.dictionary)
-    host.restore(done.request_id + 1, [(done.request_id, "TAKE_IMAGE", {"slot": 0, "exposure_ms": 0})])
+    host.restore(done.request_id + 1, [(done.request_id, host.encode("TAKE_IMAGE", {"slot": 0, "exposure_ms": 0}))])
     bench.host, bench.events = host, []
     host.link_up(bench.now_s)
     bench.run(1.0)
@@ -179,8 +183,8 @@ def test_after_a_restart_of_the_server_commands_come_back_as_unknown(bench: Benc
 
 
 @pytest.mark.parametrize("seed_share", [1e-4])
-def test_commands_get_through_a_noisy_line_with_retries(make_bench: Callable[..., Bench], seed_share: float) -> None:
-    """At a bit error rate of 1e-4 every command ends, and none is carried out twice."""
+def test_commands_pass_a_noisy_line_with_retries(make_bench: Callable[..., Bench], seed_share: float) -> None:
+    """At a bit error rate of 1e-4 every command ends, and none is executed twice."""
     bench = make_bench(faults=FaultRates(bit_error_rate=seed_share))
     bench.until(lambda: bench.host.hello is not None, 60.0)
     bench.memory.record.frames = 0
@@ -195,15 +199,51 @@ def test_commands_get_through_a_noisy_line_with_retries(make_bench: Callable[...
     assert bench.memory.record.frames == 12
 
 
-def test_counters_tell_both_directions(bench: Bench) -> None:
-    """Bytes and packets each way, and when something good last came."""
-    before, heard = bench.host.counters, bench.device._receiver.good
+def test_counters_cover_both_directions(bench: Bench) -> None:
+    """Bytes and packets in each direction, and the time of the last valid packet."""
+    before, received = bench.host.counters, bench.device._receiver.good
     for _ in range(3):
         bench.do("GET_STATUS")
     counters = bench.host.counters
-    assert counters.sent.good - before.sent.good == bench.device._receiver.good - heard == 3
+    assert counters.sent.good - before.sent.good == bench.device._receiver.good - received == 3
     assert counters.received.good - before.received.good == 3 * 4
     assert counters.received.bytes > before.received.bytes
     assert counters.received.bad == 0
     assert counters.last_good_s == pytest.approx(bench.now_s, abs=0.1)
     assert any(isinstance(e, LinkCounters) for e in bench.events)
+
+
+def replay(bench: Bench, name: str, request_id: int, **arguments: Value) -> tuple[str, str]:
+    """Send a command's frame again without the host; return stage and reason of the answer."""
+    command = bench.dictionary.command(name)
+    payload = encode(command.arguments, {a.name: a.default for a in command.arguments} | arguments)
+    frame = bench.host.craft(PacketType.COMMAND, command.code, payload, request_id=request_id)[1]
+    bench.device.feed(frame, bench.now_s)
+    receiver, fields = LineReceiver(from_device=True), bench.dictionary.service("REPORT").fields
+    frames = iter(lambda: bench.device.next_frame(bench.now_s), None)
+    packets = [packet for sent in frames for packet in receiver.feed(sent)]
+    mine = [p for p in packets if p.type is PacketType.REPORT and p.request_id == request_id]
+    answer = decode(fields, mine[-1].payload).values
+    return str(answer["stage"]), str(answer["reason"])
+
+
+def test_a_command_no_longer_stored_is_never_executed_again(bench: Bench) -> None:
+    """After more than 64 other commands a replayed TAKE_IMAGE is rejected and no image is taken; id 0 as well."""
+    old = bench.do("TAKE_IMAGE").request_id
+    for _ in range(70):
+        bench.do("GET_STATUS")
+    frames = bench.memory.record.frames
+    assert replay(bench, "TAKE_IMAGE", old) == ("rejected", "id_reused")
+    assert replay(bench, "TAKE_IMAGE", 0) == ("rejected", "id_reused")
+    bench.run(3.0)
+    assert bench.memory.record.frames == frames == 1
+
+
+def test_a_command_lost_on_the_line_may_be_retried_after_newer_ones(bench: Bench) -> None:
+    """An id below the highest that the device never received is accepted while all executed ids are remembered."""
+    first = bench.do("GET_STATUS").request_id
+    lost = first + 1
+    bench.host._ids.following = first + 2
+    for _ in range(20):
+        bench.do("GET_STATUS")
+    assert replay(bench, "SET_GAIN", lost, gain=2)[0] == "completed"

@@ -1,4 +1,4 @@
-"""Regions, star windows, and the sections of a bank, as they come down."""
+"""Downloads of regions, star windows, and the sections of a bank."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_region_is_that_part_of_the_image(bench: Bench, col: int, row: int, co
     assert data == expected.tobytes()
 
 
-def test_pixels_of_ten_bits_come_in_two_bytes(make_bench: Callable[..., Bench]) -> None:
+def test_pixels_of_ten_bits_have_two_bytes(make_bench: Callable[..., Bench]) -> None:
     """High byte first, in regions as in whole frames."""
     bench = make_bench(camera="far_mst")
     bench.until(lambda: bench.host.hello is not None)
@@ -49,15 +49,15 @@ def test_pixels_of_ten_bits_come_in_two_bytes(make_bench: Callable[..., Bench]) 
         ("star_windows", Part(columns=33)),
     ],
 )
-def test_a_part_that_is_not_there_is_refused(bench: Bench, kind: str, part: Part) -> None:
+def test_a_missing_part_is_rejected(bench: Bench, kind: str, part: Part) -> None:
     """out_of_range, by the ground or by the device."""
     bench.do("TAKE_IMAGE")
     values = {"kind": kind, "target": 0, "chunk_bytes": 256, "held_sha256": bytes(32)} | vars(part)
     assert bench.refusal("OPEN_DOWNLOAD", values) == "out_of_range"
 
 
-def test_star_windows_are_the_surroundings_of_the_centroids(bench: Bench) -> None:
-    """One window per centroid found, its pixels those of the image; the search runs where it has not yet."""
+def test_star_windows_surround_the_centroids(bench: Bench) -> None:
+    """One window per centroid with the image's pixels; the search runs first if it has not yet."""
     bench.do("TAKE_IMAGE", slot=1)
     pixels, windows = decode_windows(bench.bring("star_windows", 1, columns=9))
     frame = bench.tracker.slots[1].pixels
@@ -81,7 +81,7 @@ def test_star_list_and_distances_are_the_two_halves_of_a_bank(bench: Bench) -> N
 
 
 @pytest.mark.parametrize("kind", ["catalogue", "star_list", "distance_table", "triplets", "calibration", "parameters"])
-def test_what_is_not_there_cannot_be_brought(bench: Bench, kind: str) -> None:
+def test_a_missing_bank_cannot_be_downloaded(bench: Bench, kind: str) -> None:
     """An empty bank, and a number that no bank has."""
     plain = {"chunk_bytes": 256, "held_sha256": bytes(32), "col_px": 0, "row_px": 0, "columns": 0, "rows": 0}
     assert bench.refusal("OPEN_DOWNLOAD", {"kind": kind, "target": 1, **plain}) == "bank_empty"

@@ -1,4 +1,4 @@
-"""Framing under everything a line can do."""
+"""Framing under every kind of damage."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import random
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.device.protocol.frame import MAX_PACKET_BYTES, Deframer, encode_frame, encoded_limit
-from gss.device.protocol.line import LineReceiver, LineSender
+from gss.device.protocol.framing import MAX_PACKET_BYTES, encoded_limit
 from gss.device.protocol.packet import PacketType
+from gss.device.protocol.receiver import Deframer, LineReceiver
+from gss.device.protocol.sender import LineSender, encode_frame
 
 packets = st.lists(st.binary(min_size=1, max_size=300), min_size=1, max_size=8)
 
@@ -22,7 +23,7 @@ def split(data: bytes, seed: int) -> list[bytes]:
 
 @given(packets, st.integers())
 def test_any_split_of_the_stream_gives_the_same_packets(sent: list[bytes], seed: int) -> None:
-    """How bytes are cut into reads does not matter."""
+    """The division of bytes into reads does not matter."""
     deframer = Deframer()
     stream = b"".join(map(encode_frame, sent))
     got = [p for piece in split(stream, seed) for p in deframer.feed(piece)]
@@ -31,7 +32,7 @@ def test_any_split_of_the_stream_gives_the_same_packets(sent: list[bytes], seed:
 
 
 def numbered(count: int, sizes: random.Random) -> tuple[list[bytes], list[bytes]]:
-    """Framed telemetry packets with their number in front, and the payloads."""
+    """Return framed telemetry packets that begin with their number, and the payloads."""
     sender = LineSender(to_device=False, prefix=0x1234)
     payloads = [i.to_bytes(2, "big") + sizes.randbytes(sizes.randrange(200)) for i in range(count)]
     return [sender.packet(PacketType.TELEMETRY, 1, 0, p) for p in payloads], payloads
@@ -40,7 +41,7 @@ def numbered(count: int, sizes: random.Random) -> tuple[list[bytes], list[bytes]
 @given(st.integers(), st.sampled_from(["flip", "insert", "drop"]), st.integers(1, 6))
 @settings(max_examples=200)
 def test_damage_loses_only_the_frames_it_touches(seed: int, kind: str, hits: int) -> None:
-    """A flipped, inserted or lost byte costs the frame it is in and no other, and nothing false comes through."""
+    """A flipped, inserted or lost byte costs only the frame it is in, and no false packet is accepted."""
     chooser = random.Random(seed)
     frames, payloads = numbered(8, chooser)
     touched: set[int] = set()
@@ -67,8 +68,8 @@ def test_damage_loses_only_the_frames_it_touches(seed: int, kind: str, hits: int
 
 
 @given(st.binary(max_size=5000), st.integers())
-def test_noise_never_raises_and_never_fills_memory(noise: bytes, seed: int) -> None:
-    """Whatever comes, the parser goes on with at most one longest frame in memory."""
+def test_noise_never_raises_and_uses_bounded_memory(noise: bytes, seed: int) -> None:
+    """For any input the parser continues with at most one longest frame in memory."""
     receiver = LineReceiver(from_device=True)
     for piece in split(noise, seed):
         receiver.feed(piece)
@@ -97,7 +98,7 @@ def test_longest_packet_passes_and_one_byte_more_does_not() -> None:
 
 
 def test_bytes_before_the_first_delimiter_are_dropped_and_counted() -> None:
-    """A line opened in the middle of a frame starts clean."""
+    """A line opened in the middle of a frame starts with the next one."""
     deframer = Deframer()
     assert deframer.feed(b"tail of something" + encode_frame(b"whole")) == [b"whole"]
     assert deframer.unframed == len(b"tail of something")
@@ -106,7 +107,7 @@ def test_bytes_before_the_first_delimiter_are_dropped_and_counted() -> None:
 
 
 def test_receiver_counts_gaps_duplicates_and_damage() -> None:
-    """Every counter moves for its own reason."""
+    """Each counter has one cause."""
     sender = LineSender(to_device=False, prefix=1)
     frames = [sender.packet(PacketType.TELEMETRY, 1, 0, bytes([i])) for i in range(6)]
     receiver = LineReceiver(from_device=True)
@@ -115,5 +116,5 @@ def test_receiver_counts_gaps_duplicates_and_damage() -> None:
     receiver.feed(frames[0] + frames[1] + frames[1] + frames[3] + bytes(bad) + encode_frame(b"short"))
     other = LineSender(to_device=True, prefix=1).packet(PacketType.COMMAND, 1, 1, b"")
     receiver.feed(other)
-    assert (receiver.good, receiver.duplicates, receiver.gaps) == (4, 1, 1)
+    assert (receiver.good, receiver.sequence.duplicates, receiver.sequence.gaps) == (4, 1, 1)
     assert (receiver.bad_crc, receiver.too_short, receiver.unknown) == (1, 1, 1)

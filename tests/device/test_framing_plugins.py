@@ -1,4 +1,4 @@
-"""Both framings under everything a line can do."""
+"""Both framings under every kind of damage."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.device.protocol.frame import FRAMINGS, MAX_PACKET_BYTES, Deframer, encode_frame, framing_named
-from gss.device.protocol.line import LineReceiver, LineSender
+from gss.device.protocol.framing import FRAMINGS, MAX_PACKET_BYTES, framing_named
 from gss.device.protocol.packet import PacketType
+from gss.device.protocol.receiver import Deframer, LineReceiver
+from gss.device.protocol.sender import LineSender, encode_frame
 from gss.domain.errors import BadInput
 
 FRAMING = st.sampled_from(sorted(FRAMINGS))
@@ -28,10 +29,10 @@ def pieces(data: bytes, cuts: list[int]) -> list[bytes]:
 
 
 @given(FRAMING, packets, st.lists(st.integers(0, 10_000), max_size=12))
-def test_any_cut_of_the_stream_gives_the_same_packets_in_both_framings(
+def test_any_division_of_the_stream_gives_the_same_packets_in_both_framings(
     framing: str, sent: list[bytes], cuts: list[int]
 ) -> None:
-    """How bytes are cut into reads does not matter, whatever the packets hold."""
+    """The division of bytes into reads does not matter, for any packet content."""
     deframer = Deframer(framing=framing)
     stream = b"".join(encode_frame(packet, framing) for packet in sent)
     assert [p for piece in pieces(stream, cuts) for p in deframer.feed(piece)] == sent
@@ -41,7 +42,7 @@ def test_any_cut_of_the_stream_gives_the_same_packets_in_both_framings(
 @given(FRAMING, st.integers(), st.sampled_from(["flip", "insert", "drop"]), st.integers(1, 6))
 @settings(max_examples=200)
 def test_damage_loses_only_touched_frames_in_both_framings(framing: str, seed: int, kind: str, hits: int) -> None:
-    """A flipped, inserted or lost byte costs the frame it is in and no other, and nothing false comes through."""
+    """A flipped, inserted or lost byte costs only the frame it is in, and no false packet is accepted."""
     chooser = random.Random(seed)
     sender = LineSender(to_device=False, prefix=0xC0DB, framing=framing)
     payloads = [i.to_bytes(2, "big") + chooser.randbytes(chooser.randrange(200)) for i in range(8)]
@@ -69,7 +70,7 @@ def test_damage_loses_only_touched_frames_in_both_framings(framing: str, seed: i
 def test_noise_never_raises_and_memory_stays_bounded_in_both_framings(
     framing: str, noise: bytes, cuts: list[int]
 ) -> None:
-    """Whatever comes, at most one longest frame is held, every byte is counted, and the next packet gets through."""
+    """At most one longest frame is stored, every byte is counted, and the next packet is received."""
     receiver = LineReceiver(from_device=True, framing=framing)
     for piece in pieces(noise, cuts):
         receiver.feed(piece)
@@ -101,10 +102,10 @@ def test_slip_is_that_of_rfc_1055() -> None:
     assert deframer.broken == 2
 
 
-def test_an_unknown_framing_is_refused_with_what_there_is() -> None:
-    """Settings name a framing."""
+def test_an_unknown_framing_is_rejected_with_the_known_names() -> None:
+    """The framing is a setting."""
     with pytest.raises(BadInput, match="unknown framing") as refused:
         framing_named("hdlc")
-    assert refused.value.expected == "cobs | slip"
+    assert refused.value.expected == "cobs | slip | kiss"
     with pytest.raises(BadInput):
         LineSender(to_device=True, prefix=0, framing="")

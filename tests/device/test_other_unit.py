@@ -1,24 +1,28 @@
-"""Another unit answers on the line: nothing that was meant for the one before reaches it."""
+"""Another unit answers on the line: no command for the previous unit reaches it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 
+from gss.device.session import HostSession
 from gss.device.session_events import Stage
-from gss.device.simulator.machine import Identity
+from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.domain.errors import NotFound
+from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
 
 if TYPE_CHECKING:
     from conftest import Bench
 
 
-def test_nothing_is_sent_before_somebody_has_answered(bench: Bench) -> None:
-    """After the line was lost and came back a queued command waits for HELLO, then goes out to the same unit."""
+def test_no_command_is_sent_before_the_device_identifies_itself(bench: Bench) -> None:
+    """After the line was lost and reopened a queued command waits for HELLO, then is sent to the same unit."""
     bench.until(lambda: bench.host.hello is not None)
     bench.host.link_lost(bench.now_s)
-    waiting = bench.host.submit("SET_EXPOSURE", {"exposure_ms": 123}, bench.now_s)
+    waiting = bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 123}))
     bench.host.link_up(bench.now_s)
     out, events = bench.host.poll(bench.now_s)
     bench.events += events
@@ -30,12 +34,12 @@ def test_nothing_is_sent_before_somebody_has_answered(bench: Bench) -> None:
 def test_queued_and_unknown_commands_do_not_reach_another_unit(bench: Bench) -> None:
     """The queue is withdrawn with the names of both units, and an unknown command can no longer be retried."""
     bench.until(lambda: bench.host.hello is not None)
-    lost = bench.host.submit("SET_EXPOSURE", {"exposure_ms": 111}, bench.now_s)
+    lost = bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 111}))
     bench.connected = False
     bench.host.poll(bench.now_s)
     bench.events += bench.host.link_lost(bench.now_s)
     assert bench.stage(lost) is Stage.UNKNOWN
-    waiting = bench.host.submit("SET_EXPOSURE", {"exposure_ms": 123}, bench.now_s)
+    waiting = bench.host.submit(bench.host.encode("SET_EXPOSURE", {"exposure_ms": 123}))
     bench.device._identity = Identity(serial="SIM-0002")
     bench.connected = True
     bench.host.link_up(bench.now_s)
@@ -45,3 +49,36 @@ def test_queued_and_unknown_commands_do_not_reach_another_unit(bench: Bench) -> 
     assert "SIM-0002 answered" in last.detail
     with pytest.raises(NotFound):
         bench.host.retry(lost, bench.now_s)
+
+
+def test_a_unit_with_an_earlier_wording_of_the_same_layout_is_commanded_as_usual(
+    make_bench: Callable[..., Bench],
+) -> None:
+    """Version 0.4's dictionary differs in descriptions only: no mismatch, packets carry the prefix of the device."""
+    bench = make_bench()
+    (earlier,) = bench.dictionary.same_layout_as
+    old = replace(bench.dictionary, hash=earlier, same_layout_as=frozenset())
+    bench.device = SimulatedDevice(old, Identity(line_baud=bench.baud), bench.memory, bench.tracker, bench.now_s)
+    bench.until(lambda: bench.host.hello is not None)
+    assert bench.host.hello.dictionary_match
+    assert bench.do("TAKE_IMAGE").stage is Stage.COMPLETED
+    assert bench.telemetry("housekeeping")
+    assert bench.bring("frame", 0)
+
+
+def test_descriptions_do_not_change_the_hash_and_layout_does() -> None:
+    """A reworded purpose keeps the hash; another range, code or name changes it."""
+    from importlib import resources
+
+    text = resources.files("gss.instruments.dictionary").joinpath("gss-common.yaml").read_text("utf-8")
+    here = parse_dictionary(text).hash
+    purpose = next(line for line in text.splitlines() if "purpose: " in line)
+    assert parse_dictionary(text.replace(purpose, purpose.replace("purpose: ", "purpose: Other, "), 1)).hash == here
+    assert parse_dictionary(text.replace("code: 16,", "code: 216,", 1)).hash != here
+
+
+def test_hello_is_repeated_after_the_pause_of_the_instrument() -> None:
+    """A session that nothing answers sends HELLO again after ``hello_again_s`` of link.yaml, not earlier."""
+    session = HostSession(load_dictionary(), hello_again_s=7.0)
+    session.link_up(0.0)
+    assert [bool(session.poll(now_s)[0]) for now_s in (0.0, 6.9, 7.0, 13.9, 14.0)] == [True, False, True, False, True]

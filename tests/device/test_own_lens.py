@@ -1,4 +1,6 @@
-"""A simulated unit whose lens is not its document's: the sky is drawn through it, and the unit learns of it by a table only."""
+"""A simulated unit whose lens differs from its document: the sky is rendered with it, and only a table informs the
+unit.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +13,13 @@ import pytest
 from gss.device.protocol.transfer import Compatibility
 from gss.device.simulator.__main__ import main
 from gss.device.simulator.own_lens import own_lens
-from gss.device.simulator.sky import Sky
+from gss.device.simulator.sky import SimulatedSky
 from gss.device.table_use import calibration_values
 from gss.device.tables import TABLE_FORMAT, encode_table
 from gss.domain.camera import RadialTilt
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES, CameraProfile, profile
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.pipeline.calibration.apply import camera_difference
 
 if TYPE_CHECKING:
@@ -25,10 +28,12 @@ if TYPE_CHECKING:
 BANK_A = 0
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
-def test_the_lens_is_off_in_proportion_and_the_same_every_time(name: str) -> None:
-    """One percent: focal length 1 %, centre 4 px, distortion 3 %; the seed decides where to, and 0 is the document's."""
-    known = profile(name)
+@pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
+def test_the_lens_deviation_is_proportional_and_reproducible(name: str) -> None:
+    """One percent: focal length 1 %, centre 4 px, distortion 3 %; the seed decides the direction, and 0 is the
+    document's lens.
+    """
+    known = shipped_camera(name)
     one, again, other = own_lens(known, 1.0, 5), own_lens(known, 1.0, 5), own_lens(known, 1.0, 6)
     assert one == again
     assert one.camera != other.camera
@@ -46,19 +51,19 @@ def test_the_lens_is_off_in_proportion_and_the_same_every_time(name: str) -> Non
         own_lens(known, 11.0, 5)
 
 
-def test_an_impossible_lens_is_told_at_the_start(capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 2 and a sentence, as for other options."""
-    assert main(["--pty", "--lens-off", "40"]) == 2
+def test_an_impossible_lens_is_rejected_at_the_start(capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2 and a message, as for other options."""
+    assert main(["--instrument", "cubestar", "--pty", "--lens-off", "40"]) == 2
     assert "at most 10 %" in capsys.readouterr().err
 
 
-def test_the_unit_matches_more_when_its_table_tells_it_of_its_lens(make_bench: Callable[..., Bench]) -> None:
-    """Half a percent off: with its own table twice the stars of the document's, which its flash holds from the factory."""
+def test_the_unit_matches_more_with_the_table_of_its_lens(make_bench: Callable[..., Bench]) -> None:
+    """Half a percent off: its own table gives twice the matches of the factory table of the document's lens."""
     bench = make_bench()
     bench.until(lambda: bench.host.hello is not None)
     known: CameraProfile = bench.tracker.profile
     real, plain = own_lens(known, 0.5, 3), bench.tracker.sky
-    bench.tracker.imager._sky = bench.tracker.sky = Sky(real, plain.environment.motion, 2026.0, 1)
+    bench.tracker.imager._sky = bench.tracker.sky = SimulatedSky(real, plain.environment.motion, 2026.0, 1)
     assert bench.tracker.tables.profile.camera == known.camera
 
     def matched() -> int:
@@ -72,7 +77,7 @@ def test_the_unit_matches_more_when_its_table_tells_it_of_its_lens(make_bench: C
     before = matched()
     data = encode_table("calibration", known.name, calibration_values(real))
     facts = Compatibility(bench.dictionary.device_model, known.name, bench.dictionary.hash, TABLE_FORMAT)
-    transfer_id = bench.host.start_upload("calibration", BANK_A, data, facts, bench.now_s)
+    transfer_id = bench.host.transfers.start_upload("calibration", BANK_A, data, facts)
     bench.transfer_ends(transfer_id, "committed")
     bench.do("VERIFY_TABLE", table="calibration", bank="A")
     bench.do("ACTIVATE_TABLE", table="calibration", bank="A")

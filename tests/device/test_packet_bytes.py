@@ -1,4 +1,4 @@
-"""Packets as bytes: golden vectors, and an outside parser."""
+"""Packets as bytes: golden vectors, and an independent parser."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 from space_packet_parser import ccsds_generator
 
-from gss.device.dictionary import Dictionary, Value
-from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import encode
-from gss.device.protocol.frame import encode_frame
-from gss.device.protocol.packet import Damage, Packet, PacketType, decode_packet, encode_packet, with_crc
+from gss.device.protocol.packet import Packet, PacketType
+from gss.device.protocol.receiver import Damage, decode_packet
+from gss.device.protocol.sender import encode_frame, encode_packet, with_crc
+from gss.instruments.dictionary.definitions import Dictionary, Value
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 GOLDEN = Path(__file__).parents[1] / "golden"
 PREFIX = 0xABCD
@@ -28,7 +29,7 @@ def command(name: str, request_id: int, sequence: int, **arguments: Value) -> Pa
 
 
 def examples() -> dict[str, Packet]:
-    """Packets of every type, with a fixed dictionary prefix so that an edited dictionary does not move them."""
+    """Return packets of every type, with a fixed dictionary prefix so that an edited dictionary does not change them."""
     d: Dictionary = load_dictionary()
     report = encode(
         d.service("REPORT").fields,
@@ -66,8 +67,8 @@ def examples() -> dict[str, Packet]:
 
 
 @pytest.mark.parametrize("name", sorted(examples()))
-def test_packet_has_its_golden_bytes_and_comes_back(name: str) -> None:
-    """The bytes on the wire are fixed: a change of them is a change of the interface."""
+def test_packet_has_its_golden_bytes_and_is_decoded_again(name: str) -> None:
+    """The bytes on the wire are fixed: changing them changes the interface."""
     packet = examples()[name]
     data = encode_packet(packet)
     path = GOLDEN / f"link-{name}.hex"
@@ -78,7 +79,7 @@ def test_packet_has_its_golden_bytes_and_comes_back(name: str) -> None:
 
 
 def test_another_ccsds_parser_reads_the_same_headers() -> None:
-    """space_packet_parser sees the primary headers that we meant."""
+    """space_packet_parser reads the intended primary headers."""
     packets = [encode_packet(p) for p in examples().values()]
     seen = list(ccsds_generator(io.BytesIO(b"".join(packets))))
     assert len(seen) == len(packets)
@@ -102,8 +103,8 @@ def test_header_fields_survive_at_their_limits() -> None:
         assert math.isclose(back.time_s, time_s, abs_tol=0.0006)
 
 
-def test_damage_is_named() -> None:
-    """Too short, bad CRC and unknown are told apart."""
+def test_kinds_of_damage_are_distinguished() -> None:
+    """Too short, bad CRC and unknown type give different errors."""
     good = encode_packet(examples()["hello"])
     assert decode_packet(good[:10]) is Damage.TOO_SHORT
     assert decode_packet(good[:-1] + bytes([good[-1] ^ 1])) is Damage.BAD_CRC

@@ -28,10 +28,10 @@ def test_without_power_no_image_is_taken(bench: Bench, rail: str) -> None:
     assert len(bench.device_events("POWER_CHANGED")) == 2
 
 
-def test_image_memory_forgets_without_power(bench: Bench) -> None:
-    """SRAM off: frames are gone, searches and uploads are refused, a download under way ends with the reason."""
+def test_image_memory_is_cleared_without_power(bench: Bench) -> None:
+    """SRAM off: frames are lost, searches and uploads are rejected, a running download ends with the reason."""
     bench.do("TAKE_IMAGE", slot=0)
-    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).state == "transferring")
     bench.do("POWER", rail="sram", state="off")
     bench.until(lambda: bench.host.transfer(transfer_id).state in ("failed", "aborted"))
@@ -45,7 +45,9 @@ def test_image_memory_forgets_without_power(bench: Bench) -> None:
 
 @pytest.mark.parametrize("rail", RAILS)
 def test_a_latch_up_draws_current_until_the_protection_trips(bench: Bench, rail: str) -> None:
-    """Current far above critical at once, then off, counted, told; only CLEAR_LATCHUP brings it back, even over a reset."""
+    """Current far above critical at once, then off, counted and reported; only CLEAR_LATCHUP restores it, even over a
+    reset.
+    """
     bench.do("START_CYCLE")
     bench.do("SIM_INJECT", fault=f"latchup_{rail}")
     critical = next(f for f in bench.dictionary.packet("housekeeping").values if f.name == f"current_{rail}_ma")
@@ -67,7 +69,7 @@ def test_a_latch_up_draws_current_until_the_protection_trips(bench: Bench, rail:
 
 
 def test_switching_off_in_time_ends_a_latch_up(bench: Bench) -> None:
-    """Who switches the rail off before the protection does, takes the short away."""
+    """Switching the rail off before the protection does removes the short circuit."""
     bench.do("SIM_INJECT", fault="latchup_fpga")
     bench.do("POWER", rail="fpga", state="off")
     bench.run(3.0)
@@ -75,8 +77,8 @@ def test_switching_off_in_time_ends_a_latch_up(bench: Bench) -> None:
     assert bench.do("POWER", rail="fpga", state="on").stage is Stage.COMPLETED
 
 
-def test_heat_is_told_once_and_again_only_after_cooling(bench: Bench) -> None:
-    """Sensor and processor rise by what was injected; OVERHEAT once; taken back, the next one counts anew."""
+def test_overheating_is_reported_once_until_it_has_cooled(bench: Bench) -> None:
+    """Sensor and processor rise by the injected amount; OVERHEAT once; after cooling the next one is reported."""
     cold = bench.status()
     for round_ in (1, 2):
         bench.do("SIM_INJECT", fault="overheat", value=60.0)

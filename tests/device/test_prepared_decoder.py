@@ -1,4 +1,4 @@
-"""Decoding with a prepared layout is decoding, for good payloads and for bad ones."""
+"""A prepared decoder equals the plain one, for valid payloads and for invalid ones."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from gss.device.dictionary import Group, Item, Layout
-from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import Decoded, decode
-from gss.device.protocol.decoder import Decoder
+from gss.device.session_telemetry import Decoder
 from gss.domain.errors import CorruptData
+from gss.instruments.dictionary.definitions import Group, Item, Layout
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 DICTIONARY = load_dictionary()
 LAYOUTS: dict[str, Layout] = {
@@ -23,7 +23,7 @@ WIDTH = {"u8": 1, "u16": 2, "u32": 4, "i8": 1, "i16": 2, "i32": 4, "f32": 4, "f6
 
 
 def payload_of(layout: Layout, rng: random.Random) -> bytes:
-    """Bytes of about the right length, mostly with bools, choices and texts that can be."""
+    """Return bytes of about the right length, mostly with valid bools, choices and texts."""
     parts: list[bytes] = []
     for entry in layout:
         if isinstance(entry, Group):
@@ -38,7 +38,7 @@ def payload_of(layout: Layout, rng: random.Random) -> bytes:
 
 
 def bytes_of(item: Item, rng: random.Random) -> bytes:
-    """The bytes of an item; one in two hundred is any byte where it should not be."""
+    """Return the bytes of an item; one in two hundred is any byte where it is not valid."""
     wild = rng.random() < 0.005
     if item.type == "bool" and not wild:
         return bytes([rng.randrange(2)])
@@ -51,8 +51,11 @@ def bytes_of(item: Item, rng: random.Random) -> bytes:
     return rng.randbytes(WIDTH.get(item.type, item.size or 5))
 
 
-def told(make: Any) -> tuple[Any, ...]:
-    """Everything that a decoding gives: values with their types and order, or the whole refusal. NaN equals itself as text."""
+def outcome(make: Any) -> tuple[Any, ...]:
+    """Return the complete result of a decoding: values with their types and order, or the complete error.
+
+    NaN equals itself as text.
+    """
     try:
         found: Decoded = make()
     except CorruptData as error:
@@ -61,14 +64,14 @@ def told(make: Any) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("name", sorted(LAYOUTS))
-def test_a_prepared_layout_decodes_as_the_layout_does(name: str) -> None:
-    """The same values of the same types in the same order, and where a payload does not fit, the same words about it."""
+def test_a_prepared_layout_decodes_like_the_plain_layout(name: str) -> None:
+    """The same values of the same types in the same order, and for an invalid payload the same message."""
     layout, rng = LAYOUTS[name], random.Random(name)
     decoder = Decoder(layout)
     answers = set()
     for _ in range(60):
         payload = payload_of(layout, rng)
-        expected = told(lambda p=payload: decode(layout, p))
-        assert told(lambda p=payload: decoder.decode(p)) == expected
+        expected = outcome(lambda p=payload: decode(layout, p))
+        assert outcome(lambda p=payload: decoder.decode(p)) == expected
         answers.add(expected)
     assert len(answers) > 1 or not layout

@@ -1,4 +1,4 @@
-"""Commands for later: kept over a reset, run with all checks, told."""
+"""Scheduled commands: kept over a reset, executed with all checks, reported."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from gss.device.protocol.codec import check_arguments, encode
-from gss.device.session_events import CommandStage, Stage, Telemetry
+from gss.device.session_events import CommandUpdate, Stage, Telemetry
 
 if TYPE_CHECKING:
     from conftest import Bench
 
 
-def later(bench: Bench, seconds: float, name: str, **arguments: float | str | bool) -> CommandStage:
+def later(bench: Bench, seconds: float, name: str, **arguments: float | str | bool) -> CommandUpdate:
     """SCHEDULE a command by name."""
     command = bench.dictionary.command(name)
     payload = encode(command.arguments, check_arguments(command, arguments))
@@ -23,12 +23,12 @@ def later(bench: Bench, seconds: float, name: str, **arguments: float | str | bo
 
 
 def entries(bench: Bench) -> dict[int, Telemetry]:
-    """The last word on each entry."""
+    """Return the last report on each entry."""
     return {int(t.values["schedule_id"]): t for t in bench.telemetry("schedule_entry")}
 
 
 def test_a_command_runs_at_its_time(bench: Bench) -> None:
-    """Not before; then once, with the number of its SCHEDULE on all it causes, and housekeeping counts what waits."""
+    """Not before; then once, with the id of its SCHEDULE on all its reports; housekeeping counts waiting entries."""
     done = later(bench, 3.0, "TAKE_IMAGE", slot=2)
     number = int(done.values["schedule_id"])
     status = bench.status()
@@ -48,8 +48,8 @@ def test_a_command_runs_at_its_time(bench: Bench) -> None:
     assert stages.count(Stage.COMPLETED) == 1
 
 
-def test_its_own_conditions_are_looked_at_when_its_time_comes(bench: Bench) -> None:
-    """TAKE_IMAGE while the cycle runs fails, says why, and the cycle goes on."""
+def test_preconditions_are_checked_at_execution_time(bench: Bench) -> None:
+    """TAKE_IMAGE while the cycle runs fails with the reason, and the cycle continues."""
     later(bench, 2.0, "TAKE_IMAGE")
     bench.do("START_CYCLE")
     bench.run(3.0)
@@ -59,8 +59,8 @@ def test_its_own_conditions_are_looked_at_when_its_time_comes(bench: Bench) -> N
     assert bench.status()["cycle_running"] is True
 
 
-def test_the_schedule_survives_a_reset_and_tells_what_was_missed(bench: Bench) -> None:
-    """What is still to come runs; what fell into the boot is missed and is not run late."""
+def test_the_schedule_survives_a_reset_and_reports_missed_entries(bench: Bench) -> None:
+    """Later entries run; those due during the boot are missed and not run late."""
     later(bench, 2.5, "SET_EXPOSURE", exposure_ms=77)
     later(bench, 6.0, "SET_GAIN", gain=3)
     bench.run(2.2)
@@ -77,7 +77,7 @@ def test_the_schedule_survives_a_reset_and_tells_what_was_missed(bench: Bench) -
 
 
 def test_the_schedule_survives_the_process(make_bench: Callable[..., Bench]) -> None:
-    """The flash record goes through JSON and back."""
+    """The flash record is unchanged by JSON."""
     first = make_bench()
     first.until(lambda: first.host.hello is not None)
     later(first, 50.0, "SET_GAIN", gain=2)
@@ -91,15 +91,15 @@ def test_the_schedule_survives_the_process(make_bench: Callable[..., Bench]) -> 
 
 
 def test_a_scheduled_reset_runs_once(bench: Bench) -> None:
-    """RESET is marked before it runs, so that it does not come again after itself."""
+    """RESET is marked before it runs, so that it does not run again after the restart."""
     later(bench, 1.0, "RESET")
     bench.run(10.0)
     assert bench.memory.record.resets == 1
     assert entries(bench)[1].values["state"] == "done"
 
 
-def test_what_a_reset_interrupts_has_failed(bench: Bench) -> None:
-    """A long exposure of the schedule that a reset ends is told as failed by LIST_SCHEDULE afterwards."""
+def test_an_entry_interrupted_by_a_reset_has_failed(bench: Bench) -> None:
+    """A long scheduled exposure ended by a reset is reported as failed by LIST_SCHEDULE afterwards."""
     later(bench, 1.0, "TAKE_IMAGE", exposure_ms=2000)
     bench.run(1.5)
     bench.device.reset("watchdog", bench.now_s)
@@ -109,8 +109,8 @@ def test_what_a_reset_interrupts_has_failed(bench: Bench) -> None:
     assert (last["state"], last["reason"]) == ("failed", "reset")
 
 
-def test_sixteen_wait_and_no_more(bench: Bench) -> None:
-    """schedule_full for the seventeenth; CANCEL makes room, 0 takes all back."""
+def test_the_schedule_has_sixteen_entries(bench: Bench) -> None:
+    """schedule_full for the seventeenth; CANCEL frees one, 0 cancels all."""
     for _ in range(16):
         assert later(bench, 1000.0, "GET_STATUS").stage is Stage.COMPLETED
     full = later(bench, 1000.0, "GET_STATUS")
@@ -136,8 +136,8 @@ def test_sixteen_wait_and_no_more(bench: Bench) -> None:
         ({"at_s": 1.0}, "out_of_range"),
     ],
 )
-def test_what_cannot_run_is_not_kept(bench: Bench, change: dict[str, float | str], reason: str) -> None:
-    """Unknown codes, wrong bytes, times that are over, and what would schedule itself."""
+def test_impossible_entries_are_rejected(bench: Bench, change: dict[str, float | str], reason: str) -> None:
+    """Unknown codes, wrong bytes, past times, and nested SCHEDULE."""
     bench.run(2.0)
     refused = bench.do("SCHEDULE", **({"at_s": 1.0e6, "command_code": 2, "length": 0, "payload": ""} | change))
     assert (refused.stage, refused.reason) == (Stage.FAILED, reason)

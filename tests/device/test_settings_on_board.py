@@ -1,4 +1,4 @@
-"""What can be set and asked: results of before, gain, period, time, memories, and Sunsat's way with orbit and matched vectors."""
+"""Settings and requests: stored results, gain, period, time, memories, and Sunsat's use of orbit and matched vectors."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ UTC_S = 1_790_000_000.0
         ("GET_ATTITUDE", "CALCULATE_ATTITUDE", "attitude", ""),
     ],
 )
-def test_results_can_be_asked_for_again(bench: Bench, ask: str, make: str, packet: str, count: str) -> None:
-    """Before there is one, no_image; afterwards the same packet as when it was made."""
+def test_results_can_be_requested_again(bench: Bench, ask: str, make: str, packet: str, count: str) -> None:
+    """no_image before there is one; afterwards the same packet as the original."""
     refused = bench.do(ask)
     assert (refused.stage, refused.reason) == (Stage.FAILED, "no_image")
     bench.do("TAKE_IMAGE")
@@ -50,7 +50,7 @@ def test_results_can_be_asked_for_again(bench: Bench, ask: str, make: str, packe
 
 
 def test_gain_multiplies_the_signal_above_bias(bench: Bench) -> None:
-    """Four times the gain, four times the height above bias, as far as the converter goes; a reset gives it back."""
+    """Four times the gain gives four times the signal above bias, up to saturation; a reset restores the default."""
     bench.do("TAKE_IMAGE", slot=0)
     assert bench.do("SET_GAIN", gain=4).stage is Stage.COMPLETED
     assert bench.status()["gain"] == 4
@@ -64,8 +64,8 @@ def test_gain_multiplies_the_signal_above_bias(bench: Bench) -> None:
     assert bench.status()["gain"] == 1
 
 
-def test_the_period_of_the_cycle_is_what_was_set(bench: Bench) -> None:
-    """Half a second to one minute; frames come at that distance."""
+def test_the_period_of_the_cycle_is_the_commanded_one(bench: Bench) -> None:
+    """Half a second to one minute; frames are taken at that interval."""
     bench.do("SET_FRAME_RATE", period_ms=2500)
     bench.do("START_CYCLE")
     bench.run(11.0)
@@ -75,8 +75,8 @@ def test_the_period_of_the_cycle_is_what_was_set(bench: Bench) -> None:
     assert bench.status()["period_ms"] == 2500
 
 
-def test_the_clock_is_set_and_known_until_power_goes(bench: Bench) -> None:
-    """Unknown before SET_TIME, right afterwards, kept over a reset."""
+def test_the_clock_keeps_its_time_until_power_off(bench: Bench) -> None:
+    """Unset before SET_TIME, right afterwards, kept over a reset."""
     before = bench.status()
     assert before["time_set"] is False
     assert np.isnan(float(before["utc_s"]))
@@ -85,13 +85,13 @@ def test_the_clock_is_set_and_known_until_power_goes(bench: Bench) -> None:
     assert [e.name for e in bench.device_events("TIME_SET")] == ["TIME_SET"]
     bench.do("RESET")
     bench.run(5.0)
-    told = bench.telemetry("housekeeping")[-1]
-    assert told.values["time_set"] is True
-    assert float(told.values["utc_s"]) - UTC_S == pytest.approx(bench.now_s - set_at_s, abs=1.2)
+    housekeeping = bench.telemetry("housekeeping")[-1]
+    assert housekeeping.values["time_set"] is True
+    assert float(housekeeping.values["utc_s"]) - UTC_S == pytest.approx(bench.now_s - set_at_s, abs=1.2)
 
 
-def test_memories_are_read_as_they_are(bench: Bench) -> None:
-    """Flash, image memory across the border of two slots, and the registers, which are a housekeeping packet."""
+def test_memories_are_read_unchanged(bench: Bench) -> None:
+    """Flash, image memory across the boundary of two slots, and the registers, which are a housekeeping packet."""
     bench.do("TAKE_IMAGE", slot=0)
     bench.do("TAKE_IMAGE", slot=1)
 
@@ -113,7 +113,7 @@ def test_memories_are_read_as_they_are(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("area", ["flash", "sram", "registers"])
-def test_memory_ends_where_it_ends(bench: Bench, area: str) -> None:
+def test_memory_cannot_be_read_beyond_its_end(bench: Bench, area: str) -> None:
     """The last byte can be read, the one after it cannot."""
     sizes = {
         "flash": len(bench.memory.flash),
@@ -151,7 +151,9 @@ def give(bench: Bench, orbit: KnownOrbit, angles_rad: tuple[float, float, float]
 
 
 def test_the_apriori_attitude_is_the_hint_of_an_assisted_iteration(make_bench: Callable[..., Bench]) -> None:
-    """SET_MODE assisted is refused without orbit and a-priori; with both the iteration starts from the attitude at its own time."""
+    """SET_MODE assisted is rejected without orbit and a-priori attitude; with both the iteration starts from the
+    attitude at its time.
+    """
     bench, orbit, angles_rad = sunsat(make_bench)
     assert bench.do("SET_MODE", mode="assisted").reason == "wrong_state"
     give(bench, orbit, angles_rad)
@@ -162,23 +164,25 @@ def test_the_apriori_attitude_is_the_hint_of_an_assisted_iteration(make_bench: C
     assert attitude["mode"] == "assisted"
     assert work is not None
     assert work.hint is not None
-    told = tuple(float(np.radians(float(np.float32(np.degrees(a))))) for a in angles_rad)
-    expected = apriori_hint(orbit, told, float(attitude["frame_time_s"]))  # type: ignore[arg-type]
+    commanded_rad = tuple(float(np.radians(float(np.float32(np.degrees(a))))) for a in angles_rad)
+    expected = apriori_hint(orbit, commanded_rad, float(attitude["frame_time_s"]))  # type: ignore[arg-type]
     assert work.hint.boresight_icrs == pytest.approx(expected.boresight_icrs, abs=1e-9)
     bench.do("SET_APRIORI", uncertainty_deg=180.0)
     assert bench.tracker.known.apriori is None
 
 
-def test_an_apriori_attitude_that_is_wrong_gives_no_attitude(make_bench: Callable[..., Bench]) -> None:
-    """Twenty degrees off with three allowed: nothing rather than something false."""
+def test_a_wrong_apriori_attitude_gives_no_attitude(make_bench: Callable[..., Bench]) -> None:
+    """Twenty degrees off with three allowed: no attitude instead of a wrong one."""
     bench, orbit, angles_rad = sunsat(make_bench)
     give(bench, orbit, angles_rad, off_deg=20.0)
     bench.do("SET_MODE", mode="assisted")
     assert bench.do("RUN_ITERATION", seconds=70).values["outcome"] == "none"
 
 
-def test_matched_vectors_come_with_every_attitude_and_agree_with_astropy(make_bench: Callable[..., Bench]) -> None:
-    """Observed in body, reference in orbit axes with aberration by an outside ephemeris; none before orbit and UTC are known."""
+def test_matched_vectors_are_sent_with_every_attitude_and_agree_with_astropy(make_bench: Callable[..., Bench]) -> None:
+    """Observed in body axes, reference in orbit axes with aberration by an independent ephemeris; none before orbit and
+    UTC are known.
+    """
     bench, orbit, angles_rad = sunsat(make_bench)
     bench.do("RUN_ITERATION", seconds=70)
     give(bench, orbit, angles_rad)
@@ -190,10 +194,10 @@ def test_matched_vectors_come_with_every_attitude_and_agree_with_astropy(make_be
     bench.run(8.0)
     bench.do("STOP_CYCLE")
     solved = [t.values for t in bench.telemetry("attitude") if t.values["outcome"] == "solved"][2:]
-    told = bench.telemetry("matched_vectors")
-    assert len(told) >= 4
-    assert [t.values["frame_number"] for t in told] == [v["frame_number"] for v in solved]
-    last, attitude = told[-1], solved[-1]
+    vectors = bench.telemetry("matched_vectors")
+    assert len(vectors) >= 4
+    assert [t.values["frame_number"] for t in vectors] == [v["frame_number"] for v in solved]
+    last, attitude = vectors[-1], solved[-1]
     rows = last.lists["items"]
     body = np.array([[row[f"body_{a}"] for a in "xyz"] for row in rows], float)
     reference = np.array([[row[f"orbit_{a}"] for a in "xyz"] for row in rows], float)
@@ -202,7 +206,7 @@ def test_matched_vectors_come_with_every_attitude_and_agree_with_astropy(make_be
     cam_from_icrs = matrix_from_quaternion(np.array([float(attitude[f"quaternion_{a}"]) for a in "xyzw"]))
     body_from_orbit = BODY_FROM_CAM @ cam_from_icrs @ elements.orbit_from_icrs.T
     assert np.abs(np.linalg.norm(body, axis=1) - 1).max() < 1e-6
-    # Without aberration both sets are the same up to what the attitude leaves; with it up to 30 arcseconds more.
+    # Without aberration both sets are equal within the attitude error; with it they differ by up to 30″ more.
     assert np.abs(body @ body_from_orbit - reference).max() < np.radians(0.02)
     catalogue = bench.tracker.catalogue
     assert catalogue is not None
@@ -220,7 +224,7 @@ def test_matched_vectors_come_with_every_attitude_and_agree_with_astropy(make_be
 
 
 def _device_time_of(bench: Bench) -> float:
-    """Device time at which UTC was UTC_S."""
+    """Return the device time at which UTC was UTC_S."""
     offset_s = bench.memory.record.utc_offset_s
     assert offset_s is not None
     return UTC_S - offset_s

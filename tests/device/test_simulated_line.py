@@ -1,4 +1,4 @@
-"""Faults of the simulated line: each kind counted, changeable while it is open, and through a real terminal."""
+"""Faults of the simulated line: each kind counted, changeable while open, and through a real terminal."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import numpy as np
 import pytest
 
 from gss.device.simulator.faults import BURST_BYTES, FaultCounts, FaultRates, LineControl, LineFaults
-from gss.device.simulator.terminal import Line, PtyLine, TcpLine, Terminal
+from gss.device.simulator.terminal import DeviceLine, PtyLine, TcpLine, Terminal
 from gss.domain.errors import BadInput
 
 DATA = bytes(range(256)) * 400
 
 
-class Echo:
-    """A device that keeps what it hears and says what it is told: the terminal's side of a real one."""
+class EchoDevice:
+    """A device that stores received bytes and sends what the test provides."""
 
     def __init__(self) -> None:
-        self.heard, self.to_say = b"", []  # type: bytes, list[bytes]
+        self.received, self.to_say = b"", []  # type: bytes, list[bytes]
 
     def feed(self, data: bytes, now_s: float) -> None:
-        self.heard += data
+        self.received += data
 
     def next_frame(self, now_s: float) -> bytes | None:
         return self.to_say.pop(0) if self.to_say else None
@@ -34,10 +34,10 @@ class Echo:
 
 
 class World:
-    """A terminal on a line under a clock that the test moves."""
+    """A terminal on a line with a clock that the test advances."""
 
-    def __init__(self, line: Line, baud: int = 0, rates: FaultRates | None = None) -> None:
-        self.now_s, self.device, self.line = 0.0, Echo(), line
+    def __init__(self, line: DeviceLine, baud: int = 0, rates: FaultRates | None = None) -> None:
+        self.now_s, self.device, self.line = 0.0, EchoDevice(), line
         self.control = LineControl(rates, 5)
         self.terminal = Terminal(line, self.device, lambda: self.now_s, baud / 10, self.control)  # type: ignore[arg-type]
 
@@ -62,7 +62,7 @@ def tcp() -> Iterator[TcpLine]:
 
 
 def _hung_up(handle: int) -> bool:
-    """Reads the end or an error, as systems differ."""
+    """True if reading returns the end or an error, depending on the system."""
     try:
         return os.read(handle, 10) == b""
     except OSError:
@@ -83,7 +83,7 @@ def _pieces(data: bytes, apply: Callable[[bytes], bytes]) -> bytes:
     ],
 )
 def test_each_fault_comes_at_its_rate_and_is_counted(rates: FaultRates, count: str) -> None:
-    """The counter says what happened to the bytes, nothing else is counted, and the seed repeats it."""
+    """The counter of the fault has the number of affected bytes, the others stay 0, and the seed reproduces it."""
     line, again = LineFaults(rates, 3), LineFaults(rates, 3)
     spoiled = _pieces(DATA, line.apply)
     assert spoiled == _pieces(DATA, again.apply) != DATA
@@ -108,7 +108,7 @@ def test_a_burst_is_short_and_in_one_place() -> None:
     assert line.counts.bursts == 50
 
 
-def test_delayed_bytes_come_in_order_and_late() -> None:
+def test_delayed_bytes_arrive_in_order_and_late() -> None:
     """Nothing before its time; when the delay is taken away, what is under way still comes first."""
     line = LineFaults(FaultRates(delay_s=0.5), 1)
     assert line.carry(b"one", 10.0) == b""
@@ -123,7 +123,7 @@ def test_delayed_bytes_come_in_order_and_late() -> None:
 
 
 def test_rates_change_by_name_and_direction() -> None:
-    """Only the named rate of the named direction changes; nonsense changes nothing at all."""
+    """Only the named rate of the named direction changes; invalid input changes nothing."""
     control = LineControl(FaultRates(drop_rate=0.1), 2)
     control.set("up", bit_error_rate=1e-4)
     control.set(delay_s=0.2)
@@ -140,8 +140,8 @@ def test_rates_change_by_name_and_direction() -> None:
     assert control.up.counts == FaultCounts()
 
 
-def test_faults_set_while_the_line_is_open_reach_the_wire(tcp: TcpLine) -> None:
-    """Through a real connection: clean, then every piece lost downwards only, then clean again."""
+def test_faults_set_while_the_line_is_open_take_effect(tcp: TcpLine) -> None:
+    """Through a real connection: clean, then every block lost on the downlink only, then clean again."""
     world = World(tcp)
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
         peer.settimeout(2)
@@ -157,11 +157,11 @@ def test_faults_set_while_the_line_is_open_reach_the_wire(tcp: TcpLine) -> None:
         world.device.to_say = [b"back"]
         world.turns(0.02)
         assert peer.recv(100) == b"back"
-        assert world.device.heard == b"up"
+        assert world.device.received == b"up"
         assert world.control.down.counts.pieces_dropped == 1
 
 
-def test_delay_works_both_ways_and_keeps_the_lines_pace(tcp: TcpLine) -> None:
+def test_delay_applies_both_ways_and_keeps_the_data_rate(tcp: TcpLine) -> None:
     """A second of bytes takes a second, shifted by the delay."""
     world = World(tcp, 9600, FaultRates(delay_s=0.3))
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
@@ -179,11 +179,11 @@ def test_delay_works_both_ways_and_keeps_the_lines_pace(tcp: TcpLine) -> None:
         assert sum(n for _, n in came) == 960
         assert came[0][0] == pytest.approx(0.33, abs=0.03)
         assert came[-1][0] == pytest.approx(1.33, abs=0.06)
-        assert world.device.heard == bytes(480)
+        assert world.device.received == bytes(480)
 
 
-def test_a_stall_stands_still_and_is_counted(tcp: TcpLine) -> None:
-    """While the line stalls nothing comes; afterwards all of it."""
+def test_a_stall_blocks_the_line_and_is_counted(tcp: TcpLine) -> None:
+    """No byte arrives during the stall, all of them afterwards."""
     world = World(tcp, 0, FaultRates(stall_rate=100.0, stall_s=0.5))
     with socket.create_connection(("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))) as peer:
         peer.sendall(b"later")
@@ -191,12 +191,12 @@ def test_a_stall_stands_still_and_is_counted(tcp: TcpLine) -> None:
         world.turns(0.3)
         world.control.clear()
         world.turns(0.6)
-        assert world.device.heard == b"later"
+        assert world.device.received == b"later"
         assert world.control.up.counts.stalls >= 1
 
 
-def test_a_cut_tcp_line_drops_the_connection_and_comes_back(tcp: TcpLine) -> None:
-    """The peer reads the end; new ones are turned away while it lasts; afterwards the same port works."""
+def test_a_cut_tcp_line_drops_the_connection_and_is_restored(tcp: TcpLine) -> None:
+    """The peer reads end of file; new connections are rejected meanwhile; afterwards the same port works."""
     world = World(tcp)
     address = ("127.0.0.1", int(tcp.url.rsplit(":", 1)[1]))
     with socket.create_connection(address) as peer:
@@ -224,8 +224,8 @@ def test_a_cut_tcp_line_drops_the_connection_and_comes_back(tcp: TcpLine) -> Non
         assert late.recv(100) == b"again"
 
 
-def test_a_cut_named_port_vanishes_and_returns(pty: PtyLine, tmp_path: Path) -> None:
-    """The symlink is gone and the open port hangs up; later the same name leads to a port that works."""
+def test_a_cut_named_port_disappears_and_returns(pty: PtyLine, tmp_path: Path) -> None:
+    """The symlink is removed and the open port hangs up; later the same name is a working port."""
     world, name = World(pty), tmp_path / "port"
     handle = os.open(name, os.O_RDWR | os.O_NOCTTY)
     world.control.disconnect(0.5)
@@ -237,22 +237,40 @@ def test_a_cut_named_port_vanishes_and_returns(pty: PtyLine, tmp_path: Path) -> 
     handle = os.open(name, os.O_RDWR | os.O_NOCTTY)
     os.write(handle, b"hello")
     world.turns(0.05)
-    assert world.device.heard == b"hello"
+    assert world.device.received == b"hello"
     os.close(handle)
 
 
-def test_a_nameless_port_only_falls_silent() -> None:
-    """It could not come back under its name, so it stays, deaf and dumb for the time."""
+def test_a_nameless_port_only_stops_transferring() -> None:
+    """It could not be reopened under its name, so it stays open without transferring data."""
     line = PtyLine()
     world = World(line)
     handle = os.open(line.url, os.O_RDWR | os.O_NOCTTY)
     world.control.disconnect(0.5)
     world.turns(0.3)
-    os.write(handle, b"nobody listens")
+    os.write(handle, b"lost bytes")
     world.turns(0.2)
     world.turns(0.5)
     os.write(handle, b"now")
     world.turns(0.05)
-    assert world.device.heard == b"now"
+    assert world.device.received == b"now"
     os.close(handle)
     line.close()
+
+
+def test_bytes_wait_for_a_reader_that_pauses_for_seconds(pty: PtyLine, tmp_path: Path) -> None:
+    """A full buffer for four seconds loses nothing; without a reader for longer, the lost bytes are counted."""
+    world, frames = World(pty), [bytes([i % 251]) * 100 for i in range(400)]
+    handle = os.open(tmp_path / "port", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    world.device.to_say = list(frames)
+    world.turns(4.0)
+    received = b""
+    while len(received) < 40_000:
+        world.turns(0.01)
+        received += os.read(handle, 65536)
+    assert received == b"".join(frames)
+    assert world.control.down.counts == FaultCounts()
+    world.device.to_say = list(frames)
+    world.turns(8.0)
+    assert world.control.down.counts.bytes_lost_unread > 0
+    os.close(handle)

@@ -1,4 +1,6 @@
-"""Where the simulated camera is and points: every mode against the derivative of its own attitude, orbits against others."""
+"""Position and attitude of the simulated camera: every mode against the derivative of its attitude, orbits against
+references.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,10 @@ from sgp4.api import Satrec
 
 from gss.device.simulator.environment import Environment, on_the_ground
 from gss.device.simulator.motion import EarthFixed, EarthPointing, SlewTo, Tumble
-from gss.device.simulator.orbit import CircularOrbit, GroundSite, Inertial, Motion, TleOrbit, Zenith
+from gss.device.simulator.orbit import CircularOrbit, GroundSite, Inertial, Motion, Sgp4Orbit, Zenith
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs, pointing_difference_rad, ra_dec_roll_rad
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 
 START = cam_from_icrs(1.2, -0.4, 2.0)
 # The example element set of the sgp4 package (International Space Station, December 2019).
@@ -31,14 +33,16 @@ MOTIONS: dict[str, Motion] = {
     "slew to": SlewTo(START, cam_from_icrs(4.0, 1.0, 0.3), 8.0, 40.0),
     "ground": EarthFixed(START, np.array([0.0, 0.0, 1.0])),
     "earth pointing": EarthPointing(CircularOrbit(), None, (0.1, -0.2, 0.3)),
-    "tle": EarthPointing(TleOrbit(TLE)),
+    "tle": EarthPointing(Sgp4Orbit(TLE)),
     "slew": Inertial(START, np.array([0.0, 0.01, 0.0]), 3.0),
 }
 
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_rates_are_derivatives_of_the_attitude(name: str) -> None:
-    """The angular velocity handed to the renderer is how the attitude turns, in every mode (scipy is the judge)."""
+    """The angular velocity given to the renderer equals the numerical rotation of the attitude in every mode (scipy is
+    the reference).
+    """
     motion = MOTIONS[name]
     for time_s in (9.0, 20.0, 300.0):
         before, now, after = (motion.at(time_s + d) for d in (-0.01, 0.0, 0.01))
@@ -47,7 +51,7 @@ def test_rates_are_derivatives_of_the_attitude(name: str) -> None:
         assert now.cam_from_icrs @ now.cam_from_icrs.T == pytest.approx(np.eye(3), abs=1e-12)
 
 
-def test_a_tumble_keeps_its_speed_and_its_momentum() -> None:
+def test_a_tumble_keeps_its_angular_speed_and_momentum() -> None:
     """Torque-free: angular speed is constant, its direction is not, neither in the body nor in space."""
     motion = Tumble.of_rate(START, 0.05)
     poses = [motion.at(t) for t in np.linspace(0, 500, 60)]
@@ -62,7 +66,7 @@ def test_a_tumble_keeps_its_speed_and_its_momentum() -> None:
 
 
 def test_a_slew_ends_on_its_target_at_rest() -> None:
-    """Start, middle and end of a turn to a place."""
+    """Start, middle and end of a slew to a target."""
     target = cam_from_icrs(4.0, 1.0, 0.3)
     motion = SlewTo(START, target, 8.0, 40.0)
     assert motion.at(0.0).cam_from_icrs == pytest.approx(START)
@@ -75,8 +79,8 @@ def test_a_slew_ends_on_its_target_at_rest() -> None:
         SlewTo(START, target, 0.0, 0.0)
 
 
-def test_the_ground_carries_the_camera_round_in_a_sidereal_day() -> None:
-    """After 86 164.1 s the same stars are in the same place; in between the declination of the zenith stays."""
+def test_the_earth_rotates_the_camera_once_in_a_sidereal_day() -> None:
+    """After 86 164.1 s the same stars are at the same position; the declination of the zenith is constant."""
     motion, site = on_the_ground(cam_from_icrs(1.0, np.radians(-33.9), 0.0), 2000.0)
     cross, about = pointing_difference_rad(motion.at(86_164.1).cam_from_icrs, motion.at(0.0).cam_from_icrs)
     assert max(cross, abs(about)) < 1e-5
@@ -89,8 +93,8 @@ def test_the_ground_carries_the_camera_round_in_a_sidereal_day() -> None:
     assert np.linalg.norm(velocity_km_s) == pytest.approx(0.4651 * np.cos(np.radians(33.9)), rel=1e-3)
 
 
-def test_earth_pointing_on_a_circular_orbit_is_the_zenith_camera() -> None:
-    """Two ways to the same attitude, and the place is where the zenith says."""
+def test_earth_pointing_on_a_circular_orbit_equals_the_zenith_camera() -> None:
+    """Two ways to the same attitude, with the position in the zenith's direction."""
     zenith, general = Zenith(raan_rad=0.7, start_rad=1.0), EarthPointing(CircularOrbit(raan_rad=0.7, start_rad=1.0))
     for time_s in (0.0, 777.0):
         a, b = zenith.at(time_s), general.at(time_s)
@@ -102,9 +106,9 @@ def test_earth_pointing_on_a_circular_orbit_is_the_zenith_camera() -> None:
         assert step == pytest.approx(velocity_km_s, abs=1e-5)
 
 
-def test_a_tle_flies_where_sgp4_and_astropy_put_it() -> None:
-    """SGP4 in its own axes, turned to ICRS by astropy, to 50 m and 5 cm/s; the epoch is the TLE's."""
-    orbit = TleOrbit(TLE)
+def test_a_tle_orbit_agrees_with_sgp4_and_astropy() -> None:
+    """SGP4 in its own axes, transformed to ICRS by astropy, within 50 m and 5 cm/s; the epoch is the TLE's."""
+    orbit = Sgp4Orbit(TLE)
     assert orbit.epoch_jyear == pytest.approx(
         2000.0 + (2458826.5 - 2451545.0 + 0.69339541 + 69.184 / 86400) / 365.25, abs=1e-9
     )
@@ -122,15 +126,15 @@ def test_a_tle_flies_where_sgp4_and_astropy_put_it() -> None:
         assert velocity_km_s == pytest.approx(there.differentials["s"].d_xyz.to_value(u.km / u.s), abs=5e-5)
 
 
-def test_a_tle_from_another_year_is_refused() -> None:
-    """Elements are good for weeks."""
+def test_a_tle_from_another_year_is_rejected() -> None:
+    """Elements are valid for weeks."""
     with pytest.raises(BadInput, match="outside the TLE's validity"):
-        TleOrbit(TLE, 2026.0)
+        Sgp4Orbit(TLE, 2026.0)
 
 
-def test_motion_changes_at_run_time_from_where_the_camera_is() -> None:
-    """Every order begins at the attitude of that moment; a ground test takes the place with it; zenith leads back."""
-    world = Environment(profile("cubestar"), Zenith())
+def test_motion_changes_at_run_time_from_the_current_attitude() -> None:
+    """Every change starts at the current attitude; a ground test keeps the position; zenith returns to the orbit."""
+    world = Environment(shipped_camera("cubestar"), Zenith())
     before = world.motion.at(100.0).cam_from_icrs
     for kind in ("inertial", "slew", "tumble", "ground"):
         world.set_motion("zenith", 100.0)
@@ -148,16 +152,16 @@ def test_motion_changes_at_run_time_from_where_the_camera_is() -> None:
     assert not world.orbit.grounded
 
 
-def test_a_camera_that_began_elsewhere_can_go_onto_the_orbit() -> None:
-    """Zenith from an inertial start is Earth-pointing on the orbit it has."""
-    world = Environment(profile("cubestar"), Inertial(START, np.zeros(3)), orbit=CircularOrbit(800.0))
+def test_a_camera_with_an_inertial_start_can_change_to_the_orbit() -> None:
+    """Zenith from an inertial start is Earth-pointing on its orbit."""
+    world = Environment(shipped_camera("cubestar"), Inertial(START, np.zeros(3)), orbit=CircularOrbit(800.0))
     world.set_motion("zenith", 10.0)
     assert world.motion.at(10.0).cam_from_icrs == pytest.approx(Zenith(800.0).at(10.0).cam_from_icrs, abs=1e-12)
 
 
-def test_nonsense_changes_no_motion() -> None:
-    """A wrong name or rate says what was expected and leaves the camera alone."""
-    world = Environment(profile("cubestar"), Zenith())
+def test_invalid_input_changes_no_motion() -> None:
+    """A wrong name or rate gives the expected values and leaves the camera unchanged."""
+    world = Environment(shipped_camera("cubestar"), Zenith())
     before = world.motion
     with pytest.raises(BadInput, match="unknown motion"):
         world.set_motion("dance", 0.0)
@@ -171,12 +175,12 @@ def test_nonsense_changes_no_motion() -> None:
 def test_a_third_of_a_low_noon_orbit_is_in_the_earths_shadow() -> None:
     """Eclipse, angles to Sun and limb, and a temperature that follows the day side."""
     sun_ra = np.radians(281.3)  # 1 January
-    world = Environment(profile("cubestar"), Zenith(inclination_rad=np.radians(97.8), raan_rad=float(sun_ra)))
+    world = Environment(shipped_camera("cubestar"), Zenith(inclination_rad=np.radians(97.8), raan_rad=float(sun_ra)))
     times_s = np.linspace(0, 5800, 117)
     dark = np.array([world.in_eclipse(t) for t in times_s])
     assert dark.mean() == pytest.approx(0.365, abs=0.03)
     angles = np.array([world.sun_angle_rad(t) for t in times_s])
-    # Camera to the zenith: in the shadow the Sun is behind it.
+    # Camera at the zenith: in the shadow the Sun is behind it.
     assert angles[dark].min() > np.radians(110)
     limb_rad = np.pi - np.arcsin(6378.137 / 6978.137)
     assert [world.earth_angle_rad(t) for t in times_s[:3]] == pytest.approx([limb_rad] * 3)

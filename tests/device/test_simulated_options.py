@@ -1,4 +1,4 @@
-"""The simulator's options: each leads to the world it names, or says what it expected."""
+"""The simulator's options: each gives the simulation it names, or an error with the expected values."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import pytest
 from gss.device.simulator.environment import Environment
 from gss.device.simulator.faults import FaultRates
 from gss.device.simulator.motion import EarthFixed, EarthPointing, Tumble
-from gss.device.simulator.options import add_arguments, make_environment
-from gss.device.simulator.orbit import GroundSite, Inertial, TleOrbit, Zenith
+from gss.device.simulator.options import add_arguments, instrument_of, make_environment
+from gss.device.simulator.orbit import GroundSite, Inertial, Sgp4Orbit, Zenith
 from gss.domain.errors import GssError
 from gss.domain.frames import ra_dec_roll_rad
-from gss.domain.profiles import profile
 from gss.domain.sensor import NO_DEFECTS
+from gss.instruments.registry import shipped_camera
 
 TLE = """1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
 2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
@@ -26,12 +26,14 @@ TLE = """1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
 def _world(*options: str) -> Environment:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    arguments = parser.parse_args(options)
-    return make_environment(arguments, profile(arguments.profile))
+    named = () if "--instrument" in options else ("--instrument", "cubestar")
+    arguments = parser.parse_args([*named, *options])
+    instrument = instrument_of(arguments)
+    return make_environment(arguments, instrument.profile, instrument)
 
 
-def test_without_options_there_is_the_plain_sky_on_the_known_orbit() -> None:
-    """Stars only, a perfect detector, a perfect line: what replay and the chains are held to."""
+def test_the_default_is_the_plain_sky_on_the_standard_orbit() -> None:
+    """Stars only, a perfect detector, a perfect line: the reference for replay and the chains."""
     world = _world()
     assert world.motion == Zenith()
     assert world.epoch_jyear == 2026.0
@@ -41,17 +43,17 @@ def test_without_options_there_is_the_plain_sky_on_the_known_orbit() -> None:
     assert world.line.up.rates == world.line.down.rates == FaultRates()
 
 
-def test_the_real_sky_leaves_aberration_to_its_own_option() -> None:
-    """--sky real switches everything on but aberration."""
-    world = _world("--sky", "real", "--profile", "sunsat")
+def test_the_real_sky_excludes_aberration() -> None:
+    """--sky real enables everything except aberration."""
+    world = _world("--sky", "real", "--instrument", "sunsat")
     assert all((world.planets, world.moon, world.sun, world.earth, world.stray))
-    assert world.defects == profile("sunsat").defects
+    assert world.defects == shipped_camera("sunsat").defects
     assert not world.aberration
     assert _world("--aberration").aberration
 
 
-def test_motions_begin_at_the_attitude_that_was_given() -> None:
-    """Right ascension, declination and roll in degrees; zenith with an attitude stays there, as it always did."""
+def test_motions_start_at_the_given_attitude() -> None:
+    """Right ascension, declination and roll in degrees; zenith with an attitude stays there."""
     for kind, expected in (("zenith", Inertial), ("slew", Inertial), ("tumble", Tumble), ("ground", EarthFixed)):
         world = _world("--motion", kind, "--attitude", "200,-33.9,15", "--rate-deg-s", "0.5")
         assert isinstance(world.motion, expected)
@@ -63,11 +65,11 @@ def test_motions_begin_at_the_attitude_that_was_given() -> None:
 
 
 def test_orbits_come_from_elements_or_a_file(tmp_path: Path) -> None:
-    """A TLE brings its epoch; a mounting and body angles turn the camera."""
+    """A TLE has its own epoch; a mounting and body angles rotate the camera."""
     file = tmp_path / "station.tle"
     file.write_text(TLE)
     flown = _world("--tle", str(file))
-    assert isinstance(flown.orbit, TleOrbit)
+    assert isinstance(flown.orbit, Sgp4Orbit)
     assert isinstance(flown.motion, EarthPointing)
     assert flown.epoch_jyear == pytest.approx(2019.94, abs=0.01)
     place_km, _ = flown.orbit.state(100.0)
@@ -100,10 +102,11 @@ def test_every_fault_has_its_option() -> None:
         ("--tle nowhere.tle", "cannot be read"),
         ("--drop-rate 1.5", "drop_rate is out of range"),
         ("--roll-pitch-yaw x", "unreadable angles"),
+        ("--instrument hubble", "unknown instrument"),
     ],
 )
-def test_options_that_make_no_sense_say_what_was_expected(options: str, said: str) -> None:
-    """No traceback: a message, what was expected, what came."""
+def test_invalid_options_are_rejected_with_the_expected_values(options: str, said: str) -> None:
+    """No traceback: a message with the expected and the received value."""
     with pytest.raises(GssError, match=said) as caught:
         _world(*options.split())
     assert caught.value.expected

@@ -1,4 +1,4 @@
-"""Simulated time: real, faster, or only on command, and then the same every time."""
+"""Simulated time: real, faster, or stepped on command and then reproducible."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from collections.abc import Iterator
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
 from gss.device.session import HostSession
 from gss.device.session_events import Telemetry
-from gss.device.simulator.simulated_time import SimulatedClock, TimeDesk
+from gss.device.simulator.simulated_time import SimulatedClock, TimeControl
 from gss.domain.errors import BadInput
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 
 class Turns:
-    """Counts the turns of a terminal and notes the time of each."""
+    """Count the turns of a terminal and store the time of each."""
 
     def __init__(self, clock: SimulatedClock) -> None:
         self.paced, self.clock, self.times_s = True, clock, []  # type: bool, SimulatedClock, list[float]
@@ -30,8 +30,8 @@ class Turns:
         return []
 
 
-def test_time_runs_at_its_speed_and_can_be_held() -> None:
-    """Ten times as fast; held it stands still; run again it goes on from there."""
+def test_time_runs_at_its_speed_and_can_be_paused() -> None:
+    """Ten times as fast; paused it does not advance; resumed it continues from there."""
     real = [100.0]
     clock = SimulatedClock(10.0, real=lambda: real[0])
     real[0] += 2.0
@@ -50,11 +50,13 @@ def test_time_runs_at_its_speed_and_can_be_held() -> None:
             SimulatedClock(speed)
 
 
-def test_orders_of_time_are_obeyed_or_explained() -> None:
-    """A step passes in ticks after what has come was read; split and joined lines are the same; nonsense is an error."""
+def test_time_commands_are_executed_or_rejected_with_a_reason() -> None:
+    """A step passes in ticks after received data were read; split and joined lines are the same; invalid text is an
+    error.
+    """
     clock = SimulatedClock(held=True)
     terminal = Turns(clock)
-    desk = TimeDesk(clock, terminal)
+    desk = TimeControl(clock, terminal)
     assert list(desk.feed(b"st")) == []
     assert list(desk.feed(b"ep 0.5\ntime\n")) == ["time 0.500000", "time 0.500000"]
     ticks = [t for t in terminal.times_s if t > 0]
@@ -74,7 +76,17 @@ class Stepped:
     """A simulator in stepped time with a connection."""
 
     def __init__(self, *options: str) -> None:
-        command = [sys.executable, "-m", "gss.device.simulator", "--stepped", "--tcp", "0", *options]
+        command = [
+            sys.executable,
+            "-m",
+            "gss.device.simulator",
+            "--instrument",
+            "cubestar",
+            "--stepped",
+            "--tcp",
+            "0",
+            *options,
+        ]
         self.process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         ready = self.answer()
         if not ready.startswith("READY"):
@@ -117,38 +129,38 @@ def units() -> Iterator[list[Stepped]]:
 
 
 def _iteration(unit: Stepped) -> tuple[str, list[object]]:
-    """Everything said in three seconds of stepped time with one iteration, and the centroids told."""
-    host, told, sent = HostSession(load_dictionary()), hashlib.sha256(), False
+    """Return a hash of all data sent in three seconds of stepped time with one iteration, and the reported centroids."""
+    host, sent_hash, sent = HostSession(load_dictionary()), hashlib.sha256(), False
     host.link_up(0.0)
     centroids: list[object] = []
     for tick in range(30):
         now_s = tick * 0.1
         if host.hello is not None and not sent and now_s > 1.0:
-            host.submit("RUN_ITERATION", {"slot": 0}, now_s, request_id=77)
+            host.submit(host.encode("RUN_ITERATION", {"slot": 0}), request_id=77)
             sent = True
         out, _ = host.poll(now_s)
         unit.peer.sendall(out)
         assert unit.order("step 0.1").startswith("time ")
         data = unit.received(0.02)
-        told.update(data)
+        sent_hash.update(data)
         for event in host.feed(data, now_s):
             if isinstance(event, Telemetry) and event.packet == "centroids":
                 centroids += [dict(row) for rows in event.lists.values() for row in rows]
-    return told.hexdigest(), centroids
+    return sent_hash.hexdigest(), centroids
 
 
 def test_stepped_time_gives_the_same_frame_twice(units: list[Stepped]) -> None:
-    """The same orders at the same steps: two processes say the same to the bit, what they saw in the sky included."""
-    told = []
+    """The same commands at the same steps: two processes send identical bytes, including the simulated sky."""
+    runs = []
     for _ in range(2):
         units.append(Stepped("--sky", "real", "--motion", "tumble", "--rate-deg-s", "0.1", "--seed", "3"))
-        told.append(_iteration(units[-1]))
-    assert told[0] == told[1]
-    assert len(told[0][1]) > 3
+        runs.append(_iteration(units[-1]))
+    assert runs[0] == runs[1]
+    assert len(runs[0][1]) > 3
 
 
-def test_nothing_is_said_while_time_stands_still(units: list[Stepped]) -> None:
-    """Housekeeping comes with the steps and not between them."""
+def test_nothing_is_sent_while_time_is_paused(units: list[Stepped]) -> None:
+    """Housekeeping is sent with the steps and not between them."""
     unit = Stepped()
     units.append(unit)
     assert unit.received() == b""

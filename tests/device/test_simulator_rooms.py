@@ -1,4 +1,4 @@
-"""Flash, motion, sky and line faults of the simulator, each against its own rule."""
+"""Flash, motion, sky and line faults of the simulator, each against its specification."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gss.device.dictionary_file import load_dictionary
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.device.simulator.firmware import StarTracker
-from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.device.simulator.memory import BankRecord, Flash, FlashError, Memory, StoredRequest, SuspendedUpload
 from gss.device.simulator.orbit import EARTH_RADIUS_KM, Inertial, Motion, Zenith
-from gss.device.simulator.sky import Sky
+from gss.device.simulator.sky import SimulatedSky
 from gss.domain.frames import ra_dec_roll_rad
-from gss.domain.profiles import profile
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.registry import shipped_camera
 
 
 def test_flash_bits_are_only_cleared_until_erased() -> None:
@@ -32,7 +32,7 @@ def test_flash_bits_are_only_cleared_until_erased() -> None:
 
 
 def test_state_survives_a_restart(tmp_path: Path) -> None:
-    """Flash and record come back from the directory exactly, a suspended write included."""
+    """Flash and record are restored exactly from the directory, including a suspended write."""
     memory = Memory.in_directory(tmp_path)
     memory.burn("A", b"catalogue", BankRecord(stars=3, profile="cubestar", epoch_jyear=2025.5))
     memory.record.uploads["B"] = SuspendedUpload(1000, 100, "ab" * 32, ((0, 3), (5, 5)))
@@ -52,7 +52,9 @@ def test_state_survives_a_restart(tmp_path: Path) -> None:
     [Zenith(), Zenith(raan_rad=1.0, start_rad=2.0), Inertial.pointing(1.0, -0.4, 2.0, (0.001, -0.002, 0.0005))],
 )
 def test_rate_is_the_derivative_of_attitude(motion: Motion) -> None:
-    """The angular velocity handed to the renderer is how the attitude turns (scipy's Rotation is the judge)."""
+    """The angular velocity given to the renderer equals the numerical rotation of the attitude (scipy's Rotation is the
+    reference).
+    """
     for time_s in (0.0, 1234.5):
         before, after = motion.at(time_s - 0.5), motion.at(time_s + 0.5)
         change = Rotation.from_matrix(after.cam_from_icrs @ before.cam_from_icrs.T).as_rotvec()
@@ -60,8 +62,8 @@ def test_rate_is_the_derivative_of_attitude(motion: Motion) -> None:
         assert np.linalg.det(before.cam_from_icrs) == pytest.approx(1.0)
 
 
-def test_the_zenith_camera_goes_round_once_per_orbit() -> None:
-    """The boresight is a great circle inclined like the orbit; 600 km take 96.7 minutes."""
+def test_the_zenith_camera_rotates_once_per_orbit() -> None:
+    """The boresight follows a great circle inclined like the orbit; 600 km take 96.7 minutes."""
     motion = Zenith()
     period_s = 2 * np.pi / motion.mean_motion_rad_s
     assert period_s / 60 == pytest.approx(96.7, abs=0.1)
@@ -71,16 +73,16 @@ def test_the_zenith_camera_goes_round_once_per_orbit() -> None:
     assert np.degrees(max(declinations)) == pytest.approx(180 - 97.8, abs=0.1)
 
 
-def test_a_seed_and_a_number_name_a_picture() -> None:
-    """The same frame again is the same to the bit; another number has other noise."""
-    camera = profile("cubestar")
-    skies = [Sky(camera, Zenith(), 2026.0, 5) for _ in range(2)]
+def test_seed_and_number_determine_an_image() -> None:
+    """The same frame again is identical; another number has other noise."""
+    camera = shipped_camera("cubestar")
+    skies = [SimulatedSky(camera, Zenith(), 2026.0, 5) for _ in range(2)]
     first, second = (sky.expose(10.0, 0.25, 3).pixels for sky in skies)
     assert np.array_equal(first, second)
     assert not np.array_equal(first, skies[0].expose(10.0, 0.25, 4).pixels)
 
 
-def test_bit_errors_come_at_their_rate() -> None:
+def test_bit_errors_have_the_configured_rate() -> None:
     """A million bits at 1e-3 flip about a thousand; none at rate zero."""
     data = bytes(125_000)
     spoiled = LineFaults(FaultRates(bit_error_rate=1e-3), 3).apply(data)
@@ -89,24 +91,24 @@ def test_bit_errors_come_at_their_rate() -> None:
     assert LineFaults(FaultRates(), 3).apply(data) == data
 
 
-def test_drops_and_doubles_come_in_pieces() -> None:
-    """Whole runs of 64 bytes vanish or come twice."""
+def test_drops_and_duplicates_affect_blocks() -> None:
+    """Blocks of 64 bytes are lost or arrive twice."""
     data = bytes(64 * 1000)
     assert 64 * 850 < len(LineFaults(FaultRates(drop_rate=0.1), 3).apply(data)) < 64 * 950
     assert 64 * 1050 < len(LineFaults(FaultRates(duplicate_rate=0.1), 3).apply(data)) < 64 * 1150
 
 
 def test_stalls_last_their_time() -> None:
-    """A stalled line stands still and then goes on."""
+    """A stalled line transfers nothing and then continues."""
     faults = LineFaults(FaultRates(stall_rate=1.0, stall_s=0.5), 4)
     states = [faults.stalled(t) for t in np.arange(0, 60, 0.01)]
     assert 0.2 < np.mean(states) < 0.5
 
 
-def test_every_command_of_the_dictionary_is_carried_out_by_somebody() -> None:
-    """A new row without a handler is noticed here, not in flight."""
-    camera = profile("cubestar")
+def test_every_command_of_the_dictionary_has_a_handler() -> None:
+    """A new row without a handler fails here, not in flight."""
+    camera = shipped_camera("cubestar")
     memory = Memory.in_ram()
-    tracker = StarTracker(camera, Sky(camera, Zenith(), 2026.0, 1), memory)
-    device = Device(load_dictionary(), Identity(), memory, tracker, 0.0)
-    assert set(device._desk.handlers) == {c.name for c in load_dictionary().commands}
+    tracker = StarTracker(camera, SimulatedSky(camera, Zenith(), 2026.0, 1), memory)
+    device = SimulatedDevice(load_dictionary(), Identity(), memory, tracker, 0.0)
+    assert set(device._processor.handlers) == {c.name for c in load_dictionary().commands}

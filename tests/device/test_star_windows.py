@@ -1,4 +1,4 @@
-"""Star windows as bytes: cut, sent, drawn again."""
+"""Star windows as bytes: cut, sent, rendered again."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gss.domain.errors import BadInput, CorruptData
 
 
 @pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 4095)])
-def test_windows_come_out_as_they_were_cut_and_the_rest_is_zero(dtype: type, top: int) -> None:
-    """Every real pixel equal, every other 0, squares cut off at the edges."""
+def test_windows_are_restored_and_other_pixels_are_zero(dtype: type, top: int) -> None:
+    """Every pixel of a window is equal, every other 0; windows are truncated at the edges."""
     frame = np.random.default_rng(3).integers(1, top, (60, 100)).astype(dtype)
     windows = windows_round([(50.4, 30.6), (0.0, 0.0), (99.4, 59.4)], 7, 100, 60)
     assert windows == (Window(47, 28, 7, 7), Window(0, 0, 4, 4), Window(96, 56, 4, 4))
@@ -33,7 +33,7 @@ def test_the_layout_is_that_of_the_interface_document() -> None:
 
 
 @given(st.binary(max_size=200))
-def test_damaged_windows_are_corrupt_data_and_nothing_else(data: bytes) -> None:
+def test_damaged_windows_raise_corrupt_data_only(data: bytes) -> None:
     """Any bytes either are windows, byte for byte, or raise CorruptData."""
     try:
         pixels, windows = decode_windows(data)
@@ -44,6 +44,6 @@ def test_damaged_windows_are_corrupt_data_and_nothing_else(data: bytes) -> None:
 
 @pytest.mark.parametrize("side", [0, 3, 6, 33])
 def test_odd_sides_from_five_to_thirty_one_only(side: int) -> None:
-    """Else there is no middle pixel, or the device would send whole images."""
+    """Otherwise there is no middle pixel, or the device would send whole images."""
     with pytest.raises(BadInput, match="side"):
         windows_round([(5, 5)], side, 100, 100)

@@ -1,4 +1,4 @@
-"""Tables as bytes: what goes in comes out, damage is always found, nonsense is named."""
+"""Tables as bytes: the round trip is exact, damage is always detected, invalid values are named."""
 
 from __future__ import annotations
 
@@ -18,27 +18,30 @@ from gss.device.table_use import (
     parameters_with,
 )
 from gss.device.tables import HEADER_BYTES, TABLE_FORMAT, Scalar, decode_table, encode_table
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.profiles import PROFILES, CameraProfile, profile
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
 
-CAMERAS = pytest.mark.parametrize("camera", PROFILES.values(), ids=lambda p: p.name)
+CAMERAS = pytest.mark.parametrize("camera", shipped_registry().cameras_with_chain().values(), ids=lambda p: p.name)
 NAMES = st.text("abcdefghijklmnopqrstuvwxyz_", min_size=1, max_size=20)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @CAMERAS
-def test_a_calibration_is_the_camera_it_was_made_of(camera: CameraProfile) -> None:
-    """Geometry, distortion and photometry come back exactly, for all five cameras."""
+def test_a_calibration_restores_its_camera(camera: CameraProfile) -> None:
+    """Geometry, distortion and photometry are restored exactly, for all five cameras."""
     name, values = decode_table("calibration", encode_table("calibration", camera.name, calibration_values(camera)))
     assert name == camera.name
     assert calibrated(camera, values) == camera
 
 
 @CAMERAS
-def test_a_parameter_set_of_own_values_changes_nothing(camera: CameraProfile) -> None:
-    """In every mode and at other exposures the chain's parameters are those without a table, once detection is commanded."""
+def test_a_parameter_set_of_default_values_changes_nothing(camera: CameraProfile) -> None:
+    """In every mode and at other exposures the chain's parameters are those without a table, once detection is
+    commanded.
+    """
     name, values = decode_table("parameters", encode_table("parameters", camera.name, parameter_values(camera)))
     assert name == camera.name
     check_parameters(camera, values)
@@ -52,7 +55,7 @@ def test_a_parameter_set_of_own_values_changes_nothing(camera: CameraProfile) ->
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.dictionaries(NAMES.filter(lambda n: n != "chain"), NUMBERS, max_size=30))
-def test_any_numbers_come_back(numbers: dict[str, float]) -> None:
+def test_any_numbers_survive_the_round_trip(numbers: dict[str, float]) -> None:
     """Names and values of any kind, in any order."""
     values: dict[str, Scalar] = {"chain": "x", **numbers}
     if any(not n.isidentifier() for n in numbers):
@@ -64,9 +67,9 @@ def test_any_numbers_come_back(numbers: dict[str, float]) -> None:
 
 @settings(max_examples=150, deadline=None, derandomize=True)
 @given(st.data())
-def test_every_damaged_byte_is_found(data: st.DataObject) -> None:
-    """One bit flipped anywhere, or the end cut off: CorruptData, never other values."""
-    good = encode_table("calibration", "cubestar", calibration_values(profile("cubestar")))
+def test_every_damaged_byte_is_detected(data: st.DataObject) -> None:
+    """One bit flipped anywhere, or a truncated end: CorruptData, never other values."""
+    good = encode_table("calibration", "cubestar", calibration_values(shipped_camera("cubestar")))
     if data.draw(st.booleans()):
         bad = good[: data.draw(st.integers(0, len(good) - 1))]
     else:
@@ -77,7 +80,7 @@ def test_every_damaged_byte_is_found(data: st.DataObject) -> None:
 
 
 def sealed(head: bytes, body: bytes) -> bytes:
-    """A table whose checks hold whatever it says."""
+    """Return a table with a valid checksum and any content."""
     head = head[:44] + struct.pack("<I", len(body)) + head[48:56] + struct.pack("<I", zlib.crc32(body))
     return head + struct.pack("<I", zlib.crc32(head)) + body
 
@@ -95,8 +98,10 @@ def sealed(head: bytes, body: bytes) -> bytes:
         b"",
     ],
 )
-def test_a_sealed_table_that_lies_is_found_too(body: bytes) -> None:
-    """Names out of order or twice, no numbers, too few, too many: a right checksum does not make them right."""
+def test_a_sealed_table_with_invalid_content_is_rejected(body: bytes) -> None:
+    """Unsorted or duplicate names, values that are not numbers, too few, too many: a valid checksum does not make them
+    valid.
+    """
     head = encode_table("parameters", "cubestar", {"chain": "x", "a": 1.0, "b": 2.0})[: HEADER_BYTES - 4]
     with pytest.raises(CorruptData):
         decode_table("parameters", sealed(head, body))
@@ -111,24 +116,24 @@ def test_a_sealed_table_that_lies_is_found_too(body: bytes) -> None:
         ("parameters", "", {"chain": "x"}, "profile does not fit"),
         ("parameters", "a" * 17, {"chain": "x"}, "profile does not fit"),
         ("parameters", "cubestar", {"chain": "x" * 17}, "chain does not fit"),
-        ("parameters", "cubestar", {"chain": "x", "a": float("nan")}, "a is no number"),
-        ("parameters", "cubestar", {"chain": "x", "a": float("inf")}, "a is no number"),
-        ("parameters", "cubestar", {"chain": "x", "a": "one"}, "a is no number"),
+        ("parameters", "cubestar", {"chain": "x", "a": float("nan")}, "a is not a number"),
+        ("parameters", "cubestar", {"chain": "x", "a": float("inf")}, "a is not a number"),
+        ("parameters", "cubestar", {"chain": "x", "a": "one"}, "a is not a number"),
         ("parameters", "cubestar", {"chain": "x", "a b": 1.0}, "not a name"),
         ("parameters", "cubestar", {"chain": "x", "ä": 1.0}, "not a name"),
         ("parameters", "cubestar", {"chain": "x", "a" * 41: 1.0}, "not a name"),
         ("parameters", "cubestar", {"chain": "x"} | {f"n{i}": 1.0 for i in range(201)}, "too many values"),
     ],
 )
-def test_what_cannot_be_a_table_is_named(kind: str, name: str, values: dict[str, Scalar], says: str) -> None:
-    """BadInput says which value."""
+def test_an_impossible_table_names_the_value(kind: str, name: str, values: dict[str, Scalar], says: str) -> None:
+    """BadInput names the value."""
     with pytest.raises(BadInput) as caught:
         encode_table(kind, name, values)
     assert says in str(caught.value)
 
 
 def test_the_longest_table_fits_its_sector() -> None:
-    """Two hundred values of short names fit; of long names they do not, and it is said."""
+    """Two hundred values with short names fit; with long names they give an error message."""
     numbers: dict[str, Scalar] = {f"n{i}": float(i) for i in range(200)}
     assert len(encode_table("parameters", "cubestar", {"chain": "x", **numbers})) <= 4096
     long: dict[str, Scalar] = {f"n{i:039d}": float(i) for i in range(200)}

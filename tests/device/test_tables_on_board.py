@@ -1,4 +1,6 @@
-"""Calibration, parameters and triplets on board: sent, verified, active on trial, confirmed, given up; and what they change."""
+"""Calibration, parameters and triplets on board: uploaded, verified, active on trial, confirmed, rolled back; and their
+effects.
+"""
 
 from __future__ import annotations
 
@@ -8,27 +10,27 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from gss.catalogue_tools.formats.triplet_table import HEADER_VERSION, encode_triplets
 from gss.catalogue_tools.onboard import decode, read_header
-from gss.catalogue_tools.tables.triplets import HEADER_VERSION, encode_triplets
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Stage, TransferUpdate
 from gss.device.table_use import calibration_values, parameter_values
 from gss.device.tables import TABLE_FORMAT, Scalar, encode_table
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.oersted_match import prepare
 
 if TYPE_CHECKING:
     from conftest import Bench
 
 BANK = {"A": 0, "B": 1, "factory": 3}
-CUBESTAR = profile("cubestar")
+CUBESTAR = shipped_camera("cubestar")
 
 
 def send(bench: Bench, kind: str, bank: str, data: bytes, version: int = TABLE_FORMAT) -> TransferUpdate:
-    """Upload a table to its end."""
+    """Upload a table and return its final update."""
     name = bench.tracker.profile.name
     facts = Compatibility(bench.dictionary.device_model, name, bench.dictionary.hash, version)
-    transfer_id = bench.host.start_upload(kind, BANK[bank], data, facts, bench.now_s)
+    transfer_id = bench.host.transfers.start_upload(kind, BANK[bank], data, facts)
     bench.until(lambda: bench.host.transfer(transfer_id).state in ("committed", "failed", "aborted"), 60.0)
     return bench.host.transfer(transfer_id)
 
@@ -46,7 +48,7 @@ def table_info(bench: Bench, table: str, bank: str) -> dict[str, object]:
     return dict(mine[-1])
 
 
-def test_tables_are_listed_with_what_they_hold(bench: Bench) -> None:
+def test_tables_are_listed_with_their_content(bench: Bench) -> None:
     """Three tables in three banks; the factory's calibration and parameters are active, CubeStar has no triplets."""
     assert bench.do("LIST_TABLES").values == {"count": 9}
     for table in ("calibration", "parameters"):
@@ -58,8 +60,8 @@ def test_tables_are_listed_with_what_they_hold(bench: Bench) -> None:
     assert bench.bring("calibration", 3) == calibration()
 
 
-def test_another_calibration_changes_what_is_matched(bench: Bench) -> None:
-    """With a focal length 10 % off the same image has no attitude; rolled back it has one again."""
+def test_another_calibration_changes_the_matches(bench: Bench) -> None:
+    """With a focal length 10 % off the same image has no attitude; after a rollback it has one."""
     bench.do("TAKE_IMAGE")
     wrong = calibration(
         focal_col_px=1.1 * CUBESTAR.camera.focal_col_px, focal_row_px=1.1 * CUBESTAR.camera.focal_row_px
@@ -84,7 +86,7 @@ def test_another_calibration_changes_what_is_matched(bench: Bench) -> None:
 
 
 def test_other_parameters_replace_the_chains_constants(bench: Bench) -> None:
-    """At most five centroids: five are found. The table's threshold becomes the setting, and a command still overrules it."""
+    """At most five centroids: five are found. The table's threshold becomes the setting, and a command overrides it."""
     bench.do("TAKE_IMAGE")
     bench.do("FIND_CENTROIDS")
     many = len(bench.telemetry("centroids")[-1].lists["items"])
@@ -98,20 +100,20 @@ def test_other_parameters_replace_the_chains_constants(bench: Bench) -> None:
     assert len(bench.telemetry("centroids")[-1].lists["items"]) < 5
 
 
-def test_parameters_choose_the_chain(make_bench: Callable[..., Bench]) -> None:
-    """An AIM unit told to work as CubeStar does."""
+def test_parameters_select_the_chain(make_bench: Callable[..., Bench]) -> None:
+    """An AIM unit configured to run CubeStar's chain."""
     bench = make_bench(camera="aim")
     bench.until(lambda: bench.host.hello is not None)
     from gss.pipeline.chains.systems import system
 
-    values = parameter_values(profile("aim"), system("cubestar"))
+    values = parameter_values(shipped_camera("aim"), system("cubestar"))
     assert send(bench, "parameters", "A", encode_table("parameters", "aim", values)).state == "committed"
     bench.do("ACTIVATE_TABLE", table="parameters", bank="A")
     assert bench.tracker.chain.name == "cubestar"
 
 
-def test_a_table_that_nobody_confirms_falls_back(bench: Bench) -> None:
-    """By time; and after a reset; confirmed it stays."""
+def test_an_unconfirmed_table_falls_back(bench: Bench) -> None:
+    """After the trial time, and after a reset; a confirmed table stays."""
     send(bench, "calibration", "A", calibration(bias_dn=9.0))
     bench.do("ACTIVATE_TABLE", table="calibration", bank="A", confirm_within_s=10)
     assert table_info(bench, "calibration", "A")["confirm_left_s"] == 10
@@ -131,8 +133,10 @@ def test_a_table_that_nobody_confirms_falls_back(bench: Bench) -> None:
     assert bench.tracker.tables.profile.sensor.bias_dn == 9.0
 
 
-def test_a_corrupt_table_is_found_and_not_used(bench: Bench) -> None:
-    """One flipped bit: VERIFY and ACTIVATE refuse; where it is active already, the unit says so and uses its own values."""
+def test_a_corrupt_table_is_detected_and_not_used(bench: Bench) -> None:
+    """One flipped bit: VERIFY and ACTIVATE reject it; if it is already active, the unit reports it and uses its default
+    values.
+    """
     send(bench, "calibration", "A", calibration(bias_dn=9.0))
     bench.do("ACTIVATE_TABLE", table="calibration", bank="A")
     bench.do("CONFIRM_TABLE", table="calibration")
@@ -146,7 +150,7 @@ def test_a_corrupt_table_is_found_and_not_used(bench: Bench) -> None:
     assert bench.do("VERIFY_TABLE", table="calibration", bank="B").reason == "bank_empty"
 
 
-def test_what_is_in_use_or_the_factorys_cannot_be_written_or_erased(bench: Bench) -> None:
+def test_active_and_factory_tables_cannot_be_written_or_erased(bench: Bench) -> None:
     """bank_active and write_protected, for uploads and ERASE_TABLE alike."""
     assert "write_protected" in send(bench, "parameters", "factory", parameters()).reason
     assert bench.do("ERASE_TABLE", table="parameters", bank="factory").reason == "write_protected"
@@ -163,20 +167,26 @@ def test_what_is_in_use_or_the_factorys_cannot_be_written_or_erased(bench: Bench
 @pytest.mark.parametrize(
     ("kind", "data", "says"),
     [
-        ("calibration", encode_table("calibration", "sunsat", calibration_values(profile("sunsat"))), "is for sunsat"),
+        (
+            "calibration",
+            encode_table("calibration", "sunsat", calibration_values(shipped_camera("sunsat"))),
+            "is for sunsat",
+        ),
         ("calibration", calibration(columns=1000), "another detector"),
         ("calibration", calibration(focal_col_px=-1.0), "above zero"),
         ("calibration", calibration(distortion="fisheye"), "unknown distortion model"),
         ("calibration", calibration(k9=1.0), "other values"),
-        ("parameters", parameters(chain="nobody"), "unknown chain"),
+        ("parameters", parameters(chain="unknown"), "unknown chain"),
         ("parameters", parameters(max_centroids=5.5), "another kind"),
         ("parameters", parameters(spice=1.0), "no such constant"),
         ("parameters", calibration(), "no parameters table"),
         ("triplets", b"GSST" + bytes(100), ""),
     ],
 )
-def test_what_makes_no_sense_is_refused_at_the_commit(bench: Bench, kind: str, data: bytes, says: str) -> None:
-    """Another camera's, another detector's, impossible numbers, damaged bytes: incompatible, and the bank stays unusable."""
+def test_implausible_tables_are_rejected_at_the_commit(bench: Bench, kind: str, data: bytes, says: str) -> None:
+    """Another camera's, another detector's, impossible numbers, damaged bytes: incompatible, and the bank stays
+    unusable.
+    """
     ended = send(bench, kind, "A", data, HEADER_VERSION if kind == "triplets" else TABLE_FORMAT)
     assert ended.state in ("failed", "aborted")
     assert "incompatible" in ended.reason
@@ -184,11 +194,11 @@ def test_what_makes_no_sense_is_refused_at_the_commit(bench: Bench, kind: str, d
     assert bench.do("ACTIVATE_TABLE", table=kind, bank="A").reason == "bank_empty"
 
 
-def test_triplets_replace_those_that_the_unit_makes_itself(make_bench: Callable[..., Bench]) -> None:
-    """Oersted with a table of a few stars recognises nothing; with a table of its whole catalogue it does."""
+def test_triplets_replace_those_that_the_unit_builds_itself(make_bench: Callable[..., Bench]) -> None:
+    """Oersted with a table of a few stars matches nothing; with a table of its whole catalogue it does."""
     bench = make_bench(camera="oersted")
     bench.until(lambda: bench.host.hello is not None)
-    own, image = profile("oersted"), bench.memory.content("golden")
+    own, image = shipped_camera("oersted"), bench.memory.content("golden")
     full = prepare(decode(image), own).triplets
     assert bench.memory.record.tables["triplets"].active == "factory"
     bench.do("TAKE_IMAGE")

@@ -1,4 +1,4 @@
-"""A table that cannot be right is refused before it is sent, and on board again."""
+"""An impossible table is rejected before it is sent, and on board again."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import pytest
 
 from gss.device.table_use import calibrated, calibration_values, check_parameters, parameter_values
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES, profile
+from gss.instruments.registry import shipped_camera, shipped_registry
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
-def test_a_units_own_values_are_taken(name: str) -> None:
-    """What the form offers can be sent back."""
-    known = profile(name)
+@pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
+def test_a_units_default_values_are_accepted(name: str) -> None:
+    """The values that the form offers can be sent back."""
+    known = shipped_camera(name)
     assert calibrated(known, calibration_values(known)).camera == known.camera
     check_parameters(known, parameter_values(known))
 
@@ -35,9 +35,9 @@ def test_a_units_own_values_are_taken(name: str) -> None:
         ("focal_col_px", "12"),
     ],
 )
-def test_a_calibration_that_cannot_be_right_is_refused(field: str, value: float | str) -> None:
-    """The sentence names the value."""
-    known = profile("cubestar")
+def test_an_impossible_calibration_is_rejected(field: str, value: float | str) -> None:
+    """The message names the value."""
+    known = shipped_camera("cubestar")
     with pytest.raises(BadInput, match=field):
         calibrated(known, calibration_values(known) | {field: value})
 
@@ -58,8 +58,8 @@ def test_a_calibration_that_cannot_be_right_is_refused(field: str, value: float 
         ("edge_rule", 2),
     ],
 )
-def test_parameters_that_cannot_be_right_are_refused(field: str, value: float) -> None:
-    """The sentence names the constant."""
-    known = profile("cubestar")
+def test_impossible_parameters_are_rejected(field: str, value: float) -> None:
+    """The message names the constant."""
+    known = shipped_camera("cubestar")
     with pytest.raises(BadInput, match=field):
         check_parameters(known, parameter_values(known) | {field: value})

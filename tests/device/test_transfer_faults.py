@@ -1,4 +1,4 @@
-"""Transfers against a line and a device that misbehave, in simulated time."""
+"""Transfers with a faulty line or device, in simulated time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 
 from gss.catalogue_tools.onboard import encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.device.protocol.codec import encode as encode_payload
 from gss.device.protocol.packet import PacketType
 from gss.device.protocol.transfer import Compatibility
@@ -20,6 +19,7 @@ from gss.device.session import HeldPart, HostSession
 from gss.device.session_events import DeviceEvent, Stage, TransferDone
 from gss.device.simulator.faults import FaultRates
 from gss.device.simulator.memory import FlashError
+from gss.skytables.pairs import distance_table
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -36,7 +36,7 @@ def catalogue(faint_mag: float = 3.4, profile: str = "cubestar") -> bytes:
 
 def upload(bench: Bench, bank: int, data: bytes, profile: str = "cubestar") -> int:
     compatibility = Compatibility(bench.dictionary.device_model, profile, bench.dictionary.hash, 1, 1991.25)
-    return bench.host.start_upload("catalogue", bank, data, compatibility, bench.now_s)
+    return bench.host.transfers.start_upload("catalogue", bank, data, compatibility)
 
 
 def greeted(bench: Bench) -> Bench:
@@ -45,7 +45,7 @@ def greeted(bench: Bench) -> Bench:
 
 
 def pictured(bench: Bench) -> bytes:
-    """The wire bytes of a frame in slot 0."""
+    """Return the wire bytes of a frame in slot 0."""
     while bench.do("TAKE_IMAGE").stage is not Stage.COMPLETED:
         pass
     return bench.tracker.slots[0].pixels.tobytes()
@@ -56,14 +56,16 @@ def done(bench: Bench, transfer_id: int) -> TransferDone:
     return end
 
 
-# --- a line that turns noisy --------------------------------------------------------------------------------------
+# --- a line that becomes noisy -------------------------------------------------------------------------------------
 
 
-def test_a_download_goes_on_in_smaller_chunks_when_the_line_turns_noisy(make_bench: Callable[..., Bench]) -> None:
-    """What was held stays held: the new grid asks only for the rest; in large chunks the line would carry a third."""
+def test_a_download_continues_in_smaller_chunks_when_the_line_becomes_noisy(make_bench: Callable[..., Bench]) -> None:
+    """Held bytes stay held: only the others are requested in the new grid; large chunks would give a third of the
+    throughput.
+    """
     bench = greeted(make_bench())
     pixels = pictured(bench)
-    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(pixels) // 2)
     before = bench.host.transfer(transfer_id)
     for faults in (bench.up_faults, bench.down_faults):
@@ -74,7 +76,7 @@ def test_a_download_goes_on_in_smaller_chunks_when_the_line_turns_noisy(make_ben
     assert update.chunk_size < CHUNK_1024_BYTES
     assert any("noisy" in u.reason for u in bench.updates(transfer_id))
     stored = [u.stored_bytes for u in bench.updates(transfer_id)]
-    # At most one chunk of the old grid is cut by the new one at each edge of a held range.
+    # At each edge of a held range the new grid cuts at most one chunk of the old grid.
     assert all(b > a - 16 * CHUNK_1024_BYTES for a, b in itertools.pairwise(stored))
     rest = len(pixels) - before.stored_bytes
     assert bench.host.counters.received.bytes - received < 2.2 * rest
@@ -83,20 +85,20 @@ def test_a_download_goes_on_in_smaller_chunks_when_the_line_turns_noisy(make_ben
 
 
 @pytest.mark.parametrize("baud", [115_200, 921_600])
-def test_a_noisy_line_carries_more_than_half_of_its_rate_from_the_first_transfer_on(
+def test_a_noisy_line_has_more_than_half_its_rate_from_the_first_transfer_on(
     make_bench: Callable[..., Bench], baud: int
 ) -> None:
-    """At one bit in ten thousand; chunks of 1024 bytes carried a third."""
+    """At a bit error rate of 1e-4; chunks of 1024 bytes gave a third."""
     bench = greeted(make_bench(baud=baud, faults=FaultRates(bit_error_rate=1e-4)))
     pictured(bench)
     start_s = bench.now_s
-    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("frame", 0)
     update = bench.transfer_ends(transfer_id, "verified", 300)
     assert update.size / (bench.now_s - start_s) / (baud / 10) > 0.55
 
 
-def test_an_upload_ends_on_a_noisy_line_whichever_grid_the_device_takes(make_bench: Callable[..., Bench]) -> None:
-    """The content is right and committed; a device that keeps its own grid is not asked again and again."""
+def test_an_upload_completes_on_a_noisy_line_with_either_grid(make_bench: Callable[..., Bench]) -> None:
+    """The content is right and committed; a device that keeps its grid does not get repeated requests."""
     bench = greeted(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
     data = catalogue()
     transfer_id = upload(bench, B, data)
@@ -105,26 +107,26 @@ def test_an_upload_ends_on_a_noisy_line_whichever_grid_the_device_takes(make_ben
     assert [u.state for u in bench.updates(transfer_id)].count("opening") <= 4
 
 
-def test_a_size_that_was_asked_for_is_kept(make_bench: Callable[..., Bench]) -> None:
-    """Who names the size of chunks gets it, whatever the line does."""
+def test_a_requested_chunk_size_is_kept(make_bench: Callable[..., Bench]) -> None:
+    """A size in the request is used whatever the line does."""
     bench = greeted(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
     pictured(bench)
-    transfer_id = bench.host.start_download("thumbnail", 0, bench.now_s, chunk_bytes=512)
+    transfer_id = bench.host.transfers.start_download("thumbnail", 0, chunk_bytes=512)
     assert bench.transfer_ends(transfer_id, "verified", 120).chunk_size == 512
 
 
-def test_the_next_transfer_of_a_noisy_minute_begins_with_small_chunks(make_bench: Callable[..., Bench]) -> None:
-    """What the line did lately decides; after a quiet minute large ones are back."""
+def test_the_next_transfer_after_noise_starts_with_small_chunks(make_bench: Callable[..., Bench]) -> None:
+    """The recent error rate decides; after a minute without errors large ones are used again."""
     bench = greeted(make_bench(faults=FaultRates(bit_error_rate=1e-4)))
     pictured(bench)
-    bench.transfer_ends(bench.host.start_download("frame", 0, bench.now_s), "verified", 120)
-    again = bench.host.start_download("thumbnail", 0, bench.now_s)
+    bench.transfer_ends(bench.host.transfers.start_download("frame", 0), "verified", 120)
+    again = bench.host.transfers.start_download("thumbnail", 0)
     assert bench.host.transfer(again).chunk_size < CHUNK_1024_BYTES
     bench.transfer_ends(again, "verified", 60)
     for faults in (bench.up_faults, bench.down_faults):
         faults.rates = FaultRates()
     bench.run(65.0)
-    later = bench.host.start_download("thumbnail", 0, bench.now_s)
+    later = bench.host.transfers.start_download("thumbnail", 0)
     assert bench.host.transfer(later).chunk_size == CHUNK_1024_BYTES
 
 
@@ -132,11 +134,11 @@ def test_the_next_transfer_of_a_noisy_minute_begins_with_small_chunks(make_bench
 
 
 def test_a_command_overtakes_a_transfer_within_a_few_chunk_times(make_bench: Callable[..., Bench]) -> None:
-    """At 115 200 Bd, up and down: from submitting to the report of completion never more than five chunks of 1024 bytes."""
+    """At 115 200 Bd, up and down: from submission to the completion report never more than five chunks of 1024 bytes."""
     bench = greeted(make_bench(baud=115_200))
     pictured(bench)
     for start in (
-        lambda: bench.host.start_download("frame", 0, bench.now_s),
+        lambda: bench.host.transfers.start_download("frame", 0),
         lambda: upload(bench, B, catalogue(3.8)),
     ):
         transfer_id = start()
@@ -146,12 +148,12 @@ def test_a_command_overtakes_a_transfer_within_a_few_chunk_times(make_bench: Cal
             assert bench.do("GET_STATUS").stage is Stage.COMPLETED
             assert (bench.now_s - start_s) / CHUNK_S < 5
             bench.run(0.37)
-        bench.host.abort_transfer(transfer_id, bench.now_s)
+        bench.host.transfers.abort(transfer_id)
         bench.run(0.5)
 
 
-def test_never_more_chunks_are_under_way_than_the_device_s_window(make_bench: Callable[..., Bench]) -> None:
-    """Counted at the device's ear: chunks sent since the last one whose fate is known."""
+def test_unacknowledged_chunks_never_exceed_the_device_s_window(make_bench: Callable[..., Bench]) -> None:
+    """Counted at the device: chunks sent since the last acknowledged one."""
     bench = greeted(make_bench(faults=FaultRates(bit_error_rate=2e-5)))
     transfer_id = upload(bench, C, catalogue(3.8))
     most = 0
@@ -172,12 +174,12 @@ def inject_chunk(bench: Bench, session: int, index: int, data: bytes) -> None:
 
 
 def test_a_chunk_beyond_the_size_changes_nothing(bench: Bench) -> None:
-    """An index that does not exist, a chunk too long, one too short: not stored, and the transfer ends whole."""
+    """An index out of range, a chunk too long, one too short: not stored, and the transfer completes."""
     data = catalogue()
     neighbour = bench.memory.flash.read(bench.memory.offset("C"), 4096)
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 10_000)
-    session = bench.host._desk.get(transfer_id).session
+    session = bench.host.transfers.get(transfer_id).session
     assert session is not None
     chunks = bench.host.transfer(transfer_id).chunks
     for index, length in ((chunks, 1024), (2**32 - 1, 1024), (chunks - 1, 1500), (chunks - 1, 3)):
@@ -187,18 +189,18 @@ def test_a_chunk_beyond_the_size_changes_nothing(bench: Bench) -> None:
     assert bench.memory.flash.read(bench.memory.offset("C"), 4096) == neighbour
 
 
-def test_a_wrong_hash_is_found_by_reading_back_and_nothing_is_committed(bench: Bench) -> None:
-    """The ground announces another content than it sends."""
+def test_a_wrong_hash_is_detected_by_reading_back_and_nothing_is_committed(bench: Bench) -> None:
+    """The ground announces other content than it sends."""
     data = catalogue()
     transfer_id = upload(bench, B, data)
-    bench.host._desk.get(transfer_id).sha256 = hashlib.sha256(b"something else").digest()
+    bench.host.transfers.get(transfer_id).sha256 = hashlib.sha256(b"something else").digest()
     update = bench.transfer_ends(transfer_id, "failed")
     assert "read back" in update.reason
     assert bench.memory.record.banks["B"].state != "committed"
 
 
-def test_another_camera_s_catalogue_is_refused_by_word_and_by_content(bench: Bench) -> None:
-    """The compatibility block is checked first; a block that lies is found in the header of the content."""
+def test_another_camera_s_catalogue_is_rejected_by_block_and_by_content(bench: Bench) -> None:
+    """The compatibility block is checked first; a wrong block is detected from the header of the content."""
     honest = upload(bench, B, catalogue(3.4, "sunsat"), "sunsat")
     assert bench.transfer_ends(honest, "failed").reason.startswith("incompatible")
     lying = upload(bench, B, catalogue(3.4, "sunsat"), "cubestar")
@@ -208,7 +210,7 @@ def test_another_camera_s_catalogue_is_refused_by_word_and_by_content(bench: Ben
     assert bench.memory.record.banks["B"].state != "committed"
 
 
-def test_a_full_bank_is_said_before_anything_is_sent(bench: Bench) -> None:
+def test_a_full_bank_is_reported_before_anything_is_sent(bench: Bench) -> None:
     """One byte more than the bank has."""
     sent = bench.host.counters.sent.bytes
     transfer_id = upload(bench, B, bytes(bench.memory.bank_bytes + 1))
@@ -216,10 +218,10 @@ def test_a_full_bank_is_said_before_anything_is_sent(bench: Bench) -> None:
     assert bench.host.counters.sent.bytes - sent < 500
 
 
-def test_flash_that_fails_ends_the_upload_and_a_later_one_succeeds(
+def test_a_flash_failure_ends_the_upload_and_a_later_one_succeeds(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The device gives it up with flash_error and an event; the bank is not committed."""
+    """The device ends it with flash_error and an event; the bank is not committed."""
     data, program = catalogue(), bench.memory.flash.program
     left = [10]
 
@@ -243,8 +245,8 @@ def test_flash_that_fails_ends_the_upload_and_a_later_one_succeeds(
 
 
 @pytest.mark.parametrize("jump_s", [3600.0, 20.0])
-def test_a_clock_that_jumps_costs_a_moment_only(bench: Bench, jump_s: float) -> None:
-    """A computer that slept: all windows have passed at once, and the transfer still goes on with what is stored."""
+def test_a_clock_jump_delays_a_transfer_only_briefly(bench: Bench, jump_s: float) -> None:
+    """After a computer's sleep all timeouts have passed at once, and the transfer continues with the stored chunks."""
     data = catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(data) // 2)
@@ -255,10 +257,10 @@ def test_a_clock_that_jumps_costs_a_moment_only(bench: Bench, jump_s: float) -> 
     assert bench.host.counters.sent.bytes - sent < len(data)
 
 
-def test_a_port_that_vanishes_again_and_again_only_delays(bench: Bench) -> None:
-    """Eight losses of the port during one frame: it comes whole, and what had come is not sent twice."""
+def test_repeated_port_losses_only_delay_a_transfer(bench: Bench) -> None:
+    """Eight losses of the port during one frame: it is downloaded completely, and no received chunk is sent twice."""
     pixels = pictured(bench)
-    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("frame", 0)
     for share in range(1, 9):
         bench.until(lambda s=share: bench.host.transfer(transfer_id).stored_bytes > s * len(pixels) // 10)
         bench.events += bench.host.link_lost(bench.now_s)
@@ -271,21 +273,23 @@ def test_a_port_that_vanishes_again_and_again_only_delays(bench: Bench) -> None:
     assert bench.host.counters.received.bytes < 1.5 * len(pixels)
 
 
-def test_transfers_of_a_server_before_wait_for_the_device_and_go_on(bench: Bench) -> None:
-    """A new session is given what the old one left: paused with its reason until the device has answered, then resumed."""
+def test_transfers_of_a_previous_server_wait_for_the_device_and_continue(bench: Bench) -> None:
+    """A new session gets the open transfers: paused with the reason until the device has identified itself, then
+    resumed.
+    """
     pixels, data = pictured(bench), catalogue()
-    down = bench.host.start_download("frame", 0, bench.now_s)
+    down = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(down).stored_bytes > len(pixels) // 2)
     update = bench.host.transfer(down)
-    part = HeldPart(update.sha256, update.chunk_size, *bench.host.partial(down))
+    part = HeldPart(update.sha256, update.chunk_size, *bench.host.transfers.partial(down))
     restarted = HostSession(bench.dictionary)
     bench.host = restarted
     why = "the server restarted"
-    resumed = restarted.start_download("frame", 0, bench.now_s, held=part, paused=why)
+    resumed = restarted.transfers.start_download("frame", 0, held=part, paused=why)
     compatibility = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, 1, 1991.25)
-    up = restarted.start_upload("catalogue", B, data, compatibility, bench.now_s, paused=why)
-    by_hand = restarted.start_download("thumbnail", 0, bench.now_s)
-    restarted.pause_transfer(by_hand, bench.now_s)
+    up = restarted.transfers.start_upload("catalogue", B, data, compatibility, paused=why)
+    by_hand = restarted.transfers.start_download("thumbnail", 0)
+    restarted.transfers.pause(by_hand)
     assert [restarted.transfer(i).state for i in (resumed, up, by_hand)] == ["paused"] * 3
     assert restarted.transfer(resumed).reason == why
     bench.run(1.0)  # no port yet
@@ -298,46 +302,48 @@ def test_transfers_of_a_server_before_wait_for_the_device_and_go_on(bench: Bench
     bench.transfer_ends(up, "committed")
     assert bench.memory.content("B") == data
     assert restarted.transfer(by_hand).state == "paused"
-    restarted.resume_transfer(by_hand, bench.now_s)
+    restarted.transfers.resume(by_hand)
     bench.transfer_ends(by_hand, "verified")
 
 
-def test_a_kept_part_that_rotted_is_thrown_away_and_fetched_anew(bench: Bench) -> None:
-    """The hash of the whole decides; the second attempt trusts nothing that was kept."""
+def test_a_damaged_stored_part_is_discarded_and_downloaded_again(bench: Bench) -> None:
+    """The hash of the complete content decides; the second attempt uses no stored bytes."""
     pixels = pictured(bench)
-    first = bench.host.start_download("frame", 0, bench.now_s)
+    first = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(first).stored_bytes > len(pixels) // 2)
     update = bench.host.transfer(first)
-    data, ranges = bench.host.partial(first)
-    bench.host.abort_transfer(first, bench.now_s)
+    data, ranges = bench.host.transfers.partial(first)
+    bench.host.transfers.abort(first)
     rotten = bytearray(data)
     rotten[100] ^= 1
-    second = bench.host.start_download(
-        "frame", 0, bench.now_s, held=HeldPart(update.sha256, update.chunk_size, bytes(rotten), ranges)
+    second = bench.host.transfers.start_download(
+        "frame", 0, held=HeldPart(update.sha256, update.chunk_size, bytes(rotten), ranges)
     )
     bench.transfer_ends(second, "verified")
     assert done(bench, second).data == pixels
     assert any("started over" in u.reason for u in bench.updates(second))
 
 
-def test_another_image_in_the_slot_is_said_when_a_download_goes_on(bench: Bench) -> None:
-    """While the line was away a new image was taken: the old part is void, and the transfer says that it started over."""
+def test_another_image_in_the_slot_is_reported_when_a_download_continues(bench: Bench) -> None:
+    """A new image was taken while the line was closed: the old part is discarded, and the transfer reports that it
+    restarted.
+    """
     pictured(bench)
-    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 200_000)
-    bench.host.pause_transfer(transfer_id, bench.now_s)
+    bench.host.transfers.pause(transfer_id)
     bench.run(0.5)
     newer = pictured(bench)
-    bench.host.resume_transfer(transfer_id, bench.now_s)
+    bench.host.transfers.resume(transfer_id)
     bench.transfer_ends(transfer_id, "verified")
     assert done(bench, transfer_id).data == newer
     assert any("the content on board has changed" in u.reason for u in bench.updates(transfer_id))
 
 
-def test_a_reset_loses_image_memory_and_the_transfer_says_so(bench: Bench) -> None:
-    """An image on its way up starts over after the reset and is committed whole."""
+def test_a_reset_clears_image_memory_and_the_transfer_restarts(bench: Bench) -> None:
+    """An image upload restarts after the reset and is committed completely."""
     picture = pictured(bench)
-    transfer_id = bench.host.start_upload("image", 1, picture, Compatibility(), bench.now_s)
+    transfer_id = bench.host.transfers.start_upload("image", 1, picture, Compatibility())
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(picture) // 2)
     bench.device.reset("watchdog", bench.now_s)
     bench.transfer_ends(transfer_id, "committed")

@@ -1,4 +1,4 @@
-"""Transfers both ways, with errors, breaks and resets, in simulated time."""
+"""Transfers in both directions, with errors, interruptions and resets, in simulated time."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import pytest
 
 from gss.catalogue_tools.onboard import encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session import HeldPart
 from gss.device.session_events import DeviceEvent, Stage, TransferDone
 from gss.device.simulator.faults import FaultRates
 from gss.device.simulator.images import thumbnail
 from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.skytables.pairs import distance_table
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -42,7 +42,7 @@ def compatible(bench: Bench, **changes: object) -> Compatibility:
 
 
 def upload(bench: Bench, bank: int, data: bytes) -> int:
-    return bench.host.start_upload("catalogue", bank, data, compatible(bench), bench.now_s)
+    return bench.host.transfers.start_upload("catalogue", bank, data, compatible(bench))
 
 
 def done(bench: Bench, transfer_id: int) -> TransferDone:
@@ -51,13 +51,13 @@ def done(bench: Bench, transfer_id: int) -> TransferDone:
 
 
 @pytest.mark.parametrize("baud", [115_200, 921_600])
-def test_a_frame_comes_down_whole_at_nearly_the_line_s_rate(make_bench: Callable[..., Bench], baud: int) -> None:
+def test_a_frame_is_downloaded_at_nearly_the_line_s_rate(make_bench: Callable[..., Bench], baud: int) -> None:
     """Every pixel, and at least 92 % of the line's bytes are pixels."""
     bench = make_bench(baud=baud)
     bench.until(lambda: bench.host.hello is not None)
     number = bench.do("TAKE_IMAGE").values["frame_number"]
     start_s = bench.now_s
-    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("frame", 0)
     update = bench.transfer_ends(transfer_id, "verified")
     share = update.size / (bench.now_s - start_s) / (baud / 10)
     assert share >= 0.92
@@ -71,7 +71,7 @@ def test_a_frame_comes_down_whole_at_nearly_the_line_s_rate(make_bench: Callable
 def test_a_thumbnail_is_the_frame_in_blocks_of_four(bench: Bench) -> None:
     """Averages of 4x4 pixels, rows top to bottom."""
     bench.do("TAKE_IMAGE")
-    transfer_id = bench.host.start_download("thumbnail", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("thumbnail", 0)
     bench.transfer_ends(transfer_id, "verified")
     pixels = bench.tracker.slots[0].pixels
     expected = np.rint(pixels[:4, :4].mean()), np.rint(pixels[508:, 1020:].mean())
@@ -80,10 +80,10 @@ def test_a_thumbnail_is_the_frame_in_blocks_of_four(bench: Bench) -> None:
     assert np.array_equal(small, thumbnail(pixels))
 
 
-def test_a_catalogue_goes_up_is_verified_and_committed_at_nearly_the_line_s_rate(
+def test_a_catalogue_is_uploaded_verified_and_committed_at_nearly_the_line_s_rate(
     make_bench: Callable[..., Bench],
 ) -> None:
-    """The bank holds exactly what was sent, and is not active."""
+    """The bank contains exactly the sent bytes, and is not active."""
     bench = make_bench(baud=115_200)
     bench.until(lambda: bench.host.hello is not None)
     data, start_s = small_catalogue(), bench.now_s
@@ -105,16 +105,16 @@ def test_a_catalogue_goes_up_is_verified_and_committed_at_nearly_the_line_s_rate
 
 @pytest.mark.parametrize("seed", range(2))
 def test_both_directions_complete_at_a_bit_error_rate_of_1e_4(make_bench: Callable[..., Bench], seed: int) -> None:
-    """What is damaged is sent again, and only that; the content is right."""
+    """Only damaged chunks are sent again; the content is right."""
     bench = make_bench(faults=FaultRates(bit_error_rate=1e-4))
     bench.until(lambda: bench.host.hello is not None, 60)
     while bench.do("TAKE_IMAGE", slot=seed).stage is not Stage.COMPLETED:
         pass
-    down = bench.host.start_download("frame", seed, bench.now_s, chunk_bytes=256)
+    down = bench.host.transfers.start_download("frame", seed, chunk_bytes=256)
     start_s = bench.now_s
     update = bench.transfer_ends(down, "verified", 300)
     assert done(bench, down).data == bench.tracker.slots[seed].pixels.tobytes()
-    # 2400 bits per chunk survive with 79 %; bytes that go over the line twice are few.
+    # 79 % of chunks of 2400 bits survive; few bytes are sent twice.
     assert update.size / (bench.now_s - start_s) / 92_160 > 0.6
     data = small_catalogue()
     up = upload(bench, B, data)
@@ -123,8 +123,8 @@ def test_both_directions_complete_at_a_bit_error_rate_of_1e_4(make_bench: Callab
 
 
 @pytest.mark.parametrize("bit_error_rate", [0.0, 1e-4])
-def test_a_download_counts_what_it_asked_for_again(make_bench: Callable[..., Bench], bit_error_rate: float) -> None:
-    """As many as the device sent beyond one of each: none on a clean line, all that were damaged on another."""
+def test_a_download_counts_repeated_requests(make_bench: Callable[..., Bench], bit_error_rate: float) -> None:
+    """As many as chunks sent more than once: none on a clean line, all damaged ones on another."""
     bench = make_bench(faults=FaultRates(bit_error_rate=bit_error_rate))
     bench.until(lambda: bench.host.hello is not None, 60)
     while bench.do("TAKE_IMAGE").stage is not Stage.COMPLETED:
@@ -137,14 +137,14 @@ def test_a_download_counts_what_it_asked_for_again(make_bench: Callable[..., Ben
         return message
 
     bench.device._loader.next_chunk = counted  # type: ignore[method-assign, assignment]
-    down = bench.host.start_download("frame", 0, bench.now_s, chunk_bytes=512)
+    down = bench.host.transfers.start_download("frame", 0, chunk_bytes=512)
     update = bench.transfer_ends(down, "verified", 300)
     assert update.resent == len(chunks) - update.chunks
     assert (update.resent > 0) == (bit_error_rate > 0)
 
 
-def test_a_bursty_line_with_losses_and_doubles_still_delivers(make_bench: Callable[..., Bench]) -> None:
-    """Dropped and doubled runs of bytes."""
+def test_a_line_with_bursts_losses_and_duplicates_delivers(make_bench: Callable[..., Bench]) -> None:
+    """Lost and repeated runs of bytes."""
     bench = make_bench(faults=FaultRates(drop_rate=0.01, duplicate_rate=0.01))
     bench.until(lambda: bench.host.hello is not None, 60)
     data = small_catalogue()
@@ -154,8 +154,8 @@ def test_a_bursty_line_with_losses_and_doubles_still_delivers(make_bench: Callab
     assert bench.host.transfer(transfer_id).resent > 0
 
 
-def test_commands_go_before_chunks(make_bench: Callable[..., Bench]) -> None:
-    """On a slow line a command is answered within half a second while a catalogue goes up."""
+def test_commands_are_sent_before_chunks(make_bench: Callable[..., Bench]) -> None:
+    """On a slow line a command is answered within half a second during an upload."""
     bench = make_bench(baud=57_600)
     bench.until(lambda: bench.host.hello is not None)
     upload(bench, B, small_catalogue())
@@ -165,8 +165,8 @@ def test_commands_go_before_chunks(make_bench: Callable[..., Bench]) -> None:
     assert bench.now_s - start_s < 0.5
 
 
-def test_a_lost_line_suspends_and_resumes_with_what_is_stored(bench: Bench) -> None:
-    """After the loss only the rest is sent."""
+def test_a_lost_line_suspends_and_resumes_with_the_stored_chunks(bench: Bench) -> None:
+    """After the loss only the remaining chunks are sent."""
     data = small_catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(data) // 2)
@@ -184,15 +184,15 @@ def test_a_lost_line_suspends_and_resumes_with_what_is_stored(bench: Bench) -> N
     assert bench.memory.content("B") == data
 
 
-def test_silence_of_the_line_is_noticed_and_survived_by_itself(bench: Bench) -> None:
-    """Bytes just vanish for half a minute; the transfer goes on alone when they come through again."""
+def test_a_silent_line_is_detected_and_the_transfer_resumes_automatically(bench: Bench) -> None:
+    """Bytes are lost for half a minute; the transfer continues when they arrive again."""
     bench.do("TAKE_IMAGE")
-    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 200_000)
     bench.connected = False
     bench.transfer_ends(transfer_id, "link_lost")
     bench.run(20.0)
-    partial, ranges = bench.host.partial(transfer_id)
+    partial, ranges = bench.host.transfers.partial(transfer_id)
     held = sum(last - first + 1 for first, last in ranges) * 1024
     assert held == bench.host.transfer(transfer_id).stored_bytes > 200_000
     assert partial[:1024] == bench.tracker.slots[0].pixels.tobytes()[:1024]
@@ -204,8 +204,8 @@ def test_silence_of_the_line_is_noticed_and_survived_by_itself(bench: Bench) -> 
 
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.98])
-def test_a_reset_in_the_middle_of_an_upload_is_survived(bench: Bench, share: float) -> None:
-    """What is in flash counts; the rest follows after the boot."""
+def test_an_upload_survives_a_reset(bench: Bench, share: float) -> None:
+    """Chunks in flash count; the others follow after the boot."""
     data = small_catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > share * len(data))
@@ -215,64 +215,64 @@ def test_a_reset_in_the_middle_of_an_upload_is_survived(bench: Bench, share: flo
     assert bench.host.transfer(transfer_id).resumed
 
 
-def test_a_reset_in_the_middle_of_a_download_ends_it_honestly(bench: Bench) -> None:
-    """The image was in volatile memory: the transfer fails and says so, what came stays readable."""
+def test_a_reset_during_a_download_fails_it_with_the_reason(bench: Bench) -> None:
+    """The image was in volatile memory: the transfer fails with the reason, received bytes stay readable."""
     bench.do("TAKE_IMAGE")
-    transfer_id = bench.host.start_download("frame", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 200_000)
     bench.device.reset("watchdog", bench.now_s)
     update = bench.transfer_ends(transfer_id, "failed")
     assert "no_image" in update.reason
-    assert bench.host.partial(transfer_id)[1]
+    assert bench.host.transfers.partial(transfer_id)[1]
 
 
-def test_a_new_server_goes_on_with_a_broken_download(bench: Bench) -> None:
-    """The held part of an earlier session counts when the content is the same, and is thrown away when not."""
+def test_a_new_server_continues_an_interrupted_download(bench: Bench) -> None:
+    """The stored part of an earlier session is used if the content is the same, and discarded otherwise."""
     bench.do("TAKE_IMAGE")
-    first = bench.host.start_download("frame", 0, bench.now_s)
+    first = bench.host.transfers.start_download("frame", 0)
     bench.until(lambda: bench.host.transfer(first).stored_bytes > 300_000)
     update = bench.host.transfer(first)
-    bench.host.abort_transfer(first, bench.now_s)
-    held = HeldPart(update.sha256, update.chunk_size, *bench.host.partial(first))
+    bench.host.transfers.abort(first)
+    held = HeldPart(update.sha256, update.chunk_size, *bench.host.transfers.partial(first))
     bench.run(0.5)
-    second = bench.host.start_download("frame", 0, bench.now_s, held=held)
+    second = bench.host.transfers.start_download("frame", 0, held=held)
     before = bench.host.counters.received.bytes
     assert bench.transfer_ends(second, "verified").resumed
     assert bench.host.counters.received.bytes - before < 300_000
     assert done(bench, second).data == bench.tracker.slots[0].pixels.tobytes()
     bench.do("TAKE_IMAGE")
-    third = bench.host.start_download("frame", 0, bench.now_s, held=held)
+    third = bench.host.transfers.start_download("frame", 0, held=held)
     assert not bench.transfer_ends(third, "verified").resumed
     assert done(bench, third).data == bench.tracker.slots[0].pixels.tobytes()
 
 
 def test_pause_and_resume(bench: Bench) -> None:
-    """A paused transfer sends nothing and goes on where it was; another may run meanwhile."""
+    """A paused transfer sends nothing and continues where it was; another may run meanwhile."""
     data = small_catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
-    bench.host.pause_transfer(transfer_id, bench.now_s)
+    bench.host.transfers.pause(transfer_id)
     bench.run(1.0)
     stored = bench.memory.flash.read(bench.memory.offset("B"), len(data))
     bench.do("TAKE_IMAGE")
-    other = bench.host.start_download("thumbnail", 0, bench.now_s)
+    other = bench.host.transfers.start_download("thumbnail", 0)
     bench.transfer_ends(other, "verified")
     assert bench.memory.flash.read(bench.memory.offset("B"), len(data)) == stored
     with pytest.raises(Conflict):
-        bench.host.pause_transfer(transfer_id, bench.now_s)
-    bench.host.resume_transfer(transfer_id, bench.now_s)
+        bench.host.transfers.pause(transfer_id)
+    bench.host.transfers.resume(transfer_id)
     assert bench.transfer_ends(transfer_id, "committed").resumed
 
 
 def test_abort_from_the_ground_frees_the_bank(bench: Bench) -> None:
-    """An aborted upload is over on both sides; another content can follow."""
+    """An aborted upload has ended on both sides; other content can follow."""
     transfer_id = upload(bench, B, small_catalogue())
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
-    bench.host.abort_transfer(transfer_id, bench.now_s)
+    bench.host.transfers.abort(transfer_id)
     bench.run(0.5)
     assert bench.host.transfer(transfer_id).state == "aborted"
     assert any(isinstance(e, DeviceEvent) and e.name == "TRANSFER_ABORTED" for e in bench.events)
-    bench.host.forget_transfer(transfer_id)
+    bench.host.transfers.forget(transfer_id)
     with pytest.raises(NotFound):
         bench.host.transfer(transfer_id)
     stars = load_stars(3.0)
@@ -283,7 +283,7 @@ def test_abort_from_the_ground_frees_the_bank(bench: Bench) -> None:
 
 
 def test_abort_command_stops_transfers_from_the_device_s_side(bench: Bench) -> None:
-    """ABORT reaches a running transfer; the ground hears it."""
+    """ABORT ends a running transfer, and the ground receives its end."""
     transfer_id = upload(bench, B, small_catalogue())
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > 20_000)
     bench.host.abort(bench.now_s)
@@ -301,72 +301,104 @@ def test_abort_command_stops_transfers_from_the_device_s_side(bench: Bench) -> N
         (B, {"device_model": "other"}, "incompatible"),
     ],
 )
-def test_what_the_device_cannot_use_is_refused_before_it_is_sent(
+def test_incompatible_content_is_rejected_before_it_is_sent(
     bench: Bench, bank: int, changes: dict[str, object], reason: str
 ) -> None:
     """The compatibility block decides at opening."""
     data = small_catalogue()
     sent = bench.host.counters.sent.bytes
-    transfer_id = bench.host.start_upload("catalogue", bank, data, compatible(bench, **changes), bench.now_s)
+    transfer_id = bench.host.transfers.start_upload("catalogue", bank, data, compatible(bench, **changes))
     update = bench.transfer_ends(transfer_id, "failed")
     assert update.reason.startswith(reason)
     assert bench.host.counters.sent.bytes - sent < 500
 
 
-def test_too_large_empty_and_unknown_transfers_are_refused(bench: Bench) -> None:
+def test_too_large_empty_and_unknown_transfers_are_rejected(bench: Bench) -> None:
     """Sizes and names."""
     big = upload(bench, B, bytes(bench.memory.bank_bytes + 1))
     assert bench.transfer_ends(big, "failed").reason.startswith("too_large")
     with pytest.raises(BadInput):
         upload(bench, B, b"")
     with pytest.raises(BadInput):
-        bench.host.start_download("video", 0, bench.now_s)
-    nothing = bench.host.start_download("frame", 2, bench.now_s)
+        bench.host.transfers.start_download("video", 0)
+    nothing = bench.host.transfers.start_download("frame", 2)
     assert bench.transfer_ends(nothing, "failed").reason.startswith("no_image")
 
 
-def test_bytes_that_are_no_catalogue_are_not_committed(bench: Bench) -> None:
-    """Hash and transfer are fine, the content is not."""
+def test_bytes_that_are_not_a_catalogue_are_not_committed(bench: Bench) -> None:
+    """Hash and transfer are valid, the content is not."""
     transfer_id = upload(bench, B, bytes(range(256)) * 40)
     update = bench.transfer_ends(transfer_id, "failed")
     assert update.reason.startswith("incompatible")
     assert bench.memory.record.banks["B"].state != "committed"
 
 
-def test_a_cell_that_flips_before_verification_is_found(bench: Bench) -> None:
-    """VERIFY reads flash, not what was received; the next attempt starts from an empty bank."""
+def test_a_cell_that_flips_before_verification_is_detected(bench: Bench) -> None:
+    """VERIFY reads flash, not the received bytes; the next attempt starts from an empty bank."""
     data = small_catalogue()
     transfer_id = upload(bench, B, data)
     bench.until(lambda: bench.host.transfer(transfer_id).stored_bytes > len(data) // 2)
     bench.memory.flash.flip(bench.memory.offset("B") + 100)
     assert "read back" in bench.transfer_ends(transfer_id, "failed").reason
-    bench.host.resume_transfer(transfer_id, bench.now_s)
+    bench.host.transfers.resume(transfer_id)
     bench.transfer_ends(transfer_id, "committed")
     assert bench.memory.content("B") == data
 
 
 def test_an_uploaded_image_is_solved_on_board(bench: Bench) -> None:
-    """Image memory takes a picture from ground; the chain gives the attitude it was drawn with."""
+    """Image memory accepts an image from the ground; the chain gives the rendered attitude."""
     bench.do("TAKE_IMAGE", slot=0)
     picture = bench.tracker.slots[0].pixels.tobytes()
     bench.do("RESET")
     bench.run(1.0)
-    transfer_id = bench.host.start_upload("image", 1, picture, Compatibility(), bench.now_s)
+    transfer_id = bench.host.transfers.start_upload("image", 1, picture, Compatibility())
     bench.transfer_ends(transfer_id, "committed")
     assert bench.telemetry("frame_info")[-1].values["source"] == "uploaded"
     assert bench.do("FIND_CENTROIDS", slot=1).stage is Stage.COMPLETED
     assert bench.do("MATCH_STARS").stage is Stage.COMPLETED
     assert bench.do("CALCULATE_ATTITUDE").values["outcome"] == "solved"
-    wrong = bench.host.start_upload("image", 1, picture[:-1], Compatibility(), bench.now_s)
-    assert bench.transfer_ends(wrong, "failed").reason.startswith("too_large")
+    wrong = bench.host.transfers.start_upload("image", 1, picture[:-1], Compatibility())
+    assert bench.transfer_ends(wrong, "failed").reason.startswith("bad_length")
 
 
-def test_transfers_wait_for_each_other(bench: Bench) -> None:
-    """One at a time, in order."""
+def test_transfers_run_one_at_a_time(bench: Bench) -> None:
+    """In order."""
     bench.do("TAKE_IMAGE")
-    first = bench.host.start_download("frame", 0, bench.now_s)
-    second = bench.host.start_download("thumbnail", 0, bench.now_s)
+    first = bench.host.transfers.start_download("frame", 0)
+    second = bench.host.transfers.start_download("thumbnail", 0)
     bench.run(1.0)
     assert bench.host.transfer(second).state == "queued"
     bench.transfer_ends(first, "verified")
     bench.transfer_ends(second, "verified")
+
+
+@pytest.mark.parametrize("stated", [{"stars": 5}, {"pairs": 7}, {"epoch_jyear": 1900.0}])
+def test_a_catalogue_other_than_announced_is_not_committed(bench: Bench, stated: dict[str, float]) -> None:
+    """Stars, pairs and epoch of the opening are compared with the content."""
+    transfer_id = bench.host.transfers.start_upload("catalogue", 1, small_catalogue(), compatible(bench, **stated))
+    end = bench.transfer_ends(transfer_id, "failed")
+    assert "incompatible" in end.reason
+    assert bench.memory.record.banks["B"].state != "committed"
+
+
+@pytest.mark.parametrize("epoch", [float("nan"), float("inf"), -5.0, 1e9])
+def test_an_impossible_epoch_is_rejected_at_once(bench: Bench, epoch: float) -> None:
+    """Nothing is erased for it."""
+    before = bench.memory.record.banks["B"]
+    transfer_id = bench.host.transfers.start_upload(
+        "catalogue", 1, small_catalogue(), compatible(bench, epoch_jyear=epoch)
+    )
+    assert "out_of_range" in bench.transfer_ends(transfer_id, "failed").reason
+    assert bench.memory.record.banks["B"] == before
+
+
+def test_an_opening_that_cannot_be_decoded_is_answered(bench: Bench) -> None:
+    """By length or kind; an image of the wrong size gets "too large" or "too small"."""
+    row = bench.dictionary.service("OPEN_DOWNLOAD")
+    size = bench.tracker.imager.frame_size
+    facts = {"kind": "image", "target": 0, "chunk_bytes": 256, "sha256": bytes(32), "device_model": "", "profile": ""}
+    facts |= {"dictionary_hash": bytes(32), "format_version": 0, "epoch_jyear": 0.0, "stars": 0, "pairs": 0}
+    assert bench.refusal("OPEN_UPLOAD", {**facts, "size_bytes": size + 1}) == "too_large"
+    assert bench.refusal("OPEN_UPLOAD", {**facts, "size_bytes": size - 1}) == "bad_length"
+    for payload, reason in ((b"", "bad_length"), (bytes([255]) + bytes(43), "out_of_range")):
+        assert bench.refusal_of(row.code, payload) == reason

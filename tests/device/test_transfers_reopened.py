@@ -1,4 +1,4 @@
-"""Transfers opened again: in other chunks, after a reset, after a COMMITTED that got lost; for every kind that goes up."""
+"""Reopened transfers: with other chunks, after a reset, after a lost COMMITTED; for every uploaded kind."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def stored(bench: Bench, transfer_id: int) -> int:
 
 
 @pytest.mark.parametrize("reset", [True, False])
-def test_an_upload_goes_on_in_smaller_chunks(bench: Bench, reset: bool) -> None:
-    """What was wholly held stays held, also over a reset; the rest comes in the new size, and the bank is right."""
+def test_an_upload_continues_in_smaller_chunks(bench: Bench, reset: bool) -> None:
+    """Completely held chunks stay held, also over a reset; the others are sent in the new size, and the bank is right."""
     image = bench.memory.content("golden")
-    first = bench.host.start_upload("catalogue", 1, image, facts(bench), bench.now_s, chunk_bytes=1024)
+    first = bench.host.transfers.start_upload("catalogue", 1, image, facts(bench), chunk_bytes=1024)
     bench.until(lambda: stored(bench, first) > len(image) // 2)
-    bench.host.pause_transfer(first, bench.now_s)
+    bench.host.transfers.pause(first)
     bench.run(0.5)
     if reset:
         bench.device.reset("watchdog", bench.now_s)
         bench.run(1.0)
     before = bench.host.counters.sent.bytes
-    second = bench.host.start_upload("catalogue", 1, image, facts(bench), bench.now_s, chunk_bytes=128)
+    second = bench.host.transfers.start_upload("catalogue", 1, image, facts(bench), chunk_bytes=128)
     bench.transfer_ends(second, "committed")
     end = bench.host.transfer(second)
     assert end.resumed is True
@@ -43,43 +43,43 @@ def test_an_upload_goes_on_in_smaller_chunks(bench: Bench, reset: bool) -> None:
     assert bench.host.counters.sent.bytes - before < 0.75 * len(image)
 
 
-def test_a_table_survives_a_reset_in_the_middle(bench: Bench) -> None:
-    """The record remembers what of the table flash holds."""
+def test_a_table_upload_survives_a_reset(bench: Bench) -> None:
+    """The record lists the table's chunks in flash."""
     table = encode_table("calibration", "cubestar", calibration_values(bench.tracker.profile))
-    first = bench.host.start_upload("calibration", 0, table, facts(bench), bench.now_s, chunk_bytes=16)
+    first = bench.host.transfers.start_upload("calibration", 0, table, facts(bench), chunk_bytes=16)
     bench.until(lambda: stored(bench, first) > 100)
-    bench.host.pause_transfer(first, bench.now_s)
+    bench.host.transfers.pause(first)
     bench.run(0.2)
     bench.device.reset("watchdog", bench.now_s)
     bench.run(1.0)
     assert bench.memory.record.banks["calibration.A"].state == "loading"
     assert bench.do("ACTIVATE_TABLE", table="calibration", bank="A").reason == "bank_empty"
-    bench.host.resume_transfer(first, bench.now_s)
+    bench.host.transfers.resume(first)
     bench.transfer_ends(first, "committed")
     assert bench.host.transfer(first).resumed is True
     assert bench.memory.content("calibration.A") == table
     assert bench.do("VERIFY_TABLE", table="calibration", bank="A").stage is Stage.COMPLETED
 
 
-def test_a_committed_image_is_not_taken_twice(bench: Bench) -> None:
-    """The same pixels to the same slot: told as complete with the number they have, no new frame."""
+def test_a_committed_image_is_not_stored_twice(bench: Bench) -> None:
+    """The same pixels to the same slot: reported as complete with their number, no new frame."""
     bench.do("TAKE_IMAGE", slot=0)
     pixels = bench.tracker.slots[0].data
-    first = bench.host.start_upload("image", 1, pixels, facts(bench), bench.now_s)
+    first = bench.host.transfers.start_upload("image", 1, pixels, facts(bench))
     bench.transfer_ends(first, "committed")
     frames, number = bench.memory.record.frames, bench.tracker.slots[1].number
-    second = bench.host.start_upload("image", 1, pixels, facts(bench), bench.now_s)
+    second = bench.host.transfers.start_upload("image", 1, pixels, facts(bench))
     bench.transfer_ends(second, "committed")
     assert bench.memory.record.frames == frames
     assert bench.tracker.slots[1].number == number
     assert bench.do("FIND_CENTROIDS", slot=1).values["frame_number"] == number
 
 
-def test_an_uploaded_image_is_solved_as_one_that_was_taken(bench: Bench) -> None:
-    """The pixels of another exposure, sent up, give the attitude they give where they were taken."""
+def test_an_uploaded_image_is_solved_like_one_that_was_taken(bench: Bench) -> None:
+    """The pixels of another exposure give the same attitude when uploaded."""
     bench.do("RUN_ITERATION", slot=0)
     taken = bench.telemetry("attitude")[-1].values
-    transfer_id = bench.host.start_upload("image", 2, bench.tracker.slots[0].data, facts(bench), bench.now_s)
+    transfer_id = bench.host.transfers.start_upload("image", 2, bench.tracker.slots[0].data, facts(bench))
     bench.transfer_ends(transfer_id, "committed")
     bench.do("SET_MODE", mode="lost_in_space")
     for name in ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE"):

@@ -1,4 +1,4 @@
-"""Ports that are taken, hang up, or come and go."""
+"""Ports that are in use, hang up, or disappear and return."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Serve = Callable[[Callable[[socket.socket], None]], str]
 
 @pytest.fixture
 def serve() -> Iterator[Serve]:
-    """Starts TCP servers that do one thing with each connection; gives their address."""
+    """Starts TCP servers with one behaviour per connection and returns their addresses."""
     listeners: list[socket.socket] = []
 
     def start(do: Callable[[socket.socket], None]) -> str:
@@ -48,15 +48,15 @@ def use_until_gone(stream: ByteStream) -> None:
         stream.write(b"x")
 
 
-def test_a_device_server_that_speaks_to_one_program_only_says_so_to_the_second(serve: Serve) -> None:
-    """It accepts and hangs up: a Conflict with a hint, not a line that opens and closes for ever."""
+def test_a_device_server_for_one_client_rejects_the_second_with_a_hint(serve: Serve) -> None:
+    """It accepts and hangs up: a Conflict with a hint, not a line that opens and closes in a loop."""
     with pytest.raises(Conflict, match="hung up at once") as refused:
         open_stream(serve(lambda peer: peer.close()))
     assert "another program" in refused.value.hint
 
 
-def test_what_comes_while_opening_is_not_lost(serve: Serve) -> None:
-    """A device that talks while the line is being settled is heard from its first byte."""
+def test_bytes_received_while_opening_are_not_lost(serve: Serve) -> None:
+    """Data that a device sends during opening are received from the first byte."""
     kept: list[socket.socket] = []
 
     def greet(peer: socket.socket) -> None:
@@ -75,8 +75,8 @@ def test_what_comes_while_opening_is_not_lost(serve: Serve) -> None:
     stream.close()
 
 
-def test_a_silent_device_is_waited_for(serve: Serve) -> None:
-    """Silence while opening is no fault."""
+def test_a_silent_device_is_not_an_error(serve: Serve) -> None:
+    """Silence while opening is permitted."""
     kept: list[socket.socket] = []
     stream = open_stream(serve(kept.append))
     assert stream.read(10, 0.01) == b""
@@ -86,13 +86,13 @@ def test_a_silent_device_is_waited_for(serve: Serve) -> None:
 
 
 def wait_for_openings() -> None:
-    """Until no opening of an earlier test is under way."""
+    """Wait until no opening of an earlier test is in progress."""
     for thread in [thread for thread in threading.enumerate() if thread.name == "open line"]:
         thread.join(30)
 
 
 def test_a_port_that_opens_after_the_deadline_is_closed(serve: Serve) -> None:
-    """The caller gets LinkDown in time, and the peer sees the late connection end."""
+    """The caller gets LinkDown in time, and the peer sees the late connection closed."""
     peers: list[socket.socket] = []
     with pytest.raises(LinkDown, match=r"an open port within 0.01 s; got no answer"):
         open_stream(serve(peers.append), within_s=0.01)
@@ -102,8 +102,8 @@ def test_a_port_that_opens_after_the_deadline_is_closed(serve: Serve) -> None:
         assert peer.recv(1) == b""
 
 
-def test_openings_that_do_not_end_are_limited(serve: Serve) -> None:
-    """A peer that never negotiates holds a bounded number of threads; afterwards lines open again."""
+def test_hanging_openings_are_limited(serve: Serve) -> None:
+    """A peer that never negotiates uses a bounded number of threads; afterwards lines open again."""
     peers: list[socket.socket] = []
     silent = serve(peers.append)
     for _ in range(UNFINISHED_MOST):
@@ -133,8 +133,8 @@ def test_an_opening_whose_thread_cannot_start_frees_its_place(serve: Serve) -> N
         peer.close()
 
 
-def test_a_terminal_has_one_owner_and_can_vanish_and_return() -> None:
-    """The second opening is a Conflict while the first lasts; a port that is gone is LinkDown, then NotFound."""
+def test_a_terminal_has_one_owner_and_can_disappear_and_return() -> None:
+    """The second opening is a Conflict during the first; a missing port is LinkDown, then NotFound."""
     master, slave = os.openpty()
     tty.setraw(slave)
     name = os.ttyname(slave)

@@ -1,4 +1,4 @@
-"""The XTCE document: valid by the standard's schema, and read by a parser that is not ours to the same values."""
+"""The XTCE document: valid by the standard's schema, and an independent parser reads the same values with it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from lxml import etree
 from space_packet_parser.xtce.definitions import XtcePacketDefinition
 from space_packet_parser.xtce.validation import validate_xtce
 
-from gss.device.dictionary import INTEGER_RANGES, Group, Item, Layout, Value
-from gss.device.dictionary import Packet as PacketRow
-from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import F32_MAX, decode, encode
-from gss.device.protocol.frame import Deframer
-from gss.device.protocol.packet import Packet, PacketType, decode_packet, encode_packet
+from gss.device.protocol.packet import Packet, PacketType
+from gss.device.protocol.receiver import Deframer, decode_packet
+from gss.device.protocol.sender import encode_packet
 from gss.device.session_events import Stage
 from gss.device.xtce import xtce
+from gss.instruments.dictionary.definitions import INTEGER_RANGES, Group, Item, Layout, Value
+from gss.instruments.dictionary.definitions import PacketDefinition as PacketRow
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -55,14 +56,14 @@ def test_repeated_rows_name_their_count() -> None:
 
 
 def same(ours: Value, theirs: Any) -> bool:
-    """Equal, where not-a-number equals itself and a polynomial may be summed in another order."""
+    """True if equal; not-a-number equals itself, and a polynomial may be summed in another order."""
     if isinstance(ours, float) and not isinstance(theirs, str | bytes):
         return (math.isnan(ours) and math.isnan(theirs)) or math.isclose(ours, theirs, rel_tol=1e-12, abs_tol=1e-12)
     return bool(theirs == ours)
 
 
 def assert_same_layout(owner: str, layout: Layout, payload: bytes, parsed: Any) -> int:
-    """Raw and engineering values of a payload against the other parser's; how many values were compared."""
+    """Compare raw and engineering values of a payload with the other parser's; returns the number of compared values."""
     ours, compared = decode(layout, payload), 0
     for entry in layout:
         name = f"{owner}_{entry.name}"
@@ -78,7 +79,7 @@ def assert_same_layout(owner: str, layout: Layout, payload: bytes, parsed: Any) 
 
 
 def assert_same_rows(name: str, group: Group, rows: Iterable[dict[str, Value]], parsed: Any) -> int:
-    """Each row of a list, read by the row's own container."""
+    """Compare each row of a list, read by the row's own container."""
     rows, data = list(rows), bytes(parsed[name])
     assert parsed[f"{name}_count"] == len(rows)
     size = len(data) // len(rows) if rows else 0
@@ -91,7 +92,7 @@ def assert_same_rows(name: str, group: Group, rows: Iterable[dict[str, Value]], 
 
 
 def assert_same_packet(packet: Packet) -> int:
-    """A packet of the device in both readings; how many values were compared."""
+    """Compare a packet of the device in both readings; returns the number of compared values."""
     parsed = parser().parse_bytes(encode_packet(packet))
     assert parsed["CODE"] == packet.code
     assert parsed["REQUEST_ID"] == packet.request_id
@@ -114,7 +115,7 @@ def assert_same_packet(packet: Packet) -> int:
 
 
 def values_of(item: Item) -> st.SearchStrategy[Value]:
-    """Any value that fits the wire."""
+    """Return a strategy for any value of the type."""
     if item.type in INTEGER_RANGES:
         return st.integers(*INTEGER_RANGES[item.type])
     if item.type == "enum":
@@ -135,7 +136,7 @@ def values_of(item: Item) -> st.SearchStrategy[Value]:
 
 @st.composite
 def telemetry(draw: st.DrawFn, row: PacketRow) -> Packet:
-    """A telemetry packet with anything in it."""
+    """Return a strategy for telemetry packets with any values."""
     values = {f.name: draw(values_of(f)) for f in row.values}
     groups = [f for f in row.fields if isinstance(f, Group)]
     items = {g.name: st.fixed_dictionaries({i.name: values_of(i) for i in g.items}) for g in groups}
@@ -158,7 +159,7 @@ def test_another_parser_reads_every_telemetry_packet_to_the_same_values(name: st
 
 
 def recorded(bench: Bench) -> list[Packet]:
-    """A contact with a bit of everything, as it came over the line."""
+    """A contact with every kind of message, as received from the line."""
     stream = bytearray()
     feed: Callable[[bytes, float], Any] = bench.host.feed
 
@@ -179,9 +180,9 @@ def recorded(bench: Bench) -> list[Packet]:
     for name in ("FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE", "TAKE_IMAGE", "LIST_FRAMES", "LIST_BANKS"):
         bench.do(name, **({"slot": 1} if name == "TAKE_IMAGE" else {}))
     bench.do("VERIFY_BANK", bank="golden")
-    transfer_id = bench.host.start_download("thumbnail", 0, bench.now_s)
+    transfer_id = bench.host.transfers.start_download("thumbnail", 0)
     bench.transfer_ends(transfer_id, "verified")
-    bench.host.start_download("thumbnail", 3, bench.now_s)
+    bench.host.transfers.start_download("thumbnail", 3)
     bench.host.abort(bench.now_s)
     bench.run(1.5)
     packets = [decode_packet(frame) for frame in Deframer().feed(b"\0" + bytes(stream))]

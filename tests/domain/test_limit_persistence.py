@@ -68,8 +68,8 @@ def test_memory_is_bounded_by_the_persistence(samples, n):
         assert len(run.recent) <= n - 1
 
 
-def test_a_missing_sample_ends_the_run_but_not_the_alarm():
-    """Out, out, nothing, out is no run of three; what counted goes on counting."""
+def test_a_missing_sample_resets_the_count_but_not_the_alarm():
+    """Out, out, nothing, out is not a run of three; an active alarm continues."""
     run = Persistence().after(State.WARNING, 3).after(State.WARNING, 3).broken().after(State.WARNING, 3)
     assert run.counted is State.OK
     assert Persistence(State.CRITICAL, (State.OK,)).broken() == Persistence(State.CRITICAL)

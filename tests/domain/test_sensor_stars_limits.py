@@ -9,8 +9,8 @@ import pytest
 
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.limits import Limits, State
-from gss.domain.profiles import PROFILES, profile
 from gss.domain.stars import StarTable
+from gss.instruments.registry import shipped_camera, shipped_registry
 
 
 def table(n: int) -> StarTable:
@@ -28,9 +28,9 @@ def table(n: int) -> StarTable:
     )
 
 
-@pytest.mark.parametrize("p", PROFILES.values(), ids=list(PROFILES))
+@pytest.mark.parametrize("p", shipped_registry().cameras().values(), ids=list(shipped_registry().cameras()))
 def test_magnitude_and_electrons_are_inverse_and_every_source_is_named(p):
-    """Five magnitudes are a factor of a hundred; a profile without sources is no profile."""
+    """Five magnitudes are a factor of a hundred; a profile without sources is invalid."""
     s = p.sensor
     assert s.star_e(0.0, 1.0) / s.star_e(5.0, 1.0) == pytest.approx(100)
     assert s.magnitude(s.star_e(3.3, 0.2), 0.2) == pytest.approx(3.3)
@@ -42,7 +42,7 @@ def test_magnitude_and_electrons_are_inverse_and_every_source_is_named(p):
 def test_unknown_profile_names_the_known_ones():
     """The error lists what there is."""
     with pytest.raises(NotFound, match="sunsat"):
-        profile("hubble")
+        shipped_camera("hubble")
 
 
 def test_brightest_come_first_and_names_fall_back_to_the_number():

@@ -1,7 +1,8 @@
-"""A real browser on a real server with a simulated sensor.
+"""A real browser with a real server and a simulated sensor.
 
-Each file has a server and a sensor of its own, because what a sensor has seen decides what it answers; the browser is shared.
-With GSS_DOCS_PICTURES=1 pictures are taken: those that a document shows go to docs/pictures, the others to the test's folder.
+Each file has a separate server and sensor, because results depend on what the sensor has imaged before; the browser is
+shared. With GSS_DOCS_PICTURES=1 pictures are taken: those shown in a document go to docs/pictures, the others to the
+test's folder.
 """
 
 from __future__ import annotations
@@ -40,11 +41,11 @@ EXPECTED_ERRORS = (
 )
 COUNT_REQUESTS = """(() => {
   const ask = window.fetch;
-  window.asked = 0;
+  window.pending = 0;
   window.fetch = (...what) => {
-    window.asked += 1;
+    window.pending += 1;
     const answer = ask(...what);
-    const ended = () => { window.asked -= 1; };
+    const ended = () => { window.pending -= 1; };
     answer.then(ended, ended);
     return answer;
   };
@@ -53,7 +54,7 @@ PAINTED = (
     "() => document.fonts.ready.then(() => new Promise((r) => requestAnimationFrame(() => requestAnimationFrame(r))))"
 )
 AT_REST = """() => {
-  if (window.asked) { window.quiet = undefined; return false; }
+  if (window.pending) { window.quiet = undefined; return false; }
   return performance.now() - (window.quiet ??= performance.now()) > 200;
 }"""
 
@@ -168,7 +169,7 @@ def browser() -> Browser:
 
 @dataclass
 class Watched:
-    """A page, what its console complained of, and what it asked of others than its server."""
+    """A page with its console errors and its requests to other hosts."""
 
     page: Page
     errors: list[str] = field(default_factory=list)
@@ -235,7 +236,7 @@ def painted() -> Callable[[Page], None]:
 
 @pytest.fixture(scope="session")
 def at_rest() -> Callable[[Page], None]:
-    """Waits until the page has asked nothing for a fifth of a second, and has painted it."""
+    """Waits until the page has sent no request for 0.2 s and has been painted."""
 
     def wait(page: Page) -> None:
         page.wait_for_function(AT_REST)
@@ -297,7 +298,7 @@ def snap(root: Path, tmp_path: Path, pictures: bool) -> Callable[[Page, str], No
         folder = root / "docs" / "pictures" if name in _shown(root / "docs") else tmp_path
         file = folder / f"{name}.png"
         page.screenshot(path=file)
-        # A palette of the picture's own: a third of the bytes, and nobody sees the difference.
+        # A palette per picture: a third of the bytes without a visible difference.
         with Image.open(file) as full:
             small = full.convert("RGB").quantize(256, dither=Image.Dither.NONE)
         small.save(file, optimize=True)

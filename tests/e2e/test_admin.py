@@ -70,7 +70,7 @@ def make_user(page, name, role):
 
 @pytest.fixture
 def as_user(page, browser, address):
-    """Adds a user of a role and opens their link in a browser of their own; their page."""
+    """Create a user with a role, open the link in a separate browser, and return its page."""
     contexts = []
 
     def open_link(name, role, start="/live"):
@@ -92,8 +92,8 @@ def as_user(page, browser, address):
         context.close()
 
 
-def test_a_new_user_comes_in_by_a_link_that_is_shown_once(page, as_user, picture):
-    """Added with a role, the link opened elsewhere, a password of their own; the table and the sessions show them."""
+def test_a_new_user_signs_in_with_a_one_time_link(page, as_user, picture):
+    """Created with a role, link opened in another browser, password chosen; the table and the sessions list the user."""
     theirs = as_user("vera", "viewer")
     expect(theirs.get_by_test_id("nav-admin")).to_have_count(0)
     theirs.goto("/admin")
@@ -104,7 +104,7 @@ def test_a_new_user_comes_in_by_a_link_that_is_shown_once(page, as_user, picture
     picture("admin-people")
     theirs.goto("about:blank")
     theirs.goto(as_user.links["vera"])
-    expect(theirs.get_by_test_id("link-over")).to_contain_text("cannot be used")
+    expect(theirs.get_by_test_id("link-over")).to_contain_text("invalid, expired or already used")
 
 
 @pytest.mark.parametrize("role", ["viewer", "engineer", "catalogue manager", "operator"])
@@ -137,8 +137,8 @@ def test_an_operator_works_where_a_viewer_looks(as_user):
     theirs.get_by_test_id("authority-release").click()
 
 
-def test_another_role_and_switching_off_hold_at_once(page, as_user):
-    """A changed role opens what it may; switched off, the person stands before the sign-in within seconds."""
+def test_role_changes_and_disabling_apply_at_once(page, as_user):
+    """A changed role permits its pages; a disabled user gets the sign-in page within seconds."""
     theirs = as_user("ines", "viewer", "/frames")
     row = page.locator("[data-testid=user-row][data-user=ines]")
     with page.expect_response(lambda r: "/api/users/" in r.url and r.request.method == "PUT") as changed:
@@ -176,15 +176,15 @@ def test_a_token_is_shown_once_works_and_is_worth_nothing_when_revoked(page, bro
 
 
 def test_the_record_is_filtered_whole_and_given_away_as_a_file(page, picture):
-    """Who did what, with refusals; the chain of hashes is whole; CSV has the same rows."""
+    """Who did what, with refusals; the chain of hashes is intact; CSV has the same rows."""
     page.goto("/admin?show=audit")
     rows = page.get_by_test_id("audit-row")
     expect(rows.first).to_be_visible()
-    expect(page.get_by_test_id("audit")).to_contain_text("whole:")
+    expect(page.get_by_test_id("audit")).to_contain_text("intact:")
     picture("admin-audit")
     page.get_by_test_id("audit-result").select_option("denied")
     expect(page.locator("[data-testid=audit-row][data-result=done]")).to_have_count(0)
-    page.get_by_test_id("audit-who").fill("nobody-of-this-name")
+    page.get_by_test_id("audit-who").fill("unknown-user")
     expect(page.get_by_text("No row passes these filters.")).to_be_visible()
     with page.expect_download() as download:
         page.get_by_test_id("audit-csv").click()
@@ -249,10 +249,10 @@ def test_an_unusual_removal_shows_its_counts_first(page, served, data_folder, pi
     page.get_by_test_id("retention-save").click()
     expect(page.get_by_test_id("retention-save")).to_be_disabled()
     page.get_by_test_id("retention-run").click()
-    expect(page.get_by_test_id("removal-asked")).to_contain_text("2200 of")
+    expect(page.get_by_test_id("removal-pending")).to_contain_text("2200 of")
     picture("admin-removal")
     page.get_by_test_id("removal-confirm").click()
-    expect(page.get_by_test_id("removal-asked")).to_have_count(0)
+    expect(page.get_by_test_id("removal-pending")).to_have_count(0)
     (job,) = served.until(
         "/jobs", lambda jobs: [j for j in jobs if j["result"].get("removed", {}).get("events") == 2200]
     )

@@ -1,4 +1,4 @@
-"""The catalogue manager in a real browser: laws, corrections, maps of mistakes, differences, files and banks by date."""
+"""The catalogue manager in a real browser: laws, corrections, quality maps, differences, files and banks by date."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from playwright.sync_api import expect
 
 
 def build(page, name: str, first: str, last: str) -> None:
-    """A two-week catalogue of a zenith camera."""
+    """Build a two-week catalogue of a zenith camera."""
     page.goto("/catalogues/new")
     page.get_by_test_id("build-name").fill(name)
     page.get_by_test_id("step-1").click()
@@ -23,7 +23,7 @@ def build(page, name: str, first: str, last: str) -> None:
 
 
 def test_manager_compares_exports_and_reports(page, picture):
-    """Two builds laid beside each other by star and on the map; lifetime, alike stars, export and report."""
+    """Two builds compared by star and on the map; lifetime, similar stars, export and report."""
     build(page, "zen-old", "20", "34")
     build(page, "zen-new", "34", "48")
     expect(page.get_by_test_id("quality")).to_contain_text("Drift leaves the field")
@@ -45,16 +45,16 @@ def test_manager_compares_exports_and_reports(page, picture):
     expect(page.get_by_role("heading", name="Catalogue zen-new")).to_be_visible()
 
 
-def test_every_law_answers_while_it_is_changed(page, at_rest):
-    """The preview follows the law with its own inputs; what cannot be is said in words at once."""
+def test_every_law_updates_the_preview(page, at_rest):
+    """The preview follows the law with its own inputs; impossible values give a message at once."""
     page.goto("/catalogues/new")
     page.get_by_test_id("step-2").click()
     expect(page.get_by_text("preview in")).to_be_visible()
     at_rest(page)
     for law in ("anti_sun", "sun_pointing", "inertial"):
-        with page.expect_response("**/api/catalogues/preview*") as told:
+        with page.expect_response("**/api/catalogues/preview*") as preview:
             page.get_by_test_id("build-pointing").select_option(law)
-        assert told.value.ok, law
+        assert preview.value.ok, law
         expect(page.get_by_test_id("funnel")).to_contain_text("kept")
     page.get_by_test_id("build-dec_deg").fill("-60")
     page.get_by_test_id("step-4").click()
@@ -65,15 +65,17 @@ def test_every_law_answers_while_it_is_changed(page, at_rest):
     expect(page.get_by_text("needs the altitude")).to_be_visible()
 
 
-def test_the_banks_are_on_record(page):
-    """What the device reported is drawn with the word about cover."""
+def test_recorded_banks_are_shown(page):
+    """The device's reported banks are drawn with a sentence about coverage."""
     page.goto("/catalogues")
     expect(page.get_by_test_id("banks")).to_contain_text("golden")
     expect(page.get_by_test_id("banks")).to_contain_text("active bank does not expire")
 
 
-def test_the_choice_of_stars_and_the_mounting_are_on_the_page(page):
-    """Screening, thinning, a reduced catalogue and a mounting by turns or numbers change the preview; a bad one is said."""
+def test_the_selection_of_stars_and_the_mounting_change_the_preview(page):
+    """Screening, thinning, a reduced catalogue and a mounting by rotations or numbers; an invalid mounting gives a
+    message.
+    """
     page.goto("/catalogues/new")
     page.get_by_test_id("step-4").wait_for()  # open from the start
     page.get_by_role("group", name="Screening list").get_by_role("button", name="drop").click()
@@ -96,6 +98,6 @@ def test_the_choice_of_stars_and_the_mounting_are_on_the_page(page):
     expect(page.get_by_text("nine numbers by rows, got 8")).to_be_visible()
     expect(page.get_by_test_id("build")).to_be_disabled()
     page.get_by_test_id("build-matrix").fill("0.5 0 0 0 1 0 0 0 1")
-    expect(page.get_by_text("the mounting is no rotation")).to_be_visible()
+    expect(page.get_by_text("the mounting is not a rotation")).to_be_visible()
     page.get_by_test_id("build-matrix").fill("1 0 0 0 1 0 0 0 1")
     expect(page.get_by_text("preview in")).to_be_visible()

@@ -10,9 +10,10 @@ from playwright.sync_api import expect
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
-def test_a_camera_is_edited_shared_by_its_link_counted_and_put_back(page, picture):
-    """From the catalogues to the design page: a longer lens is marked, lives in the address, moves the figures; the full count
-    brings the lens trade; impossible numbers are told; reset gives the document's camera back."""
+def test_a_camera_is_edited_shared_by_link_counted_and_reset(page, picture):
+    """From the catalogues to the design page: a longer lens is marked, is part of the address, and changes the figures;
+    the full count adds the lens trade; impossible numbers are rejected; reset restores the document's camera.
+    """
     page.goto("/catalogues")
     page.get_by_test_id("open-design").click()
     desk = page.get_by_test_id("design")

@@ -20,19 +20,23 @@ RUN_AXE = """axe.run(document, {resultTypes: ['violations']}).then((r) => r.viol
   .filter((v) => v.impact === 'serious' || v.impact === 'critical')
   .map((v) => `${v.impact} ${v.id}: ${v.help} (${v.nodes.length}) `
     + v.nodes.slice(0, 3).map((n) => n.html.slice(0, 120)).join(' | ')))"""
-# Address, name of the picture, what must stand there.
+# Address, name of the picture, expected content.
 PAGES = [
     ("/live", "page-live", "command-panel"),
     ("/commands?command=ACTIVATE_BANK", "page-commands", "history-row"),
     ("/telemetry?plot=housekeeping.sensor_temperature_c,housekeeping.stars_matched", "page-telemetry", "plot-stack"),
+    ("/telemetry/derived", "page-derived", "derived-form"),
+    ("/procedures", "page-procedures", "procedure-new"),
     ("/frames", "page-frames", "nav-frames"),
     ("/frames/{frame}", "page-frame", "nav-frames"),
     ("/catalogues", "page-catalogues", "catalogue-row"),
     ("/catalogues/{catalogue}", "page-builder", "sweep"),
     ("/catalogues/design", "page-design", "tile-limit_mag"),
     ("/calibration", "page-calibration", "calibration"),
+    ("/sheet", "page-sheet", "sheet-form"),
     ("/campaigns?job={job}", "page-campaigns", "paper-ours"),
     ("/contacts?contact=1", "page-contacts", "contact-timeline"),
+    ("/passes?days=1", "page-passes", "pass-row"),
     ("/admin", "page-admin", "nav-admin"),
 ]
 SWEEP = {
@@ -42,14 +46,23 @@ SWEEP = {
 }  # fmt: skip
 
 
+STATION = {
+    "name": "Stellenbosch", "latitude_deg": -33.9275, "longitude_deg": 18.865, "height_m": 136.0, "line_baud": 115_200,
+    "mask": [{"azimuth_deg": 0.0, "elevation_deg": 4.0}, {"azimuth_deg": 60.0, "elevation_deg": 14.0},
+             {"azimuth_deg": 120.0, "elevation_deg": 5.0}],
+}  # fmt: skip
+
+
 @pytest.fixture(scope="module")
-def seeded(served: Any) -> dict[str, int]:
+def seeded(served: Any, tle_of: Any) -> dict[str, int]:
     """A frame that is solved, a catalogue with a sweep, an experiment: what the pages show."""
     served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
     before = max((f["id"] for f in served.ask("GET", "/frames?limit=1&source=device")["frames"]), default=0)
     served.ask("POST", "/commands", {"name": "SET_MODE", "arguments": {"mode": "lost_in_space"}})
     served.ask("POST", "/commands", {"name": "RUN_ITERATION", "arguments": {}})
     served.ask("POST", "/catalogues", SWEEP)
+    served.ask("PUT", "/spacecraft", {"text": tle_of(1), "source": "test"})
+    served.ask("POST", "/stations", STATION)
     job = served.ask("POST", "/campaigns/experiments", {"names": ["moniteq-4-2"], "trials": None, "seed": 1})
     catalogue = served.until("/catalogues", lambda found: [c["id"] for c in found if c["name"] == "sweep"])
     solved = served.until(

@@ -21,7 +21,7 @@ def focused(page: Page, attribute: str = "data-testid") -> str:
 
 
 def tab_to(page: Page, testid: str, most: int = 80) -> None:
-    """Press Tab until the control has the focus, as somebody without a mouse does."""
+    """Press Tab until the control has the focus, as a user without a mouse does."""
     for _ in range(most):
         if focused(page) == testid:
             return

@@ -184,8 +184,8 @@ def test_no_lamp_claims_a_present_state_without_the_server(page, server):
     expect(page.get_by_test_id("console-state")).to_contain_text("offline")
 
 
-def test_the_cycle_is_unknown_and_not_stopped_after_the_line_was_lost(page, server):
-    """The sensor goes on cycling without a line: the console says what was reported last, and when."""
+def test_the_cycle_is_shown_as_unknown_after_the_line_was_lost(page, server):
+    """The sensor continues its cycle without a line: the console shows the last report with its time."""
     start_cycle(page)
     server.post("/link/close")
     expect(page.get_by_test_id("link-state")).to_contain_text("down")

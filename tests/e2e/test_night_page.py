@@ -12,13 +12,13 @@ from astropy.io import fits
 from playwright.sync_api import Page, expect
 
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 
 pytestmark = pytest.mark.browser
-KNOWN = profile("cubestar")
+KNOWN = shipped_camera("cubestar")
 UNIT = replace(
     KNOWN.camera, focal_col_px=KNOWN.camera.focal_col_px * 1.001, focal_row_px=KNOWN.camera.focal_row_px * 1.001
 )
@@ -26,7 +26,7 @@ FRAMES = 8
 
 
 def files() -> list[dict[str, str | bytes]]:
-    """Eight frames of a camera that stands still, four minutes apart."""
+    """Return eight frames of a fixed camera, four minutes apart."""
     stars, rng = SolverCache().stars(2026.5).brighter_than(6.0), np.random.default_rng(11)
     out: list[dict[str, str | bytes]] = []
     for k in range(FRAMES):
@@ -83,7 +83,9 @@ def test_a_camera_is_calibrated_used_and_made_into_a_table(
 
 
 def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[str], None]) -> None:
-    """The Earth-fixed test names the sidereal rate; a slew without its rate cannot be asked for; too few frames are told."""
+    """The Earth-fixed test states the sidereal rate; a slew without its rate cannot be requested; too few frames are
+    rejected.
+    """
     page.goto("/calibration?tab=analyses")
     form = page.get_by_test_id("analyse-form")
     form.get_by_test_id("analyse-frames").fill(imported)
@@ -92,7 +94,7 @@ def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[
     form.get_by_test_id("analyse-kind").select_option("earth-fixed")
     form.get_by_test_id("analyse-start").click()
     report = page.get_by_test_id("study-report")
-    expect(report).to_contain_text("turn of the camera")
+    expect(report).to_contain_text("camera rotation")
     expect(report).to_contain_text("expected 15.04")
     picture("analyses")
     form.get_by_test_id("analyse-frames").fill(imported.split("-")[0])

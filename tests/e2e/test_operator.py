@@ -98,8 +98,8 @@ def test_manager_builds_uploads_and_activates_a_catalogue(page, picture):
     picture("catalogue-active")
 
 
-def test_engineer_looks_into_a_frame(page, new_frame, picture):
-    """List, detail, stars, another chain; the viewer has a test of its own (test_rerun)."""
+def test_engineer_inspects_a_frame(page, new_frame, picture):
+    """List, detail, stars, another chain; test_rerun tests the viewer."""
     number = new_frame(page)
     page.goto("/frames")
     expect(page.get_by_test_id("frame-row").first).to_contain_text("correct")
@@ -117,8 +117,8 @@ def test_engineer_looks_into_a_frame(page, new_frame, picture):
     expect(page.get_by_test_id("open-rerun")).to_contain_text("Open in Rerun")
 
 
-def test_engineer_imports_a_photograph_and_is_told_what_is_wrong_with_a_bad_one(page, tmp_path):
-    """A text file named .png is refused in words; nothing appears in the list because of it."""
+def test_engineer_imports_a_photograph_and_gets_the_reason_for_a_rejected_one(page, tmp_path):
+    """A text file named .png is rejected with a message and adds nothing to the list."""
     bad = tmp_path / "notes.png"
     bad.write_text("not a picture")
     page.goto("/frames")
@@ -152,7 +152,7 @@ def test_the_live_page_at_rest_asks_little(page, at_rest):
     page.goto("/live")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     at_rest(page)
-    asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.url))
+    requested: list[str] = []
+    page.on("request", lambda request: requested.append(request.url))
     page.wait_for_timeout(3000)
-    assert len(asked) < 12, asked
+    assert len(requested) < 12, requested

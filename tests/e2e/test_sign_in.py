@@ -32,7 +32,7 @@ def printed(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def address(printed):
-    """Overrides the shared server: here nobody is signed in."""
+    """Overrides the shared server: here no user is signed in."""
     return printed.split("/setup#")[0]
 
 
@@ -61,7 +61,7 @@ def test_the_printed_link_leads_to_live_by_the_keyboard_alone(page, printed, pic
     page.get_by_test_id("new-password").fill(PASSWORD)
     page.keyboard.press("Tab")
     page.keyboard.type("orion over the lake")
-    expect(page.get_by_text("this is not the same")).to_be_visible()
+    expect(page.get_by_text("Passwords differ")).to_be_visible()
     picture("set-up")
     page.get_by_test_id("new-password-again").fill(PASSWORD)
     page.keyboard.press("Enter")
@@ -73,17 +73,17 @@ def test_the_printed_link_leads_to_live_by_the_keyboard_alone(page, printed, pic
     page.context.clear_cookies()
     page.goto("about:blank")
     page.goto(printed)
-    expect(page.get_by_test_id("link-over")).to_contain_text("cannot be used")
-    expect(page.get_by_test_id("link-over")).to_contain_text("ask an admin for a new one")
+    expect(page.get_by_test_id("link-over")).to_contain_text("invalid, expired or already used")
+    expect(page.get_by_test_id("link-over")).to_contain_text("ask an admin for a new link")
     expect(page.get_by_test_id("set-up")).to_have_count(0)
 
 
-def test_signing_in_says_what_is_wrong_and_opens_the_page_that_was_asked_for(page, picture):
-    """A wrong password is refused without saying which part was wrong; the right one opens the deep link."""
+def test_a_failed_sign_in_gives_the_reason_and_a_successful_one_opens_the_requested_page(page, picture):
+    """A wrong password is rejected without revealing which part was wrong; the right one opens the deep link."""
     page.goto("/telemetry")
     expect(page.get_by_test_id("sign-in-name")).to_be_focused()
     sign_in(page, password="not the password")
-    expect(page.get_by_test_id("sign-in-problem")).to_contain_text("do not fit")
+    expect(page.get_by_test_id("sign-in-problem")).to_contain_text("wrong name or password")
     expect(page.get_by_test_id("sign-in-password")).to_have_value("")
     expect(page.get_by_test_id("sign-in-password")).to_be_focused()
     picture("sign-in")
@@ -93,7 +93,10 @@ def test_signing_in_says_what_is_wrong_and_opens_the_page_that_was_asked_for(pag
 
 
 def test_a_tour_leads_an_empty_store_to_the_first_attitude(page, picture):
-    """Five steps, each advanced by what the sensor did; on board then stands beside ground. Closed, it comes back by a link."""
+    """Five steps, each advanced by a report of the sensor; at the end on-board and ground results are shown together.
+
+    Closed, the tour can be reopened with a link.
+    """
     page.goto("/live")
     sign_in(page)
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
@@ -139,7 +142,7 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
         }"""
     )
     assert own == 204
-    refusals = [route.fetch() for route in late]  # asked by the old session, refused after its end
+    refusals = [route.fetch() for route in late]  # requested by the old session, rejected after its end
     assert [refusal.status for refusal in refusals] == [401] * len(late) != []
     expect(page.get_by_test_id("session-ended")).to_contain_text("Your session ended")
     expect(page.get_by_test_id("sign-in-name")).to_have_value(NAME)
@@ -158,8 +161,8 @@ def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
     expect(page.get_by_test_id("history-row").filter(has_text="exposure 321")).to_contain_text("completed")
 
 
-def test_the_own_password_is_changed_and_signing_out_ends_it(page, picture):
-    """The old one is asked for; the session goes on; after signing out only the new one opens the console."""
+def test_a_user_changes_his_password_and_signs_out(page, picture):
+    """The old password is required; the session continues; after signing out only the new one works."""
     page.goto("/contacts")
     sign_in(page)
     page.get_by_test_id("user-open").click()
@@ -168,7 +171,7 @@ def test_the_own_password_is_changed_and_signing_out_ends_it(page, picture):
     page.get_by_test_id("new-password").fill("rigel under the hill")
     page.get_by_test_id("new-password-again").fill("rigel under the hill")
     page.get_by_test_id("change-password-go").click()
-    expect(page.get_by_test_id("own-problem")).to_contain_text("does not fit")
+    expect(page.get_by_test_id("own-problem")).to_contain_text("wrong current password")
     picture("own-account")
     page.get_by_test_id("old-password").fill(PASSWORD)
     page.get_by_test_id("change-password-go").click()

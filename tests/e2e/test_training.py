@@ -1,4 +1,4 @@
-"""What goes wrong in a contact, and what an operator does then: alarms, authority, stacks, schedule, tables, replay."""
+"""Faults during a contact and the operator's reaction: alarms, authority, stacks, schedule, tables, replay."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ import httpx2
 import pytest
 from playwright.sync_api import expect
 
-pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
+PATIENCE_MS = 120_000
+"""For what the simulated sensor does in its own time, on a busy machine."""
+SAME_COUNT = """() => {
+  const [list, header] = ['open-alarms', 'alarm'].map((id) => document.querySelector(`[data-testid=${id}]`)?.textContent);
+  return list && header && header.includes(`${parseInt(list)} open`);
+}"""
 
 
 def choose(page, kind: str, fault: str, value: str) -> None:
@@ -30,6 +36,13 @@ def test_an_alarm_latches_until_it_is_back_and_seen(page, at_rest, picture):
     row = page.locator("[data-testid=alarm-row][data-alarm=sensor_temperature_c]").first
     expect(row).to_have_attribute("data-state", "raised")
     picture("alarms")
+    page.goto("/live")
+    expect(page.get_by_test_id("alarm")).to_contain_text("Sensor temperature")
+    page.get_by_test_id("alarm").click()
+    expect(page.get_by_test_id("alarm-detail")).to_contain_text("Stop the cycle")
+    expect(page.get_by_test_id("alarm-detail")).to_contain_text("SIM_INJECT")
+    expect(page.get_by_test_id("plots").locator("canvas")).to_have_count(1)
+    page.wait_for_function(SAME_COUNT, timeout=PATIENCE_MS)
     row.get_by_test_id("acknowledge").click()
     expect(row).to_have_attribute("data-state", "acked")
     row.get_by_test_id("shelve").click()
@@ -42,7 +55,15 @@ def test_an_alarm_latches_until_it_is_back_and_seen(page, at_rest, picture):
     expect(page.get_by_test_id("training")).to_contain_text("no fault at work")
     page.goto("/telemetry?page=power")
     at_rest(page)
-    expect(page.locator("[data-testid=alarm-row][data-alarm=sensor_temperature_c]")).to_have_count(0)
+    rows = page.locator("[data-testid=alarm-row][data-alarm=sensor_temperature_c]")
+    for _ in range(PATIENCE_MS // 500):
+        again = rows.and_(page.locator("[data-state=cleared]")).get_by_test_id("acknowledge")
+        if again.count():  # it became worse after it was acknowledged, which ends the acknowledgement
+            again.first.click()
+        if not rows.count():
+            break
+        page.wait_for_timeout(500)
+    expect(rows).to_have_count(0)
 
 
 def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(
@@ -121,8 +142,9 @@ def test_a_stored_frame_goes_up_and_is_solved_on_board(page, new_frame):
     page.get_by_test_id("open-send").click()
     page.get_by_test_id("send-slot").select_option("2")
     page.get_by_test_id("send-frame-start").click()
-    expect(page.get_by_test_id("send-frame")).to_contain_text("committed")
-    expect(page.get_by_test_id("chain-row").filter(has_text="on board")).to_contain_text("equal")
+    expect(page.get_by_test_id("send-frame")).to_contain_text("committed", timeout=PATIENCE_MS)
+    on_board = page.get_by_test_id("chain-row").filter(has_text="on board")
+    expect(on_board).to_contain_text("equal", timeout=PATIENCE_MS)
 
 
 def test_a_contact_is_read_back_replayed_and_reported(page, picture):
@@ -132,7 +154,7 @@ def test_a_contact_is_read_back_replayed_and_reported(page, picture):
     expect(page.get_by_test_id("contact-detail")).to_contain_text("Counters")
     page.get_by_test_id("replay-speed").select_option("max")
     page.get_by_test_id("replay-start").click()
-    expect(page.get_by_test_id("replay")).to_contain_text("ended")
+    expect(page.get_by_test_id("replay")).to_contain_text("ended", timeout=PATIENCE_MS)
     picture("contact")
     report = page.request.get(page.get_by_test_id("pass-report").get_attribute("href"))
     assert report.ok

@@ -1,4 +1,4 @@
-"""Bytes from outside meet every parser: the kept corpus, and what hypothesis makes of it."""
+"""Untrusted bytes for every parser: the stored corpus, and mutations of it by hypothesis."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ pytestmark = pytest.mark.timeout(60)  # an input that hangs a parser fails
 
 @pytest.fixture(autouse=True)
 def _quiet() -> Iterator[None]:
-    """Libraries warn about what is odd in a file; that is not what is tested here."""
+    """Suppress warnings of libraries about unusual files."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_the_kept_corpus_brings_out_nothing_but_our_errors(name: str) -> None:
-    """Good examples and everything that fuzzing ever found."""
+def test_the_stored_corpus_raises_only_our_errors(name: str) -> None:
+    """Valid examples and every input for which fuzzing found a defect."""
     inputs = seeds_of(name)
     assert inputs
     for data in inputs:
@@ -34,8 +34,8 @@ def test_the_kept_corpus_brings_out_nothing_but_our_errors(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_changed_and_random_bytes_bring_out_nothing_but_our_errors(name: str) -> None:
-    """A few dozen inputs a target here, the same in every run; ``python -m tools.fuzz all`` looks as long as it is told to."""
+def test_changed_and_random_bytes_raise_only_our_errors(name: str) -> None:
+    """A few dozen inputs per target, the same in every run; ``python -m tools.fuzz all`` runs for any time."""
     target, pool = TARGETS[name], seeds_of(name)
     changed = st.integers(0, 2**32 - 1).map(
         lambda seed: mutated(random.Random(seed), pool, target.most_bytes, target.text)
@@ -50,6 +50,6 @@ def test_changed_and_random_bytes_bring_out_nothing_but_our_errors(name: str) ->
     nothing_comes_out()
 
 
-def test_every_folder_of_the_corpus_belongs_to_a_target() -> None:
+def test_every_folder_of_the_corpus_has_a_target() -> None:
     """A renamed target keeps its regressions."""
     assert {path.name for path in CORPUS.iterdir() if path.is_dir()} == set(TARGETS)

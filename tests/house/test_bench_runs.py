@@ -1,4 +1,4 @@
-"""The measuring program runs; what it measures is no matter of a test."""
+"""The measuring program runs; no test depends on the measured values."""
 
 from __future__ import annotations
 

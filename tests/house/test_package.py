@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sqlite3
@@ -15,9 +16,15 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import gss
+from gss.domain.frames import cam_from_icrs
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames.solver_cache import SolverCache
+from gss.pipeline.render import render
 
 EPOCH = "1700000000"
 pytestmark = [pytest.mark.timeout(600), pytest.mark.xdist_group("package")]
@@ -44,7 +51,7 @@ def sdist(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def unpacked(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The source archive as somebody gets it."""
+    """The unpacked source archive."""
     folder = tmp_path_factory.mktemp("unpacked")
     with tarfile.open(sdist) as archive:
         archive.extractall(folder, filter="data")
@@ -59,8 +66,10 @@ def wheel(unpacked: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """``bin`` of an environment with the wheel and nothing of this tree. The dependencies are those of this environment: what is
-    tested is our wheel, and a download is no test of it."""
+    """``bin`` of an environment with the wheel and nothing of this tree.
+
+    The dependencies are those of this environment: only the wheel is tested, not a download.
+    """
     venv = tmp_path_factory.mktemp("installed") / "venv"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(venv)], check=True)
     site = next(venv.glob("lib/python*/site-packages"))
@@ -86,7 +95,7 @@ def test_the_wheel_has_what_runs_and_nothing_else(root: Path, wheel: Path) -> No
         files = tracked or [str(p.relative_to(root)) for p in (root / folder).rglob("*.py")]
         there = [f for f in files if (root / f).exists()]
         assert {inside + f.removeprefix(folder) for f in there} <= names
-    assert {"gss/web/index.html", "gss/device/dictionary.yaml"} <= names
+    assert {"gss/web/index.html", "gss/instruments/dictionary/gss-common.yaml"} <= names
     assert any(re.fullmatch(r"gss/web/assets/index-.*\.js", name) for name in names)
     foreign = {n for n in names if not n.startswith(("gss/", f"gss_startracker-{gss.__version__}.dist-info/"))}
     assert not foreign
@@ -100,11 +109,11 @@ def test_version_of_wheel_and_source_is_the_package_s(sdist: Path, wheel: Path) 
 
 
 def test_the_source_archive_has_all_that_the_repository_has(root: Path, unpacked: Path) -> None:
-    """Whoever has only the archive can build, test and deploy: every tracked file of those folders is in it."""
+    """The archive alone is enough to build, test and deploy: it contains every tracked file of those folders."""
     tracked = subprocess.run(["git", "ls-files"], cwd=root, capture_output=True, text=True).stdout.splitlines()
     if not tracked:
-        pytest.skip("this is no checkout: nothing says what the repository has")
-    folders = ("gss", "migrations", "web", "tools", "tests", "docs", "deploy")
+        pytest.skip("not a git checkout: the repository's files are unknown")
+    folders = ("gss", "validation", "migrations", "web", "tools", "tests", "docs", "deploy")
     wanted = [f for f in tracked if f.split("/")[0] in folders and (root / f).exists()]
     assert not [f for f in wanted if not (unpacked / f).exists()]
     for name in (
@@ -114,15 +123,42 @@ def test_the_source_archive_has_all_that_the_repository_has(root: Path, unpacked
         "SECURITY.md",
         "Makefile",
         "constraints.txt",
+        "constraints-dev.txt",
         "pyproject.toml",
     ):
         assert (unpacked / name).exists(), name
 
 
 def test_two_builds_give_the_same_bytes(unpacked: Path, sdist: Path, wheel: Path, tmp_path: Path) -> None:
-    """Anybody can check that an archive is made of its source: the wheel again, and the archive made of the archive itself."""
+    """The build is reproducible: the wheel again, and the archive built from the unpacked archive."""
     assert build(unpacked, "wheel", tmp_path / "again").read_bytes() == wheel.read_bytes()
     assert build(unpacked, "sdist", tmp_path / "source").read_bytes() == sdist.read_bytes()
+
+
+def test_experiments_are_a_wheel_of_their_own(root: Path, unpacked: Path, installed: Path, tmp_path: Path) -> None:
+    """Without it, ``gss experiments`` names the command that installs it; with it, the experiments are listed. Both wheels require
+    the same version."""
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("GSS_", "PYTHON"))}
+
+    def experiments(**more: str) -> subprocess.CompletedProcess[str]:
+        command = [installed / "gss", "experiments", "list"]
+        return subprocess.run(command, cwd=tmp_path, env=clean | more, capture_output=True, text=True)
+
+    without = experiments()
+    assert without.returncode == 2
+    assert "pip install 'gss-startracker[validation]'" in without.stderr
+    wheel = build(unpacked / "validation", "wheel", tmp_path / "wheel")
+    assert wheel.name == f"gss_startracker_validation-{gss.__version__}-py3-none-any.whl"
+    sources = {str(p.relative_to(root)) for p in (root / "validation").rglob("*.py")}
+    assert {n for n in names_in(wheel) if ".dist-info/" not in n} == sources
+    listed = experiments(PYTHONPATH=str(wheel))
+    assert listed.returncode == 0, listed.stderr
+    assert "erlank-3-6" in listed.stdout
+    for file, name in (
+        ("pyproject.toml", "gss-startracker-validation"),
+        ("validation/pyproject.toml", "gss-startracker"),
+    ):
+        assert f'"{name}=={gss.__version__}"' in (root / file).read_text()
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +182,30 @@ def test_the_installed_program_is_the_wheel_s(installed: Path, tmp_path: Path) -
     assert gss.__version__ in said.stdout
     where = [installed / "python", "-c", "import gss; print(gss.__file__)"]
     assert subprocess.run(where, cwd=tmp_path, capture_output=True, text=True).stdout.startswith(str(installed.parent))
+
+
+def test_the_wheel_solves_and_simulates_without_a_checkout(installed: Path, tmp_path: Path) -> None:
+    """``gss solve`` finds a rendered frame's attitude and ``gss simulate`` opens its port, from an empty folder and without make
+    or node on the path."""
+    camera = shipped_camera("cubestar")
+    stars = SolverCache().stars(2025.0).brighter_than(4.5)
+    pointing = cam_from_icrs(np.radians(80.2), 0.0, 1.0)
+    frame = render(stars, camera.camera, camera.sensor, pointing, camera.sensor.exposure_s, np.random.default_rng(1))
+    Image.fromarray(frame.pixels).save(tmp_path / "frame.png")
+    bare = {"PATH": str(installed), "HOME": str(tmp_path)}
+    ask = [str(installed / "gss"), "solve", "frame.png", "--camera", "cubestar", "--json"]
+    done = subprocess.run(ask, cwd=tmp_path, env=bare, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert abs(json.loads(done.stdout)["ra_deg"] - 80.2) < 0.5
+    command = [str(installed / "gss"), "simulate", "--tcp", "0", "--exit-with-stdin"]
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=bare, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline().startswith("READY socket://127.0.0.1:")
+        assert child.stdin is not None
+        child.stdin.close()
+        assert child.wait(timeout=60) == 0
 
 
 def get(address: str) -> tuple[int, str, bytes]:

@@ -1,4 +1,4 @@
-"""A migrated database with a bus, and clocks that tests turn by hand."""
+"""A migrated database with an event bus, and clocks that tests set."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
 from gss.domain.errors import NotPermitted
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.registry import Registry
+from gss.instruments.roles import shared_roles
 from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_history import CommandHistory
@@ -20,14 +22,18 @@ from gss.operations.commanding.schedule import ScheduleService
 from gss.operations.commanding.stack_runs import StackRunner
 from gss.operations.commanding.stacks import StackService
 from gss.operations.events import EventBus
-from gss.operations.line.dispatcher import Dispatcher
-from gss.operations.line.line_events import LineBatch, LineEventQueue
+from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
+from gss.operations.procedures.conditions import Conditions
+from gss.operations.procedures.procedures import ProcedureService
+from gss.operations.procedures.runs import ProcedureRunner
+from gss.operations.telemetry.telemetry import TelemetryService
 from gss.store.engine import Database, migrate, open_engine
 
 
-class HandClock:
-    """A clock that only moves when told."""
+class ManualClock:
+    """A clock that advances only when a test advances it."""
 
     def __init__(self) -> None:
         self.at = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
@@ -40,9 +46,9 @@ class HandClock:
 
 
 @pytest.fixture
-def clock() -> HandClock:
-    """The hand clock."""
-    return HandClock()
+def clock() -> ManualClock:
+    """The manual clock."""
+    return ManualClock()
 
 
 @pytest.fixture
@@ -56,7 +62,7 @@ def database(tmp_path: Path) -> Iterator[Database]:
 
 
 @pytest.fixture
-def bus(database: Database, clock: HandClock) -> EventBus:
+def bus(database: Database, clock: ManualClock) -> EventBus:
     """The bus on that database."""
     return EventBus(database, clock)
 
@@ -64,8 +70,11 @@ def bus(database: Database, clock: HandClock) -> EventBus:
 ENDED = ("completed", "rejected", "failed", "unknown", "withdrawn")
 
 
-class Desk:
-    """An operator's desk on a sensor in memory. ``now``: a clock that the caller owns; ``schedule``: it follows the line."""
+class OperatorConsole:
+    """An operator's commanding services on a sensor in memory.
+
+    ``now``: a clock that the caller owns; ``schedule``: the schedule service subscribes to the link.
+    """
 
     def __init__(
         self, sensor: Any, database: Database, bus: EventBus, folder: Path, now: Callable[[], datetime], schedule: bool
@@ -73,7 +82,7 @@ class Desk:
         self.sensor, self.bus = sensor, bus
         self.events = LineEventQueue(now, sensor.monotonic_s)
         self.link = LinkService(
-            load_dictionary(), database, bus, folder / "captures", now, sensor.monotonic_s, self.events
+            load_dictionary(), shared_roles(), database, bus, folder / "captures", now, sensor.monotonic_s, self.events
         )
         self.authority = AuthorityService(database, bus, now)
         self.refused: set[str] = set()
@@ -83,8 +92,20 @@ class Desk:
         self.stacks = StackService(self.link, self.commands, database, now)
         self.runs = StackRunner(self.stacks, self.link, self.commands, database, bus, now, sensor.monotonic_s)
         self.schedule = ScheduleService(self.link, self.commands, bus, now)
-        self.schedule_hears = schedule
-        subscribers = [self.link.handle, self.commands.handle, self.runs.handle, self._schedule]
+        self.telemetry = TelemetryService(load_dictionary(), database, bus, now, lambda: None, lambda: True)
+        unit = Registry(folder / "instruments").get("cubestar")
+        self.procedures = ProcedureService(self.link, unit, self.telemetry.derived, database, now)
+        conditions = Conditions(self.telemetry)
+        self.procedure_runs = ProcedureRunner(self.procedures, conditions, self.link, self.commands, database, bus, now)
+        self.schedule_subscribed = schedule
+        subscribers = [
+            self.link.handle,
+            self.telemetry.handle,
+            self.commands.handle,
+            self.runs.handle,
+            self.procedure_runs.handle,
+            self._schedule,
+        ]
         self.dispatcher = Dispatcher(self.events, bus, sensor.monotonic_s, subscribers)
         sensor.keep_pace_with(self.events)
 
@@ -93,13 +114,14 @@ class Desk:
             raise NotPermitted("no", got=f"{user} {permission}")
 
     def _schedule(self, batch: LineBatch) -> None:
-        if self.schedule_hears:
+        if self.schedule_subscribed:
             self.schedule.handle(batch)
 
-    def start(self) -> Desk:
-        """Open the line and wait for the sensor."""
+    def start(self) -> OperatorConsole:
+        """Open the link and wait for the sensor."""
         self.commands.start()
         self.runs.start()
+        self.procedure_runs.start()
         self.dispatcher.start()
         self.link.start()
         self.link.open_later(self.sensor.url)
@@ -107,44 +129,47 @@ class Desk:
         return self
 
     def stop(self) -> None:
-        """Give the line back."""
+        """Close the link."""
         self.runs.shut_down()
+        self.procedure_runs.shut_down()
         self.link.stop()
         self.dispatcher.stop()
 
     def wait(self, done: Callable[[], bool]) -> None:
-        """Until something holds; the real time is only the limit after which a broken thing is given up."""
+        """Wait until ``done()`` is true. The timeout in real time only limits how long a failing test runs."""
         limit_s = time.monotonic() + 30
         while not done():
             assert time.monotonic() < limit_s, [event.text for event in self.bus.after(0, 1000)][-5:]
             time.sleep(0.002)
 
     def send(self, name: str, *, confirm: str = "", user: str = "ann", **arguments: Any) -> Any:
-        """A command from the form."""
+        """Send a command as the command form does."""
         return self.commands.send(name, arguments, confirm=confirm, user=user, source="form")
 
     def end(self, row: Any) -> Any:
-        """The row of a command after its end."""
+        """Return the row of a command after its end."""
         self.wait(lambda: self.commands.get(row.id).result in ENDED)
         return self.commands.get(row.id)
 
     def run_ends(self, run: Any) -> Any:
-        """The row of a stack's run after its end."""
+        """Return the row of a stack's run after its end."""
         self.wait(lambda: self.runs.get(run.id).finished is not None)
         return self.runs.get(run.id)
 
 
 @pytest.fixture
-def make_desk(sensor_in_memory, database, bus, clock, tmp_path) -> Iterator[Callable[..., Desk]]:
-    """Desks, one after the other on the same store; the line is given back at the end."""
-    made: list[Desk] = []
+def make_console(sensor_in_memory, database, bus, clock, tmp_path) -> Iterator[Callable[..., OperatorConsole]]:
+    """Factory of consoles that use the same store one after the other; each closes its link at the end."""
+    made: list[OperatorConsole] = []
 
     def make(
         sensor: Any = None, now: Callable[[], datetime] | None = None, schedule: bool = False, **identity: Any
-    ) -> Desk:
+    ) -> OperatorConsole:
         if made:
             made[-1].stop()
-        made.append(Desk(sensor or sensor_in_memory(**identity), database, bus, tmp_path, now or clock, schedule))
+        made.append(
+            OperatorConsole(sensor or sensor_in_memory(**identity), database, bus, tmp_path, now or clock, schedule)
+        )
         return made[-1].start()
 
     yield make

@@ -1,4 +1,4 @@
-"""The file of ABORTs that the database does not have yet."""
+"""The file of ABORTs that are not yet stored in the database."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from gss.operations.commanding.abort_journal import AbortJournal, IssuedAbort
 ENTRY = IssuedAbort(7, "bob", "abort", "2026-12-01T18:00:00+00:00")
 
 
-def test_an_abort_is_kept_until_it_is_recorded(tmp_path):
-    """Also by the next server; a line that a crash cut off hides no other."""
+def test_an_abort_is_kept_until_it_is_stored(tmp_path):
+    """The next server stores it too; a line truncated by a crash hides no other line."""
     path = tmp_path / "aborts.jsonl"
     AbortJournal(path).add(ENTRY)
     with path.open("a") as file:
@@ -19,8 +19,8 @@ def test_an_abort_is_kept_until_it_is_recorded(tmp_path):
     assert AbortJournal(path).entries() == []
 
 
-def test_an_abort_that_was_recorded_before_it_was_noted_leaves_no_entry(tmp_path):
-    """The dispatcher may be quicker than the thread of the request: the next server must not report it as unknown."""
+def test_an_abort_stored_before_it_was_journalled_leaves_no_entry(tmp_path):
+    """The dispatcher may be faster than the request's thread: the next server must not report the ABORT as unknown."""
     journal = AbortJournal(tmp_path / "aborts.jsonl")
     journal.remove(7)
     journal.add(ENTRY)

@@ -1,4 +1,4 @@
-"""Alarms latch, escalate, are seen, shelved and closed, and survive a restart; limits are chosen and changed on record."""
+"""Alarms latch, escalate, are acknowledged, shelved and closed, and survive a restart; limit changes are recorded."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from datetime import timedelta
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import DeviceEvent, Telemetry
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import Limits, State
-from gss.operations.line.line_events import LineBatch, LineEventQueue
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import shared_roles
+from gss.operations.line.dispatcher import LineEventQueue
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarms import SIGNAL_LOST_AFTER_S, AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
@@ -20,20 +22,20 @@ FIELD = "sensor_temperature_c"  # watch −15 … 45, warning −20 … 55, crit
 DICTIONARY = load_dictionary()
 
 
-class Room:
-    """Telemetry and alarms on a database, without a line."""
+class AlarmHarness:
+    """Telemetry and alarms on a database, without a link."""
 
     def __init__(self, database, bus, clock, folder) -> None:
         self.clock, self.bus = clock, bus
         self.link = LinkService(
-            DICTIONARY, database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+            DICTIONARY, shared_roles(), database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
         )
         self.telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)
         self.alarms.start()
 
-    def hear(self, *values: float, **more) -> None:
-        """One housekeeping packet a second with these temperatures."""
+    def receive(self, *values: float, **more) -> None:
+        """Process one housekeeping packet per second with these temperatures."""
         for value in values:
             self.clock.forward(1)
             fields = {FIELD: value, "cycle_running": True, **more}
@@ -41,177 +43,185 @@ class Room:
             self.alarms.handle(batch.with_derived(self.telemetry.handle(batch)))
 
     def only(self):
-        """The one open alarm."""
+        """Return the one open alarm."""
         (view,) = self.alarms.opened()
         return view
 
     def texts(self, kind="alarm"):
-        """What was recorded."""
+        """Return the texts of recorded events."""
         return [e.text for e in self.bus.after(0, 1000) if e.kind == kind]
 
 
 @pytest.fixture
-def room(database, bus, clock, tmp_path):
-    """A fresh room."""
-    return Room(database, bus, clock, tmp_path)
+def harness(database, bus, clock, tmp_path):
+    """A new harness."""
+    return AlarmHarness(database, bus, clock, tmp_path)
 
 
-def test_an_alarm_is_raised_when_the_value_insists_and_stays_until_it_is_back_and_seen(room):
-    """Two samples out are nothing, three raise; back in limits it waits to be seen; seen, it closes."""
-    room.hear(20, 50, 50, 20, 50, 50)
-    assert room.alarms.opened() == []
-    room.hear(50)
-    view = room.only()
+def test_an_alarm_is_raised_after_persistence_and_latches_until_normal_and_acknowledged(harness):
+    """Two violations raise nothing, three raise the alarm; normal again it waits for acknowledgement and then closes."""
+    harness.receive(20, 50, 50, 20, 50, 50)
+    assert harness.alarms.opened() == []
+    harness.receive(50)
+    view = harness.only()
     assert (view.row.state, view.level, view.row.worst, view.row.value) == ("raised", State.WATCH, "watch", 50)
     assert view.row.limit_text == "above 45 (watch)"
-    room.hear(20, 20)
-    assert room.only().row.state == "raised"
-    room.hear(20)
-    assert (room.only().row.state, room.only().level) == ("cleared", State.OK)
-    closed = room.alarms.acknowledge(view.row.id, user="ann", note="sun on the radiator")
+    harness.receive(20, 20)
+    assert harness.only().row.state == "raised"
+    harness.receive(20)
+    assert (harness.only().row.state, harness.only().level) == ("cleared", State.OK)
+    closed = harness.alarms.acknowledge(view.row.id, user="ann", note="sun on the radiator")
     assert (closed.row.state, closed.row.acknowledged_by) == ("closed", "ann")
     assert "sun on the radiator" in closed.row.note
-    assert room.alarms.opened() == []
-    assert next(t.split(",")[0] for t in room.texts()) == "Sensor temperature 50.0 °C"
+    assert harness.alarms.opened() == []
+    assert next(t.split(",")[0] for t in harness.texts()) == "Sensor temperature 50.0 °C"
     with pytest.raises(Conflict, match="closed"):
-        room.alarms.acknowledge(view.row.id, user="ann")
+        harness.alarms.acknowledge(view.row.id, user="ann")
 
 
-def test_a_seen_alarm_closes_when_its_value_comes_back(room):
-    """acked, then closed, without anybody's help."""
-    room.hear(50, 50, 50)
-    alarm_id = room.only().row.id
-    assert room.alarms.acknowledge(alarm_id, user="ann").row.state == "acked"
+def test_an_acknowledged_alarm_closes_when_its_value_is_normal(harness):
+    """acked, then closed, without user action."""
+    harness.receive(50, 50, 50)
+    alarm_id = harness.only().row.id
+    assert harness.alarms.acknowledge(alarm_id, user="ann").row.state == "acked"
     with pytest.raises(Conflict, match="already"):
-        room.alarms.acknowledge(alarm_id, user="bob")
-    room.hear(20, 20, 20)
-    row = room.alarms.get(alarm_id).row
-    assert (row.state, row.closed) == ("closed", room.clock())
+        harness.alarms.acknowledge(alarm_id, user="bob")
+    harness.receive(20, 20, 20)
+    row = harness.alarms.get(alarm_id).row
+    assert (row.state, row.closed) == ("closed", harness.clock())
 
 
-def test_a_worse_level_takes_the_acknowledgement_back_and_the_worst_is_kept(room):
-    """watch, seen, warning, critical, warning: raised again at each step up only."""
-    room.hear(50, 50, 50)
-    alarm_id = room.only().row.id
-    room.alarms.acknowledge(alarm_id, user="ann")
-    room.hear(60, 60, 60)
-    assert (room.only().row.state, room.only().row.worst, room.only().row.acknowledged) == ("raised", "warning", None)
-    room.alarms.acknowledge(alarm_id, user="ann")
-    room.hear(70, 70, 70)
-    room.hear(60, 60, 60)
-    view = room.only()
+def test_a_worse_level_resets_the_acknowledgement_and_the_worst_level_is_kept(harness):
+    """watch, acknowledged, warning, critical, warning: raised again only when the level increases."""
+    harness.receive(50, 50, 50)
+    alarm_id = harness.only().row.id
+    harness.alarms.acknowledge(alarm_id, user="ann")
+    harness.receive(60, 60, 60)
+    assert (harness.only().row.state, harness.only().row.worst, harness.only().row.acknowledged) == (
+        "raised",
+        "warning",
+        None,
+    )
+    harness.alarms.acknowledge(alarm_id, user="ann")
+    harness.receive(70, 70, 70)
+    harness.receive(60, 60, 60)
+    view = harness.only()
     assert (view.row.id, view.row.state, view.row.worst, view.level) == (alarm_id, "raised", "critical", State.WARNING)
     assert view.row.value == 70
 
 
-def test_out_again_before_it_was_seen_is_the_same_alarm(room):
-    """cleared goes back to raised; there is no second row."""
-    room.hear(60, 60, 60, 20, 20, 20)
-    alarm_id = room.only().row.id
-    room.hear(50, 50, 50)
-    view = room.only()
+def test_a_new_violation_before_acknowledgement_is_the_same_alarm(harness):
+    """cleared returns to raised; there is no second row."""
+    harness.receive(60, 60, 60, 20, 20, 20)
+    alarm_id = harness.only().row.id
+    harness.receive(50, 50, 50)
+    view = harness.only()
     assert (view.row.id, view.row.state, view.row.worst, view.row.cleared) == (alarm_id, "raised", "warning", None)
-    assert len(room.alarms.newest(10)) == 1
+    assert len(harness.alarms.newest(10)) == 1
 
 
-def test_alarms_and_shelves_survive_a_restart(room, database, bus, clock, tmp_path):
-    """A new server knows the alarm, goes on counting it as out, and closes it as the old one would have."""
-    room.hear(60, 60, 60)
-    alarm_id = room.only().row.id
-    room.alarms.shelve(alarm_id, clock() + timedelta(hours=1), user="ann", note="known")
-    room.alarms.acknowledge(alarm_id, user="ann")
-    again = Room(database, bus, clock, tmp_path)
+def test_alarms_and_shelves_survive_a_restart(harness, database, bus, clock, tmp_path):
+    """A new server restores the alarm, continues its count of violations, and closes it as the previous server would
+    have.
+    """
+    harness.receive(60, 60, 60)
+    alarm_id = harness.only().row.id
+    harness.alarms.shelve(alarm_id, clock() + timedelta(hours=1), user="ann", note="known")
+    harness.alarms.acknowledge(alarm_id, user="ann")
+    again = AlarmHarness(database, bus, clock, tmp_path)
     view = again.only()
     assert (view.row.id, view.row.state, view.level, view.shelved) == (alarm_id, "acked", State.WARNING, True)
-    again.hear(60)
+    again.receive(60)
     assert again.only().row.state == "acked"
-    again.hear(20, 20)
+    again.receive(20, 20)
     assert again.only().row.state == "acked"
-    again.hear(20)
+    again.receive(20)
     assert again.alarms.opened() == []
     assert again.alarms.get(alarm_id).row.state == "closed"
 
 
-def test_a_shelf_has_a_reason_and_an_end(room):
-    """At most a day, with a note; when the time is over the alarm is shown again, and it can be taken off before."""
-    room.hear(50, 50, 50)
-    alarm_id = room.only().row.id
-    now = room.clock()
+def test_shelving_needs_a_reason_and_an_end(harness):
+    """At most a day, with a note; after the time the alarm is shown again, and it can be unshelved earlier."""
+    harness.receive(50, 50, 50)
+    alarm_id = harness.only().row.id
+    now = harness.clock()
     for until, note in ((now + timedelta(hours=25), "x"), (now, "x"), (now + timedelta(hours=1), "  ")):
         with pytest.raises(BadInput):
-            room.alarms.shelve(alarm_id, until, user="ann", note=note)
-    assert room.alarms.shelve(alarm_id, now + timedelta(hours=24), user="ann", note="heater test").shelved
-    assert not room.alarms.unshelve(alarm_id, user="bob").shelved
+            harness.alarms.shelve(alarm_id, until, user="ann", note=note)
+    assert harness.alarms.shelve(alarm_id, now + timedelta(hours=24), user="ann", note="heater test").shelved
+    assert not harness.alarms.unshelve(alarm_id, user="bob").shelved
     with pytest.raises(Conflict, match="not shelved"):
-        room.alarms.unshelve(alarm_id, user="bob")
-    room.alarms.shelve(alarm_id, now + timedelta(minutes=1), user="ann", note="heater test")
-    room.clock.forward(61)
-    room.alarms.tick()
-    assert not room.only().shelved
-    assert room.only().row.shelved_until is None
-    assert any("back from the shelf" in text for text in room.texts())
+        harness.alarms.unshelve(alarm_id, user="bob")
+    harness.alarms.shelve(alarm_id, now + timedelta(minutes=1), user="ann", note="heater test")
+    harness.clock.forward(61)
+    harness.alarms.tick()
+    assert not harness.only().shelved
+    assert harness.only().row.shelved_until is None
+    assert any("no longer shelved" in text for text in harness.texts())
 
 
-def test_closing_by_hand_needs_the_cause_to_be_gone_or_out_of_sight(room):
-    """While the value is out and fresh it is refused; once nothing comes any more it is not."""
-    room.hear(50, 50, 50)
-    alarm_id = room.only().row.id
-    with pytest.raises(Conflict, match="still there"):
-        room.alarms.clear(alarm_id, user="ann")
-    room.clock.forward(60)
-    assert room.alarms.clear(alarm_id, user="ann", note="unit switched off").row.state == "closed"
-    room.hear(50, 50)
-    assert room.alarms.opened() == []
-    room.hear(50)
-    assert room.only().row.id != alarm_id
+def test_closing_by_hand_needs_a_normal_or_stale_value(harness):
+    """Refused while the value is fresh and violates its limit; permitted when no values arrive any more."""
+    harness.receive(50, 50, 50)
+    alarm_id = harness.only().row.id
+    with pytest.raises(Conflict, match="persists"):
+        harness.alarms.clear(alarm_id, user="ann")
+    harness.clock.forward(60)
+    assert harness.alarms.clear(alarm_id, user="ann", note="unit switched off").row.state == "closed"
+    harness.receive(50, 50)
+    assert harness.alarms.opened() == []
+    harness.receive(50)
+    assert harness.only().row.id != alarm_id
 
 
-def test_results_of_a_stopped_cycle_are_not_held_against_the_sensor(room):
-    """No stars with the cycle running is an alarm; when the cycle stops it waits only to be seen."""
+def test_results_of_a_stopped_cycle_raise_no_alarm(harness):
+    """No stars while the cycle runs is an alarm; after the cycle stops the alarm only waits for acknowledgement."""
     for _ in range(3):
-        room.hear(20, stars_matched=0)
-    assert room.only().row.field == "stars_matched"
-    room.hear(20, stars_matched=0, cycle_running=False)
-    assert room.only().row.state == "cleared"
-    assert any("cycle is stopped" in text for text in room.texts())
+        harness.receive(20, stars_matched=0)
+    assert harness.only().row.field == "stars_matched"
+    harness.receive(20, stars_matched=0, cycle_running=False)
+    assert harness.only().row.state == "cleared"
+    assert any("cycle is stopped" in text for text in harness.texts())
 
 
-def test_a_cycle_that_has_just_started_is_not_blamed_for_having_found_nothing(room):
-    """Running, but no iteration yet: the zeros are those of a sensor at rest. The first one looks where the sensor pointed before
-    the rest, and may miss; after the second they count."""
-    room.hear(20, centroids_found=0, cycle_running=False, iteration=7)
-    room.hear(20, 20, centroids_found=0, iteration=7)
-    assert room.alarms.opened() == []
-    room.hear(20, centroids_found=0, attitude_age_s=45.13, match_confidence=0.0, iteration=8)
-    assert room.alarms.opened() == []
-    room.hear(20, centroids_found=0, iteration=9)
-    assert room.only().row.field == "centroids_found"
+def test_a_cycle_without_an_iteration_raises_no_alarm(harness):
+    """While no iteration is complete the zeros are those of an idle sensor.
+
+    The first iteration starts from the pointing before the pause and may fail; from the second on failures count.
+    """
+    harness.receive(20, centroids_found=0, cycle_running=False, iteration=7)
+    harness.receive(20, 20, centroids_found=0, iteration=7)
+    assert harness.alarms.opened() == []
+    harness.receive(20, centroids_found=0, attitude_age_s=45.13, match_confidence=0.0, iteration=8)
+    assert harness.alarms.opened() == []
+    harness.receive(20, centroids_found=0, iteration=9)
+    assert harness.only().row.field == "centroids_found"
 
 
-def test_an_unmeasured_value_neither_raises_nor_clears(room):
-    """Not-a-number breaks the run of samples and leaves the alarm as it is."""
-    room.hear(50, 50, math.nan, 50, 50)
-    assert room.alarms.opened() == []
-    room.hear(50)
-    room.hear(20, 20, math.nan, 20, 20)
-    assert room.only().row.state == "raised"
+def test_an_unmeasured_value_neither_raises_nor_clears(harness):
+    """Not-a-number interrupts the count of violations and leaves the alarm unchanged."""
+    harness.receive(50, 50, math.nan, 50, 50)
+    assert harness.alarms.opened() == []
+    harness.receive(50)
+    harness.receive(20, 20, math.nan, 20, 20)
+    assert harness.only().row.state == "raised"
 
 
-def test_severe_device_events_are_alarms_that_count(room):
-    """A latch-up waits to be seen; the same again counts up; a harmless event is none."""
+def test_severe_device_events_raise_alarms_with_a_count(harness):
+    """A latch-up waits for acknowledgement; a repetition increases the count; a harmless event raises no alarm."""
     event = DeviceEvent("LATCHUP", "critical", "rail fpga", 5.0)
-    room.alarms.handle(
+    harness.alarms.handle(
         LineBatch(
             (
                 DeviceEvent("CYCLE_STARTED", "ok", "", 4.0),
                 event,
                 event,
             ),
-            room.clock(),
+            harness.clock(),
             0.0,
         )
     )
-    view = room.only()
+    view = harness.only()
     assert (view.row.packet, view.row.field, view.row.state, view.row.worst) == (
         "event",
         "LATCHUP",
@@ -219,52 +229,54 @@ def test_severe_device_events_are_alarms_that_count(room):
         "critical",
     )
     assert view.text == "LATCHUP: rail fpga (2 times)"
-    assert room.alarms.acknowledge(view.row.id, user="ann").row.state == "closed"
-    room.alarms.handle(LineBatch((event,), room.clock(), 0.0))
-    assert room.only().row.id != view.row.id
+    assert harness.alarms.acknowledge(view.row.id, user="ann").row.state == "closed"
+    harness.alarms.handle(LineBatch((event,), harness.clock(), 0.0))
+    assert harness.only().row.id != view.row.id
 
 
-def test_silence_on_an_open_line_is_loss_of_signal(room):
-    """Nothing while the line is closed; open and silent it is raised; heard again or closed it is over."""
-    room.clock.forward(100)
-    room.alarms.tick()
-    assert room.alarms.opened() == []
-    room.link.line_is_open, room.link.contact.is_open, room.link.contact.contact_id = True, True, 1
-    room.alarms.tick()
-    room.clock.forward(SIGNAL_LOST_AFTER_S)
-    room.alarms.tick()
-    assert room.alarms.opened() == []
-    room.clock.forward(1)
-    room.alarms.tick()
-    assert (room.only().title, room.only().row.state) == ("Loss of signal", "raised")
-    room.hear(20)
-    room.alarms.tick()
-    assert room.only().row.state == "cleared"
+def test_silence_on_an_open_line_is_loss_of_signal(harness):
+    """No alarm while the link is closed; open and silent raises it; received data or closing the link clears it."""
+    harness.clock.forward(100)
+    harness.alarms.tick()
+    assert harness.alarms.opened() == []
+    harness.link.line_is_open, harness.link.contact.is_open, harness.link.contact.contact_id = True, True, 1
+    harness.alarms.tick()
+    harness.clock.forward(SIGNAL_LOST_AFTER_S)
+    harness.alarms.tick()
+    assert harness.alarms.opened() == []
+    harness.clock.forward(1)
+    harness.alarms.tick()
+    assert (harness.only().title, harness.only().row.state) == ("Loss of signal", "raised")
+    harness.receive(20)
+    harness.alarms.tick()
+    assert harness.only().row.state == "cleared"
 
 
-def test_a_limit_set_changes_what_is_out_and_is_remembered(room, database, bus, clock, tmp_path):
-    """50 °C is a watch in service and nothing while commissioning; the choice outlives the server."""
-    room.hear(50, 50, 50)
-    assert room.only().row.limit_set == "nominal"
-    room.telemetry.limits.choose("commissioning", user="ann", note="bench")
-    room.hear(50, 50, 50)
-    assert room.only().row.state == "cleared"
-    assert "ann put the limit set commissioning in force, before it was nominal: bench" in room.texts("limits")
-    assert Room(database, bus, clock, tmp_path).telemetry.limits.chosen == "commissioning"
+def test_a_limit_set_changes_the_violations_and_is_stored(harness, database, bus, clock, tmp_path):
+    """50 °C is a watch in service and normal during commissioning; the selection survives a restart."""
+    harness.receive(50, 50, 50)
+    assert harness.only().row.limit_set == "nominal"
+    harness.telemetry.limits.choose("commissioning", user="ann", note="bench")
+    harness.receive(50, 50, 50)
+    assert harness.only().row.state == "cleared"
+    assert "ann activated the limit set commissioning; was nominal: bench" in harness.texts("limits")
+    assert AlarmHarness(database, bus, clock, tmp_path).telemetry.limits.chosen == "commissioning"
     with pytest.raises(NotFound, match="limit set"):
-        room.telemetry.limits.choose("party", user="ann")
+        harness.telemetry.limits.choose("party", user="ann")
 
 
-def test_own_limits_hold_until_they_are_taken_back_and_who_did_it_is_on_record(room, database, bus, clock, tmp_path):
-    """An operator's limits win over the set; contradictions, texts and unknown fields are refused."""
-    book, key = room.telemetry.limits, f"housekeeping.{FIELD}"
+def test_custom_limits_apply_until_they_are_reset_and_are_recorded_with_the_user(
+    harness, database, bus, clock, tmp_path
+):
+    """An operator's limits override the set; contradictory values, texts and unknown fields are rejected."""
+    book, key = harness.telemetry.limits, f"housekeeping.{FIELD}"
     own = Limits((0, 30), (-5, 35), (-10, 40))
     book.override(key, own, 1, user="ann", note="thermal test")
-    room.hear(31)
-    assert (room.only().row.worst, room.only().row.limit_text) == ("watch", "above 30 (watch)")
-    after = Room(database, bus, clock, tmp_path).telemetry.limits.rule("housekeeping", book.find(key)[1])
+    harness.receive(31)
+    assert (harness.only().row.worst, harness.only().row.limit_text) == ("watch", "above 30 (watch)")
+    after = AlarmHarness(database, bus, clock, tmp_path).telemetry.limits.rule("housekeeping", book.find(key)[1])
     assert (after.limits, after.persistence, after.origin, after.changed_by) == (own, 1, "operator", "ann")
-    (text,) = room.texts("limits")
+    (text,) = harness.texts("limits")
     assert "ann changed the limits of housekeeping.sensor_temperature_c from watch -15 … 45" in text
     assert text.endswith("1 sample: thermal test")
     assert book.restore(key, user="bob").origin == "dictionary"
@@ -279,12 +291,27 @@ def test_own_limits_hold_until_they_are_taken_back_and_who_did_it_is_on_record(r
         book.override(key, Limits((2, 1)), 1, user="ann")
 
 
-def test_what_is_outside_now_comes_before_what_is_back(room):
-    """A critical alarm whose value is back, not yet seen, stands behind a watch whose value is still out."""
-    room.hear(*[70] * 4, *[20] * 3, stars_matched=10)
-    assert room.only().row.state == "cleared"
-    room.hear(*[20] * 4, stars_matched=3)
-    assert [(v.row.field, v.row.state) for v in room.alarms.opened()] == [
-        ("stars_matched", "raised"),
-        (FIELD, "cleared"),
-    ]
+def test_an_unacknowledged_alarm_keeps_its_place_after_its_value_is_back(harness):
+    """A cleared critical alarm is listed before a watch that is still violated, until it is acknowledged."""
+    harness.receive(*[70] * 4, *[20] * 3, stars_matched=10)
+    assert harness.only().row.state == "cleared"
+    harness.receive(*[20] * 4, stars_matched=3)
+    listed = harness.alarms.opened()
+    assert [(v.row.field, v.row.state) for v in listed] == [(FIELD, "cleared"), ("stars_matched", "raised")]
+    harness.receive(*[70] * 4, stars_matched=3)
+    harness.alarms.acknowledge(listed[0].row.id, user="ann")
+    harness.receive(*[50] * 4, stars_matched=3)
+    assert [(v.row.field, v.level) for v in harness.alarms.opened()] == [
+        ("stars_matched", State.WATCH),
+        (FIELD, State.WATCH),
+    ], "acknowledged, it counts with its current level"
+
+
+def test_an_alarm_says_what_to_do(harness):
+    """The text is the one of the dictionary's row, for a value and for an event."""
+    harness.receive(*[70] * 4)
+    field = next(f for f in DICTIONARY.packet("housekeeping").values if f.name == FIELD)
+    assert harness.only().action == field.action != ""
+    harness.alarms.handle(LineBatch((DeviceEvent("BANK_CORRUPT", "warning", "bank A", 1.0),), harness.clock(), 0.0))
+    event = next(v for v in harness.alarms.opened() if v.row.field == "BANK_CORRUPT")
+    assert event.action.startswith("Do not activate")

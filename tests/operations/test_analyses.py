@@ -1,13 +1,14 @@
-"""Analyses as use cases: a night of rendered frames becomes the figures that were put in."""
+"""Analyses as use cases: rendered frames of a night reproduce the simulated parameters."""
 
 from __future__ import annotations
 
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,22 +16,23 @@ import pytest
 from gss.catalogue_tools.sources.hipparcos import propagate
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
-from gss.operations.studies.analyses import FrameAnalysis, TelemetryAnalysis
+from gss.instruments.registry import shipped_camera
+from gss.operations.studies.analysis_requests import FrameAnalysis, SheetRequest, TelemetryAnalysis
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
+from gss.services import Services
 from gss.settings import Settings
 from gss.store.models import Analysis, Contact, Job, TelemetryPacket
-from gss.wiring import Services, build
+from gss.wiring import build
 
 NIGHT = datetime(2026, 12, 1, 20, tzinfo=UTC)
 FRAMES, STEP_S = 12, 5.0
-CAMERA = profile("cubestar")
+CAMERA = shipped_camera("cubestar")
 
 
 @dataclass
-class Roof:
-    """A server's objects with a night on the roof in the store."""
+class AnalysisServer:
+    """A server's objects with frames of one night in the store."""
 
     services: Services
     fixed: tuple[int, ...] = ()
@@ -38,8 +40,8 @@ class Roof:
     extra: list[int] = field(default_factory=list)
 
     def made(self, job: Job) -> Analysis:
-        """The analysis of a job that ended well."""
-        end = time.monotonic() + 60
+        """Return the analysis of a job that completed."""
+        end = time.monotonic() + 600
         while (now := self.services.jobs.get(job.id)).state in ("queued", "running"):
             assert time.monotonic() < end
             time.sleep(0.05)
@@ -48,7 +50,7 @@ class Roof:
 
 
 @pytest.fixture(scope="module")
-def roof(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Roof]:
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AnalysisServer]:
     """A camera fixed to the Earth, twelve frames at each of two exposures."""
     services = build(Settings(data=Path(tmp_path_factory.mktemp("roof"))))
     services.jobs.start()
@@ -61,7 +63,7 @@ def roof(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Roof]:
             attitude = cam_from_icrs(1.4 + SIDEREAL_RAD_S * at_s, 0.1, 0.6)
             rate = attitude @ np.array([0.0, 0.0, SIDEREAL_RAD_S])
             image = render(stars, CAMERA.camera, CAMERA.sensor, attitude, exposure_s, rng, rate_rad_s=rate)
-            frame = services.frames._add(
+            frame, _ = services.frames._add(
                 image.pixels,
                 source="import",
                 taken=NIGHT + timedelta(seconds=at_s),
@@ -72,62 +74,69 @@ def roof(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Roof]:
             ids.append(frame.id)
         return tuple(ids)
 
-    yield Roof(services, take(0.25, 0.0), take(0.1, 100.0))
+    yield AnalysisServer(services, take(0.25, 0.0), take(0.1, 100.0))
     services.jobs.stop()
     services.frames.stop()
     services.database.close()
 
 
-def test_the_earth_fixed_test_finds_the_turning_earth(roof: Roof) -> None:
-    """The turn is the sidereal one, the scatter arcseconds, and the report says so in words, plots and tables."""
-    job = roof.services.analyses.start(FrameAnalysis("earth-fixed", "cubestar", roof.fixed), "roof", user="engineer-1")
-    row = roof.made(job)
+def of_frames(kind: Any, ids: tuple[int, ...], *, profile: str = "cubestar", **more: Any) -> FrameAnalysis:
+    """Return a request for an analysis of these frames."""
+    return FrameAnalysis(kind=kind, profile=profile, frame_ids=list(ids), **more)
+
+
+def test_the_earth_fixed_test_measures_the_earths_rotation(server: AnalysisServer) -> None:
+    """The rate is sidereal, the scatter arcseconds, and the report contains text, plots and tables."""
+    job = server.services.analyses.start(of_frames("earth-fixed", server.fixed, title="roof"), user="engineer-1")
+    row = server.made(job)
     figures = row.result["figures"]
     assert np.linalg.norm(figures["rate_icrs_rad_s"]) == pytest.approx(SIDEREAL_RAD_S, rel=0.05)
     assert figures["solved"] == FRAMES
     assert figures["body"][0]["sigma_rad"] < 5e-5
     titles = [s["title"] for s in row.result["report"]["sections"]]
     assert titles == ["Steadiness", "As right ascension, declination, rotation", "Over time", "Distribution"]
-    assert b"Earth-fixed test" in roof.services.analyses.export(row.id, "html")
-    assert roof.services.analyses.export(row.id, "pdf").startswith(b"%PDF")
-    assert json.loads(roof.services.analyses.export(row.id, "json"))["figures"] == figures
+    assert b"Earth-fixed test" in server.services.analyses.export(row.id, "html")
+    assert server.services.analyses.export(row.id, "pdf").startswith(b"%PDF")
+    assert json.loads(server.services.analyses.export(row.id, "json"))["figures"] == figures
 
 
-def test_a_slew_at_the_sidereal_rate_and_a_wrong_one(roof: Roof) -> None:
-    """The Earth's own turn as a slew of 0.004178°/s agrees; half of it is doubted."""
-    start = roof.services.analyses.start
-    right = roof.made(start(FrameAnalysis("slew", "cubestar", roof.fixed, "reference", SIDEREAL_RAD_S), "", user="x"))
+def test_a_slew_at_the_sidereal_rate_and_a_wrong_one(server: AnalysisServer) -> None:
+    """The Earth's rotation as a slew of 0.004178°/s agrees; half that rate is reported as doubtful."""
+    start = server.services.analyses.start
+    right = server.made(start(of_frames("slew", server.fixed, commanded_deg_s=np.degrees(SIDEREAL_RAD_S)), user="x"))
     assert right.result["figures"]["mean_speed_rad_s"] == pytest.approx(SIDEREAL_RAD_S, rel=0.05)
-    wrong = roof.made(
-        start(FrameAnalysis("slew", "cubestar", roof.fixed, "reference", SIDEREAL_RAD_S / 2), "", user="x")
+    wrong = server.made(
+        start(of_frames("slew", server.fixed, commanded_deg_s=np.degrees(SIDEREAL_RAD_S) / 2), user="x")
     )
     assert "rate" in {n["code"] for n in wrong.result["report"]["notes"]}
 
 
-def test_sensitivity_noise_and_spatial_error(roof: Roof) -> None:
-    """The limit is near the camera's, noise is told for two exposures, residuals are mapped."""
-    start = roof.services.analyses.start
-    limit = roof.made(start(FrameAnalysis("sensitivity", "cubestar", roof.fixed), "", user="x"))
+def test_sensitivity_noise_and_spatial_error(server: AnalysisServer) -> None:
+    """The limit is close to the camera's, noise is reported for two exposures, and residuals are mapped."""
+    start = server.services.analyses.start
+    limit = server.made(start(of_frames("sensitivity", server.fixed), user="x"))
     figures = limit.result["figures"]
     assert CAMERA.sensor.faint_limit_mag < figures["mag_90"] < figures["mag_50"] < 6.5
     assert limit.result["report"]["notes"] == []
-    curve = roof.made(start(FrameAnalysis("nea", "cubestar", roof.fixed + roof.short), "", user="x"))
+    curve = server.made(start(of_frames("nea", server.fixed + server.short), user="x"))
     assert curve.result["figures"]["exposure_s"] == [0.1, 0.25]
-    spatial = roof.made(start(FrameAnalysis("spatial", "cubestar", roof.fixed), "", user="x"))
+    spatial = server.made(start(of_frames("spatial", server.fixed), user="x"))
     assert 0 < spatial.result["figures"]["rms_px"] < 0.5
 
 
-def test_two_cameras_and_the_replicas_chain(roof: Roof) -> None:
-    """The same frames by another chain as a second camera: the mounting is no turn at all."""
-    wanted = FrameAnalysis("two-cameras", "cubestar", roof.fixed, "cubestar", None, "cubestar", roof.fixed)
-    row = roof.made(roof.services.analyses.start(wanted, "", user="x"))
+def test_two_cameras_and_the_replicas_chain(server: AnalysisServer) -> None:
+    """The same frames processed by another chain as a second camera give a mounting rotation of zero."""
+    wanted = of_frames(
+        "two-cameras", server.fixed, chain="cubestar", other_profile="cubestar", other_ids=list(server.fixed)
+    )
+    row = server.made(server.services.analyses.start(wanted, user="x"))
     assert abs(row.result["figures"]["second_from_first"][3]) == pytest.approx(1)
 
 
-def test_telemetry_alone_is_enough(roof: Roof) -> None:
-    """Attitude packets of a contact give noise and availability; a contact without any is told."""
+def test_telemetry_alone_is_enough(server: AnalysisServer) -> None:
+    """Attitude packets of a contact give noise and availability; a contact without packets is rejected."""
     rng = np.random.default_rng(2)
-    with roof.services.database.unit_of_work() as session:
+    with server.services.database.unit_of_work() as session:
         contact = Contact(url="test", started=NIGHT, ended=NIGHT + timedelta(seconds=300))
         empty = Contact(url="test", started=NIGHT, ended=NIGHT + timedelta(seconds=300))
         session.add_all([contact, empty])
@@ -154,30 +163,63 @@ def test_telemetry_alone_is_enough(roof: Roof) -> None:
                     values=values,
                 )
             )
-    row = roof.made(roof.services.analyses.start(TelemetryAnalysis(contact.id), "", user="x"))
+    row = server.made(server.services.analyses.start(TelemetryAnalysis(kind="telemetry", contact=contact.id), user="x"))
     assert row.result["figures"]["noise_rad"] == pytest.approx([5e-5] * 3, rel=0.2)
     assert row.result["figures"]["availability"] == pytest.approx(0.98)
-    job = roof.services.analyses.start(TelemetryAnalysis(empty.id), "", user="x")
+    job = server.services.analyses.start(TelemetryAnalysis(kind="telemetry", contact=empty.id), user="x")
     with pytest.raises(AssertionError, match="no attitudes"):
-        roof.made(job)
+        server.made(job)
 
 
-def test_what_cannot_be_analysed_is_told(roof: Roof) -> None:
-    """Wrong kinds, missing rates, unknown frames and cameras at once; a camera that is not these frames' by the job."""
-    service = roof.services.analyses
+def test_impossible_analyses_are_rejected(server: AnalysisServer) -> None:
+    """Wrong kinds, missing rates, unknown frames and cameras at once; a camera that did not take these frames in the
+    job.
+    """
+    service = server.services.analyses
     for wrong in (
-        lambda: FrameAnalysis("astrology", "cubestar", roof.fixed),
-        lambda: FrameAnalysis("slew", "cubestar", roof.fixed),
-        lambda: FrameAnalysis("two-cameras", "cubestar", roof.fixed),
-        lambda: FrameAnalysis("earth-fixed", "cubestar", ()),
-        lambda: FrameAnalysis("earth-fixed", "cubestar", roof.fixed, "cassini"),
+        lambda: of_frames("slew", server.fixed),
+        lambda: of_frames("two-cameras", server.fixed),
+        lambda: of_frames("earth-fixed", ()),
+        lambda: of_frames("earth-fixed", server.fixed, chain="cassini"),
     ):
         with pytest.raises(BadInput):
             wrong()
     with pytest.raises(NotFound):
-        service.start(FrameAnalysis("earth-fixed", "cubestar", (9999,)), "", user="x")
+        service.start(of_frames("earth-fixed", (9999,)), user="x")
     with pytest.raises(NotFound):
-        service.start(TelemetryAnalysis(9999), "", user="x")
-    job = service.start(replace(FrameAnalysis("earth-fixed", "sunsat", roof.fixed)), "", user="x")
+        service.start(TelemetryAnalysis(kind="telemetry", contact=9999), user="x")
+    job = service.start(of_frames("earth-fixed", server.fixed, profile="sunsat"), user="x")
     with pytest.raises(AssertionError, match="no frame could be solved"):
-        roof.made(job)
+        server.made(job)
+
+
+def test_a_performance_sheet_of_a_night_states_what_it_lacks(server: AnalysisServer) -> None:
+    """The rows that these frames can give have intervals; the others say what they need. Exports have the same rows."""
+    wanted = SheetRequest(kind="sheet", profile="cubestar", frame_ids=list(server.fixed), title="unit 1")
+    row = server.made(server.services.analyses.start(wanted, user="engineer-1"))
+    rows = {r["key"]: r for r in row.result["figures"]["rows"]}
+    assert rows["acquisition"]["measured"]
+    assert rows["acquisition"]["figures"][0]["value"] == 100
+    assert rows["acquisition"]["figures"][0]["low"] < 100
+    assert "second head" in rows["bias"]["needs"]
+    assert all(r["needs"] for r in rows.values() if not r["measured"])
+    assert row.result["figures"]["source"] == "frames"
+    assert server.services.analyses.export(row.id, "pdf").startswith(b"%PDF")
+    assert b"Thermo-elastic error" in server.services.analyses.export(row.id, "html")
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({}, "frames or of a simulated unit"),
+        ({"simulated": True, "frame_ids": [1]}, "frames or of a simulated unit"),
+        ({"frame_ids": [1, 1]}, "frames cannot be used"),
+        ({"frame_ids": [1], "other_ids": [2]}, "second head"),
+        ({"frame_ids": [1], "mounting": [0.5, 0.0, 0.0, 0.0]}, "unit quaternion"),
+        ({"frame_ids": [1], "chain": "nobody's"}, "unknown chain"),
+    ],
+)
+def test_impossible_sheets_are_refused(more: dict[str, Any], words: str) -> None:
+    """Nothing is queued for a request that contradicts itself."""
+    with pytest.raises(BadInput, match=words):
+        SheetRequest(kind="sheet", profile="cubestar", **more)

@@ -1,4 +1,4 @@
-"""Who may command: taking, releasing, breaking, and the record of it."""
+"""Command authority: taking, releasing, breaking, and their records."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def texts(bus) -> list[str]:
 
 
 def test_one_holder_at_a_time(authority, clock):
-    """Take, refuse the other with the holder's name, release, then the other may take it."""
+    """Take it, reject the other user with the holder's name, release it, then the other may take it."""
     assert authority.state().holder is None
     assert authority.take("ann").holder.holder == "ann"
     with pytest.raises(Conflict, match="held by ann") as caught:
@@ -37,15 +37,15 @@ def test_one_holder_at_a_time(authority, clock):
     assert (state.history[1].ended - state.history[1].taken).total_seconds() == 10
 
 
-def test_taking_twice_is_taking_once(authority, bus):
-    """What one holds already need not be recorded again."""
+def test_taking_twice_is_recorded_once(authority, bus):
+    """Taking authority that the user already holds adds no record."""
     authority.take("ann")
     assert len(authority.take("ann").history) == 1
     assert texts(bus) == ["ann took command authority"]
 
 
-def test_the_first_command_takes_it_and_says_so(authority, bus):
-    """Nobody has to take it beforehand; the record tells how it was taken."""
+def test_the_first_command_takes_it_and_records_so(authority, bus):
+    """No user has to take it beforehand; the record states how it was taken."""
     authority.require("ann")
     authority.require("ann")
     assert authority.holder() == "ann"
@@ -54,12 +54,12 @@ def test_the_first_command_takes_it_and_says_so(authority, bus):
         authority.require("bob")
 
 
-def test_breaking_needs_a_reason_and_somebody_else(authority, bus):
-    """The reason stays with the row that was ended and in a warning; breaking one's own or nobody's is refused."""
-    with pytest.raises(Conflict, match="nobody else"):
+def test_breaking_needs_a_reason_and_another_holder(authority, bus):
+    """The reason is stored with the ended row and in a warning; a user cannot break his own or unheld authority."""
+    with pytest.raises(Conflict, match="no other user"):
         authority.break_("bob", "pass begins")
     authority.take("ann")
-    with pytest.raises(Conflict, match="nobody else"):
+    with pytest.raises(Conflict, match="no other user"):
         authority.break_("ann", "pass begins")
     for bad in ("", "  \n ", "x" * 301):
         with pytest.raises(BadInput, match="needs a reason"):
@@ -77,7 +77,7 @@ def test_breaking_needs_a_reason_and_somebody_else(authority, bus):
 
 
 def test_only_the_holder_releases(authority):
-    """Neither a bystander nor anybody after the release."""
+    """Neither another user, nor any user after the release."""
     with pytest.raises(Conflict, match="only the holder"):
         authority.release("ann")
     authority.take("ann")
@@ -87,7 +87,7 @@ def test_only_the_holder_releases(authority):
 
 
 def test_two_first_commands_at_once_have_one_winner(authority):
-    """Whoever comes second is refused, however close behind."""
+    """The second one is rejected however small the delay."""
 
     def first(user: str) -> bool:
         try:
@@ -102,24 +102,24 @@ def test_two_first_commands_at_once_have_one_winner(authority):
     assert authority.holder() == f"user-{won.index(True)}"
 
 
-def test_authority_outlives_the_server(authority, database, bus, clock):
-    """A new server finds the same holder."""
+def test_authority_survives_a_restart(authority, database, bus, clock):
+    """A new server restores the same holder."""
     authority.take("ann")
     assert AuthorityService(database, bus, clock).holder() == "ann"
 
 
 @pytest.mark.parametrize("name", ["", " ann", "a\nb", "x" * 61])
-def test_unprintable_names_hold_nothing(authority, name):
-    """Names end up on the header bar and in exports."""
+def test_unprintable_names_cannot_hold_authority(authority, name):
+    """Names are shown in the header bar and in exports."""
     with pytest.raises(BadInput, match="not a user name"):
         authority.take(name)
     assert authority.holder() is None
 
 
 def test_every_change_is_published(authority, bus):
-    """Topic "authority" carries the whole state."""
+    """Topic "authority" carries the complete state."""
     subscription = bus.subscribe(lambda: None)
     authority.take("ann")
     authority.release("ann")
-    told = [m.payload for m in subscription.take()[0] if m.topic == "authority"]
-    assert [state.holder.holder if state.holder else None for state in told] == ["ann", None]
+    published = [m.payload for m in subscription.take()[0] if m.topic == "authority"]
+    assert [state.holder.holder if state.holder else None for state in published] == ["ann", None]

@@ -1,4 +1,6 @@
-"""Calibrations as use cases: made from stored frames, kept as versions, compared, used for reruns, made into a sensor's table."""
+"""Calibrations as use cases: created from stored frames, versioned, compared, used for reruns, exported as a sensor
+table.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,21 +20,22 @@ from gss.catalogue_tools.sources.hipparcos import propagate
 from gss.domain.camera import Brown, Camera
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.solve import SolveRequest
 from gss.operations.report.parts import report_from
 from gss.operations.studies.calibration_export import export_calibration
-from gss.operations.studies.calibration_requests import BenchCalibration, DetectorCalibration, StarCalibration
+from gss.operations.studies.calibration_requests import BenchCentre, DetectorCalibration, StarCalibration
 from gss.operations.studies.calibration_sheet import calibration_sheet
 from gss.operations.studies.camera_book import CameraBook
 from gss.pipeline.render import render
+from gss.services import Services
 from gss.settings import Settings
 from gss.store.models import Job
-from gss.wiring import Services, build
+from gss.wiring import build
 
 NIGHT = datetime(2026, 12, 1, 20, tzinfo=UTC)
 FRAMES = 8
-DOCUMENTED = profile("cubestar")
+DOCUMENTED = shipped_camera("cubestar")
 TRUE = replace(
     DOCUMENTED.camera,
     focal_col_px=DOCUMENTED.camera.focal_col_px * 1.002,
@@ -40,7 +44,7 @@ TRUE = replace(
     centre_row_px=DOCUMENTED.camera.centre_row_px - 2.0,
     distortion=Brown(-0.31, 0.11, 0.002, -0.003),
 )
-"""What this one unit really is, against what its document says."""
+"""The camera of this unit; it differs from the documented one."""
 
 
 @dataclass
@@ -54,8 +58,8 @@ class Night:
     attitudes: list[np.ndarray]
 
     def done(self, job: Job) -> Job:
-        """The job when it has ended."""
-        end = time.monotonic() + 60
+        """Return the job after its end."""
+        end = time.monotonic() + 600
         while time.monotonic() < end:
             now = self.services.jobs.get(job.id)
             if now.state not in ("queued", "running"):
@@ -75,7 +79,7 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Night]:
     attitudes, ids = [], []
 
     def keep(pixels: np.ndarray, k: int) -> int:
-        frame = services.frames._add(
+        frame, _ = services.frames._add(
             pixels,
             source="import",
             taken=NIGHT + timedelta(seconds=60 * k),
@@ -101,17 +105,30 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Night]:
     services.database.close()
 
 
+def from_stars(ids: tuple[int, ...], *, profile: str = "cubestar", **more: Any) -> StarCalibration:
+    """Return a request for a calibration from these frames."""
+    return StarCalibration(kind="stars", profile=profile, frame_ids=list(ids), **more)
+
+
+def from_darks(ids: tuple[int, ...], flats: tuple[tuple[int, int], ...] = ()) -> DetectorCalibration:
+    """Return a request for a calibration from these dark frames and flat fields."""
+    pairs = [list(pair) for pair in flats]
+    return DetectorCalibration(kind="detector", profile="cubestar", dark_ids=list(ids), flat_pairs=pairs)
+
+
 @pytest.fixture(scope="module")
 def calibrated(night: Night) -> int:
     """Id of a calibration of all star frames."""
-    wanted = StarCalibration(night.frames, "cubestar")
-    job = night.done(night.services.calibrations.start(wanted, "roof", "first light", user="engineer-1"))
+    wanted = from_stars(night.frames, name="roof", note="first light")
+    job = night.done(night.services.calibrations.start(wanted, user="engineer-1"))
     assert job.state == "done", job.text
     return int(job.result["calibration_id"])
 
 
-def test_a_camera_is_found_from_its_own_frames(night: Night, calibrated: int) -> None:
-    """Focal length, centre and light of the unit itself come out of frames that were solved with the document's camera."""
+def test_a_camera_is_calibrated_from_its_own_frames(night: Night, calibrated: int) -> None:
+    """Focal length, centre and photometry of the unit are measured from frames that were solved with the documented
+    camera.
+    """
     row = night.services.calibrations.get(calibrated)
     assert row.kind == "stars"
     assert row.author == "engineer-1"
@@ -121,15 +138,17 @@ def test_a_camera_is_found_from_its_own_frames(night: Night, calibrated: int) ->
     assert abs(2.5 * np.log10(row.values["zero_point_e_s"] / (0.8 * DOCUMENTED.sensor.zero_point_e_s))) < 0.1
 
 
-def test_the_calibrated_camera_is_used_for_reruns_and_said(night: Night, calibrated: int) -> None:
-    """From the moment it is chosen, results are made with it, better, and say so; the documented one comes back on demand."""
+def test_the_selected_calibration_is_used_for_reruns_and_reported(night: Night, calibrated: int) -> None:
+    """After selection, results use the calibration, are more accurate and name it; the documented camera can be
+    selected again.
+    """
     services = night.services
     before = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
     services.calibrations.use(calibrated, user="engineer-1")
     after = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
     assert after.rms_px < 0.6 * before.rms_px
     assert f"camera: calibration {calibrated}" in after.notes
-    assert CameraBook(services.database, lambda: NIGHT).in_use("cubestar") == calibrated
+    assert CameraBook(services.database, services.instruments, lambda: NIGHT).in_use("cubestar") == calibrated
     services.calibrations.use_documented("cubestar", user="engineer-1")
     again = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
     assert again.rms_px == pytest.approx(before.rms_px)
@@ -140,8 +159,8 @@ def test_the_calibrated_camera_is_used_for_reruns_and_said(night: Night, calibra
 def test_versions_are_compared_over_the_detector(night: Night, calibrated: int) -> None:
     """A second version from fewer frames differs by less than a pixel, and the changed values are listed."""
     services = night.services
-    wanted = StarCalibration(night.frames[:6], "cubestar", photometry=False, psf=False)
-    job = night.done(services.calibrations.start(wanted, "", "", user="engineer-1"))
+    wanted = from_stars(night.frames[:6], photometry=False, psf=False)
+    job = night.done(services.calibrations.start(wanted, user="engineer-1"))
     found = services.calibrations.compare(calibrated, int(job.result["calibration_id"]))
     assert 0 < found.geometry.rms_px < 1.0
     assert "focal_col_px" in found.changed
@@ -149,7 +168,7 @@ def test_versions_are_compared_over_the_detector(night: Night, calibrated: int) 
 
 
 def test_a_calibration_becomes_a_table_once(night: Night, calibrated: int) -> None:
-    """The sensor's table holds the calibration's values; asked twice, it is the same table."""
+    """The sensor's table contains the calibration's values; a second request returns the same table."""
     services = night.services
     table = services.calibrations.table(calibrated, user="engineer-1")
     assert table.kind == "calibration"
@@ -157,11 +176,11 @@ def test_a_calibration_becomes_a_table_once(night: Night, calibrated: int) -> No
     assert services.calibrations.table(calibrated, user="engineer-1").id == table.id
 
 
-def test_dark_frames_and_flats_give_the_detector(night: Night) -> None:
-    """Five electrons per number, the hot pixel where it is."""
+def test_dark_frames_and_flats_calibrate_the_detector(night: Night) -> None:
+    """Five electrons per number, and the hot pixel at its position."""
     services = night.services
-    wanted = DetectorCalibration("cubestar", night.darks, night.flats)
-    job = night.done(services.calibrations.start(wanted, "", "", user="engineer-1"))
+    wanted = from_darks(night.darks, night.flats)
+    job = night.done(services.calibrations.start(wanted, user="engineer-1"))
     assert job.state == "done", job.text
     row = services.calibrations.get(int(job.result["calibration_id"]))
     assert row.values["gain_e_per_dn"] == pytest.approx(5.0, rel=0.03)
@@ -169,8 +188,8 @@ def test_dark_frames_and_flats_give_the_detector(night: Night) -> None:
     assert calibration_sheet(row).sections
 
 
-def test_exports_are_read_by_others(night: Night, calibrated: int) -> None:
-    """JSON holds everything, ECSV is a table for astropy, HTML and PDF are the report."""
+def test_exports_are_readable_by_other_software(night: Night, calibrated: int) -> None:
+    """JSON contains everything, ECSV is a table for astropy, HTML and PDF are the report."""
     row = night.services.calibrations.get(calibrated)
     content = json.loads(export_calibration(row, "json"))
     assert content["result"]["geometry"]["parameters"]
@@ -183,11 +202,13 @@ def test_exports_are_read_by_others(night: Night, calibrated: int) -> None:
     assert report_from(calibration_sheet(row).as_dict()) == calibration_sheet(row)
 
 
-def test_a_camera_that_nobody_described_is_calibrated_blind(night: Night) -> None:
-    """Without a profile frames are solved blind; the camera comes out and can be exported, but not sent."""
+def test_a_camera_without_a_profile_is_calibrated_blind(night: Night) -> None:
+    """Frames are solved blind; the camera can be exported, but not sent."""
     services = night.services
-    wanted = StarCalibration(night.frames[:5], "", photometry=False, psf=False, fov_rad=float(TRUE.fov_rad[0]))
-    job = night.done(services.calibrations.start(wanted, "", "", user="engineer-1"))
+    wanted = from_stars(
+        night.frames[:5], profile="", photometry=False, psf=False, fov_deg=float(np.degrees(TRUE.fov_rad[0]))
+    )
+    job = night.done(services.calibrations.start(wanted, user="engineer-1"))
     assert job.state == "done", job.text
     row = services.calibrations.get(int(job.result["calibration_id"]))
     found: Camera = services.calibrations.camera(row.id)
@@ -198,44 +219,44 @@ def test_a_camera_that_nobody_described_is_calibrated_blind(night: Night) -> Non
         services.calibrations.use(row.id, user="engineer-1")
 
 
-def test_what_cannot_be_used_is_refused_before_it_is_queued(night: Night) -> None:
-    """Unknown frames, cameras and models, and too few darks are told at once; a frame without stars is told by the job."""
+def test_unusable_input_is_rejected_before_it_is_queued(night: Night) -> None:
+    """Unknown frames, cameras and models, and too few darks are rejected at once; a frame without stars fails the job."""
     service = night.services.calibrations
     for wrong in (
-        lambda: StarCalibration((), "cubestar"),
-        lambda: StarCalibration(night.frames, "cubestar", ("fisheye",)),
-        lambda: DetectorCalibration("cubestar", night.darks[:2]),
-        lambda: StarCalibration((1, 1), "cubestar"),
+        lambda: from_stars(()),
+        lambda: from_stars(night.frames, models=["fisheye"]),
+        lambda: from_darks(night.darks[:2]),
+        lambda: from_stars((1, 1)),
     ):
         with pytest.raises(BadInput):
             wrong()
     with pytest.raises(NotFound):
-        service.start(StarCalibration((9999,), "cubestar"), "", "", user="x")
+        service.start(from_stars((9999,)), user="x")
     with pytest.raises(NotFound):
-        service.start(StarCalibration(night.frames, "hubble"), "", "", user="x")
-    job = night.done(service.start(StarCalibration(night.darks, "cubestar"), "", "", user="x"))
+        service.start(from_stars(night.frames, profile="hubble"), user="x")
+    job = night.done(service.start(from_stars(night.darks), user="x"))
     assert job.state == "failed"
     assert "no frame could be solved" in job.text
 
 
-def test_a_centre_of_the_bench_holds_the_camera_where_stars_leave_it_loose(night: Night) -> None:
-    """Two frames, and a dot that ran round the true centre: with it the centre comes out five times nearer."""
+def test_a_measured_centre_constrains_the_camera_where_stars_do_not(night: Night) -> None:
+    """With two frames and a reference spot measured around the true centre the centre is five times more accurate."""
     services = night.services
     angle = np.arange(36) * 2 * np.pi / 36
     dots = np.column_stack([TRUE.centre_col_px + 8 * np.cos(angle), TRUE.centre_row_px + 8 * np.sin(angle)])
     job = night.done(
         services.calibrations.start(
-            BenchCalibration("bench-centre", "cubestar", tuple(map(tuple, dots.tolist()))), "", "", user="x"
+            BenchCentre(kind="bench-centre", profile="cubestar", dots_px=dots.tolist()), user="x"
         )
     )
     known = int(job.result["calibration_id"])
 
-    def error_px(priors: tuple[int, ...]) -> float:
-        wanted = StarCalibration(night.frames[:2], "cubestar", ("brown-2",), False, False, prior_ids=priors)
-        made = night.done(services.calibrations.start(wanted, "", "", user="x"))
+    def error_px(priors: list[int]) -> float:
+        wanted = from_stars(night.frames[:2], models=["brown-2"], photometry=False, psf=False, prior_ids=priors)
+        made = night.done(services.calibrations.start(wanted, user="x"))
         camera = services.calibrations.camera(int(made.result["calibration_id"]))
         return float(np.hypot(camera.centre_col_px - TRUE.centre_col_px, camera.centre_row_px - TRUE.centre_row_px))
 
-    free, held = error_px(()), error_px((known,))
+    free, held = error_px([]), error_px([known])
     assert held < 0.2
     assert free > 5 * held

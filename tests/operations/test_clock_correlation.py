@@ -8,11 +8,11 @@ import pytest
 from gss.operations.line.clock_correlation import JUMPED_AFTER, LEAST_SAMPLES, ClockTracker
 
 START_S = 1_796_000_000.0
-"""Some moment of 2026 in Unix time."""
+"""A time in 2026 as Unix time."""
 
 
 def fed(seconds: int, *, drift: float = 0.0, seed: int = 1, tracker: ClockTracker | None = None, ahead_s: float = 0.0):
-    """A tracker after that many packets at 1 Hz, each 20 ms and sometimes more under way; and the true relation."""
+    """Return a tracker after ``seconds`` packets at 1 Hz, each delayed by at least 20 ms, and the true relation."""
     tracker = tracker or ClockTracker()
     delays = 0.02 + np.random.default_rng(seed).exponential(0.05, seconds)
     for k in range(seconds):
@@ -24,7 +24,7 @@ def device_of(utc_s: float, drift: float) -> float:
     return 1000.0 + (utc_s - START_S) * (1 + drift)
 
 
-def test_nothing_is_claimed_before_enough_has_come():
+def test_nothing_is_estimated_from_too_few_packets():
     """Two packets are not a correlation."""
     for k in range(LEAST_SAMPLES):
         assert fed(k).estimate() is None
@@ -33,8 +33,8 @@ def test_nothing_is_claimed_before_enough_has_come():
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("drift", [0.0, 80e-6, -500e-6])
-def test_the_truth_lies_within_the_uncertainty(seed, drift):
-    """Both ways, now and half an hour on, with a steady and a drifting clock."""
+def test_the_true_time_is_within_the_uncertainty(seed, drift):
+    """In both directions, now and half an hour ahead, with a steady and a drifting clock."""
     clock = fed(300, drift=drift, seed=seed).estimate()
     for ahead_s in (0.0, 300.0, 2100.0):
         utc_s = START_S + ahead_s
@@ -45,15 +45,15 @@ def test_the_truth_lies_within_the_uncertainty(seed, drift):
     assert clock.drift == pytest.approx(drift, abs=clock.drift_uncertainty)
 
 
-def test_there_and_back_is_the_same_moment():
-    """device_of and utc_of are inverse."""
+def test_both_conversions_are_inverse():
+    """device_of and utc_of are inverse functions."""
     clock = fed(200, drift=1e-4).estimate()
     for utc_s in (START_S, START_S + 1e5):
         assert clock.utc_of(clock.device_of(utc_s)) == pytest.approx(utc_s, abs=1e-5)
 
 
 def test_uncertainty_grows_away_from_now():
-    """A day ahead the drift counts, and before it is known its bound does."""
+    """A day ahead the drift dominates; before the drift is measured its bound does."""
     young, old = fed(10).estimate(), fed(500).estimate()
     assert young.drift is None
     assert young.uncertainty_at(START_S + 86400) > 8.0
@@ -61,7 +61,7 @@ def test_uncertainty_grows_away_from_now():
 
 
 def test_a_stalled_line_is_not_a_jump_of_the_clock():
-    """Few late packets are left out, and the estimate stays."""
+    """A few late packets are excluded and the estimate does not change."""
     tracker = fed(100)
     before = tracker.estimate()
     for k in range(JUMPED_AFTER - 1):
@@ -73,8 +73,8 @@ def test_a_stalled_line_is_not_a_jump_of_the_clock():
 
 
 @pytest.mark.parametrize("jump_s", [5.0, -5.0])
-def test_a_clock_that_jumped_is_begun_anew(jump_s):
-    """Forward at once, backward after some packets; what was known before is void."""
+def test_the_correlation_restarts_after_a_clock_jump(jump_s):
+    """A forward jump at once, a backward jump after some packets; earlier samples are discarded."""
     tracker = fed(100)
     for k in range(100, 120):
         tracker.add(START_S + k + 0.03, device_of(START_S + k, 0.0) + jump_s)
@@ -84,7 +84,7 @@ def test_a_clock_that_jumped_is_begun_anew(jump_s):
 
 
 def test_a_device_that_runs_faster_than_time_is_not_correlated():
-    """Accelerated simulation: no claim is better than a wrong one."""
+    """Accelerated simulation: no estimate is better than a wrong one."""
     tracker = ClockTracker()
     for k in range(100):
         tracker.add(START_S + k, 10.0 * k)

@@ -1,4 +1,4 @@
-"""Dark frames kept with a calibration and taken out of the ground's reruns, where that calibration is in use."""
+"""Dark frames stored with a calibration and subtracted in ground reruns while that calibration is in use."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ import pytest
 
 from gss.domain.errors import CorruptData
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames.dark_frames import from_bytes
 from gss.operations.frames.solve import SolveRequest
 from gss.operations.report.parts import Picture
 from gss.operations.studies.calibration_export import export_calibration
 from gss.operations.studies.calibration_requests import DetectorCalibration, StarCalibration
 from gss.operations.studies.calibration_sheet import calibration_sheet
-from gss.operations.studies.dark_frames import from_bytes
-from gss.operations.studies.reprocess_worker import Order, Task, run_batch
+from gss.operations.studies.reprocess_worker import BatchSettings, Task, run_batch
 from gss.pipeline.chip import make_chip
 from gss.pipeline.render import render
+from gss.services import Services
 from gss.settings import Settings
-from gss.store.models import Calibration, Frame, Job
-from gss.wiring import Services, build
+from gss.store.models import Calibration, Job
+from gss.wiring import build
 
-SUNSAT = profile("sunsat")
+SUNSAT = shipped_camera("sunsat")
 WARM = 16.0
-"""Times the dark current: 32 °C warmer, where fixed pattern and hot pixels are what a frame shows first."""
+"""Factor of the dark current: 32 °C warmer, where fixed pattern and hot pixels dominate a frame."""
 NIGHT = datetime(2026, 6, 1, tzinfo=UTC)
 FRAMES = 6
 
@@ -57,7 +58,7 @@ class Warm:
         self.frames = tuple(self.keep(image(SUNSAT.sensor, stars, a), 20 + k) for k, a in enumerate(self.attitudes))
 
     def keep(self, pixels: np.ndarray, k: int) -> int:
-        frame: Frame = self.services.frames._add(
+        frame, _ = self.services.frames._add(
             pixels,
             source="device",
             taken=NIGHT + timedelta(seconds=10 * k),
@@ -69,15 +70,15 @@ class Warm:
         return frame.id
 
     def calibrate(self, wanted: DetectorCalibration | StarCalibration) -> Calibration:
-        job: Job = self.services.calibrations.start(wanted, "", "", user="engineer-1")
-        end = time.monotonic() + 60
+        job: Job = self.services.calibrations.start(wanted, user="engineer-1")
+        end = time.monotonic() + 600
         while (now := self.services.jobs.get(job.id)).state in ("queued", "running") and time.monotonic() < end:
             time.sleep(0.02)
         assert now.state == "done", now.text
         return self.services.calibrations.get(int(now.result["calibration_id"]))
 
     def spots(self, chain: str = "reference") -> tuple[int, list[str]]:
-        """Stars that were matched in all frames, and the notes of the last result."""
+        """Return the number of stars matched in all frames, and the notes of the last result."""
         matched, notes = 0, []
         for frame_id in self.frames:
             row = self.services.frames.solve(
@@ -89,7 +90,7 @@ class Warm:
 
 @pytest.fixture(scope="module")
 def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
-    """One warm detector for the file."""
+    """A server with one warm detector, shared by the tests of this file."""
     made = Warm(Path(tmp_path_factory.mktemp("warm")))
     yield made
     made.services.jobs.stop()
@@ -100,11 +101,11 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
 @pytest.fixture(scope="module")
 def detector(warm: Warm) -> Calibration:
     """A calibration of its detector."""
-    return warm.calibrate(DetectorCalibration("sunsat", warm.darks))
+    return warm.calibrate(DetectorCalibration(kind="detector", profile="sunsat", dark_ids=list(warm.darks)))
 
 
-def test_the_median_dark_frame_is_kept_and_shown(warm: Warm, detector: Calibration) -> None:
-    """A map to a hundredth of a DN in the store, a picture in the report, on paper and on the page."""
+def test_the_median_dark_frame_is_stored_and_shown(warm: Warm, detector: Calibration) -> None:
+    """A map with a resolution of 0.01 DN in the store, and a picture in the report, the PDF and the page."""
     kept = detector.result["dark_frame"]
     pattern = warm.services.calibrations._darks.pattern(kept["key"])
     stacked = np.median([warm.services.frames.pixels(warm.services.frames.get(i)) for i in warm.darks], axis=0)
@@ -122,8 +123,8 @@ def test_the_median_dark_frame_is_kept_and_shown(warm: Warm, detector: Calibrati
         from_bytes(bomb.getvalue())
 
 
-def test_reruns_see_more_stars_without_the_pattern_and_say_so(warm: Warm, detector: Calibration) -> None:
-    """Used, given up, and used by a worker process alike; the sensor's own chain gets the pixels as they came."""
+def test_reruns_detect_more_stars_without_the_pattern_and_report_it(warm: Warm, detector: Calibration) -> None:
+    """Subtracted, not subtracted, and in a worker process; the sensor's own chain gets the unmodified pixels."""
     services = warm.services
     before, notes = warm.spots()
     system, _ = warm.spots("sunsat")
@@ -136,7 +137,7 @@ def test_reruns_see_more_stars_without_the_pattern_and_say_so(warm: Warm, detect
         assert warm.spots("sunsat")[0] == system
         frame = services.frames.get(warm.frames[0])
         known = replace(services.calibrations.book.profile("sunsat"), sensor=SUNSAT.sensor)
-        order = Order(services.settings.blobs_url, 2026.5, "reference", {"sunsat": known})
+        order = BatchSettings(services.settings.blobs_url, 2026.5, "reference", {"sunsat": known}, {"sunsat": known})
         task = Task(frame.id, frame.sha256, frame.dtype, frame.rows, frame.columns, "sunsat", None)
         assert any("dark frame subtracted" in n for n in run_batch(order, [task])[0]["notes"])
     finally:
@@ -144,12 +145,12 @@ def test_reruns_see_more_stars_without_the_pattern_and_say_so(warm: Warm, detect
     assert warm.spots()[0] == before
 
 
-def test_a_calibration_from_stars_takes_the_dark_frame_in_use_and_hands_it_on(
-    warm: Warm, detector: Calibration
-) -> None:
-    """The camera that comes out keeps the detector's dark frame when it is used in its turn."""
+def test_a_calibration_from_stars_inherits_the_dark_frame(warm: Warm, detector: Calibration) -> None:
+    """The new camera keeps the detector's dark frame when it is used."""
     service = warm.services.calibrations
-    wanted = StarCalibration(warm.frames, "sunsat", ("radial-tilt",), photometry=False, psf=False)
+    wanted = StarCalibration(
+        kind="stars", frame_ids=list(warm.frames), profile="sunsat", models=["radial-tilt"], photometry=False, psf=False
+    )
     plain = warm.calibrate(wanted)
     service.use(detector.id, user="engineer-1")
     try:

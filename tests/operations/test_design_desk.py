@@ -1,4 +1,4 @@
-"""The design desk: a camera in, a record out that says where every number comes from."""
+"""Design studies: a camera as input, a record with the source of every figure as output."""
 
 from __future__ import annotations
 
@@ -11,30 +11,33 @@ import numpy as np
 import pytest
 
 from gss.catalogue_tools.design import report as r
-from gss.catalogue_tools.design.camera import design_camera
+from gss.catalogue_tools.design.camera import DesignCamera
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
-from gss.operations.catalogues.design import Along, Question, answer, document_rows, request_of
+from gss.instruments.registry import shipped_camera, shipped_registry
+from gss.operations.catalogues.design import DesignQuestion, answer, document_rows, request_of
 from gss.operations.catalogues.design_sheet import design_sheet
 from gss.operations.report.html import as_html
+from gss.operations.requests import request_from
 
 STARS = load_stars()
-ROWS = document_rows(STARS)
-SMALL = r.Effort(3_000, 400, 3e4, 200)
+ROWS = document_rows(shipped_registry().cameras_with_chain().values(), STARS)
+SUNSAT = DesignCamera.from_profile(shipped_camera("sunsat"))
+SMALL = r.DesignEffort(3_000, 400, 3e4, 200)
 
 
 def quick(**changes: Any) -> dict[str, Any]:
-    """The quick look at Sunsat."""
-    return answer(Question("sunsat", changes), STARS, quick=True, documents=ROWS)
+    """Return the quick study of Sunsat."""
+    return answer(DesignQuestion(profile="sunsat", **changes), SUNSAT, STARS, quick=True, documents=ROWS)
 
 
 def figure(record: dict[str, Any], key: str) -> Any:
-    """The figure of that name."""
+    """Return the figure of that name."""
     return next(f for f in record["figures"] if f["key"] == key)
 
 
 def test_every_figure_has_unit_source_and_a_finite_number() -> None:
-    """The record is plain JSON without NaN; figures say their source; the paper's values stand beside ours."""
+    """The record is plain JSON without NaN; figures state their source; the paper's values are listed beside ours."""
     record = quick(mag_limit=6.0)
     json.dumps(record, allow_nan=False)
     assert all(f["source"] and f["label"] and f["group"] for f in record["figures"])
@@ -48,9 +51,9 @@ def test_every_figure_has_unit_source_and_a_finite_number() -> None:
     assert [(m["x"], round(m["y"], 3)) for m in marks] == [(6.0, 0.56)]
 
 
-def test_an_edited_camera_stands_above_the_documents_own() -> None:
-    """As it is there are five lines; edited there are six, the edited one first, and the lens moves its figures."""
-    assert [c["name"] for c in quick()["cameras"]] == ["sunsat", "cubestar", "far_mst", "oersted", "aim"]
+def test_an_edited_camera_is_listed_before_the_documented_one() -> None:
+    """Unchanged there are five rows; edited there are six, the edited one first, and the lens changes its figures."""
+    assert [c["name"] for c in quick()["cameras"]] == ["aim", "cubestar", "far_mst", "oersted", "sunsat"]
     longer = quick(focal_mm=50.0)
     assert not any(c["marks"] for c in longer["curves"])
     assert len(longer["cameras"]) == 6
@@ -61,17 +64,19 @@ def test_an_edited_camera_stands_above_the_documents_own() -> None:
     assert figure(longer, "limit_mag")["value"] > figure(quick(), "limit_mag")["value"] + 1
 
 
-def test_the_full_count_adds_the_lens_trade_and_the_same_seed_gives_the_same() -> None:
-    """A small full count holds every lens and more pointings, tells its progress, and repeats exactly."""
-    told: list[float] = []
-    request = r.DesignRequest(design_camera("sunsat").edited(mag_limit=6.0))
-    first = r.design(request, STARS, SMALL, progress=told.append)
+def test_the_full_count_adds_the_lens_trade_and_is_reproducible() -> None:
+    """A small full count contains every lens and more pointings, reports its progress, and repeats exactly with the
+    same seed.
+    """
+    reported: list[float] = []
+    request = r.DesignRequest(DesignCamera.from_profile(shipped_camera("sunsat")).edited(mag_limit=6.0))
+    first = r.design(request, STARS, SMALL, progress=reported.append)
     again = r.design(request, STARS, SMALL)
     assert len(first.trade) == len(r.lens_trade.__globals__["LENS_FOCALS"]) * 3
     assert first.in_view.pointings == 3_000
-    assert told == sorted(told)
-    assert told[0] >= 0
-    assert told[-1] <= 1
+    assert reported == sorted(reported)
+    assert reported[0] >= 0
+    assert reported[-1] <= 1
     assert np.array_equal(first.in_view.histogram, again.in_view.histogram)
     assert first.accuracy == again.accuracy
     other = r.design(replace(request, seed=2), STARS, SMALL)
@@ -81,37 +86,39 @@ def test_the_full_count_adds_the_lens_trade_and_the_same_seed_gives_the_same() -
 
 
 def test_wide_and_deep_cameras_are_counted_with_fewer_pointings() -> None:
-    """A 100° camera to V 9 keeps to its budget of stars and says how many pointings it took."""
-    wide = design_camera("cubestar").edited(focal_mm=3.0, exposure_s=20.0, f_number=0.5, dark_current_e_s=1.0)
+    """A 100° camera to V 9 stays within its budget of stars and states its number of pointings."""
+    wide = DesignCamera.from_profile(shipped_camera("cubestar")).edited(
+        focal_mm=3.0, exposure_s=20.0, f_number=0.5, dark_current_e_s=1.0
+    )
     report = r.design(r.DesignRequest(wide), STARS, SMALL)
     assert report.looks < 400
     assert report.in_view.pointings < 3_000
     assert report.in_view.mean * report.in_view.pointings < SMALL.pairs * r.MOST_COUNTED * 1.5
 
 
-def test_an_orbit_takes_the_place_of_the_whole_sky() -> None:
+def test_an_orbit_replaces_the_whole_sky() -> None:
     """Along an orbit the record says so; a law that follows no orbit is refused."""
-    along = Along((1.7, 1.7), (0.0, 6.28), "zenith", (-0.1, 0.1))
-    record = answer(Question("sunsat", {}, along=along), STARS, quick=True, documents=ROWS)
+    along = DesignQuestion(profile="sunsat", sky="orbit", inclination_deg=97.4, raan_deg=[0.0, 360.0])
+    record = answer(along, SUNSAT, STARS, quick=True, documents=ROWS)
     assert record["sky"] == "along the orbit"
     with pytest.raises(BadInput, match="does not follow an orbit"):
-        request_of(Question("sunsat", {}, along=replace(along, pointing="inertial")))
+        request_of(along.model_copy(update={"pointing": "inertial"}), SUNSAT)
 
 
-def test_what_cannot_be_is_told() -> None:
-    """No star bright enough, a negative spare width; a baffle that cannot be is a sentence in the record, not an error."""
+def test_impossible_designs_are_rejected() -> None:
+    """No star bright enough, a negative spare width; an impossible baffle is a sentence in the record, not an error."""
     with pytest.raises(BadInput, match="sees no star"):
         quick(exposure_s=0.001, read_noise_e=10_000.0, f_number=32.0)
-    with pytest.raises(BadInput, match="spare width"):
-        request_of(Question("sunsat", {}, spare_mm=-1.0))
-    narrow = answer(Question("sunsat", {}, exclusion_rad=0.05), STARS, quick=True, documents=ROWS)
+    with pytest.raises(BadInput, match="spare_mm"):
+        request_from(DesignQuestion, {"profile": "sunsat", "spare_mm": -1.0})
+    narrow = answer(DesignQuestion(profile="sunsat", exclusion_deg=2.9), SUNSAT, STARS, quick=True, documents=ROWS)
     assert "corner of the field" in narrow["baffle_problem"]
     assert narrow["baffles"] == []
     assert any("saturates" in n for n in quick(exposure_s=60.0, mag_limit=1.0)["notes"])
     assert any("fainter than the radiometry" in n for n in quick(mag_limit=7.0)["notes"])
 
 
-def test_the_page_holds_figures_drawings_and_no_script() -> None:
+def test_the_page_contains_figures_drawings_and_no_script() -> None:
     """One page with every figure's source, a drawing per curve and baffle, and nothing loaded from outside."""
     record = quick(focal_mm=35.0)
     page = as_html(design_sheet(record))

@@ -1,4 +1,4 @@
-"""Bytes of an image transfer to pixels and back, whole and broken."""
+"""Bytes of an image transfer to pixels and back, complete and incomplete."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def noise(bits: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shape", [EIGHT, TWELVE])
-def test_a_whole_frame_goes_up_and_comes_down_the_same(shape: Shape) -> None:
+def test_a_frame_is_unchanged_by_upload_and_download(shape: Shape) -> None:
     """More than eight bits take two bytes, high byte first."""
     image = noise(shape.bits)
     data = wire_bytes(image, shape)
@@ -31,8 +31,8 @@ def test_a_whole_frame_goes_up_and_comes_down_the_same(shape: Shape) -> None:
 
 
 @pytest.mark.parametrize("shape", [EIGHT, TWELVE])
-def test_a_broken_frame_names_the_rows_that_are_whole(shape: Shape) -> None:
-    """Rows of which a byte is missing do not count."""
+def test_an_incomplete_frame_lists_its_complete_rows(shape: Shape) -> None:
+    """A row with a missing byte is incomplete."""
     row = 40 * shape.wire.itemsize
     picture = picture_of(
         "frame", wire_bytes(noise(shape.bits), shape), shape, None, [(0, 2 * row + 1), (5 * row - 1, 9 * row)]
@@ -41,7 +41,7 @@ def test_a_broken_frame_names_the_rows_that_are_whole(shape: Shape) -> None:
     assert not picture.complete
 
 
-def test_a_region_lies_at_its_place_and_a_broken_one_names_what_came() -> None:
+def test_a_region_keeps_its_position_and_an_incomplete_one_lists_its_rows() -> None:
     """Pixel coordinates stay those of the detector."""
     image, part = noise(12), Part(7, 11, 20, 5)
     data = wire_bytes(image, TWELVE)
@@ -56,18 +56,18 @@ def test_a_region_lies_at_its_place_and_a_broken_one_names_what_came() -> None:
         picture_of("region", data, TWELVE, Part(30, 0, 20, 5), [])
 
 
-def test_frames_that_do_not_fit_the_detector_are_refused_in_words() -> None:
-    """Size, kind of number and range."""
+def test_frames_that_do_not_fit_the_detector_are_rejected_with_a_reason() -> None:
+    """Size, data type and range."""
     with pytest.raises(BadInput, match="does not fit") as refused:
         wire_bytes(noise(8)[:20], EIGHT)
     assert (refused.value.expected, refused.value.got) == ("40 x 30 px", "40 x 20 px")
     with pytest.raises(BadInput, match="brighter"):
         wire_bytes(np.full((30, 40), 256, np.uint16), EIGHT)
-    with pytest.raises(BadInput, match="whole numbers"):
+    with pytest.raises(BadInput, match="integers"):
         wire_bytes(np.zeros((30, 40), np.float32), EIGHT)
 
 
-def test_the_image_s_own_size_goes_before_the_detector_s() -> None:
-    """frame_info is told with the image; the identity of the device is only the fallback."""
+def test_the_image_s_own_size_overrides_the_detector_s() -> None:
+    """frame_info is sent with the image; the identity of the device is only the fallback."""
     assert shape_of({"columns": 10, "rows": 5, "bits": 12}, 40, 30, 8) == Shape(10, 5, 12)
     assert shape_of({}, 40, 30, 8) == EIGHT

@@ -1,17 +1,17 @@
-"""The stream of what happened, and long work."""
+"""The event stream, and long-running jobs."""
 
 from __future__ import annotations
 
 import sqlite3
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import timedelta
 
 import pytest
 
 from gss.domain.errors import BadInput, Conflict
 from gss.operations.events import MAILBOX, EventBus
-from gss.operations.jobs import MOST_DEATHS, JobService
+from gss.operations.jobs import MOST_DEATHS, JobKind, JobRequest, JobService
 from gss.settings import Settings
 from gss.store import jobs as store
 from gss.store.engine import Database, open_engine
@@ -19,8 +19,8 @@ from gss.store.models import Job
 from gss.wiring import build
 
 
-def test_recorded_events_reach_every_mailbox_with_their_number(bus):
-    """Order and numbers are those of the record; other messages have no number."""
+def test_recorded_events_reach_every_subscriber_with_their_number(bus):
+    """BatchSettings and numbers are those of the record; other messages have no number."""
     woken = threading.Event()
     mailbox = bus.subscribe(woken.set)
     first = bus.record("kind", "ok", "one", detail=1)
@@ -35,8 +35,8 @@ def test_recorded_events_reach_every_mailbox_with_their_number(bus):
     assert mailbox.take() == ([], 0)
 
 
-def test_a_slow_listener_loses_the_oldest_and_is_told_how_many(bus):
-    """Mailboxes are bounded; drops are counted, never silent."""
+def test_a_slow_subscriber_loses_the_oldest_and_gets_their_number(bus):
+    """Queues are bounded; dropped messages are counted and reported."""
     mailbox = bus.subscribe(lambda: None)
     for k in range(MAILBOX + 3):
         bus.publish("x", k)
@@ -47,14 +47,32 @@ def test_a_slow_listener_loses_the_oldest_and_is_told_how_many(bus):
 
 @pytest.fixture
 def jobs(database, bus, clock):
-    """A job service that ends with the test."""
+    """A job service that is stopped after the test."""
     service = JobService(database, bus, clock, lambda _: None)
     yield service
     service.stop()
 
 
+@dataclass(frozen=True)
+class Sum(JobRequest):
+    """The request of these tests: numbers to add."""
+
+    numbers: tuple[int, ...] = ()
+
+
+def register(jobs, work, kind="sum"):
+    """Run jobs of a kind with ``work(run)``."""
+    jobs.register(JobKind(kind, Sum, lambda request, run: work(run)))
+
+
+def begin(jobs, work, kind="sum"):
+    """Queue a job that runs ``work(run)`` and return its id."""
+    register(jobs, work, kind)
+    return jobs.begin(kind, "t", Sum((1, 2))).id
+
+
 def wait_for_end(jobs, job_id: int) -> Job:
-    """The job when it has ended."""
+    """Return the job after its end."""
     for _ in range(2000):
         job = jobs.get(job_id)
         if job.finished is not None:
@@ -63,31 +81,33 @@ def wait_for_end(jobs, job_id: int) -> Job:
     pytest.fail("the job did not end")
 
 
-def test_a_job_reports_progress_and_keeps_its_result(jobs, bus):
-    """Done, total and text are visible while it runs; the result stays."""
+def test_a_job_reports_progress_and_stores_its_result(jobs, bus):
+    """Completed items, total and text are readable while it runs; the result is stored."""
     mailbox = bus.subscribe(lambda: None)
 
-    def work(progress):
-        progress(1, 2, "half")
-        return {"answer": 42}
+    def work(request, run):
+        run.progress(1, 2, "half")
+        return {"answer": sum(request.numbers)}
 
-    job = wait_for_end(jobs, jobs.submit("k", "title", {"asked": 1}, work).id)
-    assert (job.state, job.result, job.request) == ("done", {"answer": 42}, {"asked": 1})
+    jobs.register(JobKind("sum", Sum, work))
+    job = wait_for_end(jobs, jobs.begin("sum", "title", Sum((40, 2), user="ann")).id)
+    assert (job.state, job.result) == ("done", {"answer": 42})
+    assert job.request == {"numbers": [40, 2], "user": "ann"}
     seen = [m.payload.text for m in mailbox.take()[0] if m.topic == "job"]
     assert "done" in seen
 
 
 def test_a_cancelled_job_ends_at_its_next_report(jobs):
-    """Cancelling leaves no result; cancelling twice says that it has ended."""
+    """A cancelled job has no result; a second cancellation reports that it has ended."""
     running, go = threading.Event(), threading.Event()
 
-    def work(progress):
+    def work(run):
         running.set()
         go.wait(10)
-        progress(1, 2, "never seen")
+        run.progress(1, 2, "never seen")
         return {"wrong": True}
 
-    job_id = jobs.submit("k", "t", {}, work).id
+    job_id = begin(jobs, work)
     assert running.wait(10)
     jobs.cancel(job_id)
     go.set()
@@ -98,23 +118,24 @@ def test_a_cancelled_job_ends_at_its_next_report(jobs):
 
 
 @pytest.mark.parametrize(
-    ("error", "words"), [(BadInput("no stars", expected="some"), "no stars"), (ZeroDivisionError("oops"), "defect")]
+    ("error", "words"),
+    [(BadInput("no stars", expected="some"), "no stars"), (ZeroDivisionError("oops"), "internal error")],
 )
-def test_a_failing_job_says_why_and_the_next_one_still_runs(jobs, bus, error, words):
-    """Bad input and defects are both visible ends; the worker lives on."""
+def test_a_failing_job_states_the_reason_and_the_next_one_runs(jobs, bus, error, words):
+    """Invalid input and defects both give a visible result; the worker continues."""
 
-    def work(_progress):
+    def work(_run):
         raise error
 
-    job = wait_for_end(jobs, jobs.submit("k", "t", {}, work).id)
+    job = wait_for_end(jobs, begin(jobs, work))
     assert job.state == "failed"
     assert words in job.text
     assert words in bus.after(0, 10)[-1].text
-    assert wait_for_end(jobs, jobs.submit("k", "t", {}, lambda _p: {}).id).state == "done"
+    assert wait_for_end(jobs, begin(jobs, lambda _run: {})).state == "done"
 
 
-def test_jobs_of_a_dead_server_are_closed_at_the_next_start(jobs, database, clock):
-    """Nothing stays "running" for ever."""
+def test_jobs_of_a_killed_server_are_closed_at_the_next_start(jobs, database, clock):
+    """No job stays "running"."""
     with database.unit_of_work() as session:
         job_id = store.add(session, Job(kind="k", title="t", state="running", created=clock())).id
     jobs.start()
@@ -124,7 +145,7 @@ def test_jobs_of_a_dead_server_are_closed_at_the_next_start(jobs, database, cloc
 
 
 def copy_as_a_crash_leaves_it(source, folder):
-    """The database as kill -9 at this moment would leave it, opened as the next server does."""
+    """Copy the database as kill -9 at this time would leave it, and open it as the next server does."""
     with sqlite3.connect(source.engine.url.database) as live, sqlite3.connect(folder / "after.db") as after:
         live.backup(after)
     live.close()
@@ -133,7 +154,7 @@ def copy_as_a_crash_leaves_it(source, folder):
 
 
 def a_sum(run, upto=6):
-    """Long work in chunks: squares are summed, each kept at once."""
+    """Sum squares in chunks, each stored at once."""
     kept = dict(run.checkpoint or {"next": 0, "sum": 0, "steps": []})
     for k in range(kept["next"], upto):
         run.progress(k, upto, f"chunk {k}")
@@ -143,8 +164,10 @@ def a_sum(run, upto=6):
 
 
 @pytest.mark.parametrize("killed_after", range(6))
-def test_a_job_goes_on_at_its_last_chunk_after_a_crash(jobs, database, clock, tmp_path, killed_after):
-    """Killed between any two chunks, the next server does the rest only, and the result is that of an uninterrupted run."""
+def test_a_job_continues_at_its_last_chunk_after_a_crash(jobs, database, clock, tmp_path, killed_after):
+    """After a kill between any two chunks the next server does only the remaining ones, and the result equals that of
+    an uninterrupted run.
+    """
     left: list[Database] = []
 
     def dying(run):
@@ -157,8 +180,7 @@ def test_a_job_goes_on_at_its_last_chunk_after_a_crash(jobs, database, clock, tm
             left.append(copy_as_a_crash_leaves_it(database, tmp_path))
         return a_sum(replace(run, keep=keep))
 
-    jobs.resumable("sum", dying)
-    whole = wait_for_end(jobs, jobs.begin("sum", "t", {}).id)
+    whole = wait_for_end(jobs, begin(jobs, dying))
     (after,) = left
     done: list[int] = []
 
@@ -167,7 +189,7 @@ def test_a_job_goes_on_at_its_last_chunk_after_a_crash(jobs, database, clock, tm
         return a_sum(run)
 
     second = JobService(after, EventBus(after, clock), clock, lambda _: None)
-    second.resumable("sum", rest)
+    register(second, rest)
     second.start()
     job = wait_for_end(second, whole.id)
     second.stop()
@@ -175,21 +197,25 @@ def test_a_job_goes_on_at_its_last_chunk_after_a_crash(jobs, database, clock, tm
     after.close()
 
 
-def test_a_job_that_kills_the_server_is_not_tried_for_ever(jobs, database, clock):
-    """After the third death without getting further it ends as failed and says so; its request is kept to start it by hand."""
+def test_a_job_that_kills_the_server_is_not_restarted_without_limit(jobs, database, clock):
+    """After the third crash without progress it fails with the reason; its request is kept so that a user can start it
+    again.
+    """
     with database.unit_of_work() as session:
-        row = store.add(session, Job(kind="design", title="t", state="running", created=clock(), request={"a": 1}))
+        row = store.add(
+            session, Job(kind="design", title="t", state="running", created=clock(), request={"numbers": [3]})
+        )
         row.attempts = MOST_DEATHS - 1
-    jobs.resumable("design", lambda run: {"asked": run.request})
+    jobs.register(JobKind("design", Sum, lambda request, run: {"sum": sum(request.numbers)}))
     jobs.start()
     job = jobs.get(row.id)
     assert (job.state, "stopped 3 times" in job.text) == ("failed", True)
     again = wait_for_end(jobs, jobs.again(job.id, user="ann").id)
-    assert (again.id > job.id, again.state, again.result) == (True, "done", {"asked": {"a": 1}})
+    assert (again.id > job.id, again.state, again.result) == (True, "done", {"sum": 3})
 
 
-def test_a_server_that_stops_in_good_order_leaves_resumable_work_to_the_next(database, bus, clock):
-    """Ctrl-C is no cancel: the job waits, and goes on where it was."""
+def test_a_regular_stop_leaves_resumable_jobs_to_the_next_server(database, bus, clock):
+    """Ctrl-C does not cancel: the job waits and continues at its last chunk."""
     running, first, second = (
         threading.Event(),
         JobService(database, bus, clock, lambda _: None),
@@ -203,19 +229,18 @@ def test_a_server_that_stops_in_good_order_leaves_resumable_work_to_the_next(dat
             run.progress(3, 6, "busy")
             threading.Event().wait(0.002)
 
-    first.resumable("sum", until_stopped)
-    job_id = first.begin("sum", "t", {}).id
+    job_id = begin(first, until_stopped)
     assert running.wait(10)
     first.stop()
     assert second.get(job_id).state == "queued"
-    second.resumable("sum", a_sum)
+    register(second, a_sum)
     second.start()
     assert wait_for_end(second, job_id).result == {"sum": 55, "chunks": 6}
     second.stop()
 
 
 def test_an_announced_stop_marks_jobs_before_the_threads_end(tmp_path):
-    """A process that is ended while a thread still computes leaves no job that counts as crashed."""
+    """A process that is killed while a thread still computes leaves no job that counts as crashed."""
     services, running, release = build(Settings(data=tmp_path)), threading.Event(), threading.Event()
 
     def compute(run):
@@ -224,8 +249,7 @@ def test_an_announced_stop_marks_jobs_before_the_threads_end(tmp_path):
         run.progress(1, 2, "one")
         return {}
 
-    services.jobs.resumable("experiments", compute)
-    job_id = services.jobs.begin("experiments", "t", {}).id
+    job_id = begin(services.jobs, compute, "experiments")
     try:
         assert running.wait(10)
         services.announce_stop()
@@ -241,19 +265,18 @@ def test_an_announced_stop_marks_jobs_before_the_threads_end(tmp_path):
     assert services.jobs.get(job_id).state == "queued"
 
 
-def test_an_interrupted_service_starts_no_job_and_keeps_the_end_of_one_that_finished(jobs, database):
-    """A job queued after the interruption waits for the next server; interrupting again changes nothing."""
-    jobs.resumable("sum", a_sum)
-    done = wait_for_end(jobs, jobs.begin("sum", "t", {}).id)
+def test_an_interrupted_service_starts_no_job_and_stores_one_that_finished(jobs, database):
+    """A job queued after the interruption waits for the next server; a second interruption changes nothing."""
+    done = wait_for_end(jobs, begin(jobs, a_sum))
     jobs.interrupt()
-    late = jobs.begin("sum", "late", {})
+    late = jobs.begin("sum", "late", Sum())
     jobs.interrupt()
     jobs.finish()
     assert (jobs.get(done.id).state, jobs.get(late.id).state, jobs.get(late.id).result) == ("done", "queued", {})
 
 
-def test_events_of_a_span_are_its_newest_in_their_order(database, clock):
-    """With more events in a span than asked for, the newest are told, oldest first."""
+def test_events_of_a_span_are_the_newest_in_order(database, clock):
+    """With more events in a span than requested, the newest are returned, oldest first."""
     bus = EventBus(database, clock)
     start = clock()
     for n in range(5):

@@ -1,4 +1,4 @@
-"""Long work in this thread, on processes, and on a Dask cluster whose scheduler and workers are processes of their own."""
+"""Jobs in this thread, on processes, and on a Dask cluster with scheduler and workers in separate processes."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ import pytest
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.errors import BadInput, GssError, StoreDown
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.operations.events import EventBus
 from gss.operations.jobs import Cancelled, JobService
 from gss.operations.studies import experiments, reprocess
+from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.dask_executor import make_executor
 from gss.operations.studies.executor import Executor, HereExecutor, LocalExecutor
-from gss.operations.studies.reprocess import Reprocessing, ReprocessService
+from gss.operations.studies.reprocess import ReprocessRequest, ReprocessService
 from gss.pipeline.render import render
 from gss.store import frames as store
 from gss.store.blobs import BlobStore
@@ -37,7 +38,7 @@ FRAMES = 14
 
 
 class Cluster:
-    """A scheduler and its workers, each a process; all end with :meth:`stop`."""
+    """A scheduler and its workers, each a process; :meth:`stop` ends all."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.file, self.processes = folder, folder / "scheduler.json", []
@@ -48,7 +49,7 @@ class Cluster:
         self.url: str = json.loads(self.file.read_text())["address"]
 
     def add_worker(self) -> subprocess.Popen[bytes]:
-        """One more, with one thread; nobody starts it again when it dies."""
+        """Start one more worker with one thread; it is not restarted when it ends."""
         return self._start("dask_worker", "--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", "127.0.0.1")
 
     def _start(self, program: str, *options: str) -> subprocess.Popen[bytes]:
@@ -59,7 +60,7 @@ class Cluster:
         return self.processes[-1]
 
     def stop(self) -> None:
-        """Workers first."""
+        """Stop the workers, then the scheduler."""
         for process in reversed(self.processes):
             if process.poll() is None:
                 process.kill()
@@ -77,7 +78,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     cluster.stop()
 
 
-class Desk:
+class ReprocessingServer:
     """A store with rendered frames and a reprocessing service on an executor."""
 
     def __init__(self, folder: Path, executor: Executor) -> None:
@@ -87,10 +88,12 @@ class Desk:
         self.bus = EventBus(self.database, lambda: datetime.now(UTC))
         self.jobs = JobService(self.database, self.bus, lambda: datetime.now(UTC), lambda _: None)
         blobs = BlobStore(str(folder / "blobs"))
+        shipped = shipped_registry()
+        book = CameraBook(self.database, shipped, lambda: T0)
         self.service = ReprocessService(
-            self.database, str(folder / "blobs"), self.jobs, lambda: T0, 2026.5, executor, "reference"
+            self.database, str(folder / "blobs"), self.jobs, lambda: T0, 2026.5, executor, "reference", book, shipped
         )
-        known, stars, rng = profile("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(11)
+        known, stars, rng = shipped_camera("cubestar"), propagate(load_stars(6.0), 2026.5), np.random.default_rng(11)
         with self.database.unit_of_work() as session:
             for k in range(FRAMES):
                 pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
@@ -103,7 +106,7 @@ class Desk:
                 store.add(session, row)
 
     def results(self) -> list[dict[str, Any]]:
-        """Stored solutions in order of storing, without what a clock measured."""
+        """Return stored solutions in order of storing, without measured times."""
         with self.database.unit_of_work() as session:
             rows = store.results(session)
             return [
@@ -111,55 +114,55 @@ class Desk:
             ]
 
 
-def test_a_cluster_that_loses_a_worker_gives_what_one_thread_gives(
+def test_a_cluster_that_loses_a_worker_gives_the_local_results(
     cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One of two workers is killed midway: the stored rows are those of a local run, in their order, each once."""
+    """One of two workers is killed midway: the stored rows are those of a local run, in order, each once."""
     monkeypatch.setattr(reprocess, "BATCH", 1)
-    wanted, kept = Reprocessing("cubestar"), []
+    wanted, kept = ReprocessRequest(chain="cubestar"), []
     for name, executor in (("here", HereExecutor()), ("dask", make_executor(cluster.url, 2))):
         (tmp_path / name).mkdir()
-        desk, told = Desk(tmp_path / name, executor), []
+        server, reported = ReprocessingServer(tmp_path / name, executor), []
 
-        def progress(done: int, total: int, _text: str, told: list[int] = told, name: str = name) -> None:
-            told.append(done)
-            if name == "dask" and len(set(told)) == 2:
+        def progress(done: int, total: int, _text: str, reported: list[int] = reported, name: str = name) -> None:
+            reported.append(done)
+            if name == "dask" and len(set(reported)) == 2:
                 cluster.processes[-1].send_signal(signal.SIGKILL)
 
-        answer = desk.service.work(wanted, desk.service.tasks(wanted), progress)
-        assert (answer["frames"], told[-1]) == (FRAMES, FRAMES)
+        answer = server.service.work(wanted, server.service.tasks(wanted), progress)
+        assert (answer["frames"], reported[-1]) == (FRAMES, FRAMES)
         assert sum(n for key, n in answer["counts"].items() if key in ("solved", "none")) == FRAMES
-        kept.append((desk.results(), answer["counts"]))
+        kept.append((server.results(), answer["counts"]))
         executor.stop()
-        desk.database.close()
+        server.database.close()
     assert cluster.processes[-1].wait(20) == -signal.SIGKILL
     cluster.add_worker()
     assert kept[0] == kept[1]
     assert [row["frame_id"] for row in kept[0][0]] == list(range(1, FRAMES + 1))
 
 
-def test_experiments_on_a_cluster_tell_their_progress_and_are_those_of_this_thread(cluster: Cluster) -> None:
-    """The same names and seed give the same records in the same order; what runs tells its share."""
-    asked = [("liebe-18", 300, 3), ("moniteq-noise", 6000, 1), ("erlank-3-6", 500, 4)]
+def test_experiments_on_a_cluster_report_progress_and_equal_local_ones(cluster: Cluster) -> None:
+    """The same names and seed give the same records in the same order; running items report their share."""
+    requested = [("liebe-18", 300, 3), ("moniteq-noise", 6000, 1), ("erlank-3-6", 500, 4)]
     shares: list[float] = []
     executor = make_executor(cluster.url, 1)
-    with closing(executor.in_order(experiments.run_item, asked, shares.append)) as records:
+    with closing(executor.in_order(experiments.run_item, requested, shares.append)) as records:
         there = list(records)
-    assert there == list(HereExecutor().in_order(experiments.run_item, asked, shares.append))
+    assert there == list(HereExecutor().in_order(experiments.run_item, requested, shares.append))
     executor.stop()
     assert any(0 < share < 1 for share in shares)
 
 
-def test_a_cancelled_run_leaves_the_cluster_free(cluster: Cluster) -> None:
-    """What waits is dropped at the next look, and the next run is served."""
+def test_a_cancelled_run_frees_the_cluster(cluster: Cluster) -> None:
+    """Queued items are dropped at the next check, and the next run is executed."""
     executor, looks = make_executor(cluster.url, 1), []
 
     def cancel(_share: float) -> None:
         looks.append(1)
         raise Cancelled
 
-    asked = [("liebe-18", 300, 3)] * 30
-    with pytest.raises(Cancelled), closing(executor.in_order(experiments.run_item, asked, cancel)) as records:
+    requested = [("liebe-18", 300, 3)] * 30
+    with pytest.raises(Cancelled), closing(executor.in_order(experiments.run_item, requested, cancel)) as records:
         list(records)
     assert looks == [1]
     with closing(executor.in_order(experiments.run_item, [("moniteq-noise", 600, 1)])) as records:
@@ -167,8 +170,8 @@ def test_a_cancelled_run_leaves_the_cluster_free(cluster: Cluster) -> None:
     executor.stop()
 
 
-def test_what_a_piece_of_work_says_comes_back_from_everywhere(cluster: Cluster) -> None:
-    """An error of the work is the same error on any executor; it is no death of a worker."""
+def test_an_error_of_an_item_is_raised_by_every_executor(cluster: Cluster) -> None:
+    """An error of the work is the same error on any executor and does not count as a lost worker."""
     for executor in (HereExecutor(), LocalExecutor(1), make_executor(cluster.url, 1)):
         with (
             pytest.raises(GssError, match="no-such-experiment"),
@@ -178,8 +181,8 @@ def test_what_a_piece_of_work_says_comes_back_from_everywhere(cluster: Cluster) 
         executor.stop()
 
 
-def test_an_absent_cluster_is_told(tmp_path: Path) -> None:
-    """No scheduler, a wrong URL, and a scheduler without workers are three sentences, not a hang."""
+def test_an_unavailable_cluster_is_reported(tmp_path: Path) -> None:
+    """No scheduler, a wrong URL, and a scheduler without workers give three messages instead of a hang."""
     pytest.importorskip("distributed")
     from gss.operations.studies import dask_executor
 
@@ -189,10 +192,10 @@ def test_an_absent_cluster_is_told(tmp_path: Path) -> None:
             list(records)
     lonely = Cluster(tmp_path)
     executor = dask_executor.DaskExecutor(lonely.url, no_worker_s=0.5)
-    asked = [("moniteq-noise", 600, 1)]
+    requested = [("moniteq-noise", 600, 1)]
     with (
         pytest.raises(StoreDown, match="no worker"),
-        closing(executor.in_order(experiments.run_item, asked)) as records,
+        closing(executor.in_order(experiments.run_item, requested)) as records,
     ):
         list(records)
     executor.stop()

@@ -13,8 +13,8 @@ from astropy.wcs import WCS
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.camera_record import camera_from, record_of
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import PROFILES
 from gss.domain.rotation import quaternion_from_matrix
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.operations.frames.fits_export import fits_file
 from gss.store.models import Frame, Solution
 
@@ -22,7 +22,7 @@ from gss.store.models import Frame, Solution
 @pytest.mark.parametrize("name", ["cubestar", "sunsat", "far_mst"])
 def test_world_coordinates_follow_the_camera_over_the_whole_detector(name):
     """astropy reads the same sky within 0.05 px at every pixel, and finds the pixel of a sky position again within 0.1 px."""
-    camera = PROFILES[name].camera
+    camera = shipped_camera(name).camera
     attitude = cam_from_icrs(*np.radians([84.0, -60.0, 313.0]))
     frame = Frame(id=1, number=3, taken=datetime(2026, 12, 1, tzinfo=UTC), exposure_s=0.25, profile=name)
     solution = Solution(
@@ -45,10 +45,10 @@ def test_world_coordinates_follow_the_camera_over_the_whole_detector(name):
     assert (header["INSTRUME"], header["EXPTIME"]) == (name, 0.25)
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
-def test_a_camera_survives_as_plain_values(name):
-    """What is stored with a solution is the camera it was measured with."""
+@pytest.mark.parametrize("name", sorted(shipped_registry().cameras()))
+def test_a_camera_is_restored_from_plain_values(name):
+    """The camera stored with a solution is the one it was measured with."""
     import json
 
-    camera = PROFILES[name].camera
+    camera = shipped_camera(name).camera
     assert camera_from(json.loads(json.dumps(record_of(camera)))) == camera

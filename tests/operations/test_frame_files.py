@@ -1,4 +1,4 @@
-"""Image files become frames, or a sentence that says why not."""
+"""Image files become frames, or an error that states the reason."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def picture(array: np.ndarray, kind: str, **options: object) -> bytes:
 @pytest.mark.parametrize("kind", ["PNG", "TIFF"])
 @pytest.mark.parametrize("array", [GREY8, GREY16], ids=["8 bit", "16 bit"])
 def test_lossless_pictures_keep_every_value(kind: str, array: np.ndarray) -> None:
-    """PNG and TIFF of 8 and 16 bits come back exactly, whatever the file is called."""
+    """PNG and TIFF of 8 and 16 bits are read exactly, whatever the file name."""
     frame = read_frame(picture(array, kind), "holiday.jpg")
     assert frame.pixels.dtype == array.dtype
     assert (frame.pixels == array).all()
@@ -61,17 +61,30 @@ def test_jpeg_is_read() -> None:
     assert np.abs(frame.pixels.astype(int) - smooth).max() <= 4
 
 
+@pytest.mark.parametrize("options", [{}, {"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
+@pytest.mark.parametrize("bands", [1, 3])
+def test_a_jpeg_header_that_states_more_rows_than_the_data_is_rejected(options: dict[str, object], bands: int) -> None:
+    """The decoder would invent the other pixels; the unchanged file is read in every form."""
+    shape = (64, 96) if bands == 1 else (64, 96, bands)
+    data = picture(RNG.integers(0, 256, shape, dtype=np.uint8), "JPEG", **options)
+    assert read_frame(data, "x.jpg").pixels.shape == (64, 96)
+    at = next(k for k in range(2, len(data)) if data[k : k + 2] in (b"\xff\xc0", b"\xff\xc2")) + 5
+    enlarged = data[:at] + (256).to_bytes(2, "big") + data[at + 2 :]
+    with pytest.raises(BadInput, match="damaged"):
+        read_frame(enlarged, "x.jpg")
+
+
 @pytest.mark.parametrize("kind", ["u1", "i2", "u2", "i4", "f4", "f8", "i8"])
 def test_every_fits_bitpix(kind: str) -> None:
-    """All BITPIX of the standard come in the right way up with their values."""
+    """All BITPIX of the standard are read in the right orientation with their values."""
     array = (np.arange(24 * 36).reshape(24, 36) % 200).astype(kind)
     frame = read_frame(fits_bytes(array), "a.fits")
     assert frame.pixels.dtype in (np.uint8, np.uint16, np.float32)
     assert (frame.pixels == array).all()
 
 
-def test_fits_header_is_carried() -> None:
-    """Exposure, date and instrument come from the header; scaling is applied; the first image extension is taken."""
+def test_fits_header_is_read() -> None:
+    """Exposure, date and instrument are read from the header; scaling is applied; the first image extension is used."""
     data = fits_bytes(GREY16, EXPTIME=0.25, **{"DATE-OBS": "2024-03-05T21:10:11.5", "INSTRUME": "tracker"})
     frame = read_frame(data, "a")
     assert (frame.pixels == GREY16).all()
@@ -130,8 +143,8 @@ BAD = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_unusable_files_say_why(what: str) -> None:
-    """Each damaged, empty, foreign, absurd or huge file is BadInput with the name, what was expected and what came."""
+def test_unusable_files_are_rejected_with_a_reason(what: str) -> None:
+    """Each damaged, empty, foreign, absurd or huge file is BadInput with its name, the expected and the actual content."""
     with pytest.raises(BadInput) as caught:
         read_frame(BAD[what], "night.png")
     assert "night.png" in caught.value.message
@@ -140,8 +153,8 @@ def test_unusable_files_say_why(what: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_any_truncation_is_refused_or_complete() -> None:
-    """Cut anywhere, a PNG is either refused or gives the whole picture: never a half-empty frame."""
+def test_any_truncation_is_rejected_or_complete() -> None:
+    """Truncated anywhere, a PNG is either rejected or decodes completely: never a partly empty frame."""
     whole = picture(GREY8, "PNG")
     for length in range(0, len(whole), 37):
         try:

@@ -1,4 +1,4 @@
-"""Every gap of a record gets the cause that the other records prove, and no other."""
+"""Every gap of a record gets the cause that other records prove, and no other."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gss.operations.line.gaps import Count, Happening, Sample, check_record
+from gss.operations.contacts.gaps import CLOCK_SET, RESTARTED, Count, Happening, Sample, check_record
 
 
 def steady(n: int, *, without=(), start: float = 1000.0) -> list[Sample]:
-    """n seconds of housekeeping, but for some of them."""
+    """Return ``n`` seconds of housekeeping samples except ``without``."""
     return [Sample(start + k, 50.0 + k, 10.0 + k, 1) for k in range(n) if k not in without]
 
 
 def count(at: float, **values: float) -> Count:
-    """A look at the counters of contact 1."""
+    """Return a sample of the counters of contact 1."""
     return Count(at, {"gaps": 0, "bad_crc": 0, "too_long": 0, "too_short": 0} | values, 1)
 
 
 @given(st.sets(st.integers(1, 58)))
-def test_what_is_held_and_what_is_missing_is_what_was_sent(without):
-    """Sixty packets were sent, whatever was lost of them."""
+def test_stored_and_missing_packets_add_up_to_those_sent(without):
+    """Sixty packets were sent, whatever number was lost."""
     check = check_record(steady(60, without=without), [], [])
     assert (check.expected, check.held) == (60, 60 - len(without))
     assert sum(gap.missing for gap in check.gaps) == len(without)
@@ -36,7 +36,7 @@ def test_what_is_held_and_what_is_missing_is_what_was_sent(without):
         ([count(1000), count(1014, gaps=4)], "lost on the line: 4 packets missing by their sequence counts"),
         (
             [count(1000), count(1014, gaps=4, bad_crc=3)],
-            "lost on the line: 4 packets missing by their sequence counts, 3",
+            "lost on the line: 4 packets missing by their sequence counts; 3 packets with a bad checksum",
         ),
         ([count(1000), count(1014, bad_crc=3)], "damaged on the line: 3 packets"),
         ([count(1000, gaps=7), count(1030, gaps=7)], "unexplained"),
@@ -44,7 +44,7 @@ def test_what_is_held_and_what_is_missing_is_what_was_sent(without):
         ([Count(1014, {"gaps": 9}, 2)], "unexplained"),
     ],
 )
-def test_counters_explain_only_what_they_counted_then(counts, cause):
+def test_counters_explain_only_gaps_of_their_time(counts, cause):
     """A rise over the gap explains it; one before it, or in another contact, does not."""
     (gap,) = check_record(steady(30, without={10, 11, 12}), counts, []).gaps
     assert gap.missing == 3
@@ -52,22 +52,22 @@ def test_counters_explain_only_what_they_counted_then(counts, cause):
     assert gap.explained == (not cause.startswith("unexplained"))
 
 
-def test_a_restart_a_set_clock_and_a_closed_line_are_causes():
-    """Told by the uptime, by an event, by the contacts."""
+def test_a_restart_a_set_clock_and_a_closed_link_are_causes():
+    """Recognised by the uptime, by an event, and by the contacts."""
     before, after = steady(5), [Sample(1012.0 + k, 3.0 + k, 1.0 + k, 1) for k in range(5)]
-    check = check_record([*before, *after], [], [Happening(1010.0, "BOOT", "watchdog")])
+    check = check_record([*before, *after], [], [Happening(1010.0, RESTARTED, "watchdog")])
     assert [(g.missing, g.cause) for g in check.gaps] == [(7, "the device restarted (watchdog)")]
     jumped = [*steady(5), *(Sample(1005.0 + k, 9000.0 + k, 15.0 + k, 1) for k in range(5))]
-    assert check_record(jumped, [], [Happening(1004.5, "TIME_SET")]).gaps == ()
+    assert check_record(jumped, [], [Happening(1004.5, CLOCK_SET)]).gaps == ()
     (gap,) = check_record(jumped, [], []).gaps
     assert not gap.explained
     second = [Sample(1020.0, 70.0, 30.0, 2)]
     (gap,) = check_record([*steady(5), *second], [], []).gaps
-    assert gap.cause == "the line was closed in between"
+    assert gap.cause == "the line was closed meanwhile"
 
 
 def test_late_is_not_missing():
-    """A line that stood still for six seconds and then gave everything: no gap, one late span."""
+    """A line that pauses for six seconds and then delivers everything gives no gap and one late span."""
     samples = [*steady(5), *(Sample(1010.0 + 0.01 * k, 55.0 + k, 15.0 + k, 1) for k in range(6))]
     check = check_record(samples, [], [])
     assert (check.gaps, check.expected, check.share) == ((), 11, 1.0)
@@ -75,8 +75,8 @@ def test_late_is_not_missing():
     assert check.late[0].missing == 0
 
 
-def test_the_ends_of_a_contact_are_looked_at():
-    """Before the first packet and after the last one; an empty contact is unexplained unless the line was lost."""
+def test_gaps_at_the_ends_of_a_contact_are_found():
+    """Before the first packet and after the last one; an empty contact is unexplained unless the link was lost."""
     young = [Sample(1010.0, 2.0, 1.0, 1)]
     (gap,) = check_record(young, [], [], start_s=1000.0, end_s=1011.0).gaps
     assert gap.cause == "the device was not running yet"

@@ -1,4 +1,4 @@
-"""Frames with a known truth are judged with the stars where they are now."""
+"""Frames with a known truth are scored with the stars at their current positions."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import pytest
 
 from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
-from gss.domain.profiles import profile
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
 from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.scoring import truth_on
 from gss.operations.frames.solution_rows import solution_values
 from gss.settings import Settings
 from gss.wiring import build
 
-CAMERA = profile("cubestar").camera
+CAMERA = shipped_camera("cubestar").camera
 FAST_HIP = 104214
-"""61 Cygni A: 5.3″ a year, a pixel and a half of this camera since the catalogue's epoch."""
+"""61 Cygni A: 5.3″ per year, 1.5 px of this camera since the catalogue's epoch."""
 
 
 def frame_with_the_star_come_in(old: Any, new: Any) -> np.ndarray:
-    """cam_from_icrs (3, 3) of a camera into whose first column the star came from outside."""
+    """Return cam_from_icrs (3, 3) of a camera whose first column the star entered through proper motion."""
     place = CAMERA.unproject(np.array([[0.0, CAMERA.rows / 2], [0.1, CAMERA.rows / 2]]))
     inwards = np.cross(np.cross(place[0], place[1] - place[0]), place[0])
     across = np.cross(np.cross(new, new - old), new)
@@ -35,7 +35,7 @@ def frame_with_the_star_come_in(old: Any, new: Any) -> np.ndarray:
 
 
 def perfect(cam_from_icrs: np.ndarray, stars: Any) -> SolveResult:
-    """What a chain without an error says of the stars of that frame."""
+    """Return the result of an error-free chain for the stars of that frame."""
     quaternion = quaternion_from_matrix(cam_from_icrs)
     truth = truth_on(CAMERA, quaternion, stars.brighter_than(6.0))
     n, flux = len(truth.hip), np.ones(len(truth.hip))
@@ -45,10 +45,10 @@ def perfect(cam_from_icrs: np.ndarray, stars: Any) -> SolveResult:
     return SolveResult("reference", Outcome.SOLVED, "", CAMERA, (), centroids, matches, attitude, 0.0)
 
 
-def test_a_star_that_has_come_into_the_frame_since_the_catalogue_is_no_false_name(
+def test_a_star_that_entered_the_frame_by_proper_motion_is_no_false_match(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Through the server's own parts the verdict is correct; with the stars of the catalogue's epoch it would be wrong."""
+    """The server's own parts score it as correct; with the stars of the catalogue's epoch it would be wrong."""
     then = load_stars()
     now = propagate(then, jyear_of(datetime.now(UTC)))
     row = int(np.flatnonzero(then.hip == FAST_HIP)[0])
@@ -57,10 +57,10 @@ def test_a_star_that_has_come_into_the_frame_since_the_catalogue_is_no_false_nam
     quaternion = [float(v) for v in quaternion_from_matrix(cam_from_icrs)]
     assert FAST_HIP in result.matches.hip
     assert not CAMERA.contains(CAMERA.project(matrix_from_quaternion(np.array(quaternion)) @ then.icrs[row])[None])[0]
-    assert solution_values(result, then, "cubestar", quaternion)["verdict"] == "wrong"
+    assert solution_values(result, then, shipped_camera("cubestar"), quaternion)["verdict"] == "wrong"
 
     services = build(Settings(data=tmp_path))
-    monkeypatch.setattr(services.frames, "_solve_later", lambda _frame_id: None)
+    monkeypatch.setattr(services.frames, "_solve_later", lambda *_: None)
     pixels = np.zeros((CAMERA.rows, CAMERA.columns), np.uint8)
     facts = {"taken": datetime.now(UTC), "bits": 8, "profile": "cubestar", "number": 1, "truth": quaternion}
     frame = services.frames.add_from_device(pixels, facts)

@@ -1,4 +1,4 @@
-"""Which addresses name a line, and where an operator may open one."""
+"""Which addresses are valid for a link, and which an operator may open."""
 
 from __future__ import annotations
 
@@ -28,8 +28,10 @@ LIST = "serial-server.lab, 10.0.5.0/24, fd00::/8"
         ("socket://2130706433:22", False),
     ],
 )
-def test_an_operator_opens_this_machine_and_what_is_listed(url: str, allowed: bool) -> None:
-    """Devices, loopback, listed names and networks; another spelling of an address is a name, and names are compared as text."""
+def test_an_operator_may_open_local_devices_and_listed_addresses(url: str, allowed: bool) -> None:
+    """Devices, loopback, listed names and networks; another spelling of an address counts as a name, and names are
+    compared as text.
+    """
     assert is_allowed(parse_line_address(url), LIST) is allowed
     assert is_allowed(parse_line_address("socket://10.0.5.9:7000"), "") is False
 
@@ -67,15 +69,15 @@ def test_an_operator_opens_this_machine_and_what_is_listed(url: str, allowed: bo
         "loop://",
     ],
 )
-def test_only_host_and_port_or_a_path_name_a_line(url: str) -> None:
+def test_only_host_and_port_or_a_path_form_an_address(url: str) -> None:
     """No user name, path, query, fragment or other scheme; ports are 1 – 65535."""
     with pytest.raises(BadInput) as refused:
         parse_line_address(url)
-    assert refused.value.expected == "a device path, socket://host:port or rfc2217://host:port"
+    assert refused.value.expected == "a device path, socket://host:port, rfc2217://host:port or udp://host:port"
 
 
 def test_an_address_has_scheme_host_and_port() -> None:
-    """As the checks need them; the text stays as it was given."""
+    """As the checks need them; the text stays unchanged."""
     assert parse_line_address("/dev/ttyS0") == LineAddress("/dev/ttyS0")
     text = "rfc2217://[FE80::1%eth0]:65535"
     assert parse_line_address(text) == LineAddress(text, "rfc2217", "fe80::1%eth0", 65535)

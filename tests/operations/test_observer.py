@@ -1,4 +1,4 @@
-"""The observer's velocity: when it is known, and what it is."""
+"""The observer's velocity: when it is known, and its value."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def frame(**values: Any) -> Any:
     return cast(Any, SimpleNamespace(**(row | values)))
 
 
-def test_velocity_is_that_of_the_earth() -> None:
-    """Without an orbit it is the Earth's, which the closed formula gives to 0.05″."""
+def test_velocity_without_an_orbit_is_that_of_the_earth() -> None:
+    """The closed formula gives it to 0.05″."""
     observer = observer_at(MOMENT)
     off = np.array(observer.velocity_c) - earth_velocity_c(jyear_of(MOMENT))
     assert np.linalg.norm(off) < 0.05 * ARCSEC_RAD
-    assert "was taken out" in observer.words
+    assert "was corrected" in observer.words
 
 
 def test_an_orbit_adds_its_own_velocity() -> None:
@@ -44,8 +44,10 @@ def test_an_orbit_adds_its_own_velocity() -> None:
     assert abs(added @ normal) / np.linalg.norm(added) < 0.01
 
 
-def test_only_a_known_time_tells_a_velocity() -> None:
-    """A device's frame has a time, an import dated by its arrival none, a simulated one is left alone unless asked for."""
+def test_a_velocity_needs_a_known_time() -> None:
+    """A device's frame has a time, an import dated by its arrival has none, a simulated one is uncorrected unless
+    requested.
+    """
     assert observer_of_frame(frame()) is not None
     assert observer_of_frame(frame(source="import")) is not None
     assert observer_of_frame(frame(source="import", received=MOMENT)) is None
@@ -54,7 +56,7 @@ def test_only_a_known_time_tells_a_velocity() -> None:
     assert observer_of_frame(frame(), False) is None
 
 
-def test_a_time_without_zone_is_refused() -> None:
-    """Local time is not a time."""
+def test_a_time_without_zone_is_rejected() -> None:
+    """The time zone of a local time is unknown."""
     with pytest.raises(BadInput, match="time zone"):
         observer_at(MOMENT.replace(tzinfo=None))

@@ -1,4 +1,4 @@
-"""Predicted places over a frame taken from a moving spacecraft."""
+"""Predicted star positions over a frame taken from a moving spacecraft."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from astropy.coordinates import GCRS, ICRS, SkyCoord
 from astropy.time import Time
 
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
-from gss.domain.profiles import profile
 from gss.domain.results import Centroids
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.overlay import predicted
 
 TIME = Time("2026-03-21T00:00:00", scale="utc")
 
 
-def test_predicted_places_are_where_a_moving_observer_sees_the_stars() -> None:
-    """Stars are drawn where astropy's geocentric observer sees them, and a quarter of a pixel off without the velocity."""
-    camera = profile("sunsat").camera
+def test_predicted_positions_include_the_observers_velocity() -> None:
+    """Stars are drawn where astropy's geocentric observer sees them; without the velocity they are a quarter of a pixel
+    off.
+    """
+    camera = shipped_camera("sunsat").camera
     stars = propagate(load_stars(6.0), 2026.2)
     velocity_c = tuple(float(v) for v in earth_velocity_c())
     rows = predicted(camera, np.eye(3), stars, 6.0, Centroids.from_pixels(np.zeros((0, 2))), velocity_c)
@@ -36,7 +38,7 @@ def test_predicted_places_are_where_a_moving_observer_sees_the_stars() -> None:
 
 
 def earth_velocity_c() -> np.ndarray:
-    """The Earth's, against the barycentre."""
+    """The Earth's velocity relative to the barycentre, in units of c."""
     from astropy.coordinates import get_body_barycentric_posvel
 
     return np.asarray(get_body_barycentric_posvel("earth", TIME)[1].xyz.to_value("km/s")) / 299792.458

@@ -1,4 +1,4 @@
-"""Files are parsed in child processes: what they return, what they may cost, and what becomes of them."""
+"""Files are parsed in child processes: their results, their limits and their end."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def parsing() -> Iterator[ParseProcesses]:
 
 
 def until(true: Callable[[], Any]) -> None:
-    """Wait for it, for 30 s at most."""
+    """Wait until ``true()``, for 30 s at most."""
     for _ in range(3000):
         if true():
             return
@@ -84,7 +84,7 @@ def until(true: Callable[[], Any]) -> None:
 
 
 def is_alive(pid: int) -> bool:
-    """True while the process runs; one that ended and was not waited for does not."""
+    """True while the process runs; an ended process that is not yet reaped counts as ended."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -93,14 +93,14 @@ def is_alive(pid: int) -> bool:
 
 @dataclass(frozen=True)
 class Nested:
-    """Of all that plain data can hold."""
+    """Everything that plain data can contain."""
 
     values: tuple[Any, ...]
     names: dict[int, str]
 
 
-def test_plain_data_comes_back_as_it_was() -> None:
-    """Numbers, text, times, arrays of any shape, numbered names and allowed dataclasses survive the way."""
+def test_plain_data_is_returned_unchanged() -> None:
+    """Numbers, text, times, arrays of any shape, named numbers and allowed dataclasses survive the transfer."""
     pixels = np.arange(12, dtype=">u2").reshape(3, 4)
     frame = ImportedFrame(pixels, 16, None, datetime(2026, 1, 2, tzinfo=UTC), {"a": "b"})
     whole = Nested(
@@ -153,26 +153,28 @@ def test_an_answer_that_is_not_plain_data_is_refused(text: bytes) -> None:
         ("leave", BadInput, "exit code 0"),
     ],
 )
-def test_every_end_is_one_clear_error(
+def test_every_failure_is_one_clear_error(
     parsing: ParseProcesses, parsers: ModuleType, name: str, kind: type[Exception], words: str
 ) -> None:
-    """A refusal, a defect, a crash and each limit reach the caller as one error that says which; the next file is read."""
-    for _ in range(2):  # also in a child that read a file before
+    """A rejection, a defect, a crash and each limit give the caller one error that names it; the next file is read."""
+    for _ in range(2):  # also in a child that has read a file
         with pytest.raises(kind, match=f"(?s){words}"):
             parsing.parse(getattr(parsers, name), b"x")
         assert parsing.parse(parsers.length, b"12345") == 5
 
 
-def test_a_parser_that_waits_is_ended_by_the_wall_time(parsers: ModuleType) -> None:
-    """A child that uses neither processor nor memory ends at the limit of time."""
+def test_a_waiting_parser_is_ended_by_the_time_limit(parsers: ModuleType) -> None:
+    """A child that uses neither processor nor memory ends at the time limit."""
     with ParseProcesses(ParseLimits(wall_s=3.0)) as parsing, pytest.raises(TooCostly, match=r"limit of time.*3 s"):
         parsing.parse(parsers.sleep, b"")
 
 
-def test_a_child_holds_nothing_of_the_server(
+def test_a_child_inherits_nothing_from_the_server(
     parsing: ParseProcesses, parsers: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its open files are pipes and the null device, its environment has no settings; what it prints is not in the answer."""
+    """Its open files are pipes and the null device, its environment has no settings; its printed output is not in the
+    answer.
+    """
     monkeypatch.setenv("GSS_DATABASE", "sqlite:///elsewhere.db")
     opened = parsing.parse(parsers.inside, b"")
     assert {name.split(":")[0] for name in opened} <= {"pipe", "/dev/null"}
@@ -180,10 +182,8 @@ def test_a_child_holds_nothing_of_the_server(
     assert parsing.parse(parsers.chatter, b"") == "quiet"
 
 
-def test_a_child_is_kept_for_the_next_file_only_if_it_read_the_last(
-    parsing: ParseProcesses, parsers: ModuleType
-) -> None:
-    """The same process reads two good files; after a refusal another one reads."""
+def test_a_child_is_reused_only_after_a_successful_read(parsing: ParseProcesses, parsers: ModuleType) -> None:
+    """The same process reads two valid files; after a rejection another one reads."""
     first = parsing.parse(parsers.process, b"")
     assert parsing.parse(parsers.process, b"") == first
     with pytest.raises(BadInput):
@@ -193,15 +193,15 @@ def test_a_child_is_kept_for_the_next_file_only_if_it_read_the_last(
 
 
 def test_an_idle_child_ends_and_the_next_file_is_read(parsers: ModuleType) -> None:
-    """A child without work ends by itself; the file that comes afterwards gets a new one."""
+    """A child without work ends automatically; a later file gets a new one."""
     with ParseProcesses(ParseLimits(idle_s=0.1)) as parsing:
         first = parsing.parse(parsers.process, b"")
         until(lambda: not is_alive(first))
         assert parsing.parse(parsers.process, b"") != first
 
 
-def test_more_files_than_turns_are_refused_and_a_stop_ends_all(parsers: ModuleType, tmp_path: Path) -> None:
-    """One is read, one waits, the third is told that the server is busy; a stop ends the first and the second."""
+def test_too_many_files_are_rejected_and_a_stop_ends_all(parsers: ModuleType, tmp_path: Path) -> None:
+    """One is read, one waits, the third gets "server busy"; a stop ends the first and the second."""
     errors: list[Exception] = []
     with ParseProcesses(turns=Turns(at_once=1, waiting=1, wait_s=60.0)) as parsing:
 
@@ -216,24 +216,24 @@ def test_more_files_than_turns_are_refused_and_a_stop_ends_all(parsers: ModuleTy
             thread.start()
         until((tmp_path / "never.began").exists)
         until(lambda: parsing._places._value == 0)
-        with pytest.raises(Busy, match="busy") as refused:
+        with pytest.raises(Busy, match="reading other files") as refused:
             parsing.parse(parsers.length, b"")
         assert refused.value.retry_after_s > 0
         parsing.stop()
         for thread in threads:
             thread.join(30)
-    assert [str(error)[:16] for error in errors] == ["the server stops"] * 2
+    assert [str(error)[:22] for error in errors] == ["the server is stopping"] * 2
     with pytest.raises(Busy):
         parsing.parse(parsers.length, b"")
 
 
-def test_a_file_that_gets_no_turn_in_time_is_refused(parsers: ModuleType, tmp_path: Path) -> None:
-    """Waiting is bounded too."""
+def test_a_file_that_waits_too_long_is_rejected(parsers: ModuleType, tmp_path: Path) -> None:
+    """The waiting time is bounded too."""
     with ParseProcesses(turns=Turns(at_once=1, waiting=1, wait_s=0.1)) as parsing:
         thread = threading.Thread(target=lambda: parsing.parse(parsers.wait_for, b"", str(tmp_path / "go")))
         thread.start()
         until((tmp_path / "go.began").exists)
-        with pytest.raises(Busy, match=r"no turn within 0\.1 s"):
+        with pytest.raises(Busy, match=r"no free worker within 0\.1 s"):
             parsing.parse(parsers.length, b"")
         (tmp_path / "go").touch()
         thread.join(30)
@@ -241,7 +241,7 @@ def test_a_file_that_gets_no_turn_in_time_is_refused(parsers: ModuleType, tmp_pa
 
 @pytest.mark.parametrize("function", ["wait_for", "hold_interpreter"])
 def test_a_child_ends_with_its_parent(parsers: ModuleType, tmp_path: Path, function: str) -> None:
-    """Kill -9 of the server ends the child in the middle of a file, also in code that never returns to the interpreter."""
+    """Kill -9 of the server ends the child during a file, also in code that never returns to the interpreter."""
     more = f", {str(tmp_path / 'x')!r}" if function == "wait_for" else ""
     program = "import some_parsers as p; from gss.operations.parsing.parse_processes import ParseProcesses as P; "
     program += f"P().parse(p.{function}, b''{more})"
@@ -249,14 +249,14 @@ def test_a_child_ends_with_its_parent(parsers: ModuleType, tmp_path: Path, funct
     children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
     until(lambda: children.read_text().split())
     child = int(children.read_text().split()[0])
-    time.sleep(1.0)  # into the file; earlier, the end of its input ends it
+    time.sleep(1.0)  # while it reads the file; before that, end of input would end it
     parent.send_signal(signal.SIGKILL)
     parent.wait()
     until(lambda: not is_alive(child))
 
 
-def test_a_child_that_cannot_be_started_is_busy(parsing: ParseProcesses, parsers: ModuleType) -> None:
-    """Without a free file descriptor the client is asked to send the file again; afterwards files are read."""
+def test_a_child_that_cannot_be_started_is_reported_as_busy(parsing: ParseProcesses, parsers: ModuleType) -> None:
+    """Without a free file descriptor the client gets "send the file again"; afterwards files are read."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     for _ in range(Turns().at_once + 1):
         resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))

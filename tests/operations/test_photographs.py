@@ -11,14 +11,15 @@ import pytest
 
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.results import Outcome, SolveResult
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.frame_files import read_frame
 from gss.operations.frames.solve import Solver, SolveRequest
 
 pytestmark = pytest.mark.photographs
 
 WITHIN_ARCSEC = 60.0
-# Trailed over nine pixels of 72″: where along the trail the reference put its stars is open by three pixels, and the two other
-# solvers of its cross-checks lie 143″ and 153″ from it as we do; only its own tolerance can be asked for.
+# The stars trail over nine pixels of 72″, so the reference's position along the trail is uncertain by three pixels. The
+# two other solvers of its cross-checks differ from it by 143″ and 153″, as GSS does; only its own tolerance is tested.
 TRAILED = "pifinder_7221cf4c_raw.png"
 
 
@@ -30,11 +31,11 @@ def truth(photographs: Path) -> dict[str, dict[str, Any]]:
 
 @pytest.fixture(scope="module")
 def solver() -> Solver:
-    return Solver()
+    return Solver(shipped_camera)
 
 
 def check(result: SolveResult, image: dict[str, Any], name: str) -> None:
-    """The image centre, roll, scale and the named stars against the reference."""
+    """Compare the image centre, roll, scale and the named stars with the reference."""
     assert result.outcome is Outcome.SOLVED, f"{name}: {result.reason}"
     assert result.attitude is not None
     assert result.matches is not None
@@ -59,7 +60,7 @@ def check(result: SolveResult, image: dict[str, Any], name: str) -> None:
 def test_every_photograph_is_solved_and_the_empty_one_is_not(
     way: str, photographs: Path, truth: dict[str, dict[str, Any]], solver: Solver
 ) -> None:
-    """All of the set within 60″ and their own tolerance, blind and with a rough field of view; the starless one stays unsolved."""
+    """All within 60″ and their own tolerance, blind and with a rough field of view; the starless one stays unsolved."""
     for k, (name, image) in enumerate(sorted(truth.items())):
         frame = read_frame((photographs / name).read_bytes(), name)
         wrong_by = 1 + 0.05 * (-1) ** k
@@ -80,7 +81,7 @@ def test_every_photograph_is_solved_and_the_empty_one_is_not(
 def test_mirrored_photographs_are_not_solved(
     photographs: Path, truth: dict[str, dict[str, Any]], solver: Solver
 ) -> None:
-    """Reversed left to right, a photograph has no solution and the reason says mirrored."""
+    """A photograph reversed left to right has no solution, and the reason is "mirrored"."""
     for name in ("cedar_pleiades.jpg", "ost_sciencecam_img2.png"):
         frame = read_frame((photographs / name).read_bytes(), name)
         result = solver.solve(frame.pixels[:, ::-1], SolveRequest(fov_rad=np.radians(truth[name]["fov_h_deg"])))

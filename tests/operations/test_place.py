@@ -1,4 +1,4 @@
-"""Where the camera is, as the ground was told it; against SGP4 in astropy's frames and the simulator's own orbit."""
+"""Camera position from orbital elements, compared with SGP4 in astropy's frames and the simulator's orbit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TLE = """1 25544U 98067A   26325.50000000  .00010000  00000-0  18000-3 0  9990
 
 
 def checked(text: str) -> str:
-    """The lines with their checksums put right."""
+    """Return the lines with corrected checksums."""
 
     def fix(line: str) -> str:
         return line[:68] + str(sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10)
@@ -29,15 +29,15 @@ def checked(text: str) -> str:
     return "\n".join(fix(line) for line in text.splitlines())
 
 
-def test_a_two_line_element_set_gives_the_place_that_astropy_gives():
-    """SGP4's axes are turned to ICRS: to a hundred metres against astropy's own way from TEME."""
+def test_a_two_line_element_set_gives_the_position_of_astropy():
+    """SGP4's axes are rotated to ICRS: within 100 m of astropy's transformation from TEME."""
     moment = datetime(2026, 11, 22, 3, 4, 5, tzinfo=UTC)
     at = Time(moment)
     lines = checked(TLE).splitlines()
     error, place, _ = Satrec.twoline2rv(*lines).sgp4(at.jd1, at.jd2)
     assert error == 0
     teme = TEME(CartesianRepresentation(np.array(place) * u.km), obstime=at)
-    # The Earth's rotation as foretold when astropy was made: some metres here.
+    # astropy's prediction of the Earth's rotation dates from its release: some metres here.
     offline = iers.conf.set_temp("auto_download", False), iers.conf.set_temp("auto_max_age", None)
     with offline[0], offline[1], warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -45,25 +45,25 @@ def test_a_two_line_element_set_gives_the_place_that_astropy_gives():
     assert np.linalg.norm(tle_km(checked(TLE), moment) - want) < 0.1
 
 
-def test_an_orbit_told_by_command_is_the_simulators_circle():
-    """SET_ORBIT's elements and clock give the same place as the simulator's orbit, in kilometres."""
+def test_a_commanded_orbit_equals_the_simulators_circle():
+    """SET_ORBIT's elements and clock give the same position as the simulator's orbit, in kilometres."""
     from gss.device.simulator.orbit import CircularOrbit
 
-    told = {"raan_deg": 84.0, "inclination_deg": 97.8, "latitude_deg": 30.0, "altitude_km": 600.0, "epoch_s": 100.0}
+    orbit = {"raan_deg": 84.0, "inclination_deg": 97.8, "latitude_deg": 30.0, "altitude_km": 600.0, "epoch_s": 100.0}
     flown = CircularOrbit(start_rad=np.radians(30.0))
     for after_s in (0.0, 777.0, 6000.0):
-        assert np.linalg.norm(circular_km(told, 100.0 + after_s) - flown.state(after_s)[0]) < 0.05
+        assert np.linalg.norm(circular_km(orbit, 100.0 + after_s) - flown.state(after_s)[0]) < 0.05
 
 
-def test_the_earth_is_below_and_as_large_as_the_height_says():
-    """From 600 km the limb is asin(R / (R + h)) from the centre, and the centre is opposite to the place."""
+def test_the_earth_disc_has_the_direction_and_size_for_the_height():
+    """From 600 km the limb is asin(R / (R + h)) from the centre, and the centre is opposite to the position."""
     place = Place(np.array([0.0, 6978.137, 0.0]), "")
     assert place.earth_icrs == pytest.approx([0, -1, 0])
     assert place.earth_radius_rad == pytest.approx(np.arcsin(6378.137 / 6978.137))
 
 
-def test_an_element_set_far_from_its_time_has_no_place():
-    """A decayed orbit is an error in words, not a point."""
+def test_an_element_set_far_from_its_epoch_has_no_position():
+    """A decayed orbit raises an error with a message."""
     with pytest.raises(BadInput):
         tle_km(
             checked(TLE.replace(".00010000", ".90000000")), datetime(2026, 11, 21, tzinfo=UTC) + timedelta(days=4000)

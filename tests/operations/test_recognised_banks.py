@@ -1,18 +1,22 @@
-"""A bank that was read back: which star each of its rows is."""
+"""A bank that was read back: the star of each of its rows."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.domain.stars import DistanceTable, OnboardCatalogue
 from gss.operations.transfers.banks import recognise
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import DistanceTable
 
 ALPHA_CENTAURI = (71683, 71681)
 
 
 def test_both_stars_of_a_close_pair_are_recognised():
-    """Each row is a star of its own: α Centauri's two, 20″ apart, are not twice the brighter one. No magnitudes are needed."""
+    """Each row is a separate star: α Centauri's two, 20″ apart, are not twice the brighter one.
+
+    No magnitudes are needed.
+    """
     stars = load_stars(3.0)
     rows = [stars.row_of_hip[hip] for hip in (*ALPHA_CENTAURI, 32349)]
     none = np.empty(0, np.int32)

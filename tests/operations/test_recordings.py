@@ -1,4 +1,4 @@
-"""Rerun recordings out of the store and live, read again by rerun's own reader."""
+"""Rerun recordings from the store and live, read with rerun's own reader."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ import numpy as np
 import pytest
 
 from gss.domain.errors import BadInput, Conflict, NotFound
-from gss.operations.recordings.live import AT_ONCE
+from gss.operations.recordings.live import AT_ONCE, EACH
 from gss.operations.recordings.ranges import ids_of
+from gss.services import Services
 from gss.settings import Settings
 from gss.store.models import TelemetryPacket
-from gss.wiring import Services, build
+from gss.wiring import build
 
 START = datetime(2026, 11, 21, 18, 0, tzinfo=UTC)
 
 
 @pytest.fixture(scope="module")
 def services(tmp_path_factory: pytest.TempPathFactory):
-    """Connected services that never start, with four dark frames a second apart, telemetry and a word in the record."""
+    """Connected services that are never started, with four dark frames a second apart, telemetry and one recorded
+    event.
+    """
     made = build(Settings(data=tmp_path_factory.mktemp("data")))
     pixels = np.random.default_rng(1).integers(8, 14, (64, 128)).astype(np.uint8)
     for k in range(4):
@@ -33,14 +36,14 @@ def services(tmp_path_factory: pytest.TempPathFactory):
 
 
 def packet(k: int) -> TelemetryPacket:
-    """One of housekeeping."""
+    """Return one housekeeping packet."""
     values = {"sensor_temperature_c": 20.0 + k, "stars_matched": 9}
     moment = START + timedelta(seconds=k)
     return TelemetryPacket(packet="housekeeping", received=moment, device_time_s=float(k), request_id=0, values=values)
 
 
 def entities(data: bytes, tmp_path: Path) -> dict[str, set[str]]:
-    """Entity paths of a recording with the timelines they are on, as the reference reader finds them."""
+    """Return entity paths of a recording with their timelines, as the reference reader finds them."""
     from rerun.chunk import RrdReader
 
     file = tmp_path / "one.rrd"
@@ -51,7 +54,7 @@ def entities(data: bytes, tmp_path: Path) -> dict[str, set[str]]:
     return found
 
 
-def test_a_sequence_holds_pictures_telemetry_and_sky_on_both_timelines(services, tmp_path):
+def test_a_sequence_contains_pictures_telemetry_and_sky_on_both_timelines(services, tmp_path):
     """Frames by number and by UTC; the catalogue's stars are static."""
     scope = services.scopes.of_frames([1, 2, 3])
     found = entities(services.recordings.write(scope), tmp_path)
@@ -60,25 +63,25 @@ def test_a_sequence_holds_pictures_telemetry_and_sky_on_both_timelines(services,
     assert scope.start < START < scope.end
 
 
-def test_neighbours_come_with_a_frame(services):
-    """A page's frame with those before and after it, as far as there are any."""
+def test_a_frame_is_recorded_with_its_neighbours(services):
+    """The page's frame with those before and after it, if there are any."""
     assert services.scopes.around(2, 1).frame_ids == (1, 2, 3)
     assert services.scopes.around(4, 12).frame_ids == (1, 2, 3, 4)
 
 
 @pytest.mark.parametrize("what", ["of_contact", "of_calibration", "of_analysis", "of_campaign"])
-def test_what_is_not_there_is_said(services, what):
-    """No recording of nothing."""
+def test_an_empty_recording_is_rejected(services, what):
+    """A selection without frames gives an error."""
     with pytest.raises(NotFound):
         getattr(services.scopes, what)(77)
     with pytest.raises(BadInput):
         services.scopes.of_frames([])
 
 
-def test_a_live_recording_grows_with_what_happens(services: Services, tmp_path, request):
-    """The first piece has layout, sky and the frames before; each event and frame makes a piece; silence makes none."""
+def test_a_live_recording_grows_with_events_and_frames(services: Services, tmp_path, request):
+    """The first block has layout, sky and earlier frames; each event and frame adds a block; idle time adds none."""
     woken: list[int] = []
-    first, live = services.live_recordings.open(lambda: woken.append(1))
+    first, live = services.live_recordings.open(lambda: woken.append(1), "ann")
     request.addfinalizer(lambda: services.live_recordings.close(live))
     assert {"sky/stars", "camera/image"} <= set(entities(first, tmp_path))
     assert live.piece() == b""
@@ -91,21 +94,40 @@ def test_a_live_recording_grows_with_what_happens(services: Services, tmp_path, 
     assert piece[:4] == b"RRF2"
 
 
-def test_only_a_few_live_recordings_are_open_at_once(services):
-    """One more is refused in words, and a closed one makes room."""
-    opened = [services.live_recordings.open(lambda: None)[1] for _ in range(AT_ONCE)]
+def test_the_number_of_live_recordings_is_limited(services):
+    """One more is rejected with a message, and closing one frees its place."""
+    opened = [services.live_recordings.open(lambda: None, f"user {k // EACH}")[1] for k in range(AT_ONCE)]
     try:
         with pytest.raises(Conflict, match="too many"):
-            services.live_recordings.open(lambda: None)
+            services.live_recordings.open(lambda: None, "another user")
         services.live_recordings.close(opened.pop())
-        opened.append(services.live_recordings.open(lambda: None)[1])
+        opened.append(services.live_recordings.open(lambda: None, "another user")[1])
     finally:
         for live in opened:
             services.live_recordings.close(live)
 
 
-def test_an_opening_that_fails_keeps_nothing(services, monkeypatch):
-    """The place is free again, and nobody listens."""
+def test_one_user_leaves_live_recordings_to_others(services):
+    """More than two are rejected although places are free."""
+    opened = [services.live_recordings.open(lambda: None, "ann")[1] for _ in range(EACH)]
+    try:
+        with pytest.raises(Conflict, match="of one user"):
+            services.live_recordings.open(lambda: None, "ann")
+        opened.append(services.live_recordings.open(lambda: None, "ben")[1])
+    finally:
+        for live in opened:
+            services.live_recordings.close(live)
+
+
+@pytest.mark.parametrize("text", ["9" * 400, "3-" + "9" * 5000, str(2**31), "1,99999999999999999999"])
+def test_numbers_beyond_every_frame_are_bad_input(text):
+    """They are not passed to the database, and not converted if they are very long."""
+    with pytest.raises(BadInput, match="no frame has this number"):
+        ids_of(text)
+
+
+def test_a_failed_opening_leaves_no_subscriber(services, monkeypatch):
+    """The place is free again, and there is no subscriber."""
 
     def broken(*_arguments, **_named):
         raise OSError("the disk is gone")
@@ -115,13 +137,13 @@ def test_an_opening_that_fails_keeps_nothing(services, monkeypatch):
         patch.setattr(services.recordings, "frame", broken)
         for _ in range(AT_ONCE + 1):
             with pytest.raises(OSError, match="disk"):
-                services.live_recordings.open(lambda: None)
+                services.live_recordings.open(lambda: None, "ann")
     assert len(services.bus._subscriptions) == listening
-    services.live_recordings.close(services.live_recordings.open(lambda: None)[1])
+    services.live_recordings.close(services.live_recordings.open(lambda: None, "ann")[1])
 
 
-def test_a_frame_that_was_removed_meanwhile_is_left_out(services, monkeypatch):
-    """Of those from before, as of those that come."""
+def test_a_frame_that_was_deleted_meanwhile_is_left_out(services, monkeypatch):
+    """Among earlier frames as among new ones."""
     real = services.recordings.frame
 
     def without_the_last(recorder, frame_id, picture):
@@ -130,13 +152,13 @@ def test_a_frame_that_was_removed_meanwhile_is_left_out(services, monkeypatch):
         real(recorder, frame_id, picture)
 
     monkeypatch.setattr(services.recordings, "frame", without_the_last)
-    first, live = services.live_recordings.open(lambda: None)
+    first, live = services.live_recordings.open(lambda: None, "ann")
     services.live_recordings.close(live)
     assert first[:4] == b"RRF2"
 
 
-def test_ranges_are_read_as_people_write_them():
-    """Numbers and ranges, in order; anything else is refused with what was expected."""
+def test_frame_ranges_are_parsed():
+    """Numbers and ranges, in order; other text is rejected with the expected form."""
     assert ids_of("3,5-7") == [3, 5, 6, 7]
     for bad in ("", "3-1", "a", "1-999999", "²"):
         with pytest.raises(BadInput):

@@ -1,4 +1,4 @@
-"""Replay stage by stage: every system's chain against what its sensor would have sent, and each thing that can be different."""
+"""Replay stage by stage: every system's chain compared with its sensor's packets, and each possible difference."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.simulator.reports import attitude_report, centroid_report, match_report
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
 from gss.domain.results import SolveResult
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames.onboard_reported import record_from, reported_of
 from gss.operations.frames.onboard_results import OnboardRecord
-from gss.operations.frames.onboard_told import record_from, told_of
 from gss.operations.frames.replay_stages import Rerun, Stage, Verdict, first_difference, stages
-from gss.pipeline.chains.apriori import Apriori, Known, KnownOrbit
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState, TimedAttitude
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Commanded, Work, solve
 from gss.pipeline.chains.systems import SYSTEMS, system
-from gss.pipeline.experiments.never_wrong_campaign import OWN, setting_of
-from gss.pipeline.experiments.never_wrong_sky import works_of
 from gss.pipeline.render import render
 from gss.pipeline.trace import Trace
 from gss.store.models import Frame
+from validation.never_wrong.lists import OWN, setting_of
+from validation.never_wrong.sky import works_of
 
 STARS = load_stars(8.0)
-# Where each camera sees enough stars.
+# Where each camera detects enough stars.
 ATTITUDES = {name: cam_from_icrs(1.4, 0.05, 0.3) for name in SYSTEMS} | {"aim": cam_from_icrs(0.98, 0.42, 0.3)}
 
 
 def _single(values: dict[str, Any]) -> dict[str, Any]:
-    """As the wire carries reals that are no quaternion."""
+    """Return the values as the wire rounds them: every real except quaternion components is single precision."""
     return {
         k: float(np.float32(v)) if isinstance(v, float) and not k.startswith("quaternion") else v
         for k, v in values.items()
@@ -44,7 +44,7 @@ def _single(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _run(name: str, change: Callable[[Work], Work] = lambda w: w) -> tuple[Rerun, Work]:
-    known = profile(name)
+    known = shipped_camera(name)
     rng = np.random.default_rng(12)
     attitude = ATTITUDES[name]
     frame = render(STARS, known.camera, known.sensor, attitude, known.sensor.exposure_s, rng)
@@ -56,12 +56,12 @@ def _run(name: str, change: Callable[[Work], Work] = lambda w: w) -> tuple[Rerun
 
 @lru_cache(maxsize=8)
 def _work(name: str) -> Work:
-    return works_of(setting_of(name, OWN), profile(name), STARS)[Mode.LOST_IN_SPACE]
+    return works_of(setting_of(name, OWN), shipped_camera(name), STARS)[Mode.LOST_IN_SPACE]
 
 
 @lru_cache(maxsize=8)
 def _honest(name: str) -> tuple[OnboardRecord, Rerun]:
-    """What the unit would have sent of a frame, as it arrives, and the ground's run of the same."""
+    """Return the unit's packets of a frame as they arrive, and the ground's run of the same frame."""
     rerun, work = _run(name)
     return _sent(rerun, work), rerun
 
@@ -71,10 +71,10 @@ def _sent(rerun: Rerun, work: Work) -> OnboardRecord:
     assert detection is not None
     _, values, lists = centroid_report(5, detection)
     _, _, match_lists = match_report(5, matching)
-    _, told, _ = attitude_report({"frame_number": 5, "mode": str(work.mode)}, result.attitude, result.reason)
+    _, sent_attitude, _ = attitude_report({"frame_number": 5, "mode": str(work.mode)}, result.attitude, result.reason)
     record = OnboardRecord(5).with_packet("centroids", _single(values), [_single(r) for r in lists["items"]])
     record = record.with_packet("matches", {}, [_single(r) for r in match_lists["items"]])
-    return record.with_packet("attitude", _single(told), ())
+    return record.with_packet("attitude", _single(sent_attitude), ())
 
 
 def _verdicts(found: list[Stage]) -> dict[str, Verdict]:
@@ -83,7 +83,9 @@ def _verdicts(found: list[Stage]) -> dict[str, Verdict]:
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
 def test_every_system_replays_equal(name: str) -> None:
-    """The packets of a unit that ran this chain are equal in every stage; only what is never sent is not compared."""
+    """The packets of a unit that ran this chain are equal in every stage; only values that are never sent are not
+    compared.
+    """
     record, rerun = _honest(name)
     found = stages(record, rerun)
     assert first_difference(found) == "equal"
@@ -92,14 +94,14 @@ def test_every_system_replays_equal(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
-def test_another_threshold_shows_first_in_detection(name: str) -> None:
-    """With a threshold that was not the one on board the first difference is one of detection, none of matching or attitude."""
+def test_another_threshold_differs_first_in_detection(name: str) -> None:
+    """With another threshold than on board the first difference is in detection, not in matching or attitude."""
     record, _ = _honest(name)
 
     def higher(work: Work) -> Work:
-        known = profile(name)
+        known = shipped_camera(name)
         own = system(name).parameters(known, None, Commanded(), work.mode)
-        threshold_dn = 1.7 * (own.threshold_dn or 30.0)  # far_mst takes it from the noise
+        threshold_dn = 1.7 * (own.threshold_dn or 30.0)  # far_mst calculates it from the noise
         other = system(name).parameters(known, None, Commanded(threshold_dn=threshold_dn), work.mode)
         return replace(work, parameters=other)
 
@@ -109,13 +111,15 @@ def test_another_threshold_shows_first_in_detection(name: str) -> None:
     assert first.difference == first_difference(found) != "equal"
 
 
-def test_another_bank_shows_first_in_the_matches() -> None:
-    """Same pixels and parameters, rows in another order: centroids are equal, matches are not, and both stars are named."""
+def test_another_bank_differs_first_in_the_matches() -> None:
+    """Same pixels and parameters, rows in another order: centroids are equal, matches are not, and both stars are
+    named.
+    """
     record, _ = _honest("cubestar")
 
     def other_bank(work: Work) -> Work:
         setting = replace(setting_of("cubestar", OWN), bank_mag=3.4)
-        return replace(work, catalogue=works_of(setting, profile("cubestar"), STARS)[work.mode].catalogue)
+        return replace(work, catalogue=works_of(setting, shipped_camera("cubestar"), STARS)[work.mode].catalogue)
 
     found = stages(record, _run("cubestar", other_bank)[0])
     first = next(s for s in found if s.verdict is Verdict.DIFFERS)
@@ -125,7 +129,7 @@ def test_another_bank_shows_first_in_the_matches() -> None:
 
 
 def _spoilt(record: OnboardRecord, stage: str) -> OnboardRecord:
-    rows, matches, told = (
+    rows, matches, sent_attitude = (
         [dict(r) for r in record.centroids],
         [dict(r) for r in record.matches],
         dict(record.attitude or {}),
@@ -146,14 +150,14 @@ def _spoilt(record: OnboardRecord, stage: str) -> OnboardRecord:
     elif stage == "weights":
         matches[1]["weight"] += 1.0
     elif stage == "mode":
-        told["mode"] = "tracking"
+        sent_attitude["mode"] = "tracking"
     elif stage == "outcome":
-        told |= {"outcome": "none", "reason": "no"}
+        sent_attitude |= {"outcome": "none", "reason": "no"}
     elif stage == "quaternion":
-        told["quaternion_x"] += 1e-9
+        sent_attitude["quaternion_x"] += 1e-9
     elif stage == "standard deviations":
-        told["sigma_cross_arcsec"] *= 1.01
-    return replace(record, centroids=rows, matches=matches, attitude=told, detected=detected)
+        sent_attitude["sigma_cross_arcsec"] *= 1.01
+    return replace(record, centroids=rows, matches=matches, attitude=sent_attitude, detected=detected)
 
 
 STAGES = (
@@ -163,8 +167,8 @@ STAGES = (
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_each_stage_is_the_first_to_differ(stage: str) -> None:
-    """A difference planted in one stage is shown there first, with both sides."""
+def test_each_stage_is_reported_if_it_differs_first(stage: str) -> None:
+    """A difference injected into one stage is reported there first, with both values."""
     record, rerun = _honest("cubestar")
     found = stages(_spoilt(record, stage), rerun)
     first = next(s for s in found if s.verdict is Verdict.DIFFERS)
@@ -172,13 +176,13 @@ def test_each_stage_is_the_first_to_differ(stage: str) -> None:
     assert first.on_board != first.ground
     if stage == "places":
         assert first.difference_px == pytest.approx(0.001, rel=0.1)
-        assert first.difference_arcsec == pytest.approx(0.001 * 183.9, rel=0.1)  # 5.6 µm behind 6.28 mm
+        assert first.difference_arcsec == pytest.approx(0.001 * 183.9, rel=0.1)  # 5.6 µm at 6.28 mm
     if stage == "quaternion":
         assert first.difference_arcsec == pytest.approx(2e-9 * 206265, rel=1.0)
 
 
-def test_what_was_not_sent_is_said() -> None:
-    """Without attitude and without the packet's head those stages are not sent, and that is no difference."""
+def test_missing_packets_are_reported_as_not_sent() -> None:
+    """Without the attitude packet and the packet's header those stages are not sent, which is not a difference."""
     record, rerun = _honest("cubestar")
     found = stages(replace(record, attitude=None, detected={}), rerun)
     verdicts = _verdicts(found)
@@ -187,8 +191,8 @@ def test_what_was_not_sent_is_said() -> None:
     assert first_difference(found) == "equal"
 
 
-def test_a_result_without_intermediates_is_compared_as_far_as_it_goes() -> None:
-    """Only the count of matches can be held against a bare result."""
+def test_a_result_without_intermediates_is_compared_as_far_as_possible() -> None:
+    """Only the number of matches can be compared with a bare result."""
     record, rerun = _honest("cubestar")
     bare: SolveResult = rerun.result
     verdicts = _verdicts(stages(record, Rerun(bare)))
@@ -196,20 +200,28 @@ def test_a_result_without_intermediates_is_compared_as_far_as_it_goes() -> None:
     assert verdicts["weights"] is Verdict.NOT_COMPARED
 
 
-def test_what_was_told_survives_the_store() -> None:
-    """A record goes through JSON and back, with the prior it started from."""
+def test_the_onboard_record_survives_the_store() -> None:
+    """A record is unchanged by JSON, including the prior of its frame."""
     record, rerun = _honest("cubestar")
     quaternion = np.array([0.1, 0.2, 0.3, math.sqrt(0.86)])
-    prior = Known(
-        quaternion, (quaternion,), None, 0.05, KnownOrbit(1.0, 1.7, 0.2, 6e5, 100.0), Apriori(0.0, 0.1, 0.2, 0.09)
-    )
+    orbit, apriori = KnownOrbit(1.0, 1.7, 0.2, 6e5, 100.0), Apriori(0.0, 0.1, 0.2, 0.09)
+    series = (TimedAttitude(quaternion, 8.5), TimedAttitude(quaternion, math.nan))
+    prior = PriorState(series, True, None, 0.05, orbit, apriori)
     frame = Frame(number=5, profile="cubestar", exposure_s=0.25, bank_sha256="ab", parameters={"threshold_dn": 13})
-    told = told_of(replace(record, prior=prior), frame)
-    back = record_from(told)
+    stored = reported_of(replace(record, prior=prior), frame)
+    back = record_from(stored)
     assert first_difference(stages(back, rerun)) == "equal"
     hint = back.prior.hint(Mode.TRACKING, 0.0)
     assert hint is not None
-    assert np.allclose(hint.boresight_icrs, Hint.from_quaternion(quaternion).boresight_icrs)
+    assert np.allclose(hint.boresight_icrs, AttitudePrior.from_quaternion(quaternion).boresight_icrs)
     assert (back.prior.orbit, back.prior.apriori) == (prior.orbit, prior.apriori)
+    assert [a.time_s for a in back.prior.series] == pytest.approx([8.5, math.nan], nan_ok=True)
+    assert back.prior.failed
+    # Results of version 0.4 have attitudes without times.
+    listed = {**stored["prior"], "quaternion": quaternion.tolist(), "earlier": [quaternion.tolist()]}
+    del listed["series"], listed["failed"]
+    old = record_from({**stored, "prior": listed}).prior.hint(Mode.TRACKING, 9.0)
+    assert old is not None
+    assert (len(old.earlier), old.ages_s) == (1, (1.0, 2.0))
     assert ra_dec_from_unit(hint.boresight_icrs)[1] is not None
-    assert told["frame"]["parameters"] == {"threshold_dn": 13}
+    assert stored["frame"]["parameters"] == {"threshold_dn": 13}

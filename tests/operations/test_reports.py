@@ -1,4 +1,4 @@
-"""Reports: the same parts as JSON, as HTML and as PDF."""
+"""Reports: the same content as JSON, HTML and PDF."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ REPORT = Report(
 
 
 def test_a_report_survives_its_json() -> None:
-    """What is stored is what is read."""
+    """The stored report equals the one read back."""
     assert report_from(json.loads(json.dumps(REPORT.as_dict()))) == REPORT
 
 
-def test_the_sheet_is_well_formed_and_fetches_nothing() -> None:
-    """Every tag is closed, text is escaped, no address of elsewhere stands in it."""
+def test_the_sheet_is_well_formed_and_loads_nothing() -> None:
+    """Every tag is closed, text is escaped, and there is no external address."""
 
     class Tags(HTMLParser):
         """Checks that tags close in order."""
@@ -71,7 +71,7 @@ def test_the_sheet_is_well_formed_and_fetches_nothing() -> None:
                 self.open.append(tag)
 
         def handle_startendtag(self, tag: str, attrs: object) -> None:
-            """Nothing stays open."""
+            """A self-closing tag leaves nothing open."""
 
         def handle_endtag(self, tag: str) -> None:
             assert self.open.pop() == tag
@@ -85,8 +85,8 @@ def test_the_sheet_is_well_formed_and_fetches_nothing() -> None:
     assert "http://" not in sheet.replace("http://www.w3.org/2000/svg", "")
 
 
-def test_the_pdf_says_the_same_and_is_the_same_every_time() -> None:
-    """Same parts, same bytes; the pages hold drawings and words."""
+def test_the_pdf_has_the_same_content_and_is_reproducible() -> None:
+    """The same report gives the same bytes; the pages contain drawings and text."""
     first, again = as_pdf(REPORT, MADE), as_pdf(REPORT, MADE)
     assert first == again
     assert first.startswith(b"%PDF-")
@@ -96,20 +96,20 @@ def test_the_pdf_says_the_same_and_is_the_same_every_time() -> None:
     assert pages.count(b" Tj") + pages.count(b"] TJ") > 20
 
 
-def test_a_plot_of_nothing_says_so() -> None:
-    """No numbers, no axes, but words."""
+def test_an_empty_plot_has_a_message() -> None:
+    """No numbers: no axes, but a text."""
     assert "nothing to draw" in as_svg(Plot("Empty", "x", "y", [Series("a", [], [])]))
     assert "nothing to draw" in as_svg(Plot("Empty", "x", "y", [Series("a", [1.0], [None])]))
 
 
 def test_missing_values_break_a_line() -> None:
-    """A gap is a gap: two pieces instead of one line through it."""
+    """A gap splits the line into two pieces."""
     line = Plot("Line", "x", "y", [Series("a", [0, 1, 2, 3, 4], [0.0, 1.0, None, 1.0, 2.0])])
     assert as_svg(line).count("stroke-width='1.1'") == 2
 
 
-def test_ticks_are_round_and_inside() -> None:
-    """Axis numbers are multiples of 1, 2, 2.5 or 5 times a power of ten, and carry the decimals they need."""
+def test_ticks_are_round_and_inside_the_axis() -> None:
+    """Axis numbers are multiples of 1, 2, 2.5 or 5 times a power of ten, with the necessary decimals."""
     assert ticks(0.0, 1.0) == [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]
     assert ticks(5.0, 5.0) == []
     assert decades(0.05, 200.0) == [0.1, 1.0, 10.0, 100.0]

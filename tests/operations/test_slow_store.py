@@ -1,4 +1,6 @@
-"""Frames go to a slow store beside the line: telemetry is not late, nothing is lost, and no frame is told before it is there."""
+"""Frames are written to a slow store beside the link: telemetry is not late, nothing is lost, no frame is reported
+early.
+"""
 
 from __future__ import annotations
 
@@ -13,36 +15,37 @@ import pytest
 from gss.domain.errors import StoreDown
 from gss.operations.events import EventBus
 from gss.operations.transfers.arrivals import MOST_WAITING, Writer
+from gss.services import Services
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
-from gss.wiring import Services, build
+from gss.wiring import build
 
 
 class SlowStore(BlobStore):
-    """A folder that keeps everybody waiting until ``open`` is set, and refuses while it is ``broken``, or ``failures`` times."""
+    """A folder that blocks every write until ``open`` is set, and fails while it is ``broken``, or ``failures`` times."""
 
     def __init__(self, url: str) -> None:
         super().__init__(url)
-        self.open, self.asked, self.broken, self.failures = threading.Event(), 0, False, 0
+        self.open, self.requested, self.broken, self.failures = threading.Event(), 0, False, 0
 
-    def put(self, data: bytes | memoryview) -> str:
-        self.asked += 1
+    def put(self, data: bytes | memoryview, item_bytes: int = 1) -> str:
+        self.requested += 1
         assert self.open.wait(60)
         if self.broken or self.failures:
             self.failures = max(0, self.failures - 1)
             raise StoreDown("the bytes cannot be stored now")
-        return super().put(data)
+        return super().put(data, item_bytes)
 
 
 class Ground:
-    """The whole ground on a sensor in memory, with a slow store for frames. The solver is left out: it is not asked about here."""
+    """All ground services on a sensor in memory, with a slow store for frames and without the solver."""
 
     def __init__(self, folder: Path, sensor: Any) -> None:
         self.folder, self.sensor = folder, sensor
         self.services: Services = build(Settings(data=folder))
         self.store = SlowStore(str(folder / "blobs"))
         self.services.frames._blobs = self.store
-        self.services.frames._solve_later = lambda _frame_id: None  # type: ignore[method-assign]
+        self.services.frames._solve_later = lambda *_: None  # type: ignore[method-assign]
         s = self.services
         s.transfers.start()
         s.commands.start()
@@ -53,32 +56,32 @@ class Ground:
         self.wait(lambda: any(view.row.kind == "catalogue" and view.row.finished for view in s.transfers.newest(9)))
 
     def wait(self, done: Callable[[], Any]) -> None:
-        """Until something holds; the real time is only the limit after which a broken thing is given up."""
+        """Wait until ``done()`` is true. The timeout in real time only limits how long a failing test runs."""
         limit_s = time.monotonic() + 60
         while not done():
             assert time.monotonic() < limit_s, [e.text for e in self.services.bus.after(0, 1000)][-8:]
             time.sleep(0.005)
 
     def image(self) -> None:
-        """Have the sensor take one."""
+        """Command the sensor to take an image."""
         row = self.services.commands.send("TAKE_IMAGE", {}, confirm="", user="gss", source="server")
         self.wait(lambda: self.services.commands.get(row.id).result == "completed")
 
     def housekeeping(self) -> int:
-        """Packets that are stored."""
+        """Return the number of stored packets."""
         packets = self.services.telemetry.archive.packets("housekeeping", None, None, 1, None)
         return packets[0].id if packets else 0
 
     def downloads(self) -> list[Any]:
-        """Rows of the transfers of frames, newest first."""
+        """Return rows of the frame transfers, newest first."""
         return [view.row for view in self.services.transfers.newest(50) if view.row.kind == "frame"]
 
     def frames(self) -> list[Any]:
-        """Rows of the frames, newest first."""
+        """Return rows of the frames, newest first."""
         return [frame for frame, _ in self.services.frames.page(50, 0)[1]]
 
     def stop(self) -> None:
-        """In the order of the services."""
+        """Stop the services in their order."""
         self.services.stop()
 
 
@@ -90,11 +93,12 @@ def ground(tmp_path: Path, sensor_in_memory: Callable[..., Any]) -> Iterator[Gro
     made.stop()
 
 
-def test_telemetry_comes_while_a_frame_waits_for_its_store(ground: Ground) -> None:
-    """Packets are stored one after the other; the frame has no row and its transfer is not over until its bytes are stored, and
-    then both are there, with a link between them."""
+def test_telemetry_is_stored_while_a_frame_waits_for_its_store(ground: Ground) -> None:
+    """Packets are stored one after the other; until its bytes are stored the frame has no row and its transfer is not
+    complete, and then both exist and refer to each other.
+    """
     ground.image()
-    ground.wait(lambda: ground.store.asked)
+    ground.wait(lambda: ground.store.requested)
     before = ground.housekeeping()
     ground.wait(lambda: ground.housekeeping() > before + 10)
     (row,) = ground.downloads()
@@ -107,16 +111,16 @@ def test_telemetry_comes_while_a_frame_waits_for_its_store(ground: Ground) -> No
     assert ground.services.writer.waits == 0
 
 
-def test_no_more_frames_are_begun_than_may_wait_and_all_that_came_are_stored(ground: Ground) -> None:
-    """One is being stored and a few wait; the next stays on board until there is room for it."""
+def test_frame_downloads_wait_for_room_in_the_queue(ground: Ground) -> None:
+    """One frame is being stored and a few wait; the next stays on board until there is room for it."""
     begun = MOST_WAITING + 1
     for k in range(begun):
         ground.image()
-        ground.wait(lambda k=k: len(ground.services.transfers._storing) == k + 1)
+        ground.wait(lambda k=k: len(ground.services.transfers._progress._storing) == k + 1)
     ground.wait(lambda: ground.services.writer.full)
     figures = ground.services.upkeep.metrics.text()
-    assert f'gss_queue_depth{{queue="store"}} {MOST_WAITING}\n' in figures
-    assert "gss_line_waits_total 0\n" in figures
+    assert f'gss_queue_depth{{queue="store"}} {MOST_WAITING}.0\n' in figures
+    assert "gss_line_waits_total 0.0\n" in figures
     ground.image()
     before = ground.housekeeping()
     ground.wait(lambda: ground.housekeeping() > before + 5)
@@ -127,15 +131,15 @@ def test_no_more_frames_are_begun_than_may_wait_and_all_that_came_are_stored(gro
     assert {row.frame_id for row in ground.downloads()} == {frame.id for frame in ground.frames()}
 
 
-def test_a_store_that_refuses_is_told_and_ends_the_transfer(ground: Ground) -> None:
-    """The line goes on, and the record says what was lost."""
+def test_a_failing_store_is_reported_and_ends_the_transfer(ground: Ground) -> None:
+    """The link continues, and an event records the loss."""
     ground.store.broken = True
     ground.store.open.set()
     ground.image()
     ground.wait(lambda: ground.downloads() and ground.downloads()[0].finished)
     assert ground.frames() == []
     texts = [e.text for e in ground.services.bus.after(0, 1000)]
-    assert any("was received, but cannot be used: the bytes cannot be stored now" in text for text in texts), texts
+    assert any("was received but is not usable: the bytes cannot be stored now" in text for text in texts), texts
     ground.wait(lambda: ground.downloads()[0].state == "failed")
     ground.store.broken = False
     ground.services.transfers.resume(ground.downloads()[0].id)
@@ -143,8 +147,8 @@ def test_a_store_that_refuses_is_told_and_ends_the_transfer(ground: Ground) -> N
     assert [frame.id for frame in ground.frames()] == [ground.downloads()[0].frame_id]
 
 
-def test_a_store_that_is_down_for_a_moment_loses_no_frame(ground: Ground) -> None:
-    """Storing is tried again before the transfer is reported as over."""
+def test_a_short_store_failure_loses_no_frame(ground: Ground) -> None:
+    """Storing is retried before the transfer is reported as complete."""
     ground.store.failures = 2
     ground.store.open.set()
     ground.image()
@@ -153,10 +157,10 @@ def test_a_store_that_is_down_for_a_moment_loses_no_frame(ground: Ground) -> Non
     assert ground.store.failures == 0
 
 
-def test_content_that_no_service_stores_is_not_reported_as_complete(
+def test_content_without_a_storing_service_is_not_reported_as_complete(
     ground: Ground, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A defect between the line and the store: the transfer fails, and its content can be downloaded again."""
+    """A defect between link and store: the transfer fails, and its content can be downloaded again."""
     ground.store.open.set()
 
     def defect(*_: Any) -> Any:
@@ -171,13 +175,11 @@ def test_content_that_no_service_stores_is_not_reported_as_complete(
     assert len(ground.frames()) == 1
 
 
-def test_the_end_of_the_server_does_not_wait_for_a_store_that_hangs(
-    ground: Ground, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What hangs has no row and its transfer is not over: the next server brings it down again, once."""
+def test_a_server_stop_does_not_wait_for_a_hanging_store(ground: Ground, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A frame whose store hangs has no row and its transfer is not complete: the next server downloads it again, once."""
     monkeypatch.setattr("gss.operations.transfers.transfers.STORE_WITHIN_S", 0.2)
     ground.image()
-    ground.wait(lambda: ground.store.asked)
+    ground.wait(lambda: ground.store.requested)
     ground.services.link.stop()
     ground.services.transfers.stop()
     (row,) = ground.downloads()
@@ -190,7 +192,7 @@ def test_the_end_of_the_server_does_not_wait_for_a_store_that_hangs(
     following.stop()
 
 
-def test_what_comes_when_nothing_more_may_wait_is_counted_and_recorded(bus: EventBus) -> None:
+def test_frames_beyond_the_queue_limit_are_counted_and_recorded(bus: EventBus) -> None:
     """Bounded memory, nothing dropped, in the order of arrival."""
     now_s = [0.0]
     writer = Writer(lambda: now_s[0], bus, most=1)
@@ -211,4 +213,4 @@ def test_what_comes_when_nothing_more_may_wait_is_counted_and_recorded(bus: Even
     writer.finish(30)
     assert last.done()
     assert (done, writer.waits, writer.waited_s) == ([1, 2, 3], 1, 7.0)
-    assert [event.text for event in bus.after(0, 10)] == ["received content is not stored as fast as it arrives"]
+    assert [event.text for event in bus.after(0, 10)] == ["received data arrives faster than it is stored"]

@@ -1,4 +1,4 @@
-"""Raw capture, telemetry, pictures, overlays, replay's comparison, Sun and Moon, the Rerun recording."""
+"""Raw capture, telemetry, pictures, overlays, replay comparison, Sun and Moon, Rerun recording."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ from astropy.time import Time
 from PIL import Image
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
 from gss.domain.angles import ra_dec_from_unit, separation_rad, unit_from_ra_dec
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
 from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames import overlay, pictures
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
 from gss.operations.frames.replay import compare
 from gss.operations.frames.sky import bodies
+from gss.operations.line.line_capture import RawCapture
 from gss.operations.line.line_events import LineBatch
-from gss.operations.line.raw_capture import RECEIVED, SENT, RawCapture, Retention, read_capture
+from gss.operations.line.raw_capture import RECEIVED, SENT, Retention, read_capture
 from gss.operations.telemetry.archive import Thinner
-from gss.operations.telemetry.telemetry import TelemetryService, plain
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.telemetry.value_format import plain
 
 
-def test_captured_bytes_come_back_in_order_and_a_cut_record_is_left_out(tmp_path):
-    """What was received and sent, to the byte; a crash in the middle of a record spoils only that one."""
+def test_captured_bytes_are_returned_in_order_without_a_truncated_record(tmp_path):
+    """Received and sent bytes are exact; a crash during a record loses only that record."""
     capture = RawCapture(tmp_path, 7)
     for k, (direction, data) in enumerate([(SENT, b"abc"), (RECEIVED, b"\0\1"), (RECEIVED, b"")]):
         capture.write(100.0 + k, direction, data)
@@ -44,8 +46,8 @@ def test_captured_bytes_come_back_in_order_and_a_cut_record_is_left_out(tmp_path
     assert len(list(read_capture(io.BytesIO(data[:-1])))) == 1
 
 
-def test_captures_rotate_and_the_oldest_goes(tmp_path):
-    """Files and their sum are bounded; the file being written is never the one that goes."""
+def test_captures_rotate_and_the_oldest_is_deleted(tmp_path):
+    """The number and total size of files are bounded; the file being written is never deleted."""
     capture = RawCapture(tmp_path, 1, Retention(1000, 3000))
     for k in range(40):
         capture.write(k, RECEIVED, bytes([k]) * 300)
@@ -56,8 +58,8 @@ def test_captures_rotate_and_the_oldest_goes(tmp_path):
     assert list(read_capture(io.BytesIO(newest.read_bytes())))[-1][2] == bytes([39]) * 300
 
 
-def test_thinning_keeps_every_spike_and_short_series_whole():
-    """The extremes of each bin survive, in time order."""
+def test_thinning_keeps_every_extreme_and_short_series_unchanged():
+    """The extremes of each bin are kept, in time order."""
     t, y = [float(k) for k in range(10_000)], [0.0] * 10_000
     y[4321], y[8765] = 9.0, -9.0
 
@@ -76,7 +78,7 @@ def test_thinning_keeps_every_spike_and_short_series_whole():
     assert thin([1.0], [2.0], 10) == ([1.0], [2.0], False)
 
 
-def test_what_json_cannot_hold_becomes_none():
+def test_values_outside_json_become_none():
     """Not-a-number and infinities are absent values; bytes are hex."""
     assert [plain(v) for v in (math.nan, math.inf, 1.5, b"\x0a", "x", True)] == [None, None, 1.5, "0a", "x", True]
 
@@ -88,16 +90,16 @@ def telemetry(database, bus, clock):
 
 
 def housekeeping(**values) -> Telemetry:
-    """A packet with some fields."""
+    """Return a packet with these fields."""
     raw = {"cycle_running": True, "stars_matched": 12, "supply_3v3_v": 3.3, "mode": "tracking"} | values
     return Telemetry("housekeeping", 1.0, 0, raw, raw)
 
 
 def test_states_follow_limits_age_and_the_running_cycle(telemetry, clock):
-    """Limits decide while the cycle runs; old values are stale; what never came says so."""
+    """Limits apply while the cycle runs; old values are stale; values never received are marked as such."""
 
     def state(name):
-        return next(v.state for v in telemetry.values() if v.definition.name == name and v.packet == "housekeeping")
+        return next(v.state for v in telemetry.values() if v.name == name and v.packet == "housekeeping")
 
     assert state("supply_3v3_v") == "never"
     for _ in range(3):
@@ -114,8 +116,8 @@ def test_states_follow_limits_age_and_the_running_cycle(telemetry, clock):
     assert state("mode") == "stale"
 
 
-def test_history_answers_for_a_span_and_names_what_is_wrong(telemetry, clock):
-    """Values in time order; an unknown field and an empty span are told."""
+def test_history_returns_a_span_and_rejects_wrong_input(telemetry, clock):
+    """Values in time order; an unknown field and an empty span are rejected."""
     for k in range(3):
         telemetry.handle(LineBatch((housekeeping(supply_3v3_v=3.0 + k),), clock(), 0.0))
         clock.forward(1)
@@ -129,7 +131,7 @@ def test_history_answers_for_a_span_and_names_what_is_wrong(telemetry, clock):
 
 
 def test_stretch_shows_stars_and_inverts():
-    """Sky goes dark, a star bright; inverted the other way; constant and not-a-number frames do not fail."""
+    """Sky becomes dark, a star bright; inverted the opposite; constant and not-a-number frames do not fail."""
     pixels = np.random.default_rng(1).normal(10, 1, (64, 64)).astype(np.float32)
     pixels[30, 30] = 200
     stretch = pictures.auto_stretch(pixels)
@@ -147,10 +149,10 @@ def test_stretch_shows_stars_and_inverts():
 ATTITUDE = Attitude(quaternion_from_matrix(cam_from_icrs(*np.radians([84.0, 0.0, 313.0]))), np.eye(3) * 1e-10)
 
 
-def test_overlay_puts_the_sky_where_the_attitude_says():
-    """Predicted stars, grid and north are in the image's pixels; Orion's belt is there."""
-    camera, stars = profile("cubestar").camera, load_stars(6.5)
-    detail = overlay.describe(camera, stars, 3.8, (), Centroids.from_pixels(np.zeros((0, 2))), None, ATTITUDE)
+def test_overlay_draws_the_sky_for_the_attitude():
+    """Predicted stars, grid and north are in the image's pixels; Orion's belt is among them."""
+    camera, stars = shipped_camera("cubestar").camera, load_stars(6.5)
+    detail = overlay.describe(camera, stars, 3.8, Centroids.from_pixels(np.zeros((0, 2))), ATTITUDE.cam_from_icrs)
     names = {p["name"] for p in detail["predicted"]}
     assert {"Alnitak", "Alnilam", "Mintaka"} <= names
     assert not any(p["detected"] for p in detail["predicted"])
@@ -165,13 +167,13 @@ def test_overlay_puts_the_sky_where_the_attitude_says():
 
 
 def result(centroids: np.ndarray, attitude: Attitude | None) -> SolveResult:
-    """A ground result with the least it needs."""
+    """Return a minimal ground result."""
     outcome = Outcome.NONE if attitude is None else Outcome.SOLVED
     return SolveResult(
         "cubestar",
         outcome,
         "",
-        profile("cubestar").camera,
+        shipped_camera("cubestar").camera,
         (),
         Centroids.from_pixels(centroids),
         None,
@@ -181,7 +183,7 @@ def result(centroids: np.ndarray, attitude: Attitude | None) -> SolveResult:
 
 
 def on_board(centroids: np.ndarray, quaternion=None) -> OnboardRecord:
-    """What the sensor said."""
+    """Return the record of the sensor's packets."""
     rows = [
         {"col_px": np.float32(c), "row_px": np.float32(r), "flux_dn": 1.0, "peak_dn": 1, "area_px": 0}
         for c, r in centroids
@@ -192,7 +194,7 @@ def on_board(centroids: np.ndarray, quaternion=None) -> OnboardRecord:
     return OnboardRecord(1, rows, (), attitude)
 
 
-def test_replay_says_equal_or_the_first_difference():
+def test_replay_reports_equal_or_the_first_difference():
     """Centroids first, then the outcome, then the quaternion; its sign does not matter."""
     c, q = np.array([[100.25, 50.5], [300.1, 70.9]]), ATTITUDE.quaternion
     assert compare(on_board(c, q), result(c, ATTITUDE)) == "equal"
@@ -206,12 +208,12 @@ def test_replay_says_equal_or_the_first_difference():
 
 
 def test_row_numbers_of_an_unknown_bank_are_not_taken_for_stars():
-    """Without the bank the page says so; with it rows become Hipparcos numbers."""
+    """Without the bank the page states it; with it rows become Hipparcos numbers."""
     record = on_board(np.array([[10.0, 10.0]]), ATTITUDE.quaternion)
     record = record.with_packet(
         "matches", {}, [{"centroid": 0, "star": 1, "weight": 3.0}, {"centroid": 9, "star": 0, "weight": 1.0}]
     )
-    camera = profile("cubestar").camera
+    camera = shipped_camera("cubestar").camera
     assert "does not know" in onboard_result(record, camera, "cubestar").notes[0]
     named = onboard_result(replace(record, hip_of_row=[11, 22]), camera, "cubestar")
     assert named.matches.hip.tolist() == [22]

@@ -1,4 +1,4 @@
-"""The solving use case on rendered frames: right, refused with a reason, never wrong."""
+"""The solving use case on rendered frames: correct, or rejected with a reason, never wrong."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
 from gss.domain.results import Outcome, Verdict
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_from_vector
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.solve import Solver, SolveRequest
-from gss.pipeline.identify.near import Hint
+from gss.pipeline.identify.near import BoundedPrior
 from gss.pipeline.render import FalseStar, HotPixel, Rendered, render
 from gss.pipeline.score import assess
 
-SOLVER = Solver(epoch_jyear=2025.0)
+SOLVER = Solver(shipped_camera, epoch_jyear=2025.0)
 STARS = SOLVER.cache.stars(2025.0)
 ORION = cam_from_icrs(1.4, 0.0, 1.0)
 
 
 def shot(name: str, rotation: Array, seed: int = 1, **options: object) -> Rendered:
-    p = profile(name)
+    p = shipped_camera(name)
     stars = STARS.brighter_than(p.sensor.faint_limit_mag + 1)
     rng = np.random.default_rng(seed)
     return render(stars, p.camera, p.sensor, rotation, p.sensor.exposure_s, rng, **options)  # type: ignore[arg-type]
@@ -33,20 +33,20 @@ def shot(name: str, rotation: Array, seed: int = 1, **options: object) -> Render
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
 def test_rendered_frames_are_solved_correctly(name: str) -> None:
-    """Of thirty random frames at least 28 are correct or imprecise in the scorer's sense, and none is wrong."""
+    """Of thirty random frames at least 28 are correct or imprecise as the scorer defines it, and none is wrong."""
     rng = np.random.default_rng(3)
     verdicts = []
     for seed in range(30):
         frame = shot(name, matrix_from_quaternion(random_quaternion(rng)), seed)
         result = SOLVER.solve(frame.pixels, SolveRequest(profile=name))
-        verdicts.append(assess(result, frame.truth, profile(name).camera).verdict)
+        verdicts.append(assess(result, frame.truth, shipped_camera(name).camera).verdict)
     assert Verdict.WRONG not in verdicts
     assert sum(v is Verdict.CORRECT for v in verdicts) >= 27
     assert sum(v is Verdict.NONE for v in verdicts) <= 2
 
 
-def test_result_carries_everything() -> None:
-    """A solution has quaternion, covariance, residuals, probability, regions and the epoch; without a stopwatch no times."""
+def test_result_has_every_field() -> None:
+    """A solution has quaternion, covariance, residuals, probability, regions and epoch, but no measured times."""
     result = SOLVER.solve(shot("cubestar", ORION).pixels, SolveRequest(profile="cubestar"))
     assert result.outcome is Outcome.SOLVED
     assert result.attitude is not None
@@ -60,29 +60,31 @@ def test_result_carries_everything() -> None:
     assert set(result.timing_s) == set()
 
 
-def test_same_frame_same_answer() -> None:
+def test_the_same_frame_gives_the_same_result() -> None:
     """Two solvers give bit-identical quaternions for one frame."""
     frame = shot("sunsat", ORION)
     a = SOLVER.solve(frame.pixels, SolveRequest(profile="sunsat"))
-    b = Solver(epoch_jyear=2025.0).solve(frame.pixels, SolveRequest(profile="sunsat"))
+    b = Solver(shipped_camera, epoch_jyear=2025.0).solve(frame.pixels, SolveRequest(profile="sunsat"))
     assert a.attitude is not None
     assert b.attitude is not None
     assert (a.attitude.quaternion == b.attitude.quaternion).all()
 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
-def test_mirrored_frames_say_so(name: str) -> None:
-    """The left-right reverse of a frame has no solution, and the reason names the mirror, known camera or not."""
+def test_mirrored_frames_are_reported(name: str) -> None:
+    """The left-right reverse of a frame has no solution, and the reason names the mirroring, with a known camera or
+    without.
+    """
     frame = shot(name, ORION).pixels[:, ::-1]
-    for request in (SolveRequest(profile=name), SolveRequest(fov_rad=profile(name).camera.fov_rad[0])):
+    for request in (SolveRequest(profile=name), SolveRequest(fov_rad=shipped_camera(name).camera.fov_rad[0])):
         result = SOLVER.solve(frame, request)
         assert result.outcome is Outcome.NONE
         assert "mirrored" in result.reason
 
 
 def test_frame_of_another_camera_is_not_solved() -> None:
-    """A frame taken with a focal length ten per cent longer than stated has no solution."""
-    p = profile("cubestar")
+    """A frame taken with a focal length 10 % longer than stated has no solution."""
+    p = shipped_camera("cubestar")
     longer = p.camera.with_focal_scaled(1.1)
     rng = np.random.default_rng(5)
     frame = render(STARS.brighter_than(4), longer, p.sensor, ORION, p.sensor.exposure_s, rng)
@@ -93,8 +95,8 @@ def test_frame_of_another_camera_is_not_solved() -> None:
 
 @pytest.mark.parametrize("stars", [0, 1, 2, 3])
 def test_too_few_stars_have_no_solution(stars: int) -> None:
-    """Frames of no, one, two and three stars give a reason that counts them."""
-    p = profile("cubestar")
+    """Frames of zero to three stars give a reason with their number."""
+    p = shipped_camera("cubestar")
     bright = STARS.brighter_than(3.5)
     inside = p.camera.contains(p.camera.project(bright.icrs @ ORION.T), 40)
     few = bright.take(np.flatnonzero(inside & (bright.v_mag > 1.5))[:stars])
@@ -129,9 +131,9 @@ def test_frames_without_sky_have_no_solution(kind: str, request_: SolveRequest) 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
 @pytest.mark.parametrize("false", [10, 100])
-def test_false_stars_and_hot_pixels(name: str, false: int) -> None:
-    """Ten or a hundred false stars and five hundred hot pixels do not keep a rich field from its solution."""
-    p = profile(name)
+def test_false_stars_and_hot_pixels_do_not_prevent_a_solution(name: str, false: int) -> None:
+    """A rich field is solved with ten or a hundred false stars and five hundred hot pixels."""
+    p = shipped_camera(name)
     c, s = p.camera, p.sensor
     rng = np.random.default_rng(false)
     limit = s.faint_limit_mag
@@ -152,22 +154,24 @@ def test_false_stars_and_hot_pixels(name: str, false: int) -> None:
     assert assess(result, frame.truth, c).verdict in (Verdict.CORRECT, Verdict.IMPRECISE)
 
 
-def test_hint_is_used_and_a_wrong_one_is_survived() -> None:
-    """A prior half a degree off solves near it; one on the other side of the sky is noted and the sky searched."""
+def test_a_hint_is_used_and_a_wrong_one_tolerated() -> None:
+    """A prior half a degree off solves near it; one on the opposite side of the sky is reported and the whole sky
+    searched.
+    """
     frame = shot("sunsat", ORION)
-    near = Hint(rotation_from_vector(np.array([0.005, -0.005, 0.004])) @ ORION, 0.012)
+    near = BoundedPrior(rotation_from_vector(np.array([0.005, -0.005, 0.004])) @ ORION, 0.012)
     good = SOLVER.solve(frame.pixels, SolveRequest(profile="sunsat", hint=near))
-    assert assess(good, frame.truth, profile("sunsat").camera).verdict is Verdict.CORRECT
+    assert assess(good, frame.truth, shipped_camera("sunsat").camera).verdict is Verdict.CORRECT
     assert not any("hint" in note for note in good.notes)
-    far = Hint(cam_from_icrs(4.5, 0.5, 0.0), 0.012)
+    far = BoundedPrior(cam_from_icrs(4.5, 0.5, 0.0), 0.012)
     other = SOLVER.solve(frame.pixels, SolveRequest(profile="sunsat", hint=far))
-    assert assess(other, frame.truth, profile("sunsat").camera).verdict is Verdict.CORRECT
+    assert assess(other, frame.truth, shipped_camera("sunsat").camera).verdict is Verdict.CORRECT
     assert any("hint" in note for note in other.notes)
 
 
 def test_non_square_pixels_are_solved_by_geometry() -> None:
     """A camera given by its geometry alone, with pixels 20 % longer than wide, is solved."""
-    p = profile("cubestar")
+    p = shipped_camera("cubestar")
     tall = Camera(1024, 512, 1200.0, 1000.0, 511.5, 255.5)
     sensor = replace(p.sensor, psf_sigma_px=1.1)
     frame = render(STARS.brighter_than(4.5), tall, sensor, ORION, sensor.exposure_s, np.random.default_rng(8))
@@ -175,10 +179,10 @@ def test_non_square_pixels_are_solved_by_geometry() -> None:
     assert assess(result, frame.truth, tall).verdict in (Verdict.CORRECT, Verdict.IMPRECISE)
 
 
-def test_field_of_view_alone_finds_geometry_and_image_centre() -> None:
-    """With the field known to 5 % the answer is the image centre's direction, focal length and distortion fitted."""
+def test_field_of_view_alone_gives_geometry_and_image_centre() -> None:
+    """With the field known to 5 % the result is the image centre's direction, with fitted focal length and distortion."""
     camera = Camera.from_fov(800, 600, np.radians(20))
-    sensor = replace(profile("sunsat").sensor, psf_sigma_px=1.2)
+    sensor = replace(shipped_camera("sunsat").sensor, psf_sigma_px=1.2)
     frame = render(STARS.brighter_than(6.5), camera, sensor, ORION, sensor.exposure_s, np.random.default_rng(9))
     for request in (SolveRequest(fov_rad=np.radians(20.8)), SolveRequest(blind=True)):
         result = SOLVER.solve(frame.pixels, request)
@@ -188,7 +192,7 @@ def test_field_of_view_alone_finds_geometry_and_image_centre() -> None:
 
 
 def test_cubestar_chain_agrees_with_the_reference() -> None:
-    """The replica of the sensor's own chain and ours point within a twentieth of a degree of each other."""
+    """The replica of the sensor's own chain and ours differ by less than 0.05°."""
     frame = shot("cubestar", ORION)
     ours = SOLVER.solve(frame.pixels, SolveRequest(profile="cubestar"))
     theirs = SOLVER.solve(frame.pixels, SolveRequest(chain="cubestar", profile="cubestar"))
@@ -198,7 +202,7 @@ def test_cubestar_chain_agrees_with_the_reference() -> None:
     assert np.linalg.norm(ours.attitude.cam_from_icrs[2] - theirs.attitude.cam_from_icrs[2]) < np.radians(0.05)
 
 
-def test_requests_that_cannot_be_run_say_why() -> None:
+def test_impossible_requests_are_rejected_with_a_reason() -> None:
     """Unknown chain or profile, no camera, two cameras, absurd field, wrong size, chain without profile."""
     frame = np.zeros((512, 1024), np.uint8)
     with pytest.raises(NotFound):

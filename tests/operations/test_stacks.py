@@ -1,4 +1,4 @@
-"""Stacks of commands: checked when kept, tried dry, run step by step, and ended by whatever is not as it should be."""
+"""Stacks of commands: checked when stored, tried as a dry run, run step by step, and ended by any deviation."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ ERASE = {"command": "ERASE_BANK", "arguments": {"bank": "C"}}
 
 
 @pytest.fixture
-def desk(make_desk):
-    """A desk with a sensor that has answered."""
-    return make_desk()
+def console(make_console):
+    """An operator console whose sensor has identified itself."""
+    return make_console()
 
 
-def kept(desk, *steps: Any, name: str = "s") -> Any:
-    return desk.stacks.create(name, "", steps, user="ann")
+def kept(console, *steps: Any, name: str = "s") -> Any:
+    return console.stacks.create(name, "", steps, user="ann")
 
 
 def states(run: Any) -> list[str]:
     return [step["state"] for step in run.steps]
 
 
-# --- keeping -----------------------------------------------------------------------------------------------------------
+# --- storing
+# -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_stack_is_kept_in_full_and_changed_and_forgotten(desk):
+def test_a_stack_is_stored_in_full_changed_and_deleted(console):
     """Defaults are filled in, so that a later dictionary's defaults do not change it."""
-    row = kept(desk, {"command": "TAKE_IMAGE", "delay_s": 2, "note": "first light"}, name=" two  words ")
+    row = kept(console, {"command": "TAKE_IMAGE", "delay_s": 2, "note": "first light"}, name=" two  words ")
     assert row.name == "two words"
     assert row.steps == [
         {
@@ -44,21 +45,21 @@ def test_a_stack_is_kept_in_full_and_changed_and_forgotten(desk):
             "note": "first light",
         }
     ]
-    with pytest.raises(Conflict, match="another stack has this name"):
-        kept(desk, STATUS, name="two words")
-    changed = desk.stacks.change(row.id, "three", "n", [STATUS], user="bob")
+    with pytest.raises(Conflict, match="a stack with this name exists"):
+        kept(console, STATUS, name="two words")
+    changed = console.stacks.change(row.id, "three", "n", [STATUS], user="bob")
     assert (changed.name, changed.author, len(changed.steps)) == ("three", "bob", 1)
-    assert [s.name for s in desk.stacks.every()] == ["three"]
-    desk.stacks.delete(row.id)
+    assert [s.name for s in console.stacks.every()] == ["three"]
+    console.stacks.delete(row.id)
     with pytest.raises(NotFound):
-        desk.stacks.get(row.id)
+        console.stacks.get(row.id)
 
 
 @pytest.mark.parametrize(
     ("step", "words"),
     [
         ({"command": "MAKE_COFFEE"}, "unknown command"),
-        ({"command": "ABORT"}, "lane of its own"),
+        ({"command": "ABORT"}, "cannot be a step"),
         ({"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 99_999}}, "1 – 2000"),
         ({"command": "SET_EXPOSURE", "arguments": {"exposure": 5}}, "unknown argument"),
         ({"command": "GET_STATUS", "delay_s": -1}, "delay_s"),
@@ -67,43 +68,43 @@ def test_a_stack_is_kept_in_full_and_changed_and_forgotten(desk):
         ({"command": "GET_STATUS", "condition": {"field": "phase", "op": "eq", "value": 1}}, "no such field"),
         (
             {"command": "GET_STATUS", "condition": {"field": "mode", "op": "is", "value": "standby"}},
-            "no such comparison",
+            "unknown comparison",
         ),
         ({"command": "GET_STATUS", "condition": {"field": "mode", "op": "eq", "value": "asleep"}}, "no such choice"),
         (
             {"command": "GET_STATUS", "condition": {"field": "mode", "op": "gt", "value": "standby"}},
-            "cannot be compared",
+            "does not support this comparison",
         ),
         (
             {"command": "GET_STATUS", "condition": {"field": "cycle_running", "op": "eq", "value": 1}},
-            "cannot be compared",
+            "does not support this comparison",
         ),
         ({"command": "GET_STATUS", "condition": {"field": "gain", "op": "eq", "value": 1, "wait_s": 0}}, "wait_s"),
         ({"command": "GET_STATUS", "condition": {"packet": "x", "field": "gain", "op": "eq", "value": 1}}, "packet"),
     ],
 )
-def test_a_bad_step_is_named_and_nothing_is_kept(desk, step, words):
-    """Every step is checked against the dictionary before the stack is kept."""
+def test_an_invalid_step_is_named_and_nothing_is_stored(console, step, words):
+    """Every step is checked against the dictionary before the stack is stored."""
     with pytest.raises(BadInput, match=rf"step 2: .*{words}"):
-        kept(desk, STATUS, step)
-    assert desk.stacks.every() == []
+        kept(console, STATUS, step)
+    assert console.stacks.every() == []
 
 
-def test_an_exported_stack_is_the_same_when_it_comes_back(desk):
-    """Export, forget, import."""
+def test_an_exported_stack_is_unchanged_by_import(console):
+    """Export, delete, import."""
     steps = (STATUS, ERASE, {"command": "GET_STATUS", "condition": {"field": "gain", "op": "ge", "value": 1}})
-    row = kept(desk, *steps)
-    file = desk.stacks.exported(row.id)
-    desk.stacks.delete(row.id)
-    assert desk.stacks.create(file["name"], file["note"], file["steps"], user="bob").steps == row.steps
+    row = kept(console, *steps)
+    file = console.stacks.exported(row.id)
+    console.stacks.delete(row.id)
+    assert console.stacks.create(file["name"], file["note"], file["steps"], user="bob").steps == row.steps
 
 
 # --- dry run -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_dry_run_tells_bytes_hazards_and_times_and_sends_nothing(desk):
+def test_a_dry_run_lists_bytes_hazards_and_times_and_sends_nothing(console):
     """Every step with its packet; the names to type, each once; shortest and longest time."""
-    written = len(b"".join(desk.sensor.written))
+    written = len(b"".join(console.sensor.written))
     wait = {"field": "cycle_running", "op": "eq", "value": False, "wait_s": 30}
     steps = [
         {"command": "POWER", "arguments": {"state": "off"}, "delay_s": 5},
@@ -111,24 +112,24 @@ def test_a_dry_run_tells_bytes_hazards_and_times_and_sends_nothing(desk):
         STATUS | {"condition": wait},
         ERASE,
     ]
-    check = desk.stacks.check(steps, user="ann")
+    check = console.stacks.check(steps, user="ann")
     assert check.confirm == ["POWER", "ERASE_BANK"]
     assert [s.risk.hazard for s in check.steps] == ["warning", "critical", "none", "critical"]
     assert dict(check.steps[1].groups)["bank"] == b"\2"
     assert check.problems == []
     assert check.shortest_s == 5.0
-    windows_s = sum(c.accept_s + c.complete_s for c in (desk.link.dictionary.command(s["command"]) for s in steps))
+    windows_s = sum(c.accept_s + c.complete_s for c in (console.link.dictionary.command(s["command"]) for s in steps))
     assert check.longest_s == 5.0 + 30.0 + windows_s
-    assert len(b"".join(desk.sensor.written)) == written
-    bad = desk.stacks.check([STATUS, {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 0}}], user="ann")
+    assert len(b"".join(console.sensor.written)) == written
+    bad = console.stacks.check([STATUS, {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 0}}], user="ann")
     assert [p[:7] for p in bad.problems] == ["step 2:"]
 
 
 # --- running -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_run_goes_through_its_steps_in_order_with_delay_and_condition(desk):
-    """Delay, condition on telemetry that came after the step before, command; each step's command is on the record."""
+def test_a_run_executes_its_steps_in_order_with_delay_and_condition(console):
+    """Delay, condition on telemetry received after the previous step, command; each step's command is recorded."""
     stopped = {"field": "cycle_running", "op": "eq", "value": False, "wait_s": 20}
     running = {"field": "cycle_running", "op": "eq", "value": True, "wait_s": 20}
     steps = [
@@ -137,92 +138,94 @@ def test_a_run_goes_through_its_steps_in_order_with_delay_and_condition(desk):
         {"command": "STOP_CYCLE", "condition": running},
         {"command": "TAKE_IMAGE", "condition": stopped, "delay_s": 3},
     ]
-    subscription = desk.bus.subscribe(lambda: None)
-    began_s = desk.sensor.now_s
-    run = desk.run_ends(desk.runs.run(kept(desk, *steps).id, [], user="ann"))
+    subscription = console.bus.subscribe(lambda: None)
+    began_s = console.sensor.now_s
+    run = console.run_ends(console.runs.run(kept(console, *steps).id, [], user="ann"))
     assert (run.state, run.reason, states(run)) == ("completed", "", ["completed"] * 4)
-    assert desk.sensor.now_s - began_s >= 3
-    rows = [desk.commands.get(step["command_id"]) for step in run.steps]
+    assert console.sensor.now_s - began_s >= 3
+    rows = [console.commands.get(step["command_id"]) for step in run.steps]
     assert [row.name for row in rows] == [step["command"] for step in steps]
     assert {(row.run_id, row.source, row.user) for row in rows} == {(run.id, "stack", "ann")}
-    told = [m.payload for m in subscription.take()[0] if m.topic == "stack_run"]
-    assert [row.state for row in told][-1] == "completed"
-    assert {step["state"] for row in told for step in row.steps} >= {"waiting", "delay", "condition", "sending"}
+    published = [m.payload for m in subscription.take()[0] if m.topic == "stack_run"]
+    assert [row.state for row in published][-1] == "completed"
+    assert {step["state"] for row in published for step in row.steps} >= {"waiting", "delay", "condition", "sending"}
 
 
-def test_names_are_typed_once_before_the_run(desk):
-    """Without them nothing is sent; with them the hazardous steps go out without further question."""
-    stack = kept(desk, STATUS, {"command": "POWER", "arguments": {"state": "off"}}, {"command": "RESET"})
+def test_names_are_typed_once_before_the_run(console):
+    """Without them nothing is sent; with them the hazardous steps are sent without further confirmation."""
+    stack = kept(console, STATUS, {"command": "POWER", "arguments": {"state": "off"}}, {"command": "RESET"})
     for typed in ([], ["POWER"], ["power", "reset"]):
-        with pytest.raises(BadInput, match="must be confirmed") as caught:
-            desk.runs.run(stack.id, typed, user="ann")
+        with pytest.raises(BadInput, match="need confirmation") as caught:
+            console.runs.run(stack.id, typed, user="ann")
         assert "RESET" in caught.value.expected
-    assert desk.runs.newest(5) == []
-    run = desk.run_ends(desk.runs.run(stack.id, ["POWER", "RESET"], user="ann"))
+    assert console.runs.newest(5) == []
+    run = console.run_ends(console.runs.run(stack.id, ["POWER", "RESET"], user="ann"))
     assert states(run)[:2] == ["completed", "completed"]
 
 
-def test_what_fails_ends_the_run(desk):
+def test_a_failed_command_ends_the_run(console):
     """The first command that is not completed is the last; the reason names it."""
-    run = desk.run_ends(desk.runs.run(kept(desk, STATUS, {"command": "FIND_CENTROIDS"}, STATUS).id, [], user="ann"))
+    run = console.run_ends(
+        console.runs.run(kept(console, STATUS, {"command": "FIND_CENTROIDS"}, STATUS).id, [], user="ann")
+    )
     assert (run.state, run.step, states(run)) == ("failed", 1, ["completed", "failed", "waiting"])
     assert "step 2, FIND_CENTROIDS: failed no_image" in run.reason
 
 
-def test_silence_ends_the_run_and_nothing_is_repeated(desk):
-    """Unknown is not success: the run stops, and the command is the operator's to settle."""
-    desk.sensor.deaf = True
-    run = desk.run_ends(desk.runs.run(kept(desk, {"command": "TAKE_IMAGE"}, STATUS).id, [], user="ann"))
+def test_a_missing_report_ends_the_run_and_nothing_is_repeated(console):
+    """Unknown is not success: the run stops, and the operator must resolve the command."""
+    console.sensor.deaf = True
+    run = console.run_ends(console.runs.run(kept(console, {"command": "TAKE_IMAGE"}, STATUS).id, [], user="ann"))
     assert (run.state, states(run)) == ("failed", ["unknown", "waiting"])
-    assert desk.commands.get(run.steps[0]["command_id"]).attempts == 1
+    assert console.commands.get(run.steps[0]["command_id"]).attempts == 1
 
 
-def test_a_condition_that_is_not_met_ends_the_run(desk):
-    """Its time is over: the value that stood against it is told, and the command never goes out."""
+def test_a_condition_that_is_not_met_ends_the_run(console):
+    """After its timeout the actual value is reported, and the command is not sent."""
     wait = {"field": "cycle_running", "op": "eq", "value": True, "wait_s": 3}
-    run = desk.run_ends(desk.runs.run(kept(desk, STATUS | {"condition": wait}).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(kept(console, STATUS | {"condition": wait}).id, [], user="ann"))
     assert (run.state, run.steps[0]["command_id"]) == ("failed", None)
     assert "cycle_running eq True not met within 3 s; cycle_running: False" in run.reason
 
 
-def test_a_command_that_is_not_allowed_ends_the_run(desk):
-    """Preconditions are looked at when the step's turn comes."""
+def test_a_command_that_is_not_allowed_ends_the_run(console):
+    """Preconditions are checked when the step is reached."""
     steps = ({"command": "SET_MODE", "arguments": {"mode": "standby"}}, STATUS, {"command": "START_CYCLE"})
-    run = desk.run_ends(desk.runs.run(kept(desk, *steps).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(kept(console, *steps).id, [], user="ann"))
     assert (run.state, run.step) == ("failed", 2)
     assert "standby" in run.reason
 
 
-def test_a_run_is_paused_resumed_and_stopped(desk):
-    """Paused it sends nothing more; stopped it ends, and what was sent is followed on its own."""
-    stack = kept(desk, STATUS | {"delay_s": 2}, STATUS, STATUS | {"delay_s": 3600})
-    run = desk.runs.run(stack.id, [], user="ann")
-    assert desk.runs.pause(run.id, user="ann").state == "paused"
-    later_s = desk.sensor.now_s + 10
-    desk.wait(lambda: desk.sensor.now_s > later_s)
-    assert states(desk.runs.get(run.id))[1] == "waiting"
+def test_a_run_is_paused_resumed_and_stopped(console):
+    """A paused run sends nothing more; a stopped one ends, and sent commands are still followed."""
+    stack = kept(console, STATUS | {"delay_s": 2}, STATUS, STATUS | {"delay_s": 3600})
+    run = console.runs.run(stack.id, [], user="ann")
+    assert console.runs.pause(run.id, user="ann").state == "paused"
+    later_s = console.sensor.now_s + 10
+    console.wait(lambda: console.sensor.now_s > later_s)
+    assert states(console.runs.get(run.id))[1] == "waiting"
     with pytest.raises(Conflict, match="a stack is running"):
-        desk.runs.run(stack.id, [], user="ann")
-    assert desk.runs.resume(run.id, user="ann").state == "running"
-    desk.wait(lambda: states(desk.runs.get(run.id))[2] == "delay")
-    row = desk.run_ends(desk.runs.stop(run.id, user="bob"))
+        console.runs.run(stack.id, [], user="ann")
+    assert console.runs.resume(run.id, user="ann").state == "running"
+    console.wait(lambda: states(console.runs.get(run.id))[2] == "delay")
+    row = console.run_ends(console.runs.stop(run.id, user="bob"))
     assert (row.state, row.reason, states(row)) == ("stopped", "stopped by bob", ["completed", "completed", "stopped"])
-    for order in (desk.runs.pause, desk.runs.resume, desk.runs.stop):
+    for order in (console.runs.pause, console.runs.resume, console.runs.stop):
         with pytest.raises(Conflict, match="has ended"):
             order(run.id, user="ann")
 
 
-def test_abort_stops_the_run_and_goes_out_past_it(desk):
-    """ABORT of anybody: at once on the line, and no further step."""
+def test_abort_stops_the_run_and_is_sent_before_it(console):
+    """Any user's ABORT is sent at once, and no further step runs."""
     steps = ({"command": "RUN_ITERATION"}, {"command": "RUN_ITERATION"}, {"command": "RUN_ITERATION"})
-    desk.end(desk.send("SET_MODE", mode="lost_in_space"))
-    run = desk.runs.run(kept(desk, *steps).id, [], user="ann")
-    desk.wait(lambda: any(r.result in ("started", "progress") for r in desk.history.page(_of(run), 5)))
-    abort = desk.end(desk.commands.abort(user="bob", source="abort").row(20))
-    row = desk.run_ends(run)
+    console.end(console.send("SET_MODE", mode="lost_in_space"))
+    run = console.runs.run(kept(console, *steps).id, [], user="ann")
+    console.wait(lambda: any(r.result in ("started", "progress") for r in console.history.page(_of(run), 5)))
+    abort = console.end(console.commands.abort(user="bob", source="abort").row(20))
+    row = console.run_ends(run)
     assert abort.result == "completed"
     assert (row.state, row.reason) == ("stopped", "ABORT by bob")
-    assert len(desk.history.page(_of(run), 5)) == 1
+    assert len(console.history.page(_of(run), 5)) == 1
 
 
 def _of(run: Any) -> Any:
@@ -231,51 +234,51 @@ def _of(run: Any) -> Any:
     return Filter(run_id=run.id)
 
 
-def test_a_run_needs_command_authority_and_ends_when_it_is_broken(desk):
-    """Nobody else starts one meanwhile; whoever breaks authority ends it at its next step."""
-    desk.authority.take("ann")
-    stack = kept(desk, STATUS, STATUS | {"delay_s": 20})
+def test_a_run_needs_command_authority_and_ends_when_it_is_broken(console):
+    """No other user can start one meanwhile; breaking authority ends it at its next step."""
+    console.authority.take("ann")
+    stack = kept(console, STATUS, STATUS | {"delay_s": 20})
     with pytest.raises(Conflict, match="held by ann"):
-        desk.runs.run(stack.id, [], user="bob")
-    run = desk.runs.run(stack.id, [], user="ann")
-    desk.wait(lambda: states(desk.runs.get(run.id))[1] == "delay")
-    desk.authority.break_("bob", "pass begins")
-    row = desk.run_ends(run)
+        console.runs.run(stack.id, [], user="bob")
+    run = console.runs.run(stack.id, [], user="ann")
+    console.wait(lambda: states(console.runs.get(run.id))[1] == "delay")
+    console.authority.break_("bob", "pass begins")
+    row = console.run_ends(run)
     assert (row.state, states(row)) == ("failed", ["completed", "failed"])
     assert "held by bob" in row.reason
 
 
-def test_a_lost_line_ends_the_run(desk):
-    """The command under way is unknown; what had not been sent does not wait for the next contact."""
+def test_a_lost_link_ends_the_run(console):
+    """The command in progress is unknown; unsent commands do not wait for the next contact."""
     image = {"command": "TAKE_IMAGE", "arguments": {"exposure_ms": 2000}}
-    run = desk.runs.run(kept(desk, image, STATUS).id, [], user="ann")
-    desk.wait(lambda: [r.result for r in desk.history.page(_of(run), 5)] == ["started"])
-    desk.sensor.cut = True
-    row = desk.run_ends(run)
+    run = console.runs.run(kept(console, image, STATUS).id, [], user="ann")
+    console.wait(lambda: [r.result for r in console.history.page(_of(run), 5)] == ["started"])
+    console.sensor.cut = True
+    row = console.run_ends(run)
     assert (row.state, states(row)) == ("failed", ["unknown", "waiting"])
-    late = kept(desk, STATUS | {"delay_s": 1}, name="later")
-    assert any("line is down" in p for p in desk.stacks.check(late.steps, user="ann").problems)
-    with pytest.raises(Conflict, match="cannot run now"):
-        desk.runs.run(late.id, [], user="ann")
+    late = kept(console, STATUS | {"delay_s": 1}, name="later")
+    assert any("line is down" in p for p in console.stacks.check(late.steps, user="ann").problems)
+    with pytest.raises(Conflict, match="cannot run in the current state"):
+        console.runs.run(late.id, [], user="ann")
 
 
-def test_a_command_that_waits_when_the_line_goes_is_taken_back(desk):
-    """A step that was queued behind another command does not go out in the next contact, when nobody expects it."""
-    image = desk.send("TAKE_IMAGE", exposure_ms=2000)
-    desk.wait(lambda: desk.commands.get(image.id).result == "started")
-    run = desk.runs.run(kept(desk, {"command": "SET_EXPOSURE"}).id, [], user="ann")
-    desk.wait(lambda: len(desk.history.page(_of(run), 5)) == 1)
-    desk.sensor.cut = True
-    row = desk.run_ends(run)
+def test_a_queued_command_is_withdrawn_when_the_link_is_lost(console):
+    """A step queued behind another command is not sent in the next contact, where no operator expects it."""
+    image = console.send("TAKE_IMAGE", exposure_ms=2000)
+    console.wait(lambda: console.commands.get(image.id).result == "started")
+    run = console.runs.run(kept(console, {"command": "SET_EXPOSURE"}).id, [], user="ann")
+    console.wait(lambda: len(console.history.page(_of(run), 5)) == 1)
+    console.sensor.cut = True
+    row = console.run_ends(run)
     assert (row.state, states(row)) == ("failed", ["withdrawn"])
 
 
-def test_a_run_does_not_outlive_the_server(make_desk, database):
-    """The next server finds it under way, says why it ended, and sends nothing."""
+def test_a_run_ends_with_the_server(make_console, database):
+    """The next server finds it in progress, records why it ended, and sends nothing."""
     from gss.store import stacks as store
     from gss.store.models import StackRun
 
-    first = make_desk()
+    first = make_console()
     stack = kept(first, STATUS, STATUS)
     with database.unit_of_work() as session:
         steps = [dict(s) | {"state": "waiting", "command_id": None, "detail": ""} for s in stack.steps]
@@ -290,7 +293,7 @@ def test_a_run_does_not_outlive_the_server(make_desk, database):
             started=first.link._now(),
         )
         store.add(session, left)
-    second = make_desk(first.sensor)
+    second = make_console(first.sensor)
     row = second.runs.get(left.id)
     assert (row.state, row.reason) == ("stopped", "stopped: server restarted")
     assert second.history.page(_of(left), 5) == []
@@ -298,44 +301,47 @@ def test_a_run_does_not_outlive_the_server(make_desk, database):
     assert second.runs.get(left.id).stack_id is None
 
 
-# --- taken up again ----------------------------------------------------------------------------------------------------
+# --- resumed
+# ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_failed_step_is_tried_again_or_passed_with_a_reason(desk):
-    """Retry sends it as a new command; skip goes on behind it, and the reason stands beside the step."""
+def test_a_failed_step_is_retried_or_skipped_with_a_reason(console):
+    """Retry sends it as a new command; skip continues after it, and the reason is stored with the step."""
     steps = (STATUS, {"command": "FIND_CENTROIDS"}, STATUS)
-    run = desk.run_ends(desk.runs.run(kept(desk, *steps).id, [], user="ann"))
+    run = console.run_ends(console.runs.run(kept(console, *steps).id, [], user="ann"))
     first = run.steps[1]["command_id"]
-    again = desk.run_ends(desk.runs.go_on(run.id, "", [], user="ann"))
+    again = console.run_ends(console.runs.go_on(run.id, "", [], user="ann"))
     assert (again.id, again.state, states(again)) == (run.id, "failed", ["completed", "failed", "waiting"])
     assert again.steps[0]["command_id"] == run.steps[0]["command_id"]
     assert again.steps[1]["command_id"] > first
-    passed = desk.run_ends(desk.runs.go_on(run.id, "no image tonight", [], user="ann"))
+    passed = console.run_ends(console.runs.go_on(run.id, "no image tonight", [], user="ann"))
     assert (passed.state, states(passed)) == ("completed", ["completed", "skipped", "completed"])
     assert passed.steps[1]["detail"].startswith("by ann: no image tonight; before failed no_image")
-    with pytest.raises(Conflict, match="only a run that failed"):
-        desk.runs.go_on(run.id, "", [], user="ann")
+    with pytest.raises(Conflict, match="only a failed run"):
+        console.runs.go_on(run.id, "", [], user="ann")
 
 
-def test_a_step_of_unknown_fate_is_tried_again_with_its_id(desk):
-    """The device runs it once, whether the first one came through or not."""
-    desk.sensor.deaf = True
-    run = desk.run_ends(desk.runs.run(kept(desk, {"command": "TAKE_IMAGE"}).id, [], user="ann"))
+def test_a_step_with_unknown_result_is_retried_with_its_id(console):
+    """The device executes it once, whether it received the first one or not."""
+    console.sensor.deaf = True
+    run = console.run_ends(console.runs.run(kept(console, {"command": "TAKE_IMAGE"}).id, [], user="ann"))
     assert states(run) == ["unknown"]
-    desk.sensor.deaf = False
-    again = desk.run_ends(desk.runs.go_on(run.id, "", [], user="ann"))
+    console.sensor.deaf = False
+    again = console.run_ends(console.runs.go_on(run.id, "", [], user="ann"))
     assert (again.state, states(again)) == ("completed", ["completed"])
     assert again.steps[0]["command_id"] == run.steps[0]["command_id"]
-    assert desk.commands.get(again.steps[0]["command_id"]).attempts == 2
+    assert console.commands.get(again.steps[0]["command_id"]).attempts == 2
 
 
-def test_hazards_behind_the_failed_step_are_confirmed_anew(desk):
-    """Names typed for a run that failed do not hold for the next try; a last step that is passed needs none."""
-    stack = kept(desk, {"command": "FIND_CENTROIDS"}, {"command": "POWER", "arguments": {"state": "off"}})
-    run = desk.run_ends(desk.runs.run(stack.id, ["POWER"], user="ann"))
-    with pytest.raises(BadInput, match="must be confirmed"):
-        desk.runs.go_on(run.id, "not needed", [], user="ann")
-    later = desk.run_ends(desk.runs.run(kept(desk, {"command": "FIND_CENTROIDS"}, name="t").id, [], user="ann"))
-    with pytest.raises(Conflict, match="another stack ran since"):
-        desk.runs.go_on(run.id, "not needed", ["POWER"], user="ann")
-    assert desk.run_ends(desk.runs.go_on(later.id, "not needed", [], user="ann")).state == "completed"
+def test_hazards_after_the_failed_step_are_confirmed_again(console):
+    """Names typed for a failed run do not apply to the retry; skipping the last step needs none."""
+    stack = kept(console, {"command": "FIND_CENTROIDS"}, {"command": "POWER", "arguments": {"state": "off"}})
+    run = console.run_ends(console.runs.run(stack.id, ["POWER"], user="ann"))
+    with pytest.raises(BadInput, match="need confirmation"):
+        console.runs.go_on(run.id, "not needed", [], user="ann")
+    later = console.run_ends(
+        console.runs.run(kept(console, {"command": "FIND_CENTROIDS"}, name="t").id, [], user="ann")
+    )
+    with pytest.raises(Conflict, match="another stack has run since"):
+        console.runs.go_on(run.id, "not needed", ["POWER"], user="ann")
+    assert console.run_ends(console.runs.go_on(later.id, "not needed", [], user="ann")).state == "completed"

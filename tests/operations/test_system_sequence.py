@@ -11,9 +11,9 @@ from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs, pointing_difference_rad
-from gss.domain.profiles import profile
 from gss.domain.results import Outcome
 from gss.domain.rotation import rotation_from_vector
+from gss.instruments.registry import shipped_camera
 from gss.operations.frames.solve import Solver, SolveRequest
 from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.frames.system_sequence import SystemSequencer
@@ -21,16 +21,16 @@ from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
 from gss.pipeline.chains.options import names, parse, with_options
 from gss.pipeline.chains.systems import SYSTEMS, system
-from gss.pipeline.identify.near import Hint
+from gss.pipeline.identify.near import BoundedPrior
 from gss.pipeline.render import render
 
 STARS = load_stars(8.0)
-SOLVER = Solver(SolverCache(STARS))
+SOLVER = Solver(shipped_camera, SolverCache(STARS))
 START = cam_from_icrs(1.4, 0.05, 0.3)
 
 
 def _frame(name: str, attitude: Array, seed: int = 3, shown: bool = True) -> np.ndarray:
-    known = profile(name)
+    known = shipped_camera(name)
     stars = STARS if shown else STARS.take(np.zeros(0, np.intp))
     return render(
         stars, known.camera, known.sensor, attitude, known.sensor.exposure_s, np.random.default_rng(seed)
@@ -38,7 +38,7 @@ def _frame(name: str, attitude: Array, seed: int = 3, shown: bool = True) -> np.
 
 
 def _turned(step: int) -> Array:
-    """A slow turn of three minutes of arc per frame."""
+    """Return the attitude of a slow rotation of 3′ per frame."""
     return np.asarray(rotation_from_vector(np.radians([0.03, -0.04, 0.02]) * step) @ START)
 
 
@@ -58,8 +58,8 @@ def _turned(step: int) -> Array:
         ("oersted", "averaged=3"),
     ],
 )
-def test_every_method_of_a_document_is_reached(name: str, option: str) -> None:
-    """A method asked for by name solves the frame, or says why not, and never answers wrongly."""
+def test_every_method_of_a_document_can_be_selected(name: str, option: str) -> None:
+    """A method selected by name solves the frame or gives a reason, and never a wrong attitude."""
     attitude = START
     request = SolveRequest(chain=name, profile=name, options=tuple(parse([option]).items()))
     result = SOLVER.solve(_frame(name, attitude), request)
@@ -68,12 +68,12 @@ def test_every_method_of_a_document_is_reached(name: str, option: str) -> None:
         assert option in ("centroider=mle", "prefilter=none", "undistort=document"), result.reason
         return
     across = pointing_difference_rad(result.attitude.cam_from_icrs, attitude)[0]
-    assert across < 3 * profile(name).camera.pixel_rad
+    assert across < 3 * shipped_camera(name).camera.pixel_rad
 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat", "far_mst", "oersted"])
-def test_a_sequence_goes_from_lost_to_tracking(name: str) -> None:
-    """The first image is lost in space, the next ones are tracked; a blank one makes the system step back."""
+def test_a_sequence_changes_from_lost_to_tracking(name: str) -> None:
+    """The first image is lost in space, the next ones are tracked; after a blank one the system falls back."""
     sequence, modes = SystemSequencer(name), []
     for step, shown in enumerate((True, True, True, False, True)):
         result = sequence.solve(
@@ -82,21 +82,21 @@ def test_a_sequence_goes_from_lost_to_tracking(name: str) -> None:
         modes.append(next(n for n in result.notes if n.startswith("mode")))
         if result.attitude is not None:
             off = pointing_difference_rad(result.attitude.cam_from_icrs, _turned(step))[0]
-            assert off < 3 * profile(name).camera.pixel_rad
+            assert off < 3 * shipped_camera(name).camera.pixel_rad
     assert modes[:3] == ["mode: lost in space", "mode: tracking", "mode: tracking"]
     assert result.outcome is Outcome.SOLVED, result.reason
 
 
-def test_a_hint_starts_assisted() -> None:
+def test_a_hint_starts_in_assisted_mode() -> None:
     """A commanded attitude starts the sequence in assisted mode with its radius."""
-    sequence = SystemSequencer("cubestar", Hint(_turned(20), float(np.radians(4))))
+    sequence = SystemSequencer("cubestar", BoundedPrior(_turned(20), float(np.radians(4))))
     result = sequence.solve(SOLVER, _frame("cubestar", START), SolveRequest(chain="cubestar", profile="cubestar"))
     assert "mode: assisted" in result.notes
     assert result.outcome is Outcome.SOLVED
 
 
-def test_far_mst_bridges_an_image_it_cannot_name() -> None:
-    """With too few stars allowed to be named the attitude goes on by the turn between images, and says so."""
+def test_far_mst_bridges_an_image_that_it_cannot_match() -> None:
+    """With too few stars for a match the attitude is propagated by the rotation between images and marked so."""
     sequence = SystemSequencer("far_mst")
     request = SolveRequest(chain="far_mst", profile="far_mst")
     first = sequence.solve(SOLVER, _frame("far_mst", _turned(0), 0), request)
@@ -105,14 +105,17 @@ def test_far_mst_bridges_an_image_it_cannot_name() -> None:
     second = sequence.solve(SOLVER, _frame("far_mst", _turned(1), 1), deaf)
     assert second.attitude is not None, second.reason
     assert any("chained over 1 image" in note for note in second.notes)
-    assert pointing_difference_rad(second.attitude.cam_from_icrs, _turned(1))[0] < profile("far_mst").camera.pixel_rad
+    assert (
+        pointing_difference_rad(second.attitude.cam_from_icrs, _turned(1))[0]
+        < shipped_camera("far_mst").camera.pixel_rad
+    )
     assert second.attitude.sigma_rad[0] > first.attitude.sigma_rad[0]  # type: ignore[union-attr]
 
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
-def test_options_change_what_they_name_and_nothing_else(name: str) -> None:
-    """Every plain constant can be given as a text of its own value; the parameters stay equal."""
-    own = system(name).parameters(profile(name), None, Commanded(), Mode.LOST_IN_SPACE)
+def test_options_change_only_the_named_constants(name: str) -> None:
+    """Every plain constant can be given as text with its own value; the parameters stay equal."""
+    own = system(name).parameters(shipped_camera(name), None, Commanded(), Mode.LOST_IN_SPACE)
     given = {n: getattr(own, n) for n in names(own) if getattr(own, n) is not None}
     texts = {n: ",".join(map(repr, v)) if isinstance(v, tuple) else str(v) for n, v in given.items()}
     assert with_options(own, texts) == own
@@ -127,14 +130,14 @@ def test_options_change_what_they_name_and_nothing_else(name: str) -> None:
         ("y", "NAME=VALUE"),
     ],
 )
-def test_impossible_options_are_told(pair: str, words: str) -> None:
-    """Unknown names, wrong kinds, unknown methods and texts without a value are refused in words."""
-    own = system("sunsat").parameters(profile("sunsat"), None, Commanded(), Mode.LOST_IN_SPACE)
+def test_invalid_options_are_rejected(pair: str, words: str) -> None:
+    """Unknown names, wrong kinds, unknown methods and texts without a value give an error message."""
+    own = system("sunsat").parameters(shipped_camera("sunsat"), None, Commanded(), Mode.LOST_IN_SPACE)
     with pytest.raises(BadInput, match=words):
         with_options(own, parse([pair]))
 
 
-def test_the_reference_chain_has_none() -> None:
-    """Options of the reference chain are refused."""
+def test_the_reference_chain_has_no_options() -> None:
+    """Options of the reference chain are rejected."""
     with pytest.raises(BadInput, match="no constants"):
         SOLVER.solve(_frame("cubestar", START), SolveRequest(profile="cubestar", options=(("a", "1"),)))

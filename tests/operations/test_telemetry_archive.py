@@ -1,4 +1,4 @@
-"""The archive: any field over any span, thinned without losing a spike, and exported as it is on the screen."""
+"""The archive: any field over any span, thinned without losing an extreme, and exported as displayed."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import event
 
-from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, NotFound
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Thinner
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.telemetry.telemetry_export import export
-from gss.operations.telemetry.value_words import formatted, raw_of, raw_text
+from gss.operations.telemetry.value_format import raw_of, raw_text
 from gss.store import telemetry as store
 
 DICTIONARY = load_dictionary()
@@ -28,7 +28,7 @@ MODES = ("standby", "lost_in_space", "tracking")
 
 @pytest.fixture
 def telemetry(database, bus, clock):
-    """Ten seconds of housekeeping and an attitude packet every second one."""
+    """Ten seconds of housekeeping with an attitude packet every two seconds."""
     service = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
     for k in range(10):
         clock.forward(1)
@@ -48,7 +48,7 @@ def telemetry(database, bus, clock):
 
 
 def span(clock):
-    """All that was stored."""
+    """The span of everything stored."""
     return clock() - timedelta(hours=1), clock() + timedelta(hours=1)
 
 
@@ -57,7 +57,9 @@ samples = st.lists(st.one_of(st.none(), st.floats(-1e6, 1e6)), min_size=1, max_s
 
 @given(samples, st.integers(10, 60))
 def test_thinning_keeps_order_bound_and_both_extremes(values, points):
-    """Never more than asked for; the smallest and the largest value are always there; what fits is untouched."""
+    """Never more samples than requested; the smallest and the largest value are always included; a short series is
+    unchanged.
+    """
     thinner = Thinner(0.0, float(len(values)), points)
     for t, y in enumerate(values):
         thinner.take(float(t), y)
@@ -72,7 +74,7 @@ def test_thinning_keeps_order_bound_and_both_extremes(values, points):
         assert (min(kept), max(kept)) == (min(known), max(known))
 
 
-def test_enumerations_and_yes_no_are_plotted_by_number_of_any_packet(telemetry, clock):
+def test_enumerations_and_booleans_of_any_packet_are_plotted_as_numbers(telemetry, clock):
     """mode as its wire number, a bool as 0 and 1, a field of another packet by its full key."""
     mode, running, frame = telemetry.archive.history(
         ["mode", "housekeeping.cycle_running", "centroids.frame_number"], *span(clock), 100
@@ -90,10 +92,12 @@ def test_enumerations_and_yes_no_are_plotted_by_number_of_any_packet(telemetry, 
 
 
 def test_a_long_span_is_read_in_blocks_of_bounded_size(telemetry, database, bus, clock):
-    """No statement brings more rows than a block, and the samples at the seams are neither lost nor doubled."""
+    """No statement returns more rows than a block, and the samples at block boundaries are neither lost nor doubled."""
     same = clock()
     fields = {"latchups": 77}
-    seven = (Telemetry("housekeeping", 1.0, 0, fields, fields),) * 7  # with one time: a seam between equals
+    seven = (
+        Telemetry("housekeeping", 1.0, 0, fields, fields),
+    ) * 7  # with one time: a block boundary between equal times
     telemetry.handle(LineBatch(seven, clock(), 0.0))
     sizes: list[int] = []
 
@@ -110,7 +114,7 @@ def test_a_long_span_is_read_in_blocks_of_bounded_size(telemetry, database, bus,
 
 
 def read_csv(pieces) -> list[dict[str, str]]:
-    """Rows of an export."""
+    """Return the rows of an export."""
     return list(csv.DictReader(io.StringIO(b"".join(pieces).decode(), newline="")))
 
 
@@ -126,8 +130,8 @@ KEYS = [
 
 
 @pytest.mark.parametrize("form", ["converted", "raw", "formatted"])
-def test_csv_and_parquet_hold_the_same(telemetry, clock, form):
-    """Two formats, one content, whichever form; times too."""
+def test_csv_and_parquet_have_the_same_content(telemetry, clock, form):
+    """In every form, including times."""
     options = {"form": form}
     rows = read_csv(export(telemetry.archive, KEYS, *span(clock), file_format="csv", **options))
     data = b"".join(export(telemetry.archive, KEYS, *span(clock), file_format="parquet", **options))
@@ -141,20 +145,20 @@ def test_csv_and_parquet_hold_the_same(telemetry, clock, form):
             assert row[key] == shown
 
 
-def test_an_export_is_what_the_screen_shows(telemetry, clock):
+def test_an_export_equals_the_displayed_values(telemetry, clock):
     """The newest row, formatted, is the value of the page; raw and converted are those of the packet."""
-    shown = {v.definition.name: v for v in telemetry.values() if v.packet == "housekeeping"}
+    shown = {v.name: v for v in telemetry.values() if v.packet == "housekeeping"}
     by_form = {
         form: read_csv(export(telemetry.archive, KEYS[:4], *span(clock), form=form, file_format="csv"))[-1]
         for form in ("converted", "raw", "formatted")
     }
     for key in KEYS[:4]:
-        assert by_form["formatted"][key] == formatted(shown[key].value, shown[key].definition.decimals)
+        assert by_form["formatted"][key] == shown[key].formatted
     assert by_form["converted"]["supply_3v3_v"] == "3.309"
     assert (by_form["raw"]["supply_3v3_v"], by_form["raw"]["mode"]) == ("3309", "0")
 
 
-def test_what_is_wrong_with_an_export_is_said_before_it_starts(telemetry, clock):
+def test_an_invalid_export_is_rejected_before_it_starts(telemetry, clock):
     """Unknown format, form, field; empty span."""
     start, end = span(clock)
     for keys, a, b, form, kind in (
@@ -169,7 +173,7 @@ def test_what_is_wrong_with_an_export_is_said_before_it_starts(telemetry, clock)
         export(telemetry.archive, ["warp"], start, end, form="raw", file_format="csv")
 
 
-def test_an_empty_span_is_an_empty_file_with_its_columns(telemetry, clock):
+def test_an_empty_span_gives_an_empty_file_with_its_columns(telemetry, clock):
     """A header, a schema, no rows."""
     start, end = clock() + timedelta(days=1), clock() + timedelta(days=2)
     assert read_csv(export(telemetry.archive, KEYS, start, end, form="raw", file_format="csv")) == []
@@ -187,8 +191,8 @@ def test_an_empty_span_is_an_empty_file_with_its_columns(telemetry, clock):
         ("mode", (0, 3)),
     ],
 )
-def test_raw_values_are_found_again_exactly(key, raws):
-    """Linear and polynomial conversions and enumerations give their number back; a value that no number gives has none."""
+def test_raw_values_are_recovered_exactly(key, raws):
+    """Linear and polynomial conversions and enumerations are inverted; a value outside their range has no raw value."""
     field = next(f for f in DICTIONARY.packet("housekeeping").values if f.name == key)
     for raw in raws:
         value = field.choice_name(raw) if field.choices else field.conversion.engineering(raw)
@@ -199,7 +203,7 @@ def test_raw_values_are_found_again_exactly(key, raws):
 
 
 def test_packets_are_paged_newest_first(telemetry):
-    """Whole packets with their lists; a page goes on where the last one ended."""
+    """Whole packets with their lists; a page continues where the last one ended."""
     first = telemetry.archive.packets("centroids", None, None, 2, None)
     second = telemetry.archive.packets("centroids", None, None, 9, first[-1].id)
     assert [r.values["frame_number"] for r in [*first, *second]] == [9, 7, 5, 3, 1]

@@ -1,34 +1,38 @@
-"""Packets that queued up are handled together, and nothing shows it: rows, judgements and alarms are those of one by one."""
+"""Packets that queued up are processed together with the same rows, judgements and alarms as one by one."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import text
 
-from gss.device.dictionary import Group, TelemetryField
-from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import decode, encode
+from gss.device.protocol.packet import Arrival
 from gss.device.session_events import Telemetry
 from gss.domain.limits import Limits
+from gss.instruments.dictionary.definitions import Group, TelemetryField
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import shared_roles
 from gss.operations.events import EventBus
-from gss.operations.line.line_events import LineBatch, LineEventQueue
+from gss.operations.line.dispatcher import LineEventQueue
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.limit_book import LimitBook
-from gss.operations.telemetry.telemetry import TelemetryService
-from gss.operations.telemetry.telemetry_board import Judgement, TelemetryBoard
+from gss.operations.telemetry.limit_check import Judgement
+from gss.operations.telemetry.telemetry import TelemetryBoard, TelemetryService
 from gss.store.engine import Database, migrate, open_engine
+from gss.store.models import Alarm
 
 DICTIONARY = load_dictionary()
 NAMES = ("housekeeping", "housekeeping", "housekeeping", "timing", "attitude", "centroids")
 
 
-class Room:
-    """Telemetry and alarms on a database of their own, without a line."""
+class BatchHarness:
+    """Telemetry and alarms on a separate database, without a link."""
 
     def __init__(self, folder: Path, clock: Any) -> None:
         folder.mkdir()
@@ -37,29 +41,37 @@ class Room:
         self.database = Database(open_engine(url))
         bus = EventBus(self.database, clock)
         link = LinkService(
-            DICTIONARY, self.database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+            DICTIONARY,
+            shared_roles(),
+            self.database,
+            bus,
+            folder,
+            clock,
+            lambda: 0.0,
+            LineEventQueue(clock, lambda: 0.0),
         )
         self.telemetry = TelemetryService(DICTIONARY, self.database, bus, clock, lambda: None, lambda: True)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, link, self.database, bus, clock)
         self.judgements: list[Judgement] = []
         self._clock = clock
 
-    def hear(self, *packets: Telemetry) -> None:
-        """A batch as the dispatcher hands it on."""
+    def receive(self, *packets: Telemetry) -> None:
+        """Process a batch as the dispatcher passes it on."""
         batch = LineBatch(packets, self._clock(), 0.0)
         derived = self.telemetry.handle(batch)
         self.judgements += [judgement for event in derived for judgement in event.judgements]
         self.alarms.handle(batch.with_derived(derived))
 
     def rows(self, table: str) -> list[tuple[Any, ...]]:
-        """The bytes of a table as they were stored."""
+        """Return the stored bytes of a table."""
         with self.database.unit_of_work() as session:
             return [tuple(row) for row in session.execute(text(f"select * from {table} order by 1"))]  # noqa: S608
 
 
 def packets(count: int, seed: int) -> list[Telemetry]:
-    """What a sensor that runs, rests and runs again might say, with values that leave their limits now and then, values that are
-    not a number, and lists; through the codec, as from the line."""
+    """Simulate a sensor that runs, pauses and runs again, with occasional limit violations, not-a-number values and
+    lists, encoded and decoded as on the link.
+    """
     rng, found = random.Random(seed), []
     for k in range(count):
         name = rng.choice(NAMES)
@@ -77,7 +89,7 @@ def packets(count: int, seed: int) -> list[Telemetry]:
 
 
 def a_value(item: Any, rng: random.Random, k: int) -> Any:
-    """In limits, in runs of some packets out of them, now and then unknown."""
+    """Return a value within limits, outside them for several packets, or sometimes unknown."""
     if item.type == "bool":
         return rng.random() < 0.5
     if item.type == "enum":
@@ -95,73 +107,87 @@ def a_value(item: Any, rng: random.Random, k: int) -> Any:
 
 
 def hash_of(name: str) -> int:
-    """The same in every process."""
+    """Return a hash that is the same in every process."""
     return sum(map(ord, name))
 
 
-def test_packets_stored_together_are_those_stored_one_by_one(tmp_path: Path, clock: Any) -> None:
+def test_packets_processed_together_equal_those_processed_one_by_one(tmp_path: Path, clock: Any) -> None:
     """Every byte of the rows of telemetry, alarms and events, the latest values, and the last judgement of each field."""
-    heard = packets(144, seed=3)
-    one, many = Room(tmp_path / "one", clock), Room(tmp_path / "many", clock)
-    for packet in heard:
-        one.hear(packet)
-    for k in range(0, len(heard), 48):
-        many.hear(*heard[k : k + 48])
-    assert len(one.rows("telemetry_packets")) == len(heard)
+    received = packets(144, seed=3)
+    one, many = BatchHarness(tmp_path / "one", clock), BatchHarness(tmp_path / "many", clock)
+    for packet in received:
+        one.receive(packet)
+    for k in range(0, len(received), 48):
+        many.receive(*received[k : k + 48])
+    assert len(one.rows("telemetry_packets")) == len(received)
     assert len(one.rows("alarms")) > 5
     for table in ("telemetry_packets", "alarms", "events"):
         assert one.rows(table) == many.rows(table), table
     assert repr(one.telemetry.values()) == repr(many.telemetry.values())
-    for room in (one, many):
-        room.database.close()
+    for harness in (one, many):
+        harness.database.close()
 
 
-def test_what_is_calm_is_judged_as_if_it_were_looked_at(database: Database, bus: EventBus, clock: Any) -> None:
-    """A board that passes over what is calm says of every value what one says that judges each sample; changes of the limits and
-    restarts in between included. Of the judgements it leaves out none but calm ones."""
+def test_skipping_normal_values_gives_the_same_judgements(database: Database, bus: EventBus, clock: Any) -> None:
+    """A board that skips normal values gives the same judgement of every value as one that judges each sample, also
+    after changes of limits and restarts. It skips only normal judgements.
+    """
     book = LimitBook(DICTIONARY, database, bus, clock)
-    quick, thorough = TelemetryBoard(DICTIONARY, book.rule), TelemetryBoard(DICTIONARY, book.rule)
-    book.subscribe(quick.limits_changed)
-    book.subscribe(thorough.limits_changed)
-    left_out = told = 0
+    quick, thorough = TelemetryBoard(DICTIONARY, book.rule, {}), TelemetryBoard(DICTIONARY, book.rule, Everything())
+    book.subscribe(quick.limits.limits_changed)
+    book.subscribe(thorough.limits.limits_changed)
+    left_out = followed = 0
     for k, packet in enumerate(packets(220, seed=8)):
         if k == 80:
             book.override("housekeeping.sensor_temperature_c", Limits(watch=(-1.0, 1.0)), 2, user="ann")
         if k == 140:
             book.choose("commissioning", user="ann")
-        thorough.followed = lambda: Everything()
-        thorough._look_again()
+        thorough.limits._look_again()
         expected, found = thorough.take(packet, clock()), quick.take(packet, clock())
         assert repr(quick.values(clock())) == repr(thorough.values(clock())), k
         rest = [j for j in expected if j not in found]
         assert [j for j in expected if j in found] == found
         assert all(j.state == "ok" for j in rest)
-        left_out, told = left_out + len(rest), told + len(found)
-    assert left_out > told > 100, (left_out, told)
+        left_out, followed = left_out + len(rest), followed + len(found)
+    assert left_out > followed > 100, (left_out, followed)
 
 
-def test_a_field_that_is_followed_is_told_while_it_is_calm(database: Database, bus: EventBus, clock: Any) -> None:
-    """An open alarm hears of every sample of its field."""
+def test_a_field_with_an_open_alarm_is_reported_while_it_is_normal(
+    database: Database, bus: EventBus, clock: Any
+) -> None:
+    """An open alarm receives every sample of its field."""
     book = LimitBook(DICTIONARY, database, bus, clock)
-    board = TelemetryBoard(DICTIONARY, book.rule)
+    alarms: dict[tuple[str, str], Alarm] = {}
+    board = TelemetryBoard(DICTIONARY, book.rule, alarms)
     fields = {"sensor_temperature_c": 20.0, "cycle_running": True}
     packet = Telemetry("housekeeping", 1.0, 0, fields, fields)
     for _ in range(5):
         board.take(packet, clock())
     assert board.take(packet, clock()) == []
-    board.followed = lambda: {("housekeeping", "sensor_temperature_c")}
+    alarms["housekeeping", "sensor_temperature_c"] = Alarm(id=7)
     (judgement,) = board.take(packet, clock())
     assert (judgement.field.name, judgement.value, judgement.state) == ("sensor_temperature_c", 20.0, "ok")
+    assert [v.name for v in board.values(clock()) if v.alarm_id == 7] == ["sensor_temperature_c"]
 
 
-class Everything(Sequence[Any]):
-    """Holds whatever it is asked for."""
+class Everything(dict[tuple[str, str], Alarm]):
+    """Open alarms of every field, none of which has a row."""
 
-    def __contains__(self, _: object) -> bool:
+    def __contains__(self, key: object) -> bool:
         return True
 
-    def __len__(self) -> int:
-        return 0
 
-    def __getitem__(self, _: Any) -> Any:
-        raise IndexError
+def test_old_packets_do_not_become_current_values(tmp_path: Path, clock: Any) -> None:
+    """A late packet is stored and not shown, a repeated one is only counted; one warning reports both."""
+    harness = BatchHarness(tmp_path / "room", clock)
+    first, second, third, *_ = [p for p in packets(200, 5) if p.packet == "housekeeping"]
+    harness.receive(first, third)
+    before = harness.telemetry.values()
+    harness.receive(replace(second, arrival=Arrival.LATE), replace(first, arrival=Arrival.REPEATED))
+    assert harness.telemetry.latest_packet("housekeeping") is third
+    assert [v.value for v in harness.telemetry.values()] == [v.value for v in before]
+    assert len(harness.rows("telemetry_packets")) == 3
+    assert harness.telemetry.old == 2
+    warnings = [row for row in harness.rows("events") if "older than the latest" in str(row)]
+    assert len(warnings) == 1
+    assert "2 telemetry packets" in str(warnings[0])

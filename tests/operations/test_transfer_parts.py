@@ -14,8 +14,8 @@ DATA = bytes(range(256)) * 40
 PART = HeldPart(hashlib.sha256(DATA).hexdigest(), 1024, DATA, ((0, 2), (5, 5)))
 
 
-def test_a_part_comes_back_as_it_was_kept(tmp_path: Path) -> None:
-    """Bytes, grid and ranges; the newest word counts."""
+def test_a_part_is_unchanged_by_the_store(tmp_path: Path) -> None:
+    """Bytes, grid and ranges; the newest version counts."""
     store = PartStore(tmp_path / "parts")
     assert store.load(7) is None
     store.keep(7, PART)
@@ -29,8 +29,8 @@ def test_a_part_comes_back_as_it_was_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["notes cut", "notes gone", "bytes gone", "no json", "bad hash"])
-def test_a_damaged_part_is_no_part(tmp_path: Path, damage: str) -> None:
-    """A crash in the middle of writing costs the part, never the server's start."""
+def test_a_damaged_part_is_ignored(tmp_path: Path, damage: str) -> None:
+    """A crash while a part is written costs the part, never the server's start."""
     store = PartStore(tmp_path)
     store.keep(1, PART)
     notes, content = tmp_path / "1.json", tmp_path / "1.part"

@@ -1,4 +1,4 @@
-"""Worker processes kept between jobs, and overlays that are made when they are asked for."""
+"""Worker processes kept between jobs, and solutions as they are stored."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import os
 import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
+from copy import deepcopy
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +16,22 @@ import pytest
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames import overlay
 from gss.operations.frames.solution_rows import solution_values, with_overlays
 from gss.operations.frames.solve import Solver, SolveRequest
 from gss.operations.frames.solver_cache import SolverCache
-from gss.operations.studies.reprocess_worker import Order, Task, run_batch
+from gss.operations.studies.reprocess_worker import BatchSettings, Task, run_batch
 from gss.operations.studies.warm_pool import WarmPool
 from gss.pipeline.render import render
+from gss.store import frames
 from gss.store.blobs import BlobStore
-from gss.store.models import Solution
+from gss.store.engine import Database, open_engine
+from gss.store.models import Base, Frame, Solution
 
 
 def test_processes_are_kept_and_end_when_idle() -> None:
-    """Two jobs meet the same process; some time after the last it is gone, and a later job gets another."""
+    """Two jobs use the same process; it ends some time after the last one, and a later job gets another."""
     pool = WarmPool(1, idle_s=0.2)
     with pool.borrowed() as first:
         one = first.submit(os.getpid).result(60)
@@ -42,8 +47,8 @@ def test_processes_are_kept_and_end_when_idle() -> None:
     assert not pool.is_warm
 
 
-def test_a_killed_process_breaks_its_job_only() -> None:
-    """The job is told; the next one runs on new processes."""
+def test_a_killed_process_fails_only_its_job() -> None:
+    """The job gets an error; the next one runs on new processes."""
     pool = WarmPool(1)
     with pytest.raises(BrokenProcessPool), pool.borrowed() as first:
         first.submit(os._exit, 3).result(60)
@@ -52,27 +57,50 @@ def test_a_killed_process_breaks_its_job_only() -> None:
     pool.stop()
 
 
-def test_overlays_made_later_are_those_made_at_once() -> None:
-    """A row without drawings gets the same grid, outline and predicted stars as one that was stored with them."""
-    stars = load_stars(6.5)
-    known = profile("cubestar")
+def test_a_stored_solution_is_small_and_shows_the_same_sky(tmp_path: Path) -> None:
+    """A row takes at most 6 kB; read back, its stars and overlays are those of the result to 1e-5 px."""
+    stars, known = load_stars(6.5), shipped_camera("cubestar")
     attitude = cam_from_icrs(1.4, 0.05, 0.3)
     frame = render(stars, known.camera, known.sensor, attitude, 0.25, np.random.default_rng(2))
-    result = Solver(SolverCache(stars)).solve(frame.pixels, SolveRequest(chain="cubestar", profile="cubestar"))
+    result = Solver(shipped_camera, SolverCache(stars)).solve(
+        frame.pixels, SolveRequest(chain="cubestar", profile="cubestar")
+    )
     assert result.attitude is not None
-    whole = solution_values(result, stars, "cubestar", None)
-    short = solution_values(result, stars, "cubestar", None, drawn=False)
-    assert not {"predicted", "grid", "north", "field"} & set(short["detail"])
-    made = with_overlays(Solution(**short, frame_id=1, origin="ground"), stars, "cubestar")
-    assert made["stars"] == whole["detail"]["stars"]
-    for name in ("predicted", "grid", "field", "regions"):
-        assert made[name] == whole["detail"][name], name
-    assert made["north"] == pytest.approx(whole["detail"]["north"])
+    values = solution_values(result, stars, known, None)
+    assert set(values["detail"]) == {"regions", "stars", "versions"}
+    database = Database(open_engine(f"sqlite:///{tmp_path / 'one.db'}"))
+    Base.metadata.create_all(database.engine)
+    at = datetime.now(UTC)
+    taken = Frame(
+        source="import", name="f", taken=at, received=at, columns=1024, rows=512, bits=8, dtype="|u1", sha256="0"
+    )
+    with database.unit_of_work() as session:
+        frame_id = frames.add(session, taken).id
+        added = Solution(**deepcopy(values), frame_id=frame_id, origin="ground", created=at)
+        solution_id = frames.add_solution(session, added).id
+    with database.engine.connect() as connection:
+        (raw,) = connection.exec_driver_sql("SELECT * FROM solutions").all()
+        assert sum(len(str(value)) for value in raw) < 6000
+    with database.unit_of_work() as session:
+        row = frames.get_solution(session, solution_id)
+    shown = with_overlays(row, stars, known)
+    assert shown["regions"] == values["detail"]["regions"]
+    assert len(shown["stars"]) == len(values["detail"]["stars"])
+    for now, then in zip(shown["stars"], values["detail"]["stars"], strict=True):
+        assert now.pop("name", None) == then.pop("name", None)
+        assert now == pytest.approx(then, rel=1e-6, abs=1e-5)
+    direct = overlay.describe(
+        result.camera, stars, known.sensor.faint_limit_mag, result.centroids, result.attitude.cam_from_icrs
+    )
+    for name in ("predicted", "grid", "field"):
+        assert shown[name] == direct[name], name
+    assert shown["north"] == pytest.approx(direct["north"])
+    database.close()
 
 
-def test_a_worker_takes_the_camera_of_the_order(tmp_path: Path) -> None:
-    """Two orders of one process with different cameras under one name give results of these cameras."""
-    known = profile("cubestar")
+def test_a_worker_uses_the_camera_of_its_job(tmp_path: Path) -> None:
+    """Two jobs on one process with different cameras under one name give results of these cameras."""
+    known = shipped_camera("cubestar")
     longer = replace(known, camera=known.camera.with_focal_scaled(1.002))
     blobs = BlobStore(str(tmp_path))
     frame = render(
@@ -80,5 +108,7 @@ def test_a_worker_takes_the_camera_of_the_order(tmp_path: Path) -> None:
     )
     task = Task(1, blobs.put(frame.pixels.tobytes()), frame.pixels.dtype.str, 512, 1024, "cubestar", None)
     for camera in (known, longer, known):
-        (row,) = run_batch(Order(str(tmp_path), 2026.5, "cubestar", {"cubestar": camera}), [task])
+        (row,) = run_batch(
+            BatchSettings(str(tmp_path), 2026.5, "cubestar", {"cubestar": camera}, {"cubestar": camera}), [task]
+        )
         assert row["camera"]["focal_col_px"] == camera.camera.focal_col_px

@@ -67,7 +67,7 @@ def test_fixed_to_the_earth_noise_and_sidereal_rate_come_out() -> None:
         assert figures.noise_rad == pytest.approx(true, rel=0.15)
         assert figures.claimed_rad == pytest.approx(true)
     assert (np.abs(test.rate_icrs_rad_s - POLE) < 4 * test.rate_sigma_rad_s).all()
-    assert test.rate_ratio == pytest.approx(1, abs=0.01)
+    assert np.linalg.norm(test.rate_icrs_rad_s) == pytest.approx(np.linalg.norm(test.expected_icrs_rad_s), rel=0.01)
     assert test.sky[0].drift_rad_s == pytest.approx(SIDEREAL_RAD_S, rel=0.02)
     assert test.warnings == ()
 
@@ -92,12 +92,12 @@ def test_frames_without_attitude_and_strays_do_not_spoil_the_figures() -> None:
     assert "strays" in {w.code for w in test.warnings}
 
 
-def test_a_knocked_mount_and_a_jumping_clock_are_told() -> None:
-    """A step of the attitude and a gap of time each have their word."""
+def test_a_moved_mount_and_a_clock_jump_are_reported() -> None:
+    """A step of the attitude and a gap of time each give a warning."""
     series = run(POLE)
-    knocked = replace(series, quaternion=series.quaternion.copy())
-    knocked.quaternion[150:] = turned(knocked.quaternion[150:], np.array([60 * ARCSEC_RAD, 0.0, 0.0]))
-    assert "jump" in {w.code for w in earth_fixed(knocked).warnings}
+    moved = replace(series, quaternion=series.quaternion.copy())
+    moved.quaternion[150:] = turned(moved.quaternion[150:], np.array([60 * ARCSEC_RAD, 0.0, 0.0]))
+    assert "jump" in {w.code for w in earth_fixed(moved).warnings}
     assert "gaps" in {w.code for w in check_series(run(POLE, gap=100.0))}
     clock = replace(series, times_s=series.times_s.copy())
     clock.times_s[150:] += 30.0
@@ -113,8 +113,8 @@ def test_too_few_attitudes_or_equal_times_are_refused() -> None:
         earth_fixed(replace(series, times_s=np.full(8, 5.0)))
 
 
-def test_a_slew_gives_its_rate_back() -> None:
-    """The commanded 0.1333°/s within four σ; another one is told apart."""
+def test_a_slew_gives_its_rate() -> None:
+    """The commanded 0.1333°/s within four σ; another rate is distinguished."""
     rate = np.radians(0.1333) * np.array([0.6, 0.8, 0.0])
     test = slew_test(run(rate, n=120, step_s=1.0), float(np.radians(0.1333)))
     assert abs(test.mean_speed_rad_s - np.radians(0.1333)) < 4 * test.mean_sigma_rad_s + 1e-9
@@ -128,9 +128,10 @@ def test_a_slew_gives_its_rate_back() -> None:
         slew_test(run(rate), 3.0)
 
 
-def test_attitudes_that_are_no_slew_are_severely_told() -> None:
-    """Random attitudes are no rate: axes, speed and scatter are each told, severely; a true slew far off its command only as
-    a rate."""
+def test_attitudes_without_a_slew_give_severe_warnings() -> None:
+    """Random attitudes have no rate: axes, speed and scatter each give a severe warning; a true slew that differs from
+    its command only one about the rate.
+    """
     series = run(POLE, n=40, step_s=1.0)
     wild = replace(series, quaternion=Rotation.random(40, random_state=4).as_quat())
     found = slew_test(wild, float(np.radians(0.5)))
@@ -168,8 +169,8 @@ def test_noise_falls_with_integration_time() -> None:
         noise_equivalent_angle({0.1: runs[0.1]})
 
 
-def test_two_cameras_find_their_mounting() -> None:
-    """The mounting within its error, the difference as large as both covariances say; a drift is told."""
+def test_two_cameras_give_their_mounting() -> None:
+    """The mounting within its error, the difference consistent with both covariances; a drift is reported."""
     first = run(POLE, seed=1)
     mounting = Rotation.from_rotvec([0.3, -1.1, 0.4])
     second = run(POLE, seed=2)

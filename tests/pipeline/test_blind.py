@@ -14,16 +14,16 @@ from gss.domain.camera import Brown, Camera
 from gss.domain.rotation import rotation_angle_rad
 from gss.pipeline.identify.blind import BlindFound, identify_blind
 from gss.pipeline.identify.faint import Spots
-from gss.pipeline.identify.patterns import Level, build_level, codes_of, radii_rad
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.patterns import PatternLevel, build_level, codes_of, radii_rad
+from gss.pipeline.identify.verify import SkyCatalogue
 
 TABLE = propagate(load_stars(), 2025.0)
-SKY = Sky(TABLE.hip, TABLE.icrs, TABLE.v_mag)
+SKY = SkyCatalogue(TABLE.hip, TABLE.icrs, TABLE.v_mag)
 SHAPE = (1024, 768)
 
 
 @functools.lru_cache(maxsize=32)
-def level(radius_rad: float) -> Level:
+def level(radius_rad: float) -> PatternLevel:
     return build_level(SKY, radius_rad)
 
 

@@ -1,4 +1,4 @@
-"""A detector's flaws: by seed, in the places and amounts that were asked for."""
+"""A detector's defects: determined by the seed, with the requested positions and amounts."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import pytest
 
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES, profile
 from gss.domain.sensor import NO_DEFECTS, Defects
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.pipeline.chip import make_chip
 from gss.pipeline.readout import FixedPattern, expose
 
 CAMERA = Camera.from_fov(300, 200, 0.3)
-SENSOR = replace(profile("cubestar").sensor, gain_e_per_dn=1.0, bits=16, full_well_e=60_000.0, bias_dn=500.0)
+SENSOR = replace(shipped_camera("cubestar").sensor, gain_e_per_dn=1.0, bits=16, full_well_e=60_000.0, bias_dn=500.0)
 FLAWS = Defects(0.02, 3.0, 5.0, 0.5, 1e-3, 4000.0, 5e-4, 0.3)
 
 
@@ -32,7 +32,7 @@ def test_a_seed_is_a_chip() -> None:
         assert not np.array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_flaws_have_the_asked_amounts() -> None:
+def test_defects_have_the_requested_amounts() -> None:
     """Shares of hot and dead pixels, spreads of response and offsets, the corner's loss."""
     chip = make_chip(FLAWS, SENSOR, CAMERA, 7)
     assert (len(chip.hot), len(chip.dead)) == (60, 30)
@@ -89,7 +89,7 @@ def test_impossible_flaws_are_refused(flaw: Defects) -> None:
 
 def test_every_profile_has_flaws_and_a_baffle_with_a_source() -> None:
     """Each camera says what is wrong with it, and from where that is known or that it was chosen."""
-    for p in PROFILES.values():
+    for p in shipped_registry().cameras_with_chain().values():
         assert p.defects != NO_DEFECTS
-        assert "defects, baffle" in p.sources
+        assert {"defects", "sun, earth", "blind"} <= set(p.sources)
         assert p.camera.half_diagonal_rad < p.baffle.blind_rad <= p.baffle.sun_limit_rad

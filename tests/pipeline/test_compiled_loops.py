@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.domain.profiles import profile
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
+from gss.instruments.registry import shipped_camera
 from gss.pipeline import kernels
 from gss.pipeline.chains import cubestar
 from gss.pipeline.detect import Detections, find_stars
@@ -79,7 +79,7 @@ def test_components_are_the_same_to_the_bit(threshold: float, kind: str) -> None
 @needs_numba
 def test_cubestar_answers_the_same_to_the_bit() -> None:
     """Regions, centroids and notes of CubeStar's detection do not depend on who ran the loops."""
-    known = profile("cubestar")
+    known = shipped_camera("cubestar")
     rng = np.random.default_rng(4)
     stars = load_stars(6.0)
     for _ in range(4):
@@ -93,8 +93,8 @@ def test_cubestar_answers_the_same_to_the_bit() -> None:
             assert getattr(plain.centroids, name).tobytes() == getattr(quick.centroids, name).tobytes()
 
 
-def test_numpy_can_always_be_asked_for() -> None:
-    """``fast=False`` runs numpy wherever it is installed, and the result says so."""
+def test_numpy_can_always_be_selected() -> None:
+    """``fast=False`` runs numpy wherever it is installed, and the result states it."""
     found: Detections = find_stars(frame(1), psf_sigma_px=1.1, fast=False)
     assert found.loops == "numpy"
 

@@ -11,29 +11,29 @@ from scipy.spatial.transform import Rotation
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.profiles import profile
 from gss.domain.results import SolveResult
 from gss.domain.rotation import rotation_from_vector
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.reference import KnownSky, known_sky, solve_known
 from gss.pipeline.identify.faint import Rows, Spots, name_the_rest
 from gss.pipeline.identify.flux_line import flux_line
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.verify import SkyCatalogue
 from gss.pipeline.refine import Refined, refine
 from gss.pipeline.render import FalseStar, Rendered, render
 
 TABLE = propagate(load_stars(), 2025.0)
-SKY = Sky(TABLE.hip, TABLE.icrs, TABLE.v_mag)
+SKY = SkyCatalogue(TABLE.hip, TABLE.icrs, TABLE.v_mag)
 
 
 @functools.cache
 def stars_of(name: str, fainter_mag: float = 0.0) -> KnownSky:
-    p = profile(name)
+    p = shipped_camera(name)
     return known_sky(SKY, p.camera, p.sensor.faint_limit_mag + fainter_mag)
 
 
 def shot(name: str, r: Array, rng: np.random.Generator, false_stars: int = 0) -> Rendered:
-    """The whole table to V 8 on the detector, and spots that are no stars."""
-    p = profile(name)
+    """Return the whole table to V 8 on the detector, and false stars."""
+    p = shipped_camera(name)
     spots = [
         FalseStar(rng.uniform(0, p.camera.columns), rng.uniform(0, p.camera.rows), rng.uniform(2.5, 6))
         for _ in range(false_stars)
@@ -42,12 +42,14 @@ def shot(name: str, r: Array, rng: np.random.Generator, false_stars: int = 0) ->
 
 
 def solve(name: str, frame: Rendered) -> SolveResult:
-    p = profile(name)
+    p = shipped_camera(name)
     return solve_known(frame.pixels, p.camera, p.sensor, stars_of(name), deeper=lambda: stars_of(name, 1.0))
 
 
 def misnamed(result: SolveResult, camera: Camera, r: Array) -> int:
-    """Matches whose star is over 3 px from its centroid, or stands within 2.5 px of it beside a brighter star."""
+    """Return the number of matches whose star is over 3 px from its centroid, or within 2.5 px of it beside a brighter
+    star.
+    """
     assert result.matches is not None
     near = SKY.icrs @ r[2] > np.cos(camera.half_diagonal_rad + 0.02)
     hip, v_mag, place = SKY.hip[near], SKY.v_mag[near], camera.project(SKY.icrs[near] @ r.T)
@@ -75,7 +77,7 @@ def test_nearly_all_detections_get_their_right_name(name: str, share: float) -> 
             len(set(result.matches.centroid.tolist())) == len(set(result.matches.hip.tolist())) == len(result.matches)
         )
         named, seen = named + len(result.matches), seen + len(result.centroids)
-        wrong += misnamed(result, profile(name).camera, r)
+        wrong += misnamed(result, shipped_camera(name).camera, r)
         error = Rotation.from_matrix(result.attitude.cam_from_icrs @ r.T).as_rotvec()
         quadratic.append(error @ np.linalg.solve(result.attitude.covariance_rad2, error))
     assert wrong == 0
@@ -93,7 +95,7 @@ def test_spots_that_are_no_stars_get_no_name(name: str) -> None:
         r = Rotation.random(rng=rng).as_matrix()
         result = solve(name, shot(name, r, rng, false_stars=30))
         assert result.attitude is not None
-        assert misnamed(result, profile(name).camera, r) == 0
+        assert misnamed(result, shipped_camera(name).camera, r) == 0
         named += len(result.matches or ()) > 0.5 * (len(result.centroids) - 30)
     assert named == 12
 
@@ -101,7 +103,7 @@ def test_spots_that_are_no_stars_get_no_name(name: str) -> None:
 def test_more_stars_make_a_better_attitude() -> None:
     """Naming the faint stars takes a fifth and more off the mean cross-boresight error of the proof's own stars."""
     rng = np.random.default_rng(43)
-    p = profile("cubestar")
+    p = shipped_camera("cubestar")
     few, many = [], []
     bright = stars_of("cubestar").sky
     for _ in range(40):
@@ -122,13 +124,15 @@ def test_more_stars_make_a_better_attitude() -> None:
 CAMERA = Camera(1000, 1000, 2500.0, 2500.0, 499.5, 499.5)
 
 
-def table(pixels: Array, v_mag: Array) -> Sky:
-    """Stars that stand exactly on those pixels for the identity attitude, brightest first."""
+def table(pixels: Array, v_mag: Array) -> SkyCatalogue:
+    """Return stars exactly at those pixels for the identity attitude, brightest first."""
     order = np.argsort(v_mag, kind="stable")
-    return Sky(np.arange(1, len(v_mag) + 1, dtype=np.int32)[order], CAMERA.unproject(pixels)[order], v_mag[order])
+    return SkyCatalogue(
+        np.arange(1, len(v_mag) + 1, dtype=np.int32)[order], CAMERA.unproject(pixels)[order], v_mag[order]
+    )
 
 
-def name(pixels: Array, v_seen: Array, sky: Sky, anchors: int) -> dict[int, int]:
+def name(pixels: Array, v_seen: Array, sky: SkyCatalogue, anchors: int) -> dict[int, int]:
     """Hipparcos number by spot; the first ``anchors`` spots, which are stars 1, 2 …, are proved."""
     spots = Spots(pixels, np.full(len(pixels), 0.1), v_seen - 20.0, 1.2)
     rows: Rows = np.arange(anchors, dtype=np.intp)

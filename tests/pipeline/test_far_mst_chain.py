@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gss.catalogue_tools.onboard import decode, encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
 from gss.domain.results import Centroids, Outcome, SolveResult, Truth
 from gss.domain.rotation import (
     matrix_from_quaternion,
@@ -24,16 +23,19 @@ from gss.domain.rotation import (
     rotation_angle_rad,
     rotation_from_vector,
 )
-from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.domain.stars import StarTable
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
 from gss.pipeline.chains.far_mst_parameters import SOURCES, FarMstParameters
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Commanded, Work, solve
 from gss.pipeline.chains.systems import system
 from gss.pipeline.render import FalseStar, HotPixel, render, stars_near, truth_of
 from gss.pipeline.score import assess
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import distance_table
 
-PROFILE = profile("far_mst")
+PROFILE = shipped_camera("far_mst")
 CAMERA, SENSOR = PROFILE.camera, PROFILE.sensor
 CHAIN = system("far_mst")
 LIMIT_MAG = 4.5
@@ -92,11 +94,11 @@ def _list(rng: np.random.Generator, rotation: Array, false: int, noise_px: float
     return Centroids.from_pixels(pixels, 10 ** (-0.4 * v_mag[order]), max(noise_px, 1e-3)), truth
 
 
-def _work(mode: Mode = Mode.LOST_IN_SPACE, hint: Hint | None = None, **changes: object) -> Work:
+def _work(mode: Mode = Mode.LOST_IN_SPACE, hint: AttitudePrior | None = None, **changes: object) -> Work:
     return Work(CAMERA, _catalogue(), replace(_parameters(mode), **changes), mode, hint)  # type: ignore[arg-type]
 
 
-def _hint(rng: np.random.Generator, rotation: Array, mode: Mode) -> Hint | None:
+def _hint(rng: np.random.Generator, rotation: Array, mode: Mode) -> AttitudePrior | None:
     """Boresight up to 5° off for assisted; for tracking two earlier attitudes of a turn of 10° per frame."""
     if mode is Mode.LOST_IN_SPACE:
         return None
@@ -104,39 +106,40 @@ def _hint(rng: np.random.Generator, rotation: Array, mode: Mode) -> Hint | None:
     if mode is Mode.TRACKING:
         step = rotation_from_vector(axis / np.linalg.norm(axis) * np.radians(10))
         before = step.T @ rotation
-        return Hint.from_quaternion(quaternion_from_matrix(before), (quaternion_from_matrix(step.T @ before),))
+        return AttitudePrior.from_quaternion(quaternion_from_matrix(before), (quaternion_from_matrix(step.T @ before),))
     axis -= axis @ rotation[2] * rotation[2]
     angle = np.radians(5) * rng.random()
-    return Hint(np.cos(angle) * rotation[2] + np.sin(angle) * axis / np.linalg.norm(axis))
+    return AttitudePrior(np.cos(angle) * rotation[2] + np.sin(angle) * axis / np.linalg.norm(axis))
 
 
 @pytest.mark.parametrize("mode", list(Mode))
 @pytest.mark.parametrize("false", [0, 1, 5, 10])
-def test_far_mst_lists_are_solved_and_never_wrongly(mode: Mode, false: int) -> None:
-    """100 random attitudes, 0.2 px noise: no wrong answer, 97 solved, 93 of 100 of those correct."""
+def test_far_mst_lists_are_solved_and_never_wrongly(mode: Mode, false: int, trials: Any) -> None:
+    """Random attitudes, 0.2 px noise: no wrong answer, 97 % solved, 93 % of those correct."""
     rng = np.random.default_rng(2000 + false)
     verdicts: Counter[str] = Counter()
-    for _ in range(100):
+    for _ in range(trials(100)):
         rotation = matrix_from_quaternion(random_quaternion(rng))
         centroids, truth = _list(rng, rotation, false)
         result = _solve_list(centroids, _work(mode, _hint(rng, rotation, mode)))
         verdicts[assess(result, truth, CAMERA).verdict.value] += 1
     assert verdicts["wrong"] == 0
-    assert 100 - verdicts["none"] >= 97
-    assert verdicts["correct"] >= 0.93 * (100 - verdicts["none"])
+    solved = verdicts.total() - verdicts["none"]
+    assert solved >= trials.least(97, 100)
+    assert verdicts["correct"] >= trials.least(93, 100, of=solved)
 
 
 @pytest.mark.parametrize("matcher", ["n3", "n4", "n5", "pyramid"])
-def test_each_matcher_alone_is_never_wrong(matcher: str) -> None:
-    """60 lists with one false star: none wrong, 54 solved, by every matcher on its own."""
+def test_each_matcher_alone_is_never_wrong(matcher: str, trials: Any) -> None:
+    """Lists with one false star: none wrong, nine of ten solved, by every matcher on its own."""
     rng = np.random.default_rng(31)
     verdicts: Counter[str] = Counter()
-    for _ in range(60):
+    for _ in range(trials(60)):
         rotation = matrix_from_quaternion(random_quaternion(rng))
         centroids, truth = _list(rng, rotation, 1)
         verdicts[assess(_solve_list(centroids, _work(matcher=matcher)), truth, CAMERA).verdict.value] += 1
     assert verdicts["wrong"] == 0
-    assert 60 - verdicts["none"] >= 54
+    assert verdicts.total() - verdicts["none"] >= trials.least(54, 60)
 
 
 def test_the_documents_own_acceptance_can_be_chosen() -> None:
@@ -153,18 +156,18 @@ def test_the_documents_own_acceptance_can_be_chosen() -> None:
 
 
 @pytest.mark.parametrize(("mode", "false"), [(Mode.LOST_IN_SPACE, 0), (Mode.LOST_IN_SPACE, 5), (Mode.TRACKING, 5)])
-def test_far_mst_frames_are_solved_and_never_wrongly(mode: Mode, false: int) -> None:
-    """25 rendered frames with all stars to V 6.5, noise and false stars: none wrong, at least 24 solved."""
+def test_far_mst_frames_are_solved_and_never_wrongly(mode: Mode, false: int, trials: Any) -> None:
+    """Rendered frames with all stars to V 6.5, noise and false stars: none wrong, 24 of 25 solved."""
     rng = np.random.default_rng(17 + false)
     verdicts: Counter[str] = Counter()
-    for _ in range(25):
+    for _ in range(trials(25)):
         rotation = matrix_from_quaternion(random_quaternion(rng))
         spots = [FalseStar(*rng.uniform((5, 5), (1274, 1018)), v_mag=rng.uniform(1, LIMIT_MAG)) for _ in range(false)]
         frame = render(_stars(6.5), CAMERA, SENSOR, rotation, SENSOR.exposure_s, rng, false_stars=spots)
         result = solve(CHAIN, frame.pixels, _work(mode, _hint(rng, rotation, mode)))
         verdicts[assess(result, frame.truth, CAMERA).verdict.value] += 1
     assert verdicts["wrong"] == 0
-    assert 25 - verdicts["none"] >= 24
+    assert verdicts.total() - verdicts["none"] >= trials.least(24, 25)
 
 
 @pytest.mark.parametrize("changes", [{"centroider": "mle"}, {"prefilter": "block"}, {"sigma_model": "document"}])
@@ -181,14 +184,14 @@ def test_other_stages_solve_frames_too(changes: dict[str, object]) -> None:
     assert 6 - verdicts["none"] >= 5
 
 
-def test_far_mst_pure_noise_lists_are_never_solved() -> None:
-    """Random centroids, 8 and 20 of them, 30 times each, in every mode with a random hint never give an attitude."""
+def test_far_mst_pure_noise_lists_are_never_solved(trials: Any) -> None:
+    """Random centroids, 8 and 20 of them, in every mode with a random hint never give an attitude."""
     rng = np.random.default_rng(66)
-    for _ in range(30):
+    for _ in range(trials(30)):
         for count in (8, 20):
             centroids = Centroids.from_pixels(rng.uniform((0, 0), (1279, 1023), (count, 2)))
             for mode in Mode:
-                hint = None if mode is Mode.LOST_IN_SPACE else Hint.from_quaternion(random_quaternion(rng))
+                hint = None if mode is Mode.LOST_IN_SPACE else AttitudePrior.from_quaternion(random_quaternion(rng))
                 result = _solve_list(centroids, _work(mode, hint))
                 assert result.outcome is Outcome.NONE
                 assert result.reason
@@ -207,7 +210,7 @@ def test_poles_and_the_origin_of_right_ascension_are_ordinary_places(place: str)
 
 
 def test_far_mst_mirror_images_are_not_solved() -> None:
-    """A mirrored list is no sky: 20 of them, lost and assisted, give nothing."""
+    """20 mirrored lists, lost in space and assisted, give no attitude."""
     rng = np.random.default_rng(6)
     for _ in range(20):
         rotation = matrix_from_quaternion(random_quaternion(rng))
@@ -235,7 +238,7 @@ def test_a_hint_to_the_wrong_sky_gives_nothing() -> None:
         centroids, _ = _list(rng, rotation, 0)
         wrong = rotation_from_vector(np.array([np.radians(40), 0, 0])) @ rotation
         for mode in (Mode.ASSISTED, Mode.TRACKING):
-            result = _solve_list(centroids, _work(mode, Hint.from_quaternion(quaternion_from_matrix(wrong))))
+            result = _solve_list(centroids, _work(mode, AttitudePrior.from_quaternion(quaternion_from_matrix(wrong))))
             assert result.outcome is Outcome.NONE
 
 
@@ -245,7 +248,7 @@ def test_a_lost_track_is_found_again_near_the_hint() -> None:
     rotation = matrix_from_quaternion(random_quaternion(rng))
     centroids, truth = _list(rng, rotation, 0)
     moved = rotation_from_vector(np.array([0, np.radians(3), 0])) @ rotation
-    work = _work(Mode.TRACKING, Hint.from_quaternion(quaternion_from_matrix(moved)))
+    work = _work(Mode.TRACKING, AttitudePrior.from_quaternion(quaternion_from_matrix(moved)))
     assert "vertex" in CHAIN.match_stars(centroids, work).method
     assert assess(_solve_list(centroids, work), truth, CAMERA).verdict.value == "correct"
 
@@ -255,7 +258,7 @@ def test_two_stars_are_enough_while_tracking_far_mst() -> None:
     rng = np.random.default_rng(10)
     rotation = matrix_from_quaternion(random_quaternion(rng))
     centroids, truth = _list(rng, rotation, 0)
-    work = _work(Mode.TRACKING, Hint.from_quaternion(truth.quaternion))
+    work = _work(Mode.TRACKING, AttitudePrior.from_quaternion(truth.quaternion))
     result = _solve_list(centroids.take(np.arange(2)), work)
     assert assess(result, truth, CAMERA).verdict.value == "correct"
 
@@ -302,8 +305,8 @@ def test_far_mst_hot_pixels_do_not_disturb() -> None:
     assert assess(result, frame.truth, CAMERA).verdict.value == "correct"
 
 
-def test_a_turning_camera_is_solved_and_told_to_expose_shorter() -> None:
-    """At 4°/s, 17 px of smear, the frame is solved and a note speaks of streaks (Huffman 2006 §4.2.2)."""
+def test_a_rotating_camera_is_solved_with_a_note_on_exposure() -> None:
+    """At 4°/s, 17 px of smear, the frame is solved and a note reports streaks (Huffman 2006 §4.2.2)."""
     rng = np.random.default_rng(14)
     frame = render(_stars(6.5), CAMERA, SENSOR, ORION, SENSOR.exposure_s, rng, rate_rad_s=(np.radians(4.0), 0.0, 0.0))
     result = solve(CHAIN, frame.pixels, _work())
@@ -334,7 +337,7 @@ def test_a_sequence_is_tracked_through_its_own_attitudes() -> None:
     mode, answers = Mode.LOST_IN_SPACE, []
     for k in range(12):
         centroids, truth = _list(rng, rotation, 1)
-        hint = Hint.from_quaternion(answers[0], tuple(answers[1:])) if answers else None
+        hint = AttitudePrior.from_quaternion(answers[0], tuple(answers[1:])) if answers else None
         work = _work(mode, hint)
         matching = CHAIN.match_stars(centroids, work)
         result = _solve_list(centroids, work)
@@ -363,13 +366,15 @@ def test_far_mst_gives_the_same_bits_twice() -> None:
 
 @pytest.mark.parametrize("method", ["q_method", "svd", "foam"])
 def test_the_four_attitude_methods_agree(method: str) -> None:
-    """q-method, SVD and FOAM give QUEST's attitude to rounding and the same covariance (Huffman 2006 ch. 6)."""
+    """q-method, SVD and FOAM give QUEST's attitude to rounding. SVD and FOAM have separate expressions of the covariance,
+    which agree with QUEST's within 1 % (Huffman 2006 ch. 6).
+    """
     centroids, _ = _list(np.random.default_rng(16), ORION, 1)
     quest, other = _solve_list(centroids, _work()), _solve_list(centroids, _work(attitude_method=method))
     assert quest.attitude is not None
     assert other.attitude is not None
     assert rotation_angle_rad(quest.attitude.cam_from_icrs, other.attitude.cam_from_icrs) < 1e-12
-    np.testing.assert_array_equal(quest.attitude.covariance_rad2, other.attitude.covariance_rad2)
+    np.testing.assert_allclose(quest.attitude.covariance_rad2, other.attitude.covariance_rad2, rtol=0.01)
 
 
 def test_far_mst_covariance_is_the_scatter() -> None:

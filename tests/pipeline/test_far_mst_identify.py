@@ -1,4 +1,4 @@
-"""FAR-MST's matchers one by one: the document's own fixtures, brute force, and frames against frames."""
+"""FAR-MST's matchers one by one: the document's examples, brute force, and pairs of frames."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
 from gss.domain.results import Attitude, Centroids
 from gss.domain.rotation import (
     matrix_from_quaternion,
@@ -21,33 +19,36 @@ from gss.domain.rotation import (
     rotation_angle_rad,
     rotation_from_vector,
 )
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.far_mst_parameters import default_parameters
 from gss.pipeline.chains.far_mst_relative import Relative, chained, rate_rad_s, relative_attitude
-from gss.pipeline.identify.baselines import Baselines, Column, baselines
+from gss.pipeline.identify.baselines import BaselineCandidates, Baselines, baselines
 from gss.pipeline.identify.frame_figures import candidate_star_matrix, pair_match, triangle_match
 from gss.pipeline.identify.n_vertex import consistent_names, figures, match_figure
-from gss.pipeline.identify.sin2_directory import sin2_directory
 from gss.pipeline.identify.triad_pyramid import pyramids
 from gss.pipeline.identify.uniform_density import brightest_per_field, lattice
 from gss.pipeline.render import stars_near, truth_of
-from gss.pipeline.track.rate_match import constant_rate, mutual_nearest, rate_match
+from gss.pipeline.track.constant_rate import extrapolate
+from gss.pipeline.track.rate_match import mutual_nearest, rate_match
+from gss.skytables.pairs import distance_table
+from gss.skytables.sin2 import sin2_directory
 
-PROFILE = profile("far_mst")
+PROFILE = shipped_camera("far_mst")
 CAMERA = PROFILE.camera
 PARAMETERS = default_parameters(PROFILE)
 
 
 def _by_columns(s_matrix: dict[int, dict[int, list[int]]], vertices: int) -> Baselines:
-    """Baselines that answer with a given matrix S instead of a directory."""
+    """Return baselines that answer from a given matrix S instead of a directory."""
     empty = sin2_directory(distance_table(load_stars(0.0), 0.0, 1e-6), 100)
     made = Baselines(empty, np.zeros((vertices, vertices), np.intp), np.zeros((vertices, vertices), np.intp))
     for number, (i, j) in enumerate(combinations(range(vertices), 2), start=1):
         keys = sorted({p * 100 + q for p, row in s_matrix.items() for q in row.get(number, [])})
-        made._columns[(i, j)] = Column(np.array(keys, np.intp), 100)
+        made._columns[(i, j)] = BaselineCandidates(np.array(keys, np.intp), 100)
     return made
 
 
-def test_the_documents_matrix_gives_its_names() -> None:
+def test_the_documents_matrix_gives_its_stars() -> None:
     """Matrix S of Table 5.4 (star C in columns 2, 4, 6) leads to A = 45, B = 46, C = 47, D = 48."""
     s_matrix = {
         45: {1: [46], 2: [47], 3: [48]},
@@ -60,7 +61,7 @@ def test_the_documents_matrix_gives_its_names() -> None:
 
 
 def test_the_documents_candidate_star_matrix_reduces() -> None:
-    """Fig. 5.6 with the 9 that the prose demands: star 1 is 3, star 2 is 5, star 3 is 9."""
+    """Fig. 5.6 with the 9 that the text requires: star 1 is 3, star 2 is 5, star 3 is 9."""
     masks = [np.zeros((10, 10), bool) for _ in range(3)]
     for mask, (i, j) in zip(masks, ((3, 5), (9, 5), (3, 9)), strict=True):
         mask[i, j] = mask[j, i] = True
@@ -71,8 +72,8 @@ def test_the_documents_candidate_star_matrix_reduces() -> None:
 
 
 @pytest.mark.parametrize("vertices", [3, 4, 5])
-def test_figures_are_all_and_bright_ones_first(vertices: int) -> None:
-    """Every figure of eight stars comes once; at first a star stays for at most three triads running (§5.5.2)."""
+def test_figures_are_complete_and_bright_ones_first(vertices: int) -> None:
+    """Every figure of eight stars is generated once; at first a star is in at most three consecutive triads (§5.5.2)."""
     made = figures(8, vertices)
     assert sorted(made) == list(combinations(range(8), vertices))
     assert made[0] == tuple(range(vertices))
@@ -82,8 +83,8 @@ def test_figures_are_all_and_bright_ones_first(vertices: int) -> None:
     assert figures(2, 3) == ()
 
 
-def test_consistent_names_are_the_brute_force_ones() -> None:
-    """Over 30 random figures the sets of names are those of comparing every angle."""
+def test_consistent_matches_equal_brute_force() -> None:
+    """For 30 random figures the sets of matches are those of comparing every angle."""
     rng = np.random.default_rng(3)
     stars = load_stars(2.0)
     directory = sin2_directory(distance_table(stars, 0.0, 0.9), len(stars))
@@ -112,8 +113,8 @@ def test_consistent_names_are_the_brute_force_ones() -> None:
     assert found >= 10
 
 
-def test_a_mirrored_figure_is_left_out() -> None:
-    """The names of a mirrored triangle are consistent and of the wrong hand; none is left."""
+def test_a_mirrored_figure_is_excluded() -> None:
+    """The matches of a mirrored triangle are consistent but of the wrong handedness; none remains."""
     stars = load_stars(3.0)
     directory = sin2_directory(distance_table(stars, 0.0, 0.6), len(stars))
     rotation = cam_from_icrs(np.radians(84.0), 0.0, 0.7)
@@ -128,7 +129,7 @@ def test_a_mirrored_figure_is_left_out() -> None:
 
 
 def test_pyramids_are_confirmed_by_a_fourth_star() -> None:
-    """Each pyramid names four different stars rightly; without a fourth star there is none."""
+    """Each pyramid matches four different stars correctly; without a fourth star there is no match."""
     stars = load_stars(3.5)
     directory = sin2_directory(distance_table(stars, 0.0, 0.6), len(stars))
     rotation = cam_from_icrs(np.radians(84.0), 0.0, 2.7)
@@ -141,7 +142,7 @@ def test_pyramids_are_confirmed_by_a_fourth_star() -> None:
 
 
 def test_the_processors_density_rule_keeps_the_brightest() -> None:
-    """Every star that is among the five brightest of the circle round itself is kept, and the lattice leaves no gap."""
+    """Every star among the five brightest of the circle around it is kept, and the lattice has no gap."""
     stars = load_stars(4.0)
     kept = brightest_per_field(stars.icrs, np.arange(len(stars)), 0.25, 5)
     assert 0 < kept.sum() < len(stars)
@@ -155,7 +156,7 @@ def test_the_processors_density_rule_keeps_the_brightest() -> None:
 
 
 def _frames(seed: int, turn_rad: float, noise_px: float = 0.1) -> tuple[Centroids, Centroids, Array, Array]:
-    """Two frames of the sky, the turn between them and the attitude of the first."""
+    """Return two frames of the sky, the rotation between them and the attitude of the first."""
     rng = np.random.default_rng(seed)
     stars = load_stars(4.0)
     axis = rng.normal(size=3)
@@ -170,8 +171,10 @@ def _frames(seed: int, turn_rad: float, noise_px: float = 0.1) -> tuple[Centroid
 
 
 @pytest.mark.parametrize("method", ["triangle", "rate", "auto"])
-def test_the_turn_between_two_frames_is_found(method: str) -> None:
-    """Thirty pairs of frames 2° apart: every answer is the true turn within five of its standard deviations, 26 are answered."""
+def test_the_rotation_between_two_frames_is_measured(method: str) -> None:
+    """Thirty pairs of frames 2° apart: every result is the true rotation within five standard deviations, 26 have a
+    result.
+    """
     answered = 0
     for seed in range(30):
         before, after, turn, _ = _frames(seed, np.radians(2))
@@ -187,8 +190,8 @@ def test_the_turn_between_two_frames_is_found(method: str) -> None:
     assert answered >= 26
 
 
-def test_frames_of_different_skies_have_no_turn() -> None:
-    """Frames that share no star give no turn, by any matcher, in 30 tries."""
+def test_frames_of_different_skies_have_no_rotation() -> None:
+    """Frames without common stars give no rotation, by any matcher, in 30 trials."""
     for seed in range(30):
         before, after = _frames(seed, 0.0)[0], _frames(seed + 500, 0.0)[1]
         for method in ("triangle", "rate"):
@@ -198,7 +201,7 @@ def test_frames_of_different_skies_have_no_turn() -> None:
 
 
 def test_two_stars_match_by_distance_and_brightness() -> None:
-    """The pair match orders the two by brightness; with a second pair of that length it gives nothing."""
+    """The pair matcher orders the two by brightness; with a second pair of that length it gives no match."""
     a = CAMERA.unproject(np.array([[200.0, 300.0], [900.0, 700.0]]))
     turn = rotation_from_vector(np.array([0.01, 0.02, 2.5]))
     b = (a @ turn.T)[::-1]
@@ -216,7 +219,7 @@ def test_mirrored_triangles_do_not_match() -> None:
     assert len(triangle_match(before, before, 1e-4)) == 3
 
 
-def test_nearest_both_ways_is_required() -> None:
+def test_nearest_in_both_directions_is_required() -> None:
     """Two predictions for one measured star: only the nearer is matched; beyond the radius none."""
     base = CAMERA.unproject(np.array([[100.0, 100.0], [104.0, 100.0], [900.0, 900.0]]))
     seen = CAMERA.unproject(np.array([[103.0, 100.0], [950.0, 900.0]]))
@@ -225,7 +228,7 @@ def test_nearest_both_ways_is_required() -> None:
 
 
 def test_stars_that_leave_the_frame_are_not_predicted() -> None:
-    """Turned half a frame on, a star at the leading edge is out and has no partner."""
+    """After a rotation by half a frame a star at the leading edge is outside and has no partner."""
     pixels = np.array([[1200.0, 500.0], [100.0, 500.0]])
     before = CAMERA.unproject(pixels)
     turn = rotation_from_vector(np.array([0.0, 0.2, 0.0]))
@@ -233,17 +236,17 @@ def test_stars_that_leave_the_frame_are_not_predicted() -> None:
     assert pairs[:, 0].tolist() == [1]
 
 
-def test_constant_rate_goes_one_turn_on() -> None:
-    """From two attitudes one turn apart comes the third."""
+def test_constant_rate_predicts_the_next_attitude() -> None:
+    """Two attitudes one rotation apart give the third."""
     rng = np.random.default_rng(7)
     first, turn = matrix_from_quaternion(random_quaternion(rng)), rotation_from_vector(np.array([0.1, -0.2, 0.05]))
     second, third = turn @ first, turn @ turn @ first
-    found = constant_rate(quaternion_from_matrix(second), quaternion_from_matrix(first))
+    found = extrapolate(quaternion_from_matrix(second), quaternion_from_matrix(first))
     assert rotation_angle_rad(found, third) < 1e-14
 
 
-def test_chained_attitudes_add_their_errors() -> None:
-    """Over ten frames the chained attitude stays within its growing covariance, and that grows (Huffman 2006 eq. 7.1)."""
+def test_errors_of_chained_attitudes_accumulate() -> None:
+    """Over ten frames the chained attitude stays within its covariance, which grows (Huffman 2006 eq. 7.1)."""
     rng = np.random.default_rng(8)
     rotation = matrix_from_quaternion(random_quaternion(rng))
     attitude = Attitude(quaternion_from_matrix(rotation), np.eye(3) * 1e-10)
@@ -262,7 +265,9 @@ def test_chained_attitudes_add_their_errors() -> None:
 
 
 def test_rate_has_the_cameras_sign() -> None:
-    """A camera that turns about +x by 0.01 rad in 0.5 s has a rate of +0.02 rad/s about x, as the renderer means it."""
+    """A camera that rotates about +x by 0.01 rad in 0.5 s has a rate of +0.02 rad/s about x, as the renderer defines
+    it.
+    """
     turn = rotation_from_vector(np.array([-0.01, 0.0, 0.0]))
     found = Relative(quaternion_from_matrix(turn), np.eye(3) * 1e-8, np.zeros((2, 2), np.intp), "rate", 0.0, "")
     rate, covariance = rate_rad_s(found, 0.5)
@@ -270,8 +275,10 @@ def test_rate_has_the_cameras_sign() -> None:
     np.testing.assert_allclose(covariance, np.eye(3) * 4e-8)
 
 
-def test_far_mst_relative_contracts() -> None:
-    """Unknown matchers, a rate match without a turn, and chaining nothing are refused; one star has a reason."""
+def test_invalid_relative_requests_are_rejected() -> None:
+    """Unknown matchers, a rate match without a rotation, and chaining nothing are rejected; a single star gives a
+    reason.
+    """
     before, after, _, _ = _frames(1, 0.01)
     with pytest.raises(BadInput, match="matcher"):
         relative_attitude(before, after, CAMERA, PARAMETERS, "magic")

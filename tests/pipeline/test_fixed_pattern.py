@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gss.domain.errors import BadInput
-from gss.pipeline.fixed_pattern import FixedPattern, clean
+from gss.pipeline.fixed_pattern import DarkPattern, clean
 
 PATTERN = np.array([[0, 1, 2], [3, 0, -1], [0, 0, 50]], np.float32)
-KNOWN = FixedPattern(PATTERN, np.array([[2, 2]]), 0.25)
+KNOWN = DarkPattern(PATTERN, np.array([[2, 2]]), 0.25)
 LEVEL = 20.0
 
 
@@ -41,7 +41,7 @@ def test_a_block_of_bad_pixels_is_mended_where_it_has_neighbours() -> None:
     bad = np.array([[c, r] for c in (1, 2, 3) for r in (1, 2, 3)])
     frame = np.full((5, 5), 7.0, np.float32)
     frame[1:4, 1:4] = 99.0
-    out = clean(frame, FixedPattern(np.zeros((5, 5), np.float32), bad, 0.1), 1e9)
+    out = clean(frame, DarkPattern(np.zeros((5, 5), np.float32), bad, 0.1), 1e9)
     assert out[2, 2] == 99.0
     assert (np.delete(out.ravel(), 12) == 7.0).all()
 

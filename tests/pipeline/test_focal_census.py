@@ -33,8 +33,8 @@ def test_another_focal_length_is_named(scale: float, seed: int) -> None:
     met = _corner(pixels[:40], 4)
     said = focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX)
     assert "focal length" in said
-    told = float(said.split("one of ")[1].split(" %")[0])
-    assert told == pytest.approx(100 * (scale - 1), abs=0.26)
+    difference_percent = float(said.split("one of ")[1].split(" %")[0])
+    assert difference_percent == pytest.approx(100 * (scale - 1), abs=0.26)
 
 
 @pytest.mark.parametrize("false", [0, 10, 100])

@@ -6,7 +6,6 @@ import numpy as np
 
 from gss.domain.angles import Array, separation_rad
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
-from gss.domain.stars import DistanceTable, OnboardCatalogue
 from gss.pipeline.identify.geometric_voting import (
     agreement,
     cluster,
@@ -15,6 +14,8 @@ from gss.pipeline.identify.geometric_voting import (
     reduced_table,
     vote,
 )
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import DistanceTable
 
 TOLERANCE_RAD = 2e-3
 
@@ -86,8 +87,8 @@ def test_reduced_table_needs_both_stars() -> None:
     np.testing.assert_array_equal(table.second, t.second[expected])
 
 
-def test_nobody_to_vote_for() -> None:
-    """No stars, one star, an empty table and an empty catalogue end without names."""
+def test_too_few_stars_give_no_match() -> None:
+    """No stars, one star, an empty table and an empty catalogue end without matches."""
     catalogue = _random_catalogue(np.random.default_rng(23), 20)
     none = reduced_table(catalogue.distances, np.zeros(20, bool))
     two = np.array([[0, 0, 1.0], [0, 0.1, np.sqrt(0.99)]])
@@ -98,7 +99,7 @@ def test_nobody_to_vote_for() -> None:
 
 
 def test_equal_votes_go_to_the_lower_row() -> None:
-    """Two stars alone cannot tell which is which: both get the lower number, and one name twice is no agreement."""
+    """Two stars alone are ambiguous: both get the lower number, and a duplicate match is rejected."""
     catalogue = _random_catalogue(np.random.default_rng(24), 20)
     t = catalogue.distances
     a, b = int(t.first[0]), int(t.second[0])

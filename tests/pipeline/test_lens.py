@@ -1,4 +1,4 @@
-"""A lens is fitted only as far as the stars tell of it."""
+"""A lens is fitted only as far as the stars determine it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Lights that are no catalogue stars, and trails: drawn like stars, in no truth, as long as can be drawn."""
+"""Light sources that are not catalogue stars, and trails: rendered like stars, not in the truth, up to the maximum
+length.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +12,12 @@ import pytest
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.render import Lights, longest_trail_s, render
 from gss.pipeline.veil import Veil
 
 CAMERA = Camera.from_fov(400, 300, 0.2)
-SENSOR = replace(profile("cubestar").sensor, bits=16, gain_e_per_dn=1.0, full_well_e=65_000.0)
+SENSOR = replace(shipped_camera("cubestar").sensor, bits=16, gain_e_per_dn=1.0, full_well_e=65_000.0)
 STARS = load_stars(5.0)
 NONE = STARS.take(np.zeros(0, np.intp))
 RATE = np.array([0.0, 0.05, 0.0])
@@ -57,8 +59,8 @@ def test_a_veil_adds_its_light_and_hides_what_is_behind_it() -> None:
     assert frame[:, 200:].max() > frame[10, 390] + 50
 
 
-def test_the_longest_trail_is_drawn_and_a_longer_one_refused() -> None:
-    """The limit that the function tells is the limit that the renderer keeps."""
+def test_the_longest_trail_is_rendered_and_a_longer_one_rejected() -> None:
+    """The limit that the function returns is the renderer's limit."""
     longest_s = longest_trail_s(CAMERA, SENSOR, RATE)
     rng = np.random.default_rng(0)
     render(STARS, CAMERA, SENSOR, np.eye(3), 0.999 * longest_s, rng, rate_rad_s=RATE)

@@ -15,13 +15,13 @@ from gss.domain.camera import Camera, Pinhole
 from gss.domain.results import Centroids
 from gss.domain.rotation import rotation_angle_rad
 from gss.pipeline.chains.reference import KnownSky, known_sky
-from gss.pipeline.identify.near import Hint, identify_near
+from gss.pipeline.identify.near import BoundedPrior, identify_near
 from gss.pipeline.identify.pyramid import identify_lost
-from gss.pipeline.identify.verify import Sky, field_of
+from gss.pipeline.identify.verify import SkyCatalogue, field_of
 
 NOISE_PX = 0.2
 TABLE = propagate(load_stars(), 2025.0)
-SKY = Sky(TABLE.hip, TABLE.icrs, TABLE.v_mag)
+SKY = SkyCatalogue(TABLE.hip, TABLE.icrs, TABLE.v_mag)
 CAMERAS = {
     "cubestar": (Camera.from_optics(1024, 512, 5.6e-3, 5.6e-3, 6.28, Pinhole()), 3.8),
     "sunsat": (Camera.from_optics(752, 582, 6.5e-3, 6.25e-3, 25.0, Pinhole()), 6.0),
@@ -42,7 +42,7 @@ def skies() -> dict[str, KnownSky]:
 
 
 def scene(
-    sky: Sky,
+    sky: SkyCatalogue,
     camera: Camera,
     limit: float,
     false: int,
@@ -101,7 +101,7 @@ def test_near_a_hint_three_stars_are_enough(name: str, false: int, skies: dict[s
         axis = rng.normal(size=3)
         off = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(0.5)).as_matrix()
         view = field_of(s.centroids, camera)
-        evidence = identify_near(view, known.sky, camera, Hint(off @ s.cam_from_icrs, np.radians(0.6))).evidence
+        evidence = identify_near(view, known.sky, camera, BoundedPrior(off @ s.cam_from_icrs, np.radians(0.6))).evidence
         possible += s.true_stars >= 3
         if evidence is None:
             continue
@@ -159,7 +159,7 @@ def test_wrong_hint_gives_nothing_or_the_truth(skies: dict[str, KnownSky]) -> No
     rng = np.random.default_rng(9)
     for _ in range(40):
         s = scene(known.sky, camera, limit, 5, rng)
-        hint = Hint(Rotation.random(rng=rng).as_matrix() @ s.cam_from_icrs, np.radians(1.0))
+        hint = BoundedPrior(Rotation.random(rng=rng).as_matrix() @ s.cam_from_icrs, np.radians(1.0))
         evidence = identify_near(field_of(s.centroids, camera), known.sky, camera, hint).evidence
         assert evidence is None or rotation_angle_rad(evidence.cam_from_icrs, s.cam_from_icrs) < 30 * camera.pixel_rad
 

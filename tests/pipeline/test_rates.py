@@ -41,8 +41,8 @@ def test_the_covariance_is_that_of_the_scatter() -> None:
     assert np.std(found, axis=0) == pytest.approx(rate.sigma_rad_s, rel=0.05)
 
 
-def test_impossible_intervals_and_turns_are_told() -> None:
-    """No time between images, or half a turn: BadInput."""
+def test_impossible_intervals_and_rotations_are_rejected() -> None:
+    """No time between images, or a rotation of 180°: BadInput."""
     still = attitude(np.eye(3))
     with pytest.raises(BadInput, match="same time"):
         rate_between(still, still, 0.0)

@@ -58,7 +58,7 @@ def test_one_false_match_weighs_nothing() -> None:
 
 
 @pytest.mark.parametrize(("n", "tolerance"), [(60, 0.02), (5, 0.25)])
-def test_k1_is_fitted_where_the_stars_tell(n: int, tolerance: float) -> None:
+def test_k1_is_fitted_with_enough_stars(n: int, tolerance: float) -> None:
     """Many stars give the radial coefficient; few leave it near zero, held by the prior."""
     rng = np.random.default_rng(4)
     icrs, pixels, r = stars(n, rng)

@@ -91,7 +91,7 @@ def test_search_stops_after_too_many_invalid_areas() -> None:
 
 
 def test_small_areas_are_not_invalid() -> None:
-    """Hot pixels in any number do not stop the search, and only so many of them are recorded."""
+    """Hot pixels in any number do not stop the search, and only a limited number of them is recorded."""
     image = _dots(*[1] * 80, 8)
     found = search(image, 9, LIMITS)
     assert (found.invalid, found.accepted.tolist()) == (0, [80])

@@ -15,12 +15,12 @@ from gss.domain.angles import Array, ra_dec_from_unit, unit_from_ra_dec
 from gss.domain.camera import Brown, Camera
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_from_vector
 from gss.domain.stars import StarTable
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.render import FalseStar, FixedPattern, HotPixel, expose, render, spots
 
-CUBESTAR = profile("cubestar")
+CUBESTAR = shipped_camera("cubestar")
 CAMERA, SENSOR = CUBESTAR.camera, CUBESTAR.sensor
 QUIET = replace(SENSOR, bits=16, gain_e_per_dn=0.05, full_well_e=1e9, background_e_s=0.0, dark_current_e_s=0.0)
 

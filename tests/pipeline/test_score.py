@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from gss.domain.angles import Array
-from gss.domain.profiles import profile
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult, Truth, Verdict
 from gss.domain.rotation import quaternion_from_matrix, rotation_from_vector
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.score import assess, score
 
-CAMERA = profile("cubestar").camera
+CAMERA = shipped_camera("cubestar").camera
 PLACES = np.array([[100.0, 100], [900, 80], [500, 400], [300, 250]])
 TRUTH = Truth(np.array([0, 0, 0, 1.0]), np.array([11, 12, 13, 14], np.int32), PLACES, np.array([1.0, 2, 3, 3]))
 SIGMA_RAD = 1e-4

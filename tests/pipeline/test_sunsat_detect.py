@@ -9,7 +9,7 @@ import pytest
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput
-from gss.domain.profiles import profile
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
 from gss.pipeline.chains.sunsat import find_in_frame
@@ -28,7 +28,7 @@ from gss.pipeline.chains.sunsat_parameters import SOURCES, SunsatParameters, def
 from gss.pipeline.regions import Blobs, find_blobs
 from gss.pipeline.render import FalseStar, render
 
-PROFILE = profile("sunsat")
+PROFILE = shipped_camera("sunsat")
 CAMERA, SENSOR = PROFILE.camera, PROFILE.sensor
 PARAMETERS = default_parameters(PROFILE)
 NO_STARS = load_stars(3.0).take(np.zeros(0, np.intp))
@@ -138,8 +138,8 @@ def test_direction_is_the_documents_formula() -> None:
         assert 0.5 * np.arctan2(2 * m11, m20 - m02) == pytest.approx(printed, abs=1e-12)
 
 
-def test_expected_streaks_are_told_from_doubles() -> None:
-    """With history the elongation must be as expected within two pixels and, if long, lie within 30° (eq. 2.9–2.10)."""
+def test_expected_streaks_are_distinguished_from_doubles() -> None:
+    """With history the elongation must be as expected within two pixels and, if long, within 30° (eq. 2.9–2.10)."""
     blob = _ellipse(8, 3, 0.3)
     level = np.zeros((60, 80))
     level.ravel()[blob.index] = 50

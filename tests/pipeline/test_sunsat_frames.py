@@ -11,8 +11,8 @@ from gss.catalogue_tools.envelope.attitude import euler_123 as catalogue_euler_1
 from gss.domain.camera import Camera, RadialTilt
 from gss.domain.errors import BadInput
 from gss.domain.frames import orbit_from_icrs, ra_dec_roll_rad
-from gss.domain.profiles import profile
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion, rotation_angle_rad
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.sunsat_frames import (
     BODY_FROM_CAM,
     SS_FROM_CAM,
@@ -30,7 +30,7 @@ from gss.pipeline.chains.sunsat_frames import (
     uv_from_ss,
 )
 
-CAMERA = profile("sunsat").camera
+CAMERA = shipped_camera("sunsat").camera
 PLATE = Plate.of(CAMERA, 25.0)
 RNG = np.random.default_rng(11)
 PIXELS = RNG.uniform((-0.5, -0.5), (751.5, 581.5), (500, 2))

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.tables.distances import distance_table_of_units
 from gss.domain.angles import Array
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.pipeline.identify.match_groups import (
@@ -19,6 +18,7 @@ from gss.pipeline.identify.match_groups import (
     match_groups,
 )
 from gss.pipeline.identify.star_vectors import match_star_vectors
+from gss.skytables.pairs import distance_table_of_units
 
 LIMITS = GroupLimits(1e-4, 0.5)
 
@@ -88,8 +88,8 @@ def test_one_false_star_ruins_star_vectors() -> None:
 
 
 @pytest.mark.parametrize("way", ["match_groups", "star_vectors"])
-def test_mirror_images_are_refused(way: str) -> None:
-    """§3.3.3: the same distances the other way round are no match."""
+def test_mirror_images_are_rejected(way: str) -> None:
+    """§3.3.3: the same distances in mirrored order give no match."""
     guides = _sky(5)
     unit, v_mag = _observed(guides, _field(guides, 8))
     assert _solve(way, unit * [1, 1, -1], v_mag, guides).group is None
@@ -97,7 +97,7 @@ def test_mirror_images_are_refused(way: str) -> None:
 
 @pytest.mark.parametrize("way", ["match_groups", "star_vectors"])
 def test_magnitudes_must_fit(way: str) -> None:
-    """A star 0.6 mag off with a tolerance of 0.5 is no match: out of the group, and the end of star vectors."""
+    """A star 0.6 mag off with a tolerance of 0.5 is not matched: it leaves the group and the star vectors."""
     guides = _sky(6)
     who = _field(guides, 8)
     unit, v_mag = _observed(guides, who)

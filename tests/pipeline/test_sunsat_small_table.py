@@ -9,18 +9,18 @@ import numpy as np
 
 from gss.catalogue_tools.onboard import decode, encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
-from gss.domain.profiles import profile
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded, Work
 from gss.pipeline.chains.sunsat_detect import brightness_dn
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue
 from gss.pipeline.chains.sunsat_onboard import SunsatChain
 from gss.pipeline.render import stars_near, truth_of
+from gss.skytables.pairs import distance_table
 
-PROFILE, CHAIN = profile("sunsat"), SunsatChain()
+PROFILE, CHAIN = shipped_camera("sunsat"), SunsatChain()
 CAMERA = PROFILE.camera
 PARAMETERS = CHAIN.parameters(PROFILE, None, Commanded(), Mode.LOST_IN_SPACE)
 FIELDS = 60

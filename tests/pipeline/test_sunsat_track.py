@@ -12,12 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from gss.catalogue_tools.onboard import decode, encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.angles import Array, ra_dec_from_unit
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import profile
 from gss.domain.rotation import (
     matrix_from_quaternion,
     quaternion_from_matrix,
@@ -25,18 +23,20 @@ from gss.domain.rotation import (
     rotation_angle_rad,
     rotation_from_vector,
 )
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.instruments.registry import shipped_camera
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Commanded, Work, solve
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue
 from gss.pipeline.chains.sunsat_onboard import SunsatChain
 from gss.pipeline.chains.sunsat_track import expected_stars, uncertainty_px
 from gss.pipeline.render import FalseStar, render
 from gss.pipeline.score import assess
-from gss.pipeline.track.predictor import predict, predict_angles_rad, predict_attitude, rotation_vector_rad
+from gss.pipeline.track.predictor import predict, predict_attitude, rotation_vector_rad
 from gss.pipeline.track.sphere_field import edge_dec_rad, sphere_field, stars_inside
 from gss.pipeline.track.three_stars import Candidates, ThreeStars, by_boxes
+from gss.skytables.pairs import distance_table
 
-PROFILE = profile("sunsat")
+PROFILE = shipped_camera("sunsat")
 CAMERA, SENSOR = PROFILE.camera, PROFILE.sensor
 CHAIN = SunsatChain()
 PARAMETERS = CHAIN.parameters(PROFILE, None, Commanded(), Mode.TRACKING)
@@ -63,8 +63,9 @@ POINTINGS = {
 
 @pytest.mark.parametrize("name", POINTINGS)
 def test_field_on_the_sphere_is_the_projection(name: str) -> None:
-    """Stars between the great circles of the field's edges are those that the camera sees, at poles and across RA 0, and the
-    zero crossings tell the cases apart (Fig. 4-3)."""
+    """Stars between the great circles of the field's edges are those in the camera's field, at poles and across RA 0,
+    and the zero crossings distinguish the cases (Fig. 4-3).
+    """
     ra, dec, roll, crossings, pole = POINTINGS[name]
     attitude = cam_from_icrs(ra, dec, roll)
     field = sphere_field(PINHOLE.corners() @ attitude)
@@ -109,9 +110,21 @@ def test_predictor_has_the_documents_weights() -> None:
     assert predict(np.array([5.0])) == pytest.approx(5.0)
     line = np.array([4.0, 3.0, 2.0, 1.0])
     assert predict(line) == pytest.approx(5.0)
-    angles = np.radians([[179.5], [178.0], [176.5]])
-    wrapped = (angles + np.radians([[2.0], [2.0], [2.0]]) + np.pi) % (2 * np.pi) - np.pi
-    assert np.sin(predict_angles_rad(wrapped) - np.radians(183.0)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_predictor_uses_the_times_of_the_samples() -> None:
+    """A parabola sampled at unequal times: the acceleration is the change between the middles of the intervals, and is left
+    out far ahead; a line is continued exactly at any distance."""
+    times = np.array([-0.8, -2.0, -3.5])
+    assert predict(4.0 + 3.0 * times, -times) == pytest.approx(4.0)
+    assert predict(4.0 + 3.0 * times[:2], -times[:2]) == pytest.approx(4.0)
+    assert predict(4.0 + 3.0 * (times - 20), 20 - times) == pytest.approx(4.0)
+    curved = 0.5 * times**2
+    velocities = -np.diff(curved) / -np.diff(times)
+    acceleration = (velocities[1] - velocities[0]) / ((times[2] - times[0]) / 2)
+    expected = curved[0] - velocities[0] * times[0] + 0.5 * acceleration * times[0] ** 2
+    assert predict(curved, -times) == pytest.approx(expected)
+    assert predict(curved - 1.0, 9.0 - times) == pytest.approx(curved[0] - 1.0 + velocities[0] * (9.0 - times[0]))
 
 
 def test_attitude_is_predicted_at_any_pointing() -> None:
@@ -186,8 +199,8 @@ def test_one_star_is_not_two() -> None:
     assert _three([[0], [0], [0]]).found == []
 
 
-def _hint(rotation: Array, off_rad: Array | float = 0.0) -> Hint:
-    return Hint.from_quaternion(
+def _hint(rotation: Array, off_rad: Array | float = 0.0) -> AttitudePrior:
+    return AttitudePrior.from_quaternion(
         quaternion_from_matrix(rotation_from_vector(np.asarray(off_rad) * np.ones(3)) @ rotation)
     )
 
@@ -228,7 +241,7 @@ def _sequence(
         spots = [FalseStar(*rng.uniform((0, 0), (751, 581)), v_mag=rng.uniform(2.5, 6)) for _ in range(points)]
         frame = render(load_stars(6.5), CAMERA, SENSOR, rotation, 0.5, rng, rate_rad_s=turn, false_stars=spots)
         pixels = _with_discs(frame.pixels, rng, discs)
-        hint = Hint.from_quaternion(known[0], tuple(known[1:3])) if known else _hint(rotation, np.radians(0.3))
+        hint = AttitudePrior.from_quaternion(known[0], tuple(known[1:3])) if known else _hint(rotation, np.radians(0.3))
         result = solve(CHAIN, pixels, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, hint))
         verdicts[assess(result, frame.truth, CAMERA).verdict.value] += 1
         known = [result.attitude.quaternion, *known][:3] if result.attitude else []
@@ -248,7 +261,7 @@ def _with_discs(pixels: Array, rng: np.random.Generator, count: int) -> Array:
 
 @pytest.mark.parametrize("kind", ["none", "discs", "points"])
 def test_tracking_survives_a_hundred_false_stars(kind: str) -> None:
-    """§4.3: with 100 false stars per frame tracking goes on, only occasionally starting again; no attitude is wrong."""
+    """§4.3: with 100 false stars per frame tracking continues with occasional restarts; no attitude is wrong."""
     verdicts: Counter[str] = Counter()
     for seed in range(4):
         start = matrix_from_quaternion(random_quaternion(np.random.default_rng(100 + seed)))
@@ -269,7 +282,7 @@ def test_tracking_works_at_poles_and_across_zero(ra: float, dec: float) -> None:
 def test_tracking_needs_an_attitude() -> None:
     """Without a hint, or with a boresight only, tracking is refused."""
     frame = np.full((582, 752), 12, np.uint8)
-    for hint in (None, Hint(np.array([0.0, 0.0, 1.0]))):
+    for hint in (None, AttitudePrior(np.array([0.0, 0.0, 1.0]))):
         with pytest.raises(BadInput, match="tracking needs a hint"):
             solve(CHAIN, frame, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, hint))
 
@@ -279,7 +292,7 @@ def test_a_false_attitude_to_start_from_gives_none() -> None:
     rng = np.random.default_rng(8)
     for _ in range(25):
         frame = render(load_stars(6.5), CAMERA, SENSOR, matrix_from_quaternion(random_quaternion(rng)), 0.5, rng)
-        elsewhere = Hint.from_quaternion(random_quaternion(rng))
+        elsewhere = AttitudePrior.from_quaternion(random_quaternion(rng))
         result = solve(CHAIN, frame.pixels, Work(CAMERA, _catalogue(), PARAMETERS, Mode.TRACKING, elsewhere))
         assert result.attitude is None
         assert result.reason

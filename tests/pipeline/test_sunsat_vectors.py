@@ -9,9 +9,9 @@ from astropy.coordinates import get_body_barycentric_posvel
 from astropy.time import Time, TimeDelta
 
 from gss.domain.camera import Camera
-from gss.domain.profiles import profile
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.sunsat_frames import OrbitElements, cam_from_icrs_of, euler_123
 from gss.pipeline.chains.sunsat_vectors import (
     LIGHT_M_S,
@@ -21,7 +21,7 @@ from gss.pipeline.chains.sunsat_vectors import (
     velocity_orbit_m_s,
 )
 
-CAMERA: Camera = profile("sunsat").camera
+CAMERA: Camera = shipped_camera("sunsat").camera
 ORBIT = OrbitElements(2.3, np.radians(97.0), 1.1)
 ANGLES = (np.radians(3.0), np.radians(-2.0), np.radians(134.0))
 DAY = 9000.5

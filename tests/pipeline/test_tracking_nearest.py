@@ -27,8 +27,8 @@ def test_the_nearest_of_two_wins() -> None:
     assert match_nearest(_at(0.2), _at(0, 0.3, 10), ALL, RADIUS_RAD).tolist() == [1]
 
 
-def test_stars_off_the_reduced_list_are_not_seen() -> None:
-    """A star that is not allowed is no candidate, however near; its neighbour is."""
+def test_stars_off_the_reduced_list_are_not_matched() -> None:
+    """A star outside the list is not a candidate, however near; its neighbour is."""
     allowed = np.array([True, False, True])
     assert match_nearest(_at(0.2), _at(0, 0.25, 10), allowed, RADIUS_RAD).tolist() == [0]
     assert match_nearest(_at(0.2), _at(0, 0.25, 10), ~ALL, RADIUS_RAD).tolist() == [-1]

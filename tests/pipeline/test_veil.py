@@ -1,11 +1,11 @@
-"""Light that is no star: where it comes from, how it falls off, what the Earth hides."""
+"""Stray light: its sources, its decrease with angle, and occultation by the Earth."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from gss.domain.profiles import PROFILES, profile
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.pipeline.veil import BLIND_E_S, earth_disc, earth_stray, grid_of, halo, sun_stray
 
 
@@ -17,7 +17,7 @@ def _at(angle_deg: float, side_deg: float = 0.0) -> np.ndarray:
 
 def test_sun_stray_light_follows_the_angle() -> None:
     """At the limit it has the reference's strength, falls as Moniteq's table outside, rises e-fold every 3° inside."""
-    p = profile("aim")
+    p = shipped_camera("aim")
     middle = (p.camera.rows // 2, p.camera.columns // 2)
 
     def seen(angle_deg: float) -> float:
@@ -33,17 +33,17 @@ def test_sun_stray_light_follows_the_angle() -> None:
 
 def test_the_side_towards_the_sun_is_brighter() -> None:
     """Stray light has a slope over a wide field."""
-    p = profile("cubestar")
+    p = shipped_camera("cubestar")
     field = sun_stray(p.camera, p.baffle, _at(40.0))
     assert 10 * field[256, 20] < field[256, 1000] < 40 * field[256, 20]
     lower = earth_stray(p.camera, p.baffle, _at(110.0, 90.0), np.radians(66.0), 1.0)
     assert lower[500, 512] > lower[10, 512] > 0
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
+@pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
 def test_the_earth_hides_what_is_behind_its_limb(name: str) -> None:
     """A pixel is blocked when its own direction is within the Earth's radius of the centre, to a pixel, distortion included."""
-    p = PROFILES[name]
+    p = shipped_camera(name)
     earth_rad = np.radians(66.0)
     nadir = _at(66.0 + np.degrees(p.camera.half_diagonal_rad) * 0.2, 30.0)
     blocked, light = earth_disc(p.camera, p.sensor, nadir, earth_rad, -nadir)
@@ -61,7 +61,7 @@ def test_the_earth_hides_what_is_behind_its_limb(name: str) -> None:
 
 def test_the_night_side_is_dark_but_hides_all_the_same() -> None:
     """With the Sun behind the Earth only the glow is left."""
-    p = profile("cubestar")
+    p = shipped_camera("cubestar")
     nadir = _at(80.0)
     blocked, day = earth_disc(p.camera, p.sensor, nadir, np.radians(66.0), -nadir)
     _, night = earth_disc(p.camera, p.sensor, nadir, np.radians(66.0), nadir)
@@ -71,7 +71,7 @@ def test_the_night_side_is_dark_but_hides_all_the_same() -> None:
 
 def test_the_halo_falls_with_the_square_of_the_angle() -> None:
     """Twice as far from the Moon there is a quarter of its glare."""
-    p = profile("cubestar")
+    p = shipped_camera("cubestar")
     glare = halo(p.camera, p.sensor, _at(0.0), -12.0, 0.2)
     columns = [round(p.camera.centre_col_px + o) for o in (100, 200)]
     row = round(p.camera.centre_row_px)
@@ -79,10 +79,10 @@ def test_the_halo_falls_with_the_square_of_the_angle() -> None:
     assert glare[row, columns[0]] / glare[row, columns[1]] == pytest.approx((angles[1] / angles[0]) ** 2, rel=0.03)
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
+@pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
 def test_the_coarse_grid_gives_back_what_is_linear(name: str) -> None:
     """Spreading a plane over the detector is exact at every pixel."""
-    camera = PROFILES[name].camera
+    camera = shipped_camera(name).camera
     grid = grid_of(camera)
     r, c = grid.unit_cam.shape[:2]
     plane = np.linspace(0, camera.rows - 1, r)[:, None] + 2 * np.linspace(0, camera.columns - 1, c)[None, :]

@@ -11,8 +11,9 @@ import pytest
 from sqlalchemy import text, update
 from sqlalchemy.exc import DBAPIError
 
-from gss.operations.accounts.audit import FIELDS, AuditService, hash_of
-from gss.store.audit import AuditFilter, add, last
+from gss.operations.accounts.audit import FIELDS, FIRST, AuditService, hash_of
+from gss.operations.accounts.audit_anchor import AnchorFile
+from gss.store.audit import AuditFilter, add, every, last
 from gss.store.models import AuditRow
 
 
@@ -21,9 +22,16 @@ def now() -> datetime:
 
 
 @pytest.fixture
-def audit(database) -> AuditService:
+def anchors(tmp_path) -> AnchorFile:
+    """The file of anchors beside the database."""
+    return AnchorFile(tmp_path / "anchors.jsonl")
+
+
+@pytest.fixture
+def audit(database, anchors) -> AuditService:
     """A record with five rows."""
-    service = AuditService(database, now)
+    service = AuditService(database, now, anchors)
+    service.begin_anchors()
     for number in range(5):
         service.record("ann", "link.open_link", f"/link/{number}", "done", role="operator", address="127.0.0.1")
     return service
@@ -76,18 +84,19 @@ def test_a_row_before_the_first_one_shows(audit, database):
     copy = "INSERT INTO audit SELECT -1, at, 'eve', role, action, target, result, detail, address, 'nothing', hash"
     with database.engine.begin() as connection:
         connection.execute(text(f"{copy} FROM audit WHERE seq = 2"))
-    assert audit.verify().problem == "rows before the first one: 1"
+    assert audit.verify().problem == "1 rows precede the first row"
 
 
-def test_a_cut_end_shows_against_a_hash_noted_elsewhere(audit, database):
-    """The chain alone cannot tell it; the last hash of an earlier export can."""
+def test_a_truncated_end_is_detected_with_an_exported_hash(audit, database, anchors):
+    """If the anchor file was truncated with it, only the last hash of an earlier export can."""
+    anchors.path.write_text("".join(anchors.path.read_text().splitlines(keepends=True)[:4]))
     noted = audit.verify().last_hash
     with database.engine.begin() as connection:
         sqlite = database.engine.dialect.name == "sqlite"
         connection.execute(text("DROP TRIGGER audit_no_delete" if sqlite else "DROP TRIGGER audit_no_change ON audit"))
         connection.execute(text("DELETE FROM audit WHERE seq = 5"))
-    assert "does not refuse changes" in audit.verify().problem
-    assert "cut off" in audit.verify(noted).problem
+    assert "no longer rejects changes" in audit.verify().problem
+    assert "was truncated" in audit.verify(noted).problem
 
 
 def test_a_guard_that_was_taken_away_is_missed(audit, database):
@@ -97,7 +106,11 @@ def test_a_guard_that_was_taken_away_is_missed(audit, database):
     assert audit.verify().problem == ""
     weak = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit BEGIN SELECT 1; END"
     never = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit WHEN 0 BEGIN SELECT RAISE(ABORT, 'no'); END"
-    steps = [["DROP TRIGGER audit_no_delete"], [weak], ["DROP TRIGGER audit_no_delete", never]]
+    some = (
+        "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit BEGIN SELECT RAISE(ABORT, 'no') WHERE OLD.who = 'x'; END"
+    )
+    steps = [["DROP TRIGGER audit_no_delete"], [weak]]
+    steps += [["DROP TRIGGER audit_no_delete", other] for other in (never, some)]
     if not sqlite:
         steps = [["ALTER TABLE audit DISABLE TRIGGER audit_no_change"], ["DROP TRIGGER audit_no_change ON audit"]]
     for step in steps:
@@ -105,11 +118,11 @@ def test_a_guard_that_was_taken_away_is_missed(audit, database):
             for statement in step:
                 connection.execute(text(statement))
         name = "audit_no_delete" if sqlite else "audit_no_change"
-        assert audit.verify().problem == f"the database does not refuse changes of the record any more: {name}"
+        assert audit.verify().problem == f"the database no longer rejects changes of the audit log: {name}"
 
 
-def test_the_hash_holds_the_whole_time_and_older_rows_still_verify(audit, database):
-    """A row of before has milliseconds in its hash and stays whole; of a new one not even a microsecond can be changed."""
+def test_the_hash_includes_the_full_time_and_older_rows_still_verify(audit, database):
+    """An older row has milliseconds in its hash and stays valid; of a new one not even a microsecond can be changed."""
     sqlite = database.engine.dialect.name == "sqlite"
     with database.unit_of_work() as session:
         older = AuditRow(**{f: getattr(last(session), f) for f in FIELDS})
@@ -127,9 +140,105 @@ def test_the_hash_holds_the_whole_time_and_older_rows_still_verify(audit, databa
     assert audit.verify().problem == "row 7 was changed"
 
 
-def test_several_writers_make_one_chain(database):
+def unguarded(database) -> None:
+    """Remove the triggers, as someone with access to the file would."""
+    sqlite = database.engine.dialect.name == "sqlite"
+    names = ("audit_no_update", "audit_no_delete", "audit_no_replace") if sqlite else ("audit_no_change",)
+    with database.engine.begin() as connection:
+        for name in names:
+            connection.execute(text(f"DROP TRIGGER {name}" + ("" if sqlite else " ON audit")))
+
+
+def rewritten(database, without: int) -> None:
+    """Delete a row and rebuild numbers and hashes of all later ones, so that the chain itself is intact."""
+    unguarded(database)
+    with database.unit_of_work() as session:
+        rows = [AuditRow(**{f: getattr(row, f) for f in FIELDS}) for row in every(session, AuditFilter())]
+        session.execute(text("DELETE FROM audit"))
+        session.expunge_all()
+        previous = FIRST
+        for number, row in enumerate((row for row in rows if row.seq != without), 1):
+            row.seq, row.previous = number, previous
+            row.hash = previous = hash_of(row)
+            session.add(row)
+            session.flush()
+
+
+def test_a_truncated_end_contradicts_the_anchors(audit, database):
+    """Also after new rows took the numbers of the removed ones."""
+    unguarded(database)
+    with database.engine.begin() as connection:
+        connection.execute(text("DELETE FROM audit WHERE seq >= 4"))
+    assert "row 5, anchored 2026-12-01T18:00:00.123Z, is missing" in audit.compare()
+    for _ in range(3):
+        audit.record("eve", "x.y", "instead", "done")
+    assert audit.compare() == ""
+    assert audit.verify().problem.startswith("row 4 differs from its anchor")
+
+
+def test_a_rewritten_log_contradicts_the_anchors(audit, database):
+    """Every hash is recomputed: only the file shows it."""
+    rewritten(database, without=2)
+    assert audit.verify().rows == 4
+    assert audit.verify().problem.startswith("row 2 differs from its anchor")
+    assert "row 5" in audit.compare()
+
+
+def test_a_removed_anchor_file_is_a_problem(audit, anchors):
+    """Rows are still written, and the file is not begun again."""
+    anchors.path.unlink()
+    audit.begin_anchors()
+    audit.record("ann", "x.y", "z", "done")
+    assert not anchors.exists()
+    assert "the anchor file cannot be read" in audit.compare()
+    assert "the anchor file cannot be read" in audit.verify().problem
+
+
+def test_the_log_of_an_older_version_is_anchored_from_its_last_row(database, anchors):
+    """Nothing is a problem before the file is begun."""
+    older = AuditService(database, now, anchors)
+    for number in range(3):
+        older.record("ann", "x.y", str(number), "done")
+    assert (older.compare(), older.verify().problem, older.verify().anchors) == ("", "", "")
+    older.begin_anchors()
+    older.record("ann", "x.y", "after", "done")
+    assert older.verify().anchors == "anchors.jsonl confirms rows 3 to 4"
+
+
+def test_a_replaced_database_is_accepted_with_a_reason(audit, database, anchors):
+    """The acceptance stays in the file and in the log; later rows are compared again."""
+    rewritten(database, without=5)
+    assert audit.compare()
+    audit.accept("shell:ann", "older copy put back")
+    verdict = audit.verify()
+    assert "no longer rejects changes" in verdict.problem  # the triggers, not the anchors
+    assert "by shell:ann: older copy put back" in verdict.anchors
+    assert audit.compare() == ""
+    assert audit.page(AuditFilter(action="audit.accept"), 1)[0].detail == "older copy put back"
+    assert len(anchors.path.read_text().splitlines()) == 7
+
+
+def test_damaged_lines_of_the_anchor_file_are_skipped(audit, anchors):
+    """A power failure may leave a truncated line."""
+    with anchors.path.open("a") as file:
+        file.write('{"seq": 6, "ha\n[1]\n{"seq": "x", "hash": "y", "at": ""}\n')
+    audit.record("ann", "x.y", "z", "done")
+    assert (audit.compare(), audit.verify().problem) == ("", "")
+
+
+def test_a_row_is_stored_while_its_anchor_cannot_be_written(audit, anchors):
+    """The log has more rows than the file: that is no contradiction."""
+    aside = anchors.path.rename(anchors.path.with_suffix(".aside"))
+    anchors.path.symlink_to("/dev/full")
+    audit.record("ann", "x.y", "z", "done")
+    aside.replace(anchors.path)
+    assert (audit.verify().problem, audit.verify().rows) == ("", 6)
+
+
+def test_several_writers_make_one_chain(database, anchors):
     """Two services as two processes would have them, four threads: every row is there once, each follows the one before."""
-    services = [AuditService(database, now) for _ in range(2)]
+    services = [AuditService(database, now, anchors) for _ in range(2)]
+    services[0].begin_anchors()
 
     def write(number: int) -> None:
         for row in range(10):
@@ -142,6 +251,7 @@ def test_several_writers_make_one_chain(database):
         thread.join()
     verdict = services[0].verify()
     assert (verdict.problem, verdict.rows) == ("", 40)
+    assert verdict.anchors == "anchors.jsonl confirms rows 1 to 40"
     assert {(row.who, row.target) for row in services[0].page(AuditFilter(), 100)} == {
         (f"w{w}", str(r)) for w in range(4) for r in range(10)
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
 import socket
@@ -12,7 +13,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from gss.domain.errors import BadInput, CorruptData, NotFound, StoreDown
-from gss.store.blobs import BlobStore
+from gss.store.blobs import BlobStore, _options
 
 pytest.importorskip("s3fs")
 BUCKET = "frames-of-tests"
@@ -64,8 +65,8 @@ def test_an_object_store_keeps_what_a_folder_keeps(s3: str, tmp_path) -> None:
                 look(keys[1])
 
 
-def test_damaged_objects_are_told_and_healed_by_their_next_copy(s3: str) -> None:
-    """An object of other bytes, or cut short, never comes back as pixels."""
+def test_damaged_objects_are_reported_and_repaired_by_their_next_copy(s3: str) -> None:
+    """An object of other bytes, or a truncated one, is never returned as pixels."""
     store = BlobStore(s3)
     key = store.put(b"the sky over Stellenbosch")
     fs, path = raw(s3, key)
@@ -91,10 +92,10 @@ def test_a_write_that_fails_leaves_no_key(s3: str, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 503 Slow Down\r\nContent-Length: 0\r\n\r\n"])
-def test_a_silent_or_busy_store_is_down_and_holds_nobody(
+def test_a_silent_or_busy_store_is_down_and_blocks_no_caller(
     answer: bytes, s3: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A store that accepts and then says nothing, or says no, is StoreDown within its own few tries."""
+    """A store that accepts without answering, or rejects, is StoreDown within its limited retries."""
     import s3fs
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
@@ -122,8 +123,8 @@ def test_a_silent_or_busy_store_is_down_and_holds_nobody(
             sock.close()
 
 
-def test_a_wrong_bucket_or_address_is_told_at_the_start(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A bucket that is not there is never made; credentials in the URL are refused without repeating them."""
+def test_a_wrong_bucket_or_address_is_reported_at_the_start(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A missing bucket is never created; credentials in the URL are rejected without repeating them."""
     import s3fs
 
     with pytest.raises(StoreDown, match="bucket"):
@@ -138,3 +139,49 @@ def test_a_wrong_bucket_or_address_is_told_at_the_start(s3: str, monkeypatch: py
     with pytest.raises(StoreDown):
         BlobStore(s3, timeout_s=0.3)
     assert urlsplit(s3).netloc == BUCKET
+
+
+def test_a_store_whose_response_never_ends_is_down_after_the_deadline(s3: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A response that trickles byte by byte passes every limit of a single step. The overall deadline ends the wait, the next
+    request fails without another connection, and the health check reports it."""
+    import s3fs
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        connections: list[socket.socket] = []
+
+        def trickle(peer: socket.socket) -> None:
+            with peer, contextlib.suppress(OSError):
+                peer.sendall(b"HTTP/1.1 200 OK\r\nX-Slow: ")
+                while not ended.wait(0.05):
+                    peer.sendall(b"a")
+
+        def accept() -> None:
+            while True:
+                try:
+                    connections.append(listener.accept()[0])
+                except OSError:
+                    return
+                thread = threading.Thread(target=trickle, args=(connections[-1],), daemon=True)
+                thread.start()  # before the test can join it
+                threads.append(thread)
+
+        ended, threads = threading.Event(), list[threading.Thread]()
+        threading.Thread(target=accept, daemon=True).start()
+        store = BlobStore(s3, timeout_s=0.3)
+        key = store.put(b"there")
+        assert store.check() == "the object store responds"
+        monkeypatch.setenv("AWS_ENDPOINT_URL_S3", f"http://127.0.0.1:{listener.getsockname()[1]}")
+        s3fs.S3FileSystem.clear_instance_cache()
+        store._fs = s3fs.S3FileSystem(**_options(s3, 60.0))
+        with pytest.raises(StoreDown, match=r"within 5\.6 s"):
+            store.size(key)
+        count = len(connections)
+        assert count >= 1
+        with pytest.raises(StoreDown, match="earlier request"):
+            store.size(key)
+        with pytest.raises(StoreDown):
+            store.check()
+        assert len(connections) == count
+        ended.set()
+        for thread in threads:
+            thread.join(10)

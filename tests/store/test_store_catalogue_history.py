@@ -63,7 +63,9 @@ def test_a_banks_past_is_found_by_span_and_its_present_by_device(database):
 
 
 def test_contacts_of_a_span_are_those_of_the_device(database):
-    """Contacts that touch the span come in order, an open one too; those with other devices, or with nobody, do not."""
+    """Contacts that overlap the span are returned in order, an open one too; those with other devices, or with none,
+    are not.
+    """
     with database.unit_of_work() as session:
         first, second = a_device(session, "one", T0), a_device(session, "two", T0)
         ids = []

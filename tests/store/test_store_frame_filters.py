@@ -1,4 +1,4 @@
-"""The list of frames: filters that may stand alone or together, and paging through thousands."""
+"""The list of frames: filters alone or together, and paging through thousands."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def read(url: str, names: list[str]) -> dict[str, list[dict[str, Any]]]:
 
 
 def check(url: str, before: dict[str, list[dict[str, Any]]]) -> None:
-    """The newest schema, with everything of before in it, and readable by the models."""
+    """Check that the newest schema contains all previous rows and is readable by the models."""
     after = read(url, list(before))
     for name, rows in before.items():
         kept = [{k: row[k] for k in rows[0] if k in row} for row in after[name]]
@@ -140,8 +140,18 @@ def test_stored_results_get_an_operational_one_per_frame(database_url):
     assert {row["camera_name"] for row in rows} == {""}
 
 
+def test_rows_stored_before_have_an_unknown_instrument_version(database_url):
+    """The version is null, not a guess, and the rows stay otherwise unchanged."""
+    before = filled(database_url, "0008")
+    migrate(database_url)
+    tables = ["frames", "contacts", "catalogues"]
+    for table, rows in read(database_url, tables).items():
+        assert [row["instrument_version"] for row in rows] == [None] * len(before[table])
+    check(database_url, before)
+
+
 def migrate_and_die(url: str, statement: int) -> bool:
-    """Migrate in a process of its own that is killed as it sends that statement; False where it ended before."""
+    """Migrate in a process that is killed as it sends that statement; False if it ended before."""
     child = os.fork()
     if child == 0:
         seen = 0

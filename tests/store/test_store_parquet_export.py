@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from gss.cli import main
-from gss.device.dictionary_file import load_dictionary
 from gss.domain.errors import BadInput
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.operations.upkeep.parquet_export import export_parquet
 from gss.store import commands, events, frames, telemetry
 from gss.store import exports as blocks
@@ -117,8 +117,8 @@ def test_duckdb_reads_it_as_it_is(filled: Database, tmp_path: Path) -> None:
     assert duckdb.sql(query).fetchall() == [(date(2026, 12, 1), 20, 19), (date(2026, 12, 2), 20, 39)]
 
 
-def test_days_are_written_anew_and_foreign_folders_left_alone(filled: Database, tmp_path: Path) -> None:
-    """One day of two; the same folder again takes the rest; a folder with something else is refused."""
+def test_days_are_rewritten_and_foreign_folders_left_unchanged(filled: Database, tmp_path: Path) -> None:
+    """One day of two; the same folder again gets the other; a folder with other content is rejected."""
     out = tmp_path / "out"
     export_parquet(filled, load_dictionary(), out, date(2026, 12, 2), date(2026, 12, 2))
     assert {r["day"] for r in read(out, "events")} == {"2026-12-02"}
@@ -126,7 +126,7 @@ def test_days_are_written_anew_and_foreign_folders_left_alone(filled: Database, 
     assert len(read(out, "events")) == 40
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years")
-    with pytest.raises(BadInput, match="something else"):
+    with pytest.raises(BadInput, match="contains other files"):
         export_parquet(filled, load_dictionary(), tmp_path / "mine")
     with pytest.raises(BadInput, match="span"):
         export_parquet(filled, load_dictionary(), out, date(2026, 12, 2), date(2026, 12, 1))

@@ -217,8 +217,8 @@ def test_catalogues_are_found_by_hash_and_the_rest_by_state(database):
         assert events.last_seq(session) == first.seq + 2
 
 
-def test_blobs_are_kept_once_under_their_hash_and_damage_is_told(tmp_path):
-    """Same bytes, same key; a missing or damaged file is an error that says so, never wrong bytes."""
+def test_blobs_are_stored_once_under_their_hash_and_damage_is_reported(tmp_path):
+    """Same bytes, same key; a missing or damaged file gives an error, never wrong bytes."""
     store = BlobStore(str(tmp_path / "blobs"))
     key = store.put(b"pixels")
     assert store.put(b"pixels") == key

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import delete, event
 
-from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.archive import Thinner

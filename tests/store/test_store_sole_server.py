@@ -12,7 +12,7 @@ from gss.store.engine import sole_server
 
 
 def test_one_sqlite_file_has_one_server(tmp_path):
-    """By whatever name the file is given; another file of the folder is nobody's business; the lock goes with its process."""
+    """By whatever name the file is given; another file of the folder is independent; the lock ends with its process."""
     (tmp_path / "other name.db").symlink_to(tmp_path / "gss.db")
     hold = (
         f"import sys; from gss.store.engine import sole_server\nwith sole_server('sqlite:///{tmp_path / 'gss.db'}'):\n"

@@ -76,7 +76,7 @@ class Console:
 
 
 class Server:
-    """``gss serve`` as a child process on a free port. ``headers``: of requests of somebody who is signed in."""
+    """``gss serve`` as a child process on a free port. ``headers``: those of a signed-in user's requests."""
 
     def __init__(self, folder: Path, headers: dict[str, str], *arguments: str, **environment: str) -> None:
         self.folder = folder
@@ -92,11 +92,11 @@ class Server:
                 return line[line.index("http://") :].strip()
         pytest.fail(f"the server did not start: {Path(self.log.name).read_text()[-2000:]}")
 
-    def stop(self, end: signal.Signals = signal.SIGINT) -> None:
-        """As Ctrl-C would, or another signal. The server promises 5 s; a loaded machine takes longer."""
+    def stop(self, end: signal.Signals = signal.SIGINT, within_s: float = 60.0) -> None:
+        """Stop the server as Ctrl-C does, or with another signal."""
         if self.process.poll() is None:
             self.process.send_signal(end)
-            self.process.wait(timeout=10)
+            self.process.wait(timeout=within_s)
         self._close()
 
     def kill(self) -> None:
@@ -155,7 +155,7 @@ class Sensor:
         """As its supervisor would."""
         if self.process.poll() is None:
             self.process.terminate()
-            self.process.wait(timeout=10)
+            self.process.wait(timeout=60)
             self.process.stdout.close()
 
 

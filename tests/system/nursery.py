@@ -1,5 +1,7 @@
-"""Processes that have their imports behind them: one process loads everything once, and each server or simulator of the tests is
-a fork of it. They are processes like any other, with a death by SIGKILL of their own; only their first four seconds are shared.
+"""Preloaded processes: one process imports everything once, and each server or simulator of the tests is forked from
+it.
+
+They are ordinary processes and can be killed separately; only the four seconds of imports are shared.
 """
 
 from __future__ import annotations
@@ -113,7 +115,7 @@ def load() -> None:
     import gss.device.simulator.__main__
     import gss.wiring
     from gss.catalogue_tools.sources.hipparcos import load_stars
-    from gss.device.dictionary_file import load_dictionary
+    from gss.instruments.dictionary.read_dictionary import load_dictionary
 
     gss.cli.whole_parser()
     load_stars()
@@ -121,7 +123,7 @@ def load() -> None:
 
 
 def main(descriptor: int) -> None:
-    """Fork at each word of the tests; tell who was born and who died."""
+    """Fork on each request of the tests and report started and ended processes."""
     load()
     channel = socket.socket(fileno=descriptor)
     woken, wake = os.pipe()
@@ -132,7 +134,7 @@ def main(descriptor: int) -> None:
         ready, _, _ = select.select([channel, woken], [], [], 5.0)
         if woken in ready:
             os.read(woken, ENOUGH)
-        _tell_deaths(channel)
+        _report_ended(channel)
         if channel not in ready:
             continue
         order, descriptors, _, _ = socket.recv_fds(channel, ENOUGH, 2)
@@ -150,7 +152,7 @@ def main(descriptor: int) -> None:
         channel.sendall(f"born {pid} 0\n".encode())
 
 
-def _tell_deaths(channel: socket.socket) -> None:
+def _report_ended(channel: socket.socket) -> None:
     while True:
         try:
             pid, status = os.waitpid(-1, os.WNOHANG)

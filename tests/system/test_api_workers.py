@@ -1,4 +1,6 @@
-"""Several API worker processes beside the one that owns the line: nobody can tell, and the loss of one loses nothing."""
+"""Several API worker processes beside the link process: clients see no difference, and the loss of a worker loses
+nothing.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ import httpx2
 import pytest
 
 from tools.served import Served, served
-from tools.stream_client import Heard, listen
+from tools.stream_client import StreamLog, listen
 
 pytestmark = pytest.mark.timeout(240)
 ENDED = ("completed", "rejected", "failed", "unknown")
@@ -45,7 +47,7 @@ LOCAL = (
 )
 
 
-class Desk:
+class OperatorConsole:
     """An admin's program at a server."""
 
     def __init__(self, server: Served) -> None:
@@ -89,7 +91,7 @@ def desk(tmp_path_factory, private_folder):
     folder = tmp_path_factory.mktemp("server") / "data"
     options = {"TMPDIR": str(private_folder), "GSS_SIMULATOR_BAUD": "0"}
     with served(folder, "--simulator", "cubestar", "--workers", "2", **options) as server:
-        desk = Desk(server)
+        desk = OperatorConsole(server)
         desk.wait("the workers at the door", lambda: server.listeners() == 1, 150)
         desk.wait("the sensor's banks", lambda: (desk.get("/link")["active_bank"] or {}).get("catalogue_id"), 150)
         yield desk
@@ -101,9 +103,10 @@ def workers_of(server: Served) -> dict[str, int]:
     return {name: pid for name, pid in server.processes().items() if name != "link"}
 
 
-def test_the_main_job_goes_through_workers_and_answers_are_those_of_the_link_process(desk, private_folder):
-    """Command to attitude through two workers; what a worker answers itself is what the link process would have answered; the
-    private socket is its owner's alone, and whoever reaches it without a session is refused there again."""
+def test_the_main_job_through_workers_gives_the_responses_of_the_link_process(desk, private_folder):
+    """Command to attitude through two workers; a worker's local responses equal the link process's; only the owner can
+    open the private socket, and a request to it without a session is rejected again.
+    """
     console = desk
     assert len(workers_of(desk.server)) == 2
     for name in ("TAKE_IMAGE", "FIND_CENTROIDS", "MATCH_STARS", "CALCULATE_ATTITUDE"):
@@ -132,7 +135,7 @@ def test_the_main_job_goes_through_workers_and_answers_are_those_of_the_link_pro
             from_worker = console.http.get(path)
             from_link = link.get(path, headers=console.headers)
             assert from_worker.status_code == 200, (path, from_worker.text)
-            if path not in ("/contacts", "/events"):  # those go on between two looks
+            if path not in ("/contacts", "/events"):  # these change between two requests
                 assert from_worker.content == from_link.content, path
         assert link.get("/link").status_code == 401
         assert link.get("/frames").status_code == 401
@@ -143,15 +146,16 @@ def test_the_main_job_goes_through_workers_and_answers_are_those_of_the_link_pro
     assert (refused.status_code, "x.png" in refused.text or refused.json()["message"] != "") == (400, True)
 
 
-def test_a_session_is_one_session_whichever_worker_answers(desk):
-    """Failed sign-ins of all workers count together; who signs out is out everywhere; nobody says himself where he comes
-    from."""
+def test_a_session_is_shared_by_all_workers(desk):
+    """Failed sign-ins of all workers count together; signing out applies to all of them; no client can set its own
+    address.
+    """
     console = desk
-    told = {"X-GSS": "1", "X-GSS-Peer": "10.9.8.7 1 http"}
+    spoofed = {"X-GSS": "1", "X-GSS-Peer": "10.9.8.7 1 http"}
     codes = []
     for _ in range(12):  # a new connection each: whichever worker is first takes it
         reply = httpx2.post(
-            f"{console.address}/api/session", json={"name": "eve", "password": "a wrong one"}, headers=told
+            f"{console.address}/api/session", json={"name": "eve", "password": "a wrong one"}, headers=spoofed
         )
         codes.append(reply.status_code)
     assert codes[0] == 401
@@ -171,16 +175,17 @@ def test_a_session_is_one_session_whichever_worker_answers(desk):
 
 
 def test_a_killed_worker_loses_nothing(desk):
-    """kill -9 of both in the middle of commands and streams: what was acknowledged is there once, the streams come back and miss no
-    recorded event, other workers take their place, and it is told. While none is there ABORT gets through. Without the link process
-    no worker stays."""
+    """kill -9 of both during commands and streams: acknowledged commands are stored once, the streams resume without
+    missing a recorded event, new workers start, and an event records it. Meanwhile ABORT works. Without the link
+    process no worker stays.
+    """
     console = desk
     host, port = console.address.removeprefix("http://").split(":")
-    heard = [Heard() for _ in range(8)]
+    logs = [StreamLog() for _ in range(8)]
     before, until_s, enough = workers_of(desk.server), time.monotonic() + 150, threading.Event()
 
     async def everybody() -> None:
-        listening = [asyncio.create_task(listen(host, int(port), console.headers, h, until_s)) for h in heard]
+        listening = [asyncio.create_task(listen(host, int(port), console.headers, h, until_s)) for h in logs]
         await asyncio.to_thread(enough.wait)
         for task in listening:
             task.cancel()
@@ -211,7 +216,7 @@ def test_a_killed_worker_loses_nothing(desk):
 
     try:
         console.wait("another worker", new_crew, 30)
-        console.wait("every stream to have every event", lambda: {h.seq for h in heard} == {newest()})
+        console.wait("every stream to have every event", lambda: {h.seq for h in logs} == {newest()})
     finally:
         enough.set()
         listeners.join()
@@ -221,8 +226,8 @@ def test_a_killed_worker_loses_nothing(desk):
     assert len(acknowledged) > 20
     assert set(acknowledged) <= set(stored)
     assert len(stored) == len(set(stored)) <= len(acknowledged) + broken
-    assert any(h.ended for h in heard), "no stream was on the worker that was killed"
-    assert {(h.jumps, h.dropped) for h in heard} == {(0, 0)}
+    assert any(h.ended for h in logs), "no stream was on the worker that was killed"
+    assert {(h.jumps, h.dropped) for h in logs} == {(0, 0)}
     assert any("API worker" in e["text"] and "signal 9" in e["text"] for e in console.get("/events", limit=1000))
 
     left = abort_gets_through_while_no_worker_is_alive(console)
@@ -233,7 +238,7 @@ def test_a_killed_worker_loses_nothing(desk):
     assert not [pid for pid in left if _alive(pid)]
 
 
-def abort_gets_through_while_no_worker_is_alive(console: Desk) -> set[int]:
+def abort_gets_through_while_no_worker_is_alive(console: OperatorConsole) -> set[int]:
     """Both are killed and the next two held still before they have loaded: the link process answers at the public door itself, with
     the same guard. The two that come next."""
     before = set(workers_of(console.server).values())

@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 pytestmark = pytest.mark.timeout(240)
 

@@ -1,4 +1,4 @@
-"""A device with another dictionary: seen, blocked, and commanded only after somebody took the responsibility."""
+"""A device with another dictionary is detected, blocked, and commanded only after a user's acknowledgement."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import pytest
 from fastapi.testclient import TestClient
 
 from gss.api.app import create_app
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.registry import Registry
 from gss.settings import Settings
 from gss.wiring import build
 
@@ -17,11 +19,9 @@ pytestmark = pytest.mark.timeout(120)
 
 def test_commanding_is_blocked_until_the_difference_is_acknowledged(simulator, tmp_path, monkeypatch, signed_in):
     """The header says so, commands are refused with words, ABORT is not; after acknowledging they pass."""
-    import gss.wiring
-
-    ours = gss.wiring.load_dictionary()
-    other = dataclasses.replace(ours, hash=bytes(32))
-    monkeypatch.setattr(gss.wiring, "load_dictionary", lambda: other)
+    ours, shipped = load_dictionary(), Registry.get
+    other = dataclasses.replace(ours, hash=bytes(32), same_layout_as=frozenset())
+    monkeypatch.setattr(Registry, "get", lambda self, name: dataclasses.replace(shipped(self, name), dictionary=other))
     settings = Settings(data=tmp_path / "data", device=simulator)
     headers = signed_in(settings)
     with TestClient(create_app(build(settings)), base_url="http://localhost", headers=headers) as client:

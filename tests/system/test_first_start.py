@@ -51,7 +51,7 @@ def shell(capsys, monkeypatch) -> Callable[..., Ran]:
 
 @pytest.fixture
 def start() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
-    """Starts servers without anybody signed in; each with the address it printed."""
+    """Factory of servers without a signed-in user; each with its printed address."""
     running: list[subprocess.Popen[str]] = []
 
     def run(folder: Path, *arguments: str, **environment: str) -> tuple[subprocess.Popen[str], str]:
@@ -65,18 +65,19 @@ def start() -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
     yield run
     for process in running:
         process.send_signal(signal.SIGINT)
-        process.wait(10)
+        process.wait(60)
         assert process.stdout is not None
         process.stdout.close()
 
 
-def test_the_first_start_prints_the_way_in_and_each_start_another_one(start, shell, tmp_path):
-    """A link while there is nobody, a new one at a new start and the old one void, none any more with a user; the files are the
-    owner's alone, and the record tells of it."""
+def test_each_start_without_users_prints_a_new_setup_link(start, shell, tmp_path):
+    """A new start makes the old link void, with a user there is no link; only the owner can read the files, and the
+    audit log records it.
+    """
     folder = tmp_path / "data"
     first, old = start(folder)
     first.send_signal(signal.SIGINT)
-    first.wait(10)
+    first.wait(60)
     _, printed = start(folder)
     assert old.split("#")[1] != printed.split("#")[1]
     address, key = printed.split("/setup#")
@@ -92,19 +93,21 @@ def test_the_first_start_prints_the_way_in_and_each_start_another_one(start, she
     for path in folder.rglob("*"):
         assert not path.stat().st_mode & 0o077, path
     assert key not in "".join(path.read_text(errors="replace") for path in folder.glob("*") if path.is_file())
-    told = shell("audit", "export", "--data", str(folder)).stdout
-    assert "session.set_up" in told
-    assert PASSWORD not in told
+    exported = shell("audit", "export", "--data", str(folder)).stdout
+    assert "session.set_up" in exported
+    assert PASSWORD not in exported
 
 
-def test_the_shell_makes_users_and_tokens_for_a_running_server(start, shell, tmp_path):
-    """Before the first start, beside a running server, and against it: switched off in the shell is out within a moment."""
+def test_the_shell_creates_users_and_tokens_for_a_running_server(start, shell, tmp_path):
+    """Before the first start, beside a running server, and against it: a user disabled in the shell is signed out at
+    once.
+    """
     folder = tmp_path / "data"
     data = ["--data", str(folder)]
     added = shell("user", "add", "ann", "--role", "admin", "--password-stdin", *data, stdin=PASSWORD + "\n")
     assert (added.returncode, added.stdout) == (0, "ann is admin\n"), added.stderr
     short = shell("user", "add", "bob", "--role", "viewer", "--password-stdin", *data, stdin="short\n")
-    assert (short.returncode, "right length" in short.stderr, "short" in short.stderr) == (2, True, False)
+    assert (short.returncode, "invalid password length" in short.stderr, "short" in short.stderr) == (2, True, False)
     _, address = start(folder)
     assert "setup" not in address
     key = shell("token", "add", "night", "--role", "viewer", "--days", "1", *data).stdout.strip()
@@ -123,8 +126,14 @@ def test_the_shell_makes_users_and_tokens_for_a_running_server(start, shell, tmp
         )
         assert client.get("/link").status_code == 401
     whole = shell("audit", "verify", *data)
-    assert (whole.returncode, "whole" in whole.stdout) == (0, True)
+    assert (whole.returncode, "intact" in whole.stdout) == (0, True)
+    assert "audit-anchor.jsonl confirms rows 1 to" in whole.stdout
     assert shell("audit", "verify", "--last-hash", "0" * 64, *data).returncode == 1
+    (folder / "audit-anchor.jsonl").unlink()
+    missing = shell("audit", "verify", *data)
+    assert (missing.returncode, "gss audit accept" in missing.stderr) == (1, True)
+    accepted = shell("audit", "accept", "--reason", "file removed in a test", *data)
+    assert (accepted.returncode, "file removed in a test" in accepted.stdout) == (0, True)
 
 
 def test_with_tls_files_the_server_speaks_https_and_sets_secure_cookies(start, tmp_path):

@@ -23,4 +23,4 @@ def test_a_minute_of_fifty_packets_a_second_with_ten_listeners(tmp_path):
     with loaded_server(tmp_path / "data", rate=50.0, workers=0) as server:
         report = asyncio.run(soak(server, SECONDS, session=server.sign_in()))
     assert report.problems() == [], json.dumps(report.plain(), indent=1)
-    assert sum(heard.messages for heard in report.heard) > 10 * SECONDS
+    assert sum(log.messages for log in report.logs) > 10 * SECONDS

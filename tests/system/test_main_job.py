@@ -11,7 +11,7 @@ pytestmark = pytest.mark.timeout(240)
 
 @pytest.fixture
 def console(serve):
-    """A server with a simulated sensor that has answered and told what its banks hold."""
+    """A server with a simulated sensor that has identified itself and reported its banks."""
     server = serve("--simulator", "cubestar")
     console = server.console
     console.wait("the sensor's banks", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
@@ -98,8 +98,8 @@ def test_manager_builds_a_catalogue_and_the_sensor_matches_with_it(console):
     assert all(s["v_mag"] <= 3.6 for s in detail["on_board"]["stars"] if s["hip"])
 
 
-def test_cycle_runs_and_telemetry_is_kept(console):
-    """At 1 Hz the sensor reports by itself; history and cycle timing can be read back."""
+def test_cycle_runs_and_telemetry_is_stored(console):
+    """The sensor reports automatically at 1 Hz; history and cycle timing can be read back."""
     started = console.command("START_CYCLE")
     assert started["result"] == "completed"
     console.wait("three iterations", lambda: len(console.get("/telemetry/cycles", limit=5)) >= 3)

@@ -1,5 +1,7 @@
-"""The main job with everything outside the data folder: rows in PostgreSQL, frames and images of flash in an object store; and
-answered by two API workers, which reach both by themselves."""
+"""The main job with external storage and workers.
+
+Rows are in PostgreSQL, frames and flash images in an object store; two API workers access both directly.
+"""
 
 from __future__ import annotations
 
@@ -128,8 +130,8 @@ def test_the_main_job_runs_on_postgresql_and_an_object_store(
     assert again.console.http.get(f"/frames/{detail['id']}/raw").content == pixels
     assert again.console.get(f"/catalogues/{catalogue['id']}")["sha256"] == catalogue["sha256"]
     again.stop()
-    told = "".join(p.read_text(errors="replace") for p in tmp_path.glob("*.log"))
-    assert PASSWORD not in told + other
+    logs = "".join(p.read_text(errors="replace") for p in tmp_path.glob("*.log"))
+    assert PASSWORD not in logs + other
 
 
 def completed(console: Any, name: str) -> None:

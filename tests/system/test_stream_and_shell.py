@@ -30,8 +30,8 @@ def read_stream(console: Any, seen: dict[str, list], last_event_id: str, enough:
                 return
 
 
-def test_stream_tells_everything_that_happens_and_resumes(serve):
-    """Header first; then commands, transfers, frames, solutions; recorded events since a number come again."""
+def test_stream_reports_every_event_and_resumes(serve):
+    """Header first; then commands, transfers, frames, solutions; recorded events since a number are sent again."""
     console = serve("--simulator", "cubestar").console
     console.wait("the sensor", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
     seen: dict[str, list] = {}

@@ -15,8 +15,8 @@ def online(console):
     return console.wait("the sensor", lambda: (console.get("/link")["active_bank"] or {}).get("catalogue_id"), 60)
 
 
-def test_server_killed_in_the_middle_loses_nothing_that_was_acknowledged(serve, simulator):
-    """After kill -9 the frames, commands and catalogues are there; the line opens again by itself; ids go on counting."""
+def test_a_killed_server_loses_nothing_acknowledged(serve, simulator):
+    """After kill -9 frames, commands and catalogues are stored; the link reopens automatically; ids continue."""
     first = serve("--device", simulator)
     online(first.console)
     taken = first.console.command("TAKE_IMAGE")
@@ -55,8 +55,8 @@ def test_command_in_flight_at_a_crash_comes_back_unknown_and_is_not_sent_again(s
     assert [c["name"] for c in second.console.get("/commands", limit=20)].count("TAKE_IMAGE") == 1
 
 
-def test_second_server_on_one_port_of_the_sensor_is_refused(serve, tmp_path):
-    """A port has one owner; the other is told who holds it and keeps running."""
+def test_a_second_server_on_one_sensor_port_is_rejected(serve, tmp_path):
+    """A port has one owner; the other server gets the owner's name and keeps running."""
     first = serve("--simulator", "cubestar")
     url = first.console.wait("the port", lambda: first.console.get("/link")["url"])
     online(first.console)
@@ -134,8 +134,10 @@ def test_stopping_with_an_open_stream_is_quick_and_quiet(serve):
     assert "Traceback" not in Path(server.log.name).read_text()
 
 
-def test_a_locked_database_stops_nothing_for_good_and_nothing_unrecorded_is_sent(serve, simulator):
-    """While the store cannot be written a command is refused and not sent; afterwards the line works again by itself."""
+def test_a_locked_database_blocks_only_commands_until_it_is_unlocked(serve, simulator):
+    """While the store cannot be written a command is rejected and not sent; afterwards the link works again
+    automatically.
+    """
     import sqlite3
     import time
 

@@ -21,10 +21,10 @@ from pathlib import Path
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
 from gss.device.protocol.codec import decode
-from gss.device.protocol.line import LineReceiver
 from gss.device.protocol.packet import Packet, PacketType
+from gss.device.protocol.receiver import LineReceiver
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 
 pytestmark = pytest.mark.timeout(240)
 
@@ -226,7 +226,7 @@ def arrived(console, transfer_id: int, content: str, sensor):
 
 
 def test_server_killed_at_any_stage_of_an_upload(serve, sensor, tap):
-    """The next server finds the transfer paused by the restart, goes on with what the device holds, and ends committed."""
+    """The next server finds the transfer paused by the restart, continues with the chunks on board, and commits."""
     server = serve("--device", tap.url)
     online(server.console)
     for stage in UPLOAD_POINTS:
@@ -259,7 +259,7 @@ def test_server_killed_at_any_stage_of_a_download(serve, sensor, tap):
         tap.wait()
         transfer = server.console.get("/transfers")[0]
         assert transfer["kind"] == "frame"
-        time.sleep(2.2 if stage == "transferring" else 0)  # what came is written down every two seconds
+        time.sleep(2.2 if stage == "transferring" else 0)  # progress is stored every two seconds
         server.kill()
         tap.release()
         mark = len(tap.packets)
@@ -277,7 +277,7 @@ def test_server_killed_at_any_stage_of_a_download(serve, sensor, tap):
 
 
 def test_sensor_killed_at_any_stage_of_an_upload(serve, sensor, tap):
-    """Flash keeps what it holds: the transfer waits for the sensor, goes on with the rest, and ends committed."""
+    """Flash keeps its content: the transfer waits for the sensor, sends the remaining chunks, and commits."""
     server = serve("--device", tap.url)
     online(server.console)
     for stage in UPLOAD_POINTS:
@@ -293,8 +293,8 @@ def test_sensor_killed_at_any_stage_of_an_upload(serve, sensor, tap):
     assert max(commands_sent(tap).values(), default=0) <= 1
 
 
-def test_sensor_killed_while_a_frame_comes_down(serve, sensor, tap):
-    """Image memory is lost: the transfer says so and fails, what came is kept as a frame with missing rows."""
+def test_sensor_killed_during_a_frame_download(serve, sensor, tap):
+    """Image memory is lost: the transfer fails with the reason, received rows are stored as a frame with missing rows."""
     server = serve("--device", tap.url)
     online(server.console)
     for stage, point in DOWNLOAD_POINTS.items():
@@ -314,8 +314,8 @@ def test_sensor_killed_while_a_frame_comes_down(serve, sensor, tap):
     assert max(commands_sent(tap).values()) == 1
 
 
-def test_line_pulled_at_any_stage_of_an_upload_and_of_a_download(serve, sensor, tap):
-    """The plug out and in again: each transfer goes on by itself and ends whole; nothing is commanded twice."""
+def test_line_disconnected_at_any_stage_of_an_upload_and_of_a_download(serve, sensor, tap):
+    """Disconnected and connected again: each transfer continues automatically and completes; no command is repeated."""
     server = serve("--device", tap.url)
     online(server.console)
     for stage in UPLOAD_POINTS:
@@ -360,8 +360,9 @@ def end_of(console, job_id: int):
 
 
 def test_server_killed_at_each_state_of_a_command_and_of_a_job(serve, sensor, tap, tmp_path):
-    """A command's fate becomes unknown or is learned from a late report, and it never goes out again; jobs that were queued or
-    running go on by themselves, and their results are those of an uninterrupted run."""
+    """A command's result becomes unknown or is read from a late report, and it is never resent; queued or running jobs
+    continue automatically with the results of an uninterrupted run.
+    """
     server = serve("--device", tap.url)
     online(server.console)
     whole = end_of(server.console, server.console.post("/campaigns/experiments", EXPERIMENTS)["id"])["result"]

@@ -33,6 +33,39 @@ def pixels(console, frame_id: int):
     return np.frombuffer(reply.content, np.dtype(reply.headers["X-Dtype"])).reshape(shape)
 
 
+def received_bytes(console) -> int:
+    return console.get("/link/counters")["received"]["bytes"]
+
+
+def test_a_stored_image_does_not_cross_the_line_again(serve):
+    """Ordering an image that was downloaded automatically gives the same frame, without its half megabyte on the line; a new
+    image in the slot is downloaded. Without the automatic download, an image comes only on request."""
+    console = serve("--simulator", "cubestar").console
+    online(console)
+    console.command("TAKE_IMAGE", slot=1)
+    whole = console.wait("the frame", lambda: [f for f in console.get("/frames")["frames"] if f["complete"]])[0]
+    before = received_bytes(console)
+    row = down(console, kind="frame", slot=1)
+    assert (row["frame_id"], row["stored_bytes"], row["size"]) == (whole["id"], row["size"], 1024 * 512)
+    assert received_bytes(console) - before < 100_000
+    assert console.get("/frames")["total"] == 1
+
+
+def test_without_the_automatic_download_an_image_comes_on_request(serve, monkeypatch):
+    """GSS_AUTO_DOWNLOAD=false: a new image is described only; an order downloads it, and the next image of the slot too."""
+    monkeypatch.setenv("GSS_AUTO_DOWNLOAD", "false")
+    console = serve("--simulator", "cubestar").console
+    online(console)
+    frames = []
+    for number in (1, 2):
+        console.command("TAKE_IMAGE", slot=2)
+        row = down(console, kind="frame", slot=2)
+        assert "started over" not in " ".join(row["log"])
+        frames.append(row["frame_id"])
+        assert console.get("/frames")["total"] == number
+    assert frames[0] != frames[1]
+
+
 def test_parts_of_an_image_come_down_at_their_places(serve):
     """A region and star windows are frames of the full size, zero outside, with the real rectangles named."""
     console = serve("--simulator", "cubestar").console
@@ -130,7 +163,7 @@ def test_a_calibration_is_made_sent_activated_rolled_back_and_read_back(serve):
         body | {"content": {"k9": 1.0}},
         body | {"content": {"columns": 1000}},
         body | {"content": {"k1": "much"}},
-        body | {"kind": "parameters", "content": {"chain": "nobody"}},
+        body | {"kind": "parameters", "content": {"chain": "unknown"}},
         body | {"kind": "triplets", "content": {}},
     ):
         reply = console.http.post("/tables", json=wrong)

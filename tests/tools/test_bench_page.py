@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from tools.bench_page import updated
-from tools.bench_tables import Table
+from tools.bench_tables import BenchTable
 
 
-def table(title: str, figure: int) -> Table:
-    return Table("section", title, "Conditions.", 1, [("row", {"figure": figure})])
+def table(title: str, figure: int) -> BenchTable:
+    return BenchTable("section", title, "Conditions.", 1, [("row", {"figure": figure})])
 
 
 def test_only_the_measured_table_changes() -> None:

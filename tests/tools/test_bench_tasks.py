@@ -28,8 +28,8 @@ TRACE = [
 ]
 
 
-def test_tasks_are_those_of_the_main_thread_that_lie_in_no_other_one():
-    """Other threads and nested loops do not count; processor and wall time are told apart."""
+def test_tasks_are_the_outermost_ones_of_the_main_thread():
+    """Other threads and nested loops do not count; processor time and wall time are distinguished."""
     found = tasks(TRACE)
     assert [(task.at_ms, task.processor_ms, task.wall_ms) for task in found] == [(0, 1, 2), (50, 60, 90)]
 
@@ -42,5 +42,5 @@ def test_what_was_called_is_charged_without_what_it_called():
 
 def test_a_task_above_fifty_milliseconds_is_long_by_the_clock_it_exceeds():
     """Sixty of the processor are long both ways."""
-    told = summary(tasks(TRACE))
-    assert (told["tasks"], told["long"], told["long_wall"], told["longest_ms"]) == (2, 1, 1, 60.0)
+    result = summary(tasks(TRACE))
+    assert (result["tasks"], result["long"], result["long_wall"], result["longest_ms"]) == (2, 1, 1, 60.0)

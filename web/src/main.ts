@@ -2,7 +2,7 @@ import './design/tokens.css';
 import './design/type.css';
 import './design/base.css';
 import { mount } from 'svelte';
-import Gate from './components/Gate.svelte';
+import Gate from './components/shell/Gate.svelte';
 import { startRouter } from './state/router.svelte';
 import { view } from './state/view.svelte';
 

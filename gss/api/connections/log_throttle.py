@@ -30,7 +30,7 @@ class LogThrottle(logging.Filter):
         if now_s - begun_s >= WINDOW_S:
             left_out, begun_s, count = count - PER_MINUTE, now_s, 0
             if left_out > 0:
-                record.msg = f"{record.msg} ({left_out} similar messages were left out)"
+                record.msg = f"{record.msg} ({left_out} similar messages were omitted)"
         self._kinds[kind] = (begun_s, count + 1)
         while len(self._kinds) > MOST_KINDS:
             self._kinds.popitem(last=False)

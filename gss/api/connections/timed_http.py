@@ -15,7 +15,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
 from gss.api.connections.admission import Connection, Connections
-from gss.api.guard.door import is_open
+from gss.api.guard.route_table import is_open
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,17 @@ class TimedHttp(H11Protocol):
             self._head_s = self.loop.time()
         if self._waits_for_body():
             self._since_s = self.loop.time()
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer invalid bytes, also those in the body of a request that is being answered: uvicorn would then raise here and in
+        the application, and write both to the log."""
+        if self._is_answering():
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
+        try:
+            super().send_400_response(msg)
+        except h11.LocalProtocolError:  # the response has begun
+            self.transport.close()
 
     def on_response_complete(self) -> None:
         """Reset the time limits for the next request."""

@@ -81,13 +81,13 @@ def read(path: Path, name: str) -> File:
     return File(content, small, etag, media_type, FOR_EVER if name.startswith(HASHED) else ASK_AGAIN)
 
 
-def _answer(file: File, asked: Headers, *, head: bool) -> Response:
-    packed = file.gzipped is not None and "gzip" in asked.get("accept-encoding", "")
+def _answer(file: File, request_headers: Headers, *, head: bool) -> Response:
+    packed = file.gzipped is not None and "gzip" in request_headers.get("accept-encoding", "")
     etag = f'"{file.etag}{"-gz" if packed else ""}"'
     headers = {"ETag": etag, "Cache-Control": file.cache}
     if file.gzipped is not None:
         headers["Vary"] = "Accept-Encoding"
-    if etag in asked.get("if-none-match", ""):
+    if etag in request_headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
     content = file.gzipped if packed and file.gzipped is not None else file.content
     if packed:

@@ -20,10 +20,26 @@ SMALL_BODY_BYTES = 64 << 10
 """Limit for routes open without sign-in."""
 
 
+def ambiguous_length(headers: Headers) -> Response | None:
+    """Return a 400 response if a request declares its length twice, else None. A proxy could see another end of the request, and
+    take what follows for a request of another user (RFC 9112 §6.1); the connection is closed."""
+    if "transfer-encoding" in headers and "content-length" in headers:
+        return _closing(
+            problem(400, "the request declares its length twice", "Content-Length without Transfer-Encoding")
+        )
+    return None
+
+
+def _closing(response: Response) -> Response:
+    """Close the connection after a response, because the rest of the request is not read."""
+    response.headers["Connection"] = "close"
+    return response
+
+
 def bad_body(headers: Headers, most_bytes: int) -> Response | None:
     """Return a 411 response if the length is not declared, a 413 response if it exceeds ``most_bytes``, else None."""
     if "transfer-encoding" in headers:
-        return problem(411, "the request does not say how long it is", "a Content-Length")
+        return _closing(problem(411, "the request has no Content-Length", "a Content-Length"))
     length = headers.get("content-length", "0")
     if not (length.isascii() and length.isdigit()) or int(length[:20]) > most_bytes:
         return problem(413, "the request is too large", f"at most {most_bytes >> 10} KiB", f"{length[:40]} bytes")

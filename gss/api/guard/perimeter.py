@@ -64,9 +64,9 @@ class Perimeter:
         if not self.behind_proxy:
             return Caller(peer, headers.get("host", ""), self.tls)
         if not self._is_proxy(peer):
-            return Refusal("this server is reached through its proxy only", "an address of the proxy", peer)
+            return Refusal("direct requests are rejected; use the proxy", "an address of the proxy", peer)
         if _last(headers, "x-forwarded-proto") != "https":
-            return Refusal("the proxy did not say that the browser came over HTTPS", "X-Forwarded-Proto: https")
+            return Refusal("the proxy reports no HTTPS connection", "X-Forwarded-Proto: https")
         host = _last(headers, "x-forwarded-host") or headers.get("host", "")
         return Caller(self._behind(",".join(headers.getlist("x-forwarded-for")), peer), host, True)
 
@@ -79,10 +79,10 @@ class Perimeter:
         origin = headers.get("origin")
         own = f"{'https' if caller.secure else 'http'}://{caller.authority}"
         if origin is not None and origin.lower() != own.lower():
-            return Refusal("a page of another origin may not use this server", own, origin)
+            return Refusal("cross-origin request rejected", own, origin)
         site = headers.get("sec-fetch-site", "none")
         if data and site not in ("same-origin", "none"):
-            return Refusal("a page of another origin may not use this server", own, f"Sec-Fetch-Site: {site}")
+            return Refusal("cross-origin request rejected", own, f"Sec-Fetch-Site: {site}")
         return None
 
     def _is_proxy(self, address: str) -> bool:
@@ -127,7 +127,7 @@ def networks(text: str) -> tuple[IPv4Network | IPv6Network, ...]:
         return tuple(ip_network(part.strip(), strict=False) for part in text.split(",") if part.strip())
     except ValueError as error:
         raise BadInput(
-            "not a list of proxies", expected="addresses or networks, as 10.0.0.0/8", got=str(error)
+            "invalid list of proxies", expected="addresses or networks, as 10.0.0.0/8", got=str(error)
         ) from None
 
 
@@ -142,10 +142,12 @@ def is_loopback(host: str) -> bool:
 def check_exposure(settings: Exposure) -> None:
     """Check that a non-loopback address has TLS or a proxy, and that a proxy has a public name; BadInput otherwise."""
     if bool(settings.tls_certificate) != bool(settings.tls_key):
-        raise BadInput("TLS needs two files", expected="GSS_TLS_CERTIFICATE and GSS_TLS_KEY", got="one of them")
+        raise BadInput(
+            "TLS needs a certificate and a key", expected="GSS_TLS_CERTIFICATE and GSS_TLS_KEY", got="one of them"
+        )
     if settings.behind_proxy and not (settings.public_names.strip() and networks(settings.trusted_proxies)):
         raise BadInput(
-            "behind a proxy the browsers' name is needed", expected="GSS_PUBLIC_NAMES and GSS_TRUSTED_PROXIES"
+            "a server behind a proxy needs its public names", expected="GSS_PUBLIC_NAMES and GSS_TRUSTED_PROXIES"
         )
     if is_loopback(settings.host) or settings.tls_certificate or settings.behind_proxy:
         return

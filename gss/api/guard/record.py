@@ -5,51 +5,91 @@ from __future__ import annotations
 import functools
 import logging
 from collections import OrderedDict
+from collections.abc import Awaitable, Callable
 
 import anyio.to_thread
 from fastapi.routing import APIRoute
 from starlette.types import Scope
 
 from gss.api.deps import is_export, needs_of
-from gss.api.guard.door import is_change, is_guarded
+from gss.api.guard.route_table import is_change, is_guarded
+from gss.api.urgent import ABORT
 from gss.operations.accounts.audit import AuditService, Result
-from gss.operations.accounts.identity import Who
-from gss.operations.clock import Monotonic
+from gss.operations.accounts.audit_intents import AuditIntents, Intent
+from gss.operations.accounts.identity import CallerIdentity
+from gss.operations.clock import Monotonic, Now, iso_z
 
 DENIED = (401, 403, 429)
 QUIET_S = 60.0
+UNAUTHENTICATED = "nobody"
 log = logging.getLogger("gss.api")
 
 
 class Record:
     """Writes one audit row for each change, export and denied request."""
 
-    def __init__(self, audit: AuditService, monotonic_s: Monotonic) -> None:
-        self._audit, self._unauthenticated = audit, UnauthenticatedSampler(monotonic_s)
+    def __init__(self, audit: AuditService, intents: AuditIntents, now: Now, monotonic_s: Monotonic) -> None:
+        self._audit, self._intents, self._now = audit, intents, now
+        self._unauthenticated = UnauthenticatedSampler(monotonic_s)
+
+    async def run(self, scope: Scope, route: object, work: Callable[[], Awaitable[None]]) -> None:
+        """Run a request's route. The intent of a change is on the disk before the route starts. ABORT does not wait for the
+        disk: its intent is written at the same time."""
+        if not _is_changed(scope, route):
+            await work()
+            return
+        state, who = scope["state"], scope["state"]["who"]
+        intent = Intent(
+            who=who.name if who else UNAUTHENTICATED,
+            role=who.role if who else "",
+            action=_action(route),
+            target=_target(scope),
+            address=state["address"],
+            at=iso_z(self._now()),
+        )
+        store = functools.partial(self._intents.begin, intent)
+        if scope["path"] != ABORT:
+            state["intent"] = await anyio.to_thread.run_sync(store)
+            await work()
+            return
+        async with anyio.create_task_group() as tasks:
+
+            async def note() -> None:
+                state["intent"] = await anyio.to_thread.run_sync(store)
+
+            tasks.start_soon(note)
+            await work()
 
     async def put(self, scope: Scope, status: int) -> None:
+        """Write the row of an answered request, then remove its intent."""
+        await self._put(scope, status)
+        number = scope["state"].get("intent")
+        if number is not None:
+            await anyio.to_thread.run_sync(self._intents.end, number)
+
+    async def _put(self, scope: Scope, status: int) -> None:
         """Write the row of an answered request. For forwarded requests the link process writes it."""
         route, state = scope.get("route"), scope["state"]
         denied = status in DENIED
         if scope.get("gss.forwarded") or not (denied or _is_changed(scope, route) or is_export(route)):
             return
-        who: Who | None = state["who"]
+        who: CallerIdentity | None = state["who"]
         action, detail = _action(route), state["detail"]
         if status == 429 or (who is None and status >= 400):
             key = f"{who.name if who else state['address']} {action} {'denied' if denied else 'failed'}"
             skipped = None if who is None and status == 429 else self._unauthenticated.seen(key)
             if skipped is None:
                 return
-            detail = f"{detail}; {skipped} more like this were not written" if skipped else detail
-        name = state.get("named") or (who.name if who else "nobody")
+            detail = f"{detail}; {skipped} similar entries were omitted" if skipped else detail
+        name = state.get("named") or (who.name if who else UNAUTHENTICATED)
         result: Result = "denied" if denied else "done" if status < 400 else "failed"
-        target = f"{scope['method']} {scope['path'].removeprefix('/api')}"
+        target = _target(scope)
         place = {"role": who.role if who else "", "address": state["address"]}
         write = functools.partial(self._audit.record, name, action, target, result, detail, **place)
         try:
             await anyio.to_thread.run_sync(write)
         except Exception:  # a failed audit write must not undo the change; it is logged instead
-            log.exception("the audit record could not be written: %s %s %s by %s", action, target, result, name)
+            log.exception("the audit log could not be written: %s %s %s by %s", action, target, result, name)
 
 
 class UnauthenticatedSampler:
@@ -75,6 +115,10 @@ class UnauthenticatedSampler:
 
 def _is_changed(scope: Scope, route: object) -> bool:
     return is_change(scope) and is_guarded(scope) and any(need.changes for need in needs_of(route))
+
+
+def _target(scope: Scope) -> str:
+    return f"{scope['method']} {scope['path'].removeprefix('/api')}"
 
 
 def _action(route: object) -> str:

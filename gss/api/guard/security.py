@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 
 import anyio
@@ -14,32 +15,32 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from gss.api.connections.admission import Connection
 from gss.api.deps import needs_of
 from gss.api.errors import problem
-from gss.api.guard.bodies import MAX_BODY_BYTES, SMALL_BODY_BYTES, bad_body, most_bytes
-from gss.api.guard.door import Door, is_change, is_guarded, is_health, is_open
+from gss.api.guard.bodies import MAX_BODY_BYTES, SMALL_BODY_BYTES, ambiguous_length, bad_body, most_bytes
+from gss.api.guard.credentials import Authenticator
 from gss.api.guard.headers import Answer
-from gss.api.guard.keys import Keys
 from gss.api.guard.perimeter import Caller, Perimeter, Refusal
 from gss.api.guard.record import Record
+from gss.api.guard.route_table import RouteTable, is_change, is_guarded, is_health, is_open
 from gss.domain.errors import NotPermitted
 from gss.operations.accounts.permissions import VIEW
-from gss.operations.clock import monotonic_s
-from gss.wiring import Services
+from gss.operations.clock import monotonic_s, utc_now
+from gss.services import Services
 
 
 def install(app: FastAPI) -> None:
     """Add the guard to the application."""
     services: Services = app.state.services
-    app.add_middleware(Guard, services=services, door=Door(app))
+    app.add_middleware(Guard, services=services, door=RouteTable(app))
 
 
 class Guard:
     """Middleware: host, origin, size, identity, CSRF and permission, then the route, then the audit row."""
 
-    def __init__(self, app: ASGIApp, services: Services, door: Door) -> None:
+    def __init__(self, app: ASGIApp, services: Services, door: RouteTable) -> None:
         self._app, self._door = app, door
         self._perimeter = Perimeter(services.settings)
-        self._keys = Keys(services.accounts)
-        self._record = Record(services.audit, monotonic_s)
+        self._keys = Authenticator(services.accounts)
+        self._record = Record(services.audit, services.audit_intents, utc_now, monotonic_s)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle a request, or answer with the reason for rejecting it."""
@@ -58,7 +59,11 @@ class Guard:
             refusal = await self._admit(scope, Headers(scope=scope))
             if refusal is not None and not state["detail"]:
                 state["detail"] = json.loads(bytes(refusal.body))["message"]
-            await (self._app if refusal is None else refusal)(scope, receive, answer)
+            if refusal is not None:
+                await refusal(scope, receive, answer)
+            else:
+                work = functools.partial(self._app, scope, receive, answer)
+                await self._record.run(scope, self._door.route(scope), work)
         except BaseException:  # cancelled requests are recorded too, then the exception propagates
             answer.status = answer.status or 500
             raise
@@ -72,11 +77,13 @@ class Guard:
         if foreign is not None:
             scope["state"]["detail"] = f"{foreign.message}: {foreign.got}"
             return problem(403, foreign.message, foreign.expected, foreign.got)
+        if (ambiguous := ambiguous_length(headers)) is not None:
+            return ambiguous
         changing, most = is_change(scope), SMALL_BODY_BYTES if is_open(scope) else MAX_BODY_BYTES
         if changing and (bad := bad_body(headers, most)) is not None:
             return bad
         if not is_guarded(scope):
-            return problem(405, "pages are only read", "GET", scope["method"]) if changing else None
+            return problem(405, "pages support GET and HEAD only", "GET", scope["method"]) if changing else None
         refusal = await self._keys.identify(scope, headers)
         connection: Connection | None = scope["state"].get("connection")
         if connection is not None and scope["state"]["who"] is not None:

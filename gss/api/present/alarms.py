@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gss.api.schemas.alarms import AlarmRow
-from gss.operations.telemetry.alarm_words import AlarmView
+from gss.operations.telemetry.alarm_text import AlarmView
 
 NAMES = (
     "id packet field state worst value limit_text limit_set raised cleared acknowledged acknowledged_by shelved_until shelved_by "
@@ -20,4 +20,5 @@ def alarm(view: AlarmView) -> AlarmRow:
         unit=view.unit,
         text=view.text,
         shelved=view.shelved,
+        action=view.action,
     )

@@ -12,7 +12,7 @@ NEED = 5
 ENDLESS = 1e6
 SHOWN_STARS = 60
 ARCSEC_RAD = math.pi / 648_000
-UNKNOWN = "Not known: the catalogue was not built here."
+UNKNOWN = "Unknown: the catalogue was not built here."
 
 
 def catalogue_sheet(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> Report:
@@ -25,7 +25,7 @@ def catalogue_sheet(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> R
             Section("Figures", facts=_figures(manifest, report)),
             _histogram(report) or Section("Stars per field", UNKNOWN),
             _envelope(report) or Section("Envelope", UNKNOWN),
-            _ambiguity(report) or Section("Where stars can be mistaken", UNKNOWN),
+            _ambiguity(report) or Section("Ambiguity of the stars", UNKNOWN),
             _lifetime(report) or Section("Lifetime", UNKNOWN),
             _bank(report) or Section("Bank", UNKNOWN),
             _funnel(report) or Section("From catalogue to bank", UNKNOWN),
@@ -33,19 +33,19 @@ def catalogue_sheet(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> R
             _corrections(manifest),
             _quantisation(manifest) or Section("Number widths on board", UNKNOWN),
             _source(manifest) or Section("Source", UNKNOWN),
-            Section("Asked for", facts=_flat(manifest.get("parameters", {}))),
+            Section("Request", facts=_flat(manifest.get("parameters", {}))),
         ],
     )
 
 
 def _byline(m: Mapping[str, Any]) -> str:
     words = [
-        f"camera {m.get('profile_name', 'not told')}",
-        f"format {m.get('format_name', 'not told')}",
+        f"camera {m.get('profile_name', 'unknown')}",
+        f"format {m.get('format_name', 'unknown')}",
         _validity(m),
-        f"by {m.get('author') or 'nobody named'}",
+        f"by {m.get('author') or 'unknown author'}",
         str(m.get("tool", "")),
-        f"SHA-256 {m.get('image_sha256', 'not told')}",
+        f"SHA-256 {m.get('image_sha256', 'unknown')}",
     ]
     return ", ".join(word for word in words if word)
 
@@ -68,10 +68,10 @@ def _figures(m: Mapping[str, Any], report: Mapping[str, Any]) -> list[Fact]:
             ("mean stars per field", f"{q['mean']:.2f}"),
             ("P(fewer than 3)", f"{100 * q['p_fewer_than_3']:.3f} %"),
             ("P(fewer than 5)", f"{100 * q['p_fewer_than_5']:.3f} %"),
-            ("fewest stars found", f"{q['worst_stars']} at {q['worst_ra_deg']:.2f}° {q['worst_dec_deg']:+.2f}°"),
+            ("fewest stars", f"{q['worst_stars']} at {q['worst_ra_deg']:.2f}° {q['worst_dec_deg']:+.2f}°"),
             ("candidates per query", _number(q.get("candidates_per_query"), 2)),
             ("candidates per star", _number(q.get("candidates_per_star"), 2)),
-            ("fields blinded", f"{100 * (q.get('blinded_share') or 0.0):.2f} %"),
+            ("fields with a bright body", f"{100 * (q.get('blinded_share') or 0.0):.2f} %"),
         ]
     return [Fact(*fact) for fact in facts]
 
@@ -111,12 +111,12 @@ def _ambiguity(report: Mapping[str, Any]) -> Section | None:
     a = report.get("ambiguity")
     if not a:
         return None
-    words = f"Other triangles like one of the field's brightest, within {a['tolerance_arcsec']:.0f}″."
+    words = f"Other triangles similar to one of the brightest stars of the field, within {a['tolerance_arcsec']:.0f}″."
     if a.get("worst") is not None and a["worst"] < ENDLESS:
         words += f" Most: {a['worst']:.3g} at {a['worst_ra_deg']:.1f}° {a['worst_dec_deg']:+.1f}°."
     tones = [_decades(v) for v in a["value"]]
     drawn = SkyMap("Other triangles per triangle", a["nside"], tones, "0.001 to 100 by tone")
-    return Section("Where stars can be mistaken", words, drawings=[drawn])
+    return Section("Ambiguity of the stars", words, drawings=[drawn])
 
 
 def _decades(value: Number) -> Number:
@@ -128,13 +128,13 @@ def _lifetime(report: Mapping[str, Any]) -> Section | None:
     life = report.get("lifetime")
     if not life:
         return None
-    until = f"until {life['until'][:10]}" if life.get("until") else "longer than was looked at"
+    until = f"until {life['until'][:10]}" if life.get("until") else "beyond the examined period"
     if not life["days_curve"]:
-        return Section("Lifetime", "Nothing drifts: the field stays.")
+        return Section("Lifetime", "The field does not drift.")
     shares = [None if y is None else 100 * y for y in life["share_curve"]]
     line = Level(100 * life["threshold"], f"{life['threshold']:.0%} {until}")
     series = Series("covered", list(life["days_curve"]), shares)
-    plot = Plot("Fields still inside the envelope", "days after the end of validity", "%", [series], [line])
+    plot = Plot("Fields inside the envelope", "days after the end of validity", "%", [series], [line])
     return Section("Lifetime", drawings=[plot])
 
 
@@ -156,7 +156,7 @@ def _funnel(report: Mapping[str, Any]) -> Section | None:
 def _screening(m: Mapping[str, Any]) -> Section:
     found = (m.get("assessment") or {}).get("screening")
     if not found:
-        return Section("Screening list", "Not asked for.")
+        return Section("Screening list", "Not requested.")
     rows = [[reason, str(stars)] for reason, stars in found["counts"].items()]
     named = [
         [f"HIP {s['hip']}", ", ".join(s["reasons"]), str(s["companions"]), "kept" if s["kept"] else "left out"]

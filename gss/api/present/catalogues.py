@@ -22,11 +22,12 @@ from gss.api.schemas.catalogue_history import (
 )
 from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueOut
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
-from gss.domain.stars import Ids, OnboardCatalogue, StarTable
+from gss.domain.stars import Ids, StarTable
 from gss.operations.catalogues.build_catalogue import StoredDiff
-from gss.operations.transfers.bank_history import Stay, Timeline
+from gss.operations.transfers.bank_history import BankPeriod, Timeline
 from gss.operations.transfers.bank_plans import cover
 from gss.operations.transfers.banks import BankView, days_left
+from gss.skytables.bank import OnboardCatalogue
 from gss.store.models import Catalogue
 
 MOST_LISTED = 500
@@ -49,6 +50,7 @@ def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDeta
     report = row.report
     return CatalogueDetailOut(
         **_catalogue_values(row, banks),
+        instrument_version=row.instrument_version,
         request=row.request,
         manifest=row.manifest,
         funnel=report.get("funnel", []),
@@ -135,7 +137,7 @@ def timeline(found: Timeline, now: datetime, watch_days: float) -> TimelineOut:
     )
 
 
-def _stay(stay: Stay, now: datetime) -> BankStayOut:
+def _stay(stay: BankPeriod, now: datetime) -> BankStayOut:
     row, c = stay.row, stay.catalogue
     names = "bank state sha256 began ended told how user"
     return BankStayOut(

@@ -7,6 +7,7 @@ from typing import Any
 
 from gss.api.schemas.commands import (
     ArgumentOut,
+    AttitudePlaceOut,
     ByteGroupOut,
     CheckOut,
     ChoiceOut,
@@ -15,10 +16,12 @@ from gss.api.schemas.commands import (
     DictionaryOut,
     FieldDefinitionOut,
     PreconditionOut,
+    RolesOut,
     StageOut,
 )
-from gss.device.dictionary import Command as Definition
-from gss.device.dictionary import Dictionary
+from gss.instruments.dictionary.definitions import CommandDefinition as Definition
+from gss.instruments.operations import Operation, StandardOperations, absence
+from gss.instruments.roles import Roles
 from gss.operations.commanding.command_checks import Check, PreconditionState
 from gss.operations.commanding.command_record import CommandView
 from gss.operations.commanding.schedule_plan import schedulable
@@ -30,9 +33,10 @@ TEXT_LENGTH = 120
 
 
 def dictionary(
-    d: Dictionary, commands: Sequence[Definition], preconditions: Mapping[str, Sequence[PreconditionState]]
+    roles: Roles, commands: Sequence[Definition], preconditions: Mapping[str, Sequence[PreconditionState]]
 ) -> DictionaryOut:
     """Return the dictionary with the commands that the device supports and the current state of their preconditions."""
+    d = roles.operations.dictionary
     fields = [
         FieldDefinitionOut(
             name=f.name,
@@ -49,11 +53,24 @@ def dictionary(
         for packet in d.telemetry
         for f in packet.values
     ]
-    shown = [definition(c, preconditions.get(c.name, ())) for c in commands]
-    return DictionaryOut(hash=d.hash_hex, commands=shown, telemetry=fields)
+    shown = [definition(roles.operations, c, preconditions.get(c.name, ())) for c in commands]
+    return DictionaryOut(hash=d.hash_hex, commands=shown, telemetry=fields, roles=roles_of(roles))
 
 
-def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDefinitionOut:
+def roles_of(roles: Roles) -> RolesOut:
+    """Return the standard operations and quantities that the sensor has, and a sentence about each operation that it lacks."""
+    operations, attitude = roles.operations, roles.quantities.attitude
+    return RolesOut(
+        operations={operation.value: operations.require(operation).command or "" for operation in operations.names()},
+        absent={operation.value: absence(operation) for operation in Operation if not operations.has(operation)},
+        quantities=list(roles.quantities.names()),
+        attitude=AttitudePlaceOut.model_validate(attitude, from_attributes=True) if all(attitude.quaternion) else None,
+    )
+
+
+def definition(
+    operations: StandardOperations, c: Definition, states: Sequence[PreconditionState]
+) -> CommandDefinitionOut:
     """Return a command definition."""
     arguments = [
         ArgumentOut(
@@ -83,7 +100,7 @@ def definition(c: Definition, states: Sequence[PreconditionState]) -> CommandDef
         accept_within_s=c.accept_s,
         complete_within_s=c.complete_s,
         simulator_only=c.simulator_only,
-        schedulable=schedulable(c),
+        schedulable=schedulable(operations, c),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -16,7 +17,7 @@ GAP_SHARE, GAP_S = 0.02, 12.0
 def contact_sheet(report: ReportOut) -> Report:
     """Return the report."""
     c = report.contact
-    firmware, profile = report.firmware or "not told", report.profile or "not told"
+    firmware, profile = report.firmware or "unknown", report.profile or "unknown"
     until = _when(c.ended) if c.ended else "still open"
     return Report(
         f"Contact {c.id}: {c.device}",
@@ -36,7 +37,7 @@ def _notes(report: ReportOut) -> list[Note]:
     missing = report.record.unexplained
     if not missing:
         return []
-    return [Note(f"The record has {missing} gaps without a cause.", "The section Record names them.")]
+    return [Note(f"{missing} gaps have no known cause.", "The section Record names them.")]
 
 
 def _lists(report: ReportOut) -> list[Section]:
@@ -46,18 +47,35 @@ def _lists(report: ReportOut) -> list[Section]:
             "Commands",
             ("sent", "command", "by", "result", "detail"),
             [(_clock(x.created), x.name, x.user, x.result, x.detail) for x in c.command_list],
+            c.commands,
+        ),
+        _listed(
+            "Procedures",
+            ("started", "procedure", "by", "state", "steps", "SHA-256 of the record"),
+            [
+                (
+                    _clock(p.started),
+                    f"{p.id}: {p.name}",
+                    p.user,
+                    p.state,
+                    f"{len(p.entries)}",
+                    p.sha256 or "not frozen yet",
+                )
+                for p in report.procedures
+            ],
         ),
         _listed(
             "Transfers",
             ("what", "way", "state", "bytes", "resent", "reason"),
             [(x.subject, x.direction, x.state, f"{x.size}", f"{x.resent}", x.reason) for x in c.transfers],
+            c.transfer_count,
         ),
         _listed(
             "Alarms",
             ("raised", "alarm", "worst", "state", "closed", "by"),
             [(_clock(a.raised), a.text, a.worst, a.state, _clock(a.closed), a.acknowledged_by or "") for a in c.alarms],
         ),
-        _listed("Frames", ("received", "frame"), [(_clock(f.received), f.name) for f in c.frame_list]),
+        _listed("Frames", ("received", "frame"), [(_clock(f.received), f.name) for f in c.frame_list], c.frames),
         _listed(
             "Raw capture",
             ("file", "bytes", "kept"),
@@ -66,7 +84,9 @@ def _lists(report: ReportOut) -> list[Section]:
     ]
 
 
-def _listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
+def _listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], total: int = 0) -> Section:
+    if total > len(rows):
+        title = f"{title}, the newest {len(rows)} of {total}"
     return Section(title, tables=[Table("", list(columns), [list(row) for row in rows])])
 
 
@@ -103,9 +123,8 @@ def _attitude_facts(report: ReportOut) -> list[Fact]:
 
 def _record(report: ReportOut) -> Section:
     r = report.record
-    said = (
-        f"{r.held} of {r.expected} housekeeping packets ({100 * r.share:.2f} %); {r.unexplained} gaps without a cause"
-    )
+    share = math.floor(1e4 * r.share) / 100
+    said = f"{r.held} of {r.expected} housekeeping packets ({share:.2f} %); {r.unexplained} gaps without a cause"
     gaps = [[_clock(g.start), _clock(g.end), f"{g.missing}", g.cause] for g in r.gaps]
     silences = [[_clock(g.start), _clock(g.end), f"{g.seconds:.1f} s", g.cause] for g in report.contact.gaps]
     tables = [Table("Missing by sequence", ["from", "to", "missing", "cause"], gaps)]

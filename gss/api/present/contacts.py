@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from gss.api.present.alarms import alarm
+from gss.api.present.procedures import run
 from gss.api.present.telemetry import series
 from gss.api.schemas.contacts import (
     AttitudeSummaryOut,
@@ -24,15 +26,15 @@ from gss.api.schemas.contacts import (
     VolumesOut,
 )
 from gss.device.session_events import DeviceEvent
-from gss.operations.line.capture_decoder import CommandSaid, Replayed
-from gss.operations.line.contact_report import ContactReport
-from gss.operations.line.contacts import ContactDetail
-from gss.operations.line.gaps import Gap, RecordCheck
-from gss.operations.line.replay_capture import ReplayState
-from gss.operations.telemetry.value_words import plain
-from gss.store.models import Contact, Device
+from gss.operations.contacts.capture_decoder import CommandSaid, Replayed
+from gss.operations.contacts.contact_report import ContactReport
+from gss.operations.contacts.contacts import ContactDetail
+from gss.operations.contacts.gaps import Gap, RecordCheck
+from gss.operations.contacts.replay_capture import ReplayState
+from gss.operations.telemetry.value_format import plain
+from gss.store.models import Contact, Device, ProcedureRun
 
-NOBODY = "nobody answered"
+NO_RESPONSE = "no response"
 
 
 def moment(unix_s: float) -> datetime:
@@ -44,7 +46,7 @@ def contact(row: Contact, device: Device | None, frames: int, commands: int) -> 
     """Return a contact as a list entry."""
     return ContactOut(
         id=row.id,
-        device=device.name if device else NOBODY,
+        device=device.name if device else NO_RESPONSE,
         url=row.url,
         started=row.started,
         ended=row.ended,
@@ -58,19 +60,22 @@ def contact(row: Contact, device: Device | None, frames: int, commands: int) -> 
 
 def detail(d: ContactDetail) -> ContactDetailOut:
     """Return all details of a contact."""
-    head = contact(d.row, d.device, len(d.frames), len(d.commands))
+    head = contact(d.row, d.device, d.frames.total, d.commands.total)
     return ContactDetailOut(
         **head.model_dump(),
+        instrument=d.row.instrument,
+        instrument_version=d.row.instrument_version,
         duration_s=d.duration_s,
         counters=d.counters,
         error_rate=d.error_rate,
         gaps=[_span(gap) for gap in d.silences],
         packets=d.packets,
-        frame_list=[ContactFrameOut.model_validate(row) for row in d.frames],
-        command_list=[ContactCommandOut.model_validate(row) for row in d.commands],
-        transfers=[ContactTransferOut.model_validate(row) for row in d.transfers],
+        frame_list=[ContactFrameOut.model_validate(row) for row in d.frames.rows],
+        command_list=[ContactCommandOut.model_validate(row) for row in d.commands.rows],
+        transfers=[ContactTransferOut.model_validate(row) for row in d.transfers.rows],
+        transfer_count=d.transfers.total,
         alarms=[alarm(view) for view in d.alarms],
-        events=len(d.events),
+        events=d.events,
         captures=[CaptureOut.model_validate(file) for file in d.captures],
         capture_bytes=sum(file.bytes for file in d.captures),
     )
@@ -105,8 +110,8 @@ def record(contact_id: int, check: RecordCheck) -> RecordOut:
     )
 
 
-def report(r: ContactReport) -> ReportOut:
-    """Return the pass report."""
+def report(r: ContactReport, procedures: Sequence[ProcedureRun]) -> ReportOut:
+    """Return the pass report with the runs of procedures that were under way."""
     a, device = r.attitude, r.detail.device
     row = r.detail.row
     return ReportOut(
@@ -130,6 +135,7 @@ def report(r: ContactReport) -> ReportOut:
         record=record(row.id, r.record),
         series=[series(s) for s in r.series],
         quality=r.quality,
+        procedures=[run(row) for row in procedures],
     )
 
 

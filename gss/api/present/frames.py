@@ -89,6 +89,7 @@ def frame_detail(detail: FrameDetail) -> FrameDetailOut:
         ground=solution_detail(detail.ground) if detail.ground else None,
         comparison=comparison(detail.on_board, detail.ground),
         truth=attitude(detail.frame.truth, None),
+        instrument_version=detail.frame.instrument_version,
     )
 
 
@@ -104,7 +105,7 @@ def _solution_values(row: Solution) -> dict[str, Any]:
     )
     values = {name: getattr(row, name) for name in names.split()}
     fov_deg = tuple(math.degrees(v) for v in row.fov_rad) if row.fov_rad else None
-    known = [s for s in row.detail["stars"] if s.get("dx_arcsec") is not None and s["weight"] > 0]
+    known = [s for s in row.detail.get("stars", ()) if s.get("dx_arcsec") is not None and s["weight"] > 0]
     weights = sum(s["weight"] for s in known)
     square = sum(s["weight"] * (s["dx_arcsec"] ** 2 + s["dy_arcsec"] ** 2) / 2 for s in known)
     return values | {

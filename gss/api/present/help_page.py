@@ -14,7 +14,7 @@ from markdown_it.token import Token
 
 PICTURES = "pictures"
 CONTENTS = "README"
-GROUPS = (("guide", "Guide"), (".", "Reference"), ("decisions", "Why it is so"))
+GROUPS = (("guide", "Guide"), (".", "Reference"), ("decisions", "Design decisions"))
 FIRST = ("tutorial", "operator", "catalogue-manager", "engineer", "admin")
 _RENDERER = MarkdownIt("default", {"html": False, "linkify": False})
 
@@ -47,10 +47,19 @@ def help_page(text: str, shown: Document | None, known: Mapping[str, Document]) 
     return _page(shown.title if shown else "Help", body, _contents(known, shown, heads))
 
 
-def not_there(name: str, known: Mapping[str, Document]) -> str:
+def single_page(title: str, text: str) -> str:
+    """Return the page of one Markdown text that is not part of the documents, with its headings beside it."""
+    tokens = _RENDERER.parse(text)
+    heads = _anchor(tokens)
+    _relink(tokens, {})
+    links = "".join(f"<li><a href='#{anchor}'>{escape(words)}</a></li>" for anchor, words in heads)
+    return _page(title, _RENDERER.renderer.render(tokens, _RENDERER.options, {}), f"<ul>{links}</ul>" if links else "")
+
+
+def not_found_page(name: str, known: Mapping[str, Document]) -> str:
     """Return the page for an unknown document name."""
-    body = f"<h1>Not here</h1><p>There is no chapter “{escape(name)}”. Those there are stand on the left.</p>"
-    return _page("Not here", body, _contents(known, None, ()))
+    body = f"<h1>Page not found</h1><p>There is no page “{escape(name)}”. Choose one from the list on the left.</p>"
+    return _page("Page not found", body, _contents(known, None, ()))
 
 
 def slug(text: str) -> str:

@@ -6,19 +6,28 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
-from gss.api.schemas.link import AlarmOut, BankOut, CountersOut, DirectionCountersOut, DirectionOut, LinkOut
+from gss.api.schemas.link import (
+    AlarmOut,
+    BankOut,
+    CountersOut,
+    DirectionCountersOut,
+    DirectionOut,
+    LinkOut,
+    ReportedAttitudeOut,
+)
 from gss.device.session_events import LinkCounters
-from gss.operations.line.status import Header
 from gss.operations.transfers.banks import BankView, days_left
+from gss.operations.upkeep.status import Header
 
 
 def link(header: Header) -> LinkOut:
     """Return the header bar."""
     banks = [bank(view, header.utc) for view in header.banks]
     active = next((b for b in banks if b.active), None)
-    values = {k: v for k, v in vars(header).items() if k not in ("tx", "rx", "banks", "alarms")}
+    values = {k: v for k, v in vars(header).items() if k not in ("tx", "rx", "banks", "alarms", "attitude")}
     return LinkOut(
         **values,
+        attitude=None if header.attitude is None else ReportedAttitudeOut.model_validate(header.attitude),
         tx=DirectionOut.model_validate(header.tx),
         rx=DirectionOut.model_validate(header.rx),
         banks=banks,
@@ -29,9 +38,9 @@ def link(header: Header) -> LinkOut:
 
 def counters(counted: LinkCounters, framing: str, housekeeping: Mapping[str, Any] | None) -> CountersOut:
     """Return the counters of both directions. The device's own counts of the uplink come from its housekeeping."""
-    told = housekeeping or {}
+    reported = housekeeping or {}
     sent = DirectionCountersOut.model_validate(counted.sent)
-    far = {"device_good": told.get("frames_good"), "device_bad": told.get("frames_bad")}
+    far = {"device_good": reported.get("frames_good"), "device_bad": reported.get("frames_bad")}
     return CountersOut(
         framing=framing,
         sent=sent.model_copy(update=far),

@@ -6,7 +6,7 @@ from gss.api.schemas.events import EventOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import FrameRegionOut, TransferOptionsOut, TransferOut
 from gss.operations.jobs import can_start_again, permission_of
-from gss.operations.transfers.transfer_rows import TransferView
+from gss.operations.transfers.transfer_progress import TransferView
 from gss.operations.transfers.transfers import RESUMABLE
 from gss.store.models import Event, Job, Transfer
 

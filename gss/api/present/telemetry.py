@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
 from gss.api.schemas.telemetry import (
     ChoiceOut,
     CycleOut,
+    DerivedOut,
     GivenLimitsOut,
     LatestOut,
     LimitOut,
@@ -17,55 +17,19 @@ from gss.api.schemas.telemetry import (
     LimitsOut,
     PacketOut,
     SeriesOut,
-    ValueOut,
 )
-from gss.device.dictionary import TelemetryField
+from gss.instruments.dictionary.definitions import TelemetryField
 from gss.operations.telemetry.archive import Series
+from gss.operations.telemetry.derived import PREFIX, DerivedParameters
 from gss.operations.telemetry.limit_book import LimitBook
 from gss.operations.telemetry.telemetry import FieldValue
-from gss.operations.telemetry.value_words import formatted, kind, raw_text
-from gss.store.models import TelemetryPacket
-
-Told = tuple[Sequence[FieldValue], Mapping[tuple[str, str], int]]
-"""Values, and the id of the open alarm of each field that has one."""
+from gss.operations.telemetry.value_format import kind
+from gss.store.models import DerivedParameter, TelemetryPacket
 
 
-def latest(told: Told) -> LatestOut:
+def latest(values: list[FieldValue]) -> LatestOut:
     """Return all fields with their states."""
-    values, alarms = told
-    return LatestOut(values=[value(v, alarms.get((v.packet, v.definition.name))) for v in values])
-
-
-def value(v: FieldValue, alarm_id: int | None = None) -> ValueOut:
-    """Return one field."""
-    shown = v.value.hex() if isinstance(v.value, bytes) else v.value
-    raw = v.raw if isinstance(v.raw, int | float) else None
-    text = v.state
-    if v.state == "stale" and v.age_s is not None:
-        fresh = v.age_s <= v.definition.stale_after_s  # still received, but from an iteration that has ended
-        text = "cycle stopped" if fresh else f"stale {v.age_s:.0f} s"
-    return ValueOut(
-        name=v.definition.name,
-        packet=v.packet,
-        title=v.definition.title,
-        page=v.definition.page,
-        kind=kind(v.definition),  # type: ignore[arg-type]  # the operations' words are the schema's, here and below
-        raw=_finite(raw),
-        raw_text=raw_text(v.definition, v.raw),
-        value=_finite(shown) if isinstance(shown, float) else shown,
-        formatted=formatted(shown, v.definition.decimals),
-        unit=v.definition.unit,
-        state=v.state,  # type: ignore[arg-type]  # as above
-        sample_state=v.sample_state,  # type: ignore[arg-type]  # as above
-        text=text,
-        at=v.at,
-        age_s=v.age_s,
-        alarm_id=alarm_id,
-    )
-
-
-def _finite(x: float | None) -> float | None:
-    return x if x is not None and math.isfinite(x) else None
+    return LatestOut(values=values)
 
 
 def series(s: Series) -> SeriesOut:
@@ -81,7 +45,7 @@ def series(s: Series) -> SeriesOut:
         y=s.y,
         packet=s.packet,
         title=definition.title,
-        kind=kind(definition),  # type: ignore[arg-type]  # as above
+        kind=kind(definition),
         choices=choices,
         samples=s.samples,
         thinned=s.thinned,
@@ -124,6 +88,25 @@ def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
             critical=given.limits.critical,
             persistence=given.persistence,
         ),
+    )
+
+
+def derived(book: DerivedParameters, row: DerivedParameter) -> DerivedOut:
+    """Return the definition of a derived parameter."""
+    return DerivedOut(
+        name=row.name,
+        key=f"{PREFIX}{row.name}.{row.name}",
+        title=row.title,
+        expression=row.expression,
+        unit=row.unit,
+        decimals=row.decimals,
+        persistence=row.persistence,
+        watch=row.limits["watch"],
+        warning=row.limits["warning"],
+        critical=row.limits["critical"],
+        author=row.author,
+        changed=row.changed,
+        problem=book.problem(row),
     )
 
 

@@ -8,10 +8,10 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App, Deed, RowId, User, need
+from gss.api.deps import App, AuditNote, RowId, User, need
 from gss.api.schemas.alarms import AlarmRow, NoteIn, ShelveIn
 from gss.operations.clock import utc_now
-from gss.wiring import Services
+from gss.services import Services
 
 router = APIRouter(prefix="/alarms", tags=["alarms"])
 
@@ -30,31 +30,31 @@ def read_alarm(app: App, alarm_id: RowId) -> AlarmRow:
 
 
 @router.post("/{alarm_id}/acknowledge", dependencies=[need("alarms")])
-def acknowledge(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
+def acknowledge(app: App, user: User, alarm_id: RowId, body: NoteIn, audit_note: AuditNote) -> AlarmRow:
     """Acknowledge an alarm."""
-    deed(_named(app, alarm_id), body.note)
+    audit_note(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.acknowledge(alarm_id, user=user, note=body.note))
 
 
 @router.post("/{alarm_id}/shelve", dependencies=[need("alarms")])
-def shelve(app: App, user: User, alarm_id: RowId, body: ShelveIn, deed: Deed) -> AlarmRow:
+def shelve(app: App, user: User, alarm_id: RowId, body: ShelveIn, audit_note: AuditNote) -> AlarmRow:
     """Hide an alarm for a limited time."""
-    deed(_named(app, alarm_id), f"for {body.minutes:g} min", body.note)
+    audit_note(_named(app, alarm_id), f"for {body.minutes:g} min", body.note)
     until = utc_now() + timedelta(minutes=body.minutes)
     return present.alarms.alarm(app.alarms.shelve(alarm_id, until, user=user, note=body.note))
 
 
 @router.post("/{alarm_id}/unshelve", dependencies=[need("alarms")])
-def unshelve(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
+def unshelve(app: App, user: User, alarm_id: RowId, body: NoteIn, audit_note: AuditNote) -> AlarmRow:
     """Show a shelved alarm again."""
-    deed(_named(app, alarm_id), body.note)
+    audit_note(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.unshelve(alarm_id, user=user, note=body.note))
 
 
 @router.post("/{alarm_id}/clear", dependencies=[need("alarms")])
-def clear(app: App, user: User, alarm_id: RowId, body: NoteIn, deed: Deed) -> AlarmRow:
+def clear(app: App, user: User, alarm_id: RowId, body: NoteIn, audit_note: AuditNote) -> AlarmRow:
     """Close an alarm manually. Rejected while its cause persists."""
-    deed(_named(app, alarm_id), body.note)
+    audit_note(_named(app, alarm_id), body.note)
     return present.alarms.alarm(app.alarms.clear(alarm_id, user=user, note=body.note))
 
 

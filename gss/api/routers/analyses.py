@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
 from gss.api.deps import EXPORT, App, RowId, User, need
-from gss.api.schemas.analyses import AnalysisDetailOut, AnalysisIn, AnalysisOut, FrameAnalysisIn
+from gss.api.schemas.analyses import AnalysisDetailOut, AnalysisOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.reports import ReportViewOut
-from gss.operations.studies.analyses import EXPORTS, FrameAnalysis, TelemetryAnalysis
+from gss.api.schemas.sheets import SheetOut
+from gss.domain.errors import NotFound
+from gss.operations.studies.analyses import EXPORTS
+from gss.operations.studies.analysis_requests import AnalysisRequest
 from gss.store.models import Analysis
 
 router = APIRouter(prefix="/analyses", tags=["analyses"])
@@ -27,23 +29,9 @@ def list_analyses(
 
 
 @router.post("", status_code=202, dependencies=[need("analyse")])
-def analyse(app: App, user: User, body: AnalysisIn) -> JobOut:
+def analyse(app: App, user: User, body: AnalysisRequest) -> JobOut:
     """Run an analysis as a job; its result names the analysis."""
-    wanted: FrameAnalysis | TelemetryAnalysis
-    if isinstance(body, FrameAnalysisIn):
-        commanded = None if body.commanded_deg_s is None else math.radians(body.commanded_deg_s)
-        wanted = FrameAnalysis(
-            body.kind,
-            body.profile,
-            tuple(body.frame_ids),
-            body.chain,
-            commanded,
-            body.other_profile,
-            tuple(body.other_ids),
-        )
-    else:
-        wanted = TelemetryAnalysis(body.contact)
-    return present.records.job(app.analyses.start(wanted, body.title, user=user))
+    return present.records.job(app.analyses.start(body, user=user))
 
 
 @router.get("/{analysis_id}")
@@ -52,6 +40,15 @@ def read_analysis(app: App, analysis_id: RowId) -> AnalysisDetailOut:
     row = app.analyses.get(analysis_id)
     report = ReportViewOut.model_validate(row.result["report"])
     return AnalysisDetailOut(**_facts(row), request=row.request, figures=row.result["figures"], report=report)
+
+
+@router.get("/{analysis_id}/sheet")
+def read_sheet(app: App, analysis_id: RowId) -> SheetOut:
+    """Performance sheet as one document; only for an analysis of the kind sheet."""
+    row = app.analyses.get(analysis_id)
+    if row.kind != "sheet":
+        raise NotFound("this analysis is not a performance sheet", expected="kind sheet", got=row.kind)
+    return SheetOut.model_validate(row.result["figures"])
 
 
 @router.get("/{analysis_id}/export", response_class=Response, dependencies=[EXPORT])

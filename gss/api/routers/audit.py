@@ -34,7 +34,7 @@ def _whole_day(value: Any) -> Any:
 def _filter(
     who: Annotated[str, Query(max_length=80)] = "",
     action: Annotated[str, Query(max_length=60)] = "",
-    result: Literal["", "done", "denied", "failed"] = "",
+    result: Literal["", "done", "denied", "failed", "unknown"] = "",
     since: Moment | None = None,
     until: Annotated[Moment | None, BeforeValidator(_whole_day)] = None,
 ) -> AuditFilter:

@@ -1,12 +1,12 @@
-"""Command authority: read, take, release, break."""
+"""Command authority: read, take, release, hand over, break."""
 
 from __future__ import annotations
 
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import App, Deed, User, need
-from gss.api.schemas.authority import AuthorityOut, BreakIn
+from gss.api.deps import App, AuditNote, User, need
+from gss.api.schemas.authority import AuthorityNoteIn, AuthorityOfferIn, AuthorityOut, BreakIn
 
 router = APIRouter(tags=["authority"])
 
@@ -29,8 +29,36 @@ def release_authority(app: App, user: User) -> AuthorityOut:
     return present.authority.authority(app.authority.release(user), user)
 
 
+@router.post("/authority/request", dependencies=[need("authority.take")])
+def request_authority(app: App, user: User, body: AuthorityNoteIn, audit_note: AuditNote) -> AuthorityOut:
+    """Request command authority from its holder."""
+    audit_note(f"from {app.authority.holder() or 'no user'}, {body.note}")
+    return present.authority.authority(app.authority.request(user, body.note), user)
+
+
+@router.post("/authority/offer", dependencies=[need("authority.take")])
+def offer_authority(app: App, user: User, body: AuthorityOfferIn, audit_note: AuditNote) -> AuthorityOut:
+    """Offer command authority to another user."""
+    audit_note(f"to {body.user}, {body.note}")
+    return present.authority.authority(app.authority.offer(user, body.user, body.note), user)
+
+
+@router.post("/authority/accept", dependencies=[need("authority.take")])
+def accept_authority(app: App, user: User, body: AuthorityNoteIn, audit_note: AuditNote) -> AuthorityOut:
+    """Hand command authority over: the holder accepts a request, or the named user accepts an offer."""
+    audit_note(f"of {app.authority.holder() or 'no user'}, {body.note}")
+    return present.authority.authority(app.authority.accept(user, body.note), user)
+
+
+@router.post("/authority/decline", dependencies=[need("authority.take")])
+def decline_authority(app: App, user: User, body: AuthorityNoteIn, audit_note: AuditNote) -> AuthorityOut:
+    """Refuse or withdraw the request or offer of command authority that waits for an answer."""
+    audit_note(f"of {app.authority.holder() or 'no user'}, {body.note}")
+    return present.authority.authority(app.authority.decline(user, body.note), user)
+
+
 @router.post("/authority/break", dependencies=[need("authority.break")])
-def break_authority(app: App, user: User, body: BreakIn, deed: Deed) -> AuthorityOut:
+def break_authority(app: App, user: User, body: BreakIn, audit_note: AuditNote) -> AuthorityOut:
     """Take command authority from its holder, with a reason."""
-    deed(f"of {app.authority.holder() or 'nobody'}, {body.reason}")
+    audit_note(f"of {app.authority.holder() or 'no user'}, {body.reason}")
     return present.authority.authority(app.authority.break_(user, body.reason), user)

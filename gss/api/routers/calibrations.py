@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, Deed, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.calibrations import (
     CalibrationDetailOut,
     CalibrationDiffOut,
-    CalibrationIn,
     CalibrationOut,
-    DetectorCalibrationIn,
     DocumentedIn,
-    StarCalibrationIn,
 )
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.tables import TableDetailOut
 from gss.operations.studies.calibration_export import KINDS, export_calibration
-from gss.operations.studies.calibration_requests import BenchCalibration, DetectorCalibration, StarCalibration, Wanted
+from gss.operations.studies.calibration_requests import Wanted
+from gss.services import Services
 from gss.store.models import Calibration
-from gss.wiring import Services
 
 router = APIRouter(prefix="/calibrations", tags=["calibrations"])
-MEASURED = ("dots_px", "pairs_px", "points", "widths")
-OPTIONS = ("radius_px", "order", "corners", "square_mm", "fit_k3", "wished_sigma_px")
 Identity = Annotated[int, Query(ge=1, le=2**31 - 1)]
 
 
@@ -46,9 +40,9 @@ def list_calibrations(
 
 
 @router.post("", status_code=202, dependencies=[need("calibrate")])
-def calibrate(app: App, user: User, body: CalibrationIn) -> JobOut:
+def calibrate(app: App, user: User, body: Wanted) -> JobOut:
     """Run a calibration as a job; its result names the calibration."""
-    return present.records.job(app.calibrations.start(_wanted(body), body.name, body.note, user=user))
+    return present.records.job(app.calibrations.start(body, user=user))
 
 
 @router.get("/diff")
@@ -58,9 +52,9 @@ def compare(app: App, older: Identity, newer: Identity) -> CalibrationDiffOut:
 
 
 @router.post("/documented", dependencies=[need("calibrate")])
-def use_documented(app: App, user: User, body: DocumentedIn, deed: Deed) -> None:
+def use_documented(app: App, user: User, body: DocumentedIn, audit_note: AuditNote) -> None:
     """Use this camera's documented values again for reruns."""
-    deed(f"{body.profile} from {app.calibrations.book.in_use(body.profile) or 'documented'} to documented")
+    audit_note(f"{body.profile} from {app.calibrations.book.in_use(body.profile) or 'documented'} to documented")
     app.calibrations.use_documented(body.profile, user=user)
 
 
@@ -71,10 +65,10 @@ def read_calibration(app: App, calibration_id: RowId) -> CalibrationDetailOut:
 
 
 @router.post("/{calibration_id}/use", dependencies=[need("calibrate")])
-def use(app: App, user: User, calibration_id: RowId, deed: Deed) -> CalibrationDetailOut:
+def use(app: App, user: User, calibration_id: RowId, audit_note: AuditNote) -> CalibrationDetailOut:
     """Use this calibration for reruns from now on."""
     profile = app.calibrations.get(calibration_id).profile
-    deed(f"{profile} from {app.calibrations.book.in_use(profile) or 'documented'} to {calibration_id}")
+    audit_note(f"{profile} from {app.calibrations.book.in_use(profile) or 'documented'} to {calibration_id}")
     return _detail(app, app.calibrations.use(calibration_id, user=user))
 
 
@@ -98,30 +92,3 @@ def _in_use(app: Services, row: Calibration) -> bool:
 
 def _detail(app: Services, row: Calibration) -> CalibrationDetailOut:
     return present.calibrations.detail(row, _in_use(app, row), app.tables.on_board())
-
-
-def _wanted(body: CalibrationIn) -> Wanted:
-    if isinstance(body, StarCalibrationIn):
-        return StarCalibration(
-            tuple(body.frame_ids),
-            body.profile,
-            tuple(body.models),
-            body.photometry,
-            body.psf,
-            None if body.fov_deg is None else math.radians(body.fov_deg),
-            tuple(body.prior_ids),
-        )
-    if isinstance(body, DetectorCalibrationIn):
-        pairs = tuple((pair[0], pair[1]) for pair in body.flat_pairs)
-        return DetectorCalibration(body.profile, tuple(body.dark_ids), pairs)
-    plain = body.model_dump()
-    measured: list[list[float]] = next((plain[n] for n in MEASURED if plain.get(n)), [])
-    options = {n: tuple(v) if isinstance(v := plain[n], list) else v for n in OPTIONS if plain.get(n) is not None}
-    return BenchCalibration(
-        body.kind,
-        body.profile,
-        tuple(tuple(row) for row in measured),
-        tuple(plain.get("frame_ids", ())),
-        tuple(plain.get("positions", ())),
-        tuple(options.items()),
-    )

@@ -8,36 +8,34 @@ from fastapi import APIRouter, Query, Response
 
 from gss.api import present
 from gss.api.deps import EXPORT, App, User, need
-from gss.api.schemas.campaigns import ChainRecordOut, ExperimentOut, ExperimentsIn, ReprocessIn
+from gss.api.schemas.campaigns import ChainRecordOut, ExperimentOut
 from gss.api.schemas.jobs import JobOut
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.experiment import share_interval
 from gss.operations.frames.solution_export import FORMATS, export_solutions
-from gss.operations.studies.campaigns import ChainRecord
-from gss.operations.studies.experiments import ENTRIES
-from gss.operations.studies.reprocess import Reprocessing
+from gss.operations.studies import experiments
+from gss.operations.studies.campaigns import ChainRecord, ExperimentsRequest
+from gss.operations.studies.reprocess import ReprocessRequest
 
 router = APIRouter(prefix="/campaigns", tags=["campaigns"])
 
 
 @router.get("/experiments")
 def list_experiments(_: App) -> list[ExperimentOut]:
-    """Experiments from the documents that can be rerun."""
-    return [ExperimentOut(name=e.name, title=e.title, trials=e.trials) for e in ENTRIES.values()]
+    """Experiments from the documents that can be rerun. 409 if the package that contains them is not installed."""
+    return [ExperimentOut(name=e.name, title=e.title, trials=e.trials) for e in experiments.entries()]
 
 
 @router.post("/experiments", status_code=201, dependencies=[need("campaigns")])
-def run_experiments(app: App, body: ExperimentsIn) -> JobOut:
+def run_experiments(app: App, user: User, body: ExperimentsRequest) -> JobOut:
     """Run experiments as a job."""
-    return present.records.job(app.campaigns.run_experiments(body.names, body.trials, body.seed))
+    return present.records.job(app.campaigns.run_experiments(body, user=user))
 
 
 @router.post("/reprocess", status_code=201, dependencies=[need("campaigns")])
-def reprocess(app: App, user: User, body: ReprocessIn) -> JobOut:
+def reprocess(app: App, user: User, body: ReprocessRequest) -> JobOut:
     """Run a chain over many stored frames as a job. Starting it again processes only the remaining frames."""
-    wanted = Reprocessing(body.chain, tuple(body.frame_ids), body.profile, body.again)
-    filters = {"source": body.source, "contact_id": body.contact}
-    return present.records.job(app.reprocessing.start(wanted, user=user, **filters))
+    return present.records.job(app.reprocessing.start(body, user=user))
 
 
 @router.get("/chains")

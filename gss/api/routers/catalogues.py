@@ -11,15 +11,13 @@ from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
 from gss.api import present
-from gss.api.catalogue_words import request_of
-from gss.api.deps import EXPORT, App, Deed, Moment, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, Moment, RowId, User, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.present.catalogue_sheet import catalogue_sheet
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
 from gss.api.schemas.catalogues import (
     CatalogueDetailOut,
-    CatalogueIn,
     CatalogueOut,
     ListMappingIn,
     PreviewOut,
@@ -29,6 +27,7 @@ from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.transfers import TransferOut
 from gss.catalogue_tools.sources.star_list_mapping import ListMapping
 from gss.domain.errors import BadInput
+from gss.operations.catalogues.catalogue_request import CatalogueRequest
 from gss.operations.clock import utc_now
 from gss.operations.report.html import as_html
 from gss.operations.report.parts import Report
@@ -61,9 +60,9 @@ def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -
 
 
 @router.post("/preview", dependencies=[need("catalogues.build", changes=False)])
-def preview(app: App, user: User, body: CatalogueIn, ambiguity: bool = False) -> PreviewOut:
+def preview(app: App, user: User, body: CatalogueRequest, ambiguity: bool = False) -> PreviewOut:
     """Preview a build while parameters change. ``ambiguity`` adds a coarse map of where stars can be mistaken."""
-    quick = app.catalogues.preview(request_of(body, user, utc_now()), mistakes=ambiguity)
+    quick = app.catalogues.preview(body, user=user, mistakes=ambiguity)
     return PreviewOut(
         stars=quick.stars,
         pairs_estimate=quick.pairs,
@@ -76,10 +75,9 @@ def preview(app: App, user: User, body: CatalogueIn, ambiguity: bool = False) ->
 
 
 @router.post("", status_code=202, dependencies=[need("catalogues.build")])
-def build_catalogue(app: App, user: User, body: CatalogueIn) -> JobOut:
+def build_catalogue(app: App, user: User, body: CatalogueRequest) -> JobOut:
     """Build a catalogue as a job; its result names the catalogue."""
-    request = request_of(body, user, utc_now())
-    return present.records.job(app.catalogues.build(request, body.model_dump(mode="json"), user=user))
+    return present.records.job(app.catalogues.build(body, user=user))
 
 
 @router.get("/diff")
@@ -172,10 +170,10 @@ def manifest(app: App, catalogue_id: RowId) -> Response:
 
 
 @router.post("/{catalogue_id}/upload", status_code=201, dependencies=[need("catalogues.upload")])
-def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User, deed: Deed) -> TransferOut:
+def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User, audit_note: AuditNote) -> TransferOut:
     """Send a catalogue to an inactive bank."""
     held = next((v.catalogue.name for v in app.banks.views() if v.bank == body.bank and v.catalogue), "nothing known")
-    deed(f"{app.catalogues.get(catalogue_id).name} to bank {body.bank}, before {held}")
+    audit_note(f"{app.catalogues.get(catalogue_id).name} to bank {body.bank}, before {held}")
     app.authority.check(user)
     return present.records.transfer(app.catalogues.upload(catalogue_id, body.bank))
 
@@ -187,7 +185,7 @@ def _mapping(text: str) -> ListMapping:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"])
         raise BadInput(
-            "the mapping of the columns cannot be read",
+            "invalid column mapping",
             expected='JSON, for example {"columns": {"ra": "RAJ2000"}, "epoch_jyear": 2000.0}',
             got=f"{where}: {first['msg']}".removeprefix(": ")[:200],
         ) from None

@@ -12,13 +12,13 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, ContactId, Deed, Moment, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, ContactId, Moment, RowId, User, need
 from gss.api.schemas.commands import AbortOut, CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
 from gss.api.urgent import at_once
 from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.command_history import Filter
+from gss.services import Services
 from gss.store.models import Command
-from gss.wiring import Services
 
 RECORD_WITHIN_S = 0.3
 router = APIRouter(tags=["commands"])
@@ -60,9 +60,7 @@ def _file(pieces: Iterator[str], media_type: str, name: str) -> StreamingRespons
 def read_dictionary(app: App) -> DictionaryOut:
     """All commands that the device supports and all telemetry, with the current state of the commands' preconditions."""
     shown = app.commands.visible()
-    return present.commands.dictionary(
-        app.link.dictionary, shown, {c.name: app.commands.preconditions(c) for c in shown}
-    )
+    return present.commands.dictionary(app.link.roles, shown, {c.name: app.commands.preconditions(c) for c in shown})
 
 
 @router.get("/commands")
@@ -108,9 +106,9 @@ async def abort(app: App, user: User) -> AbortOut:
 
 
 @router.post("/commands", status_code=201, dependencies=[need("command")])
-def send_command(app: App, body: CommandIn, user: User, deed: Deed) -> CommandOut:
+def send_command(app: App, body: CommandIn, user: User, audit_note: AuditNote) -> CommandOut:
     """Queue a command."""
-    deed(body.name, *(f"{name}={value}" for name, value in body.arguments.items()))
+    audit_note(body.name, *(f"{name}={value}" for name, value in body.arguments.items()))
     return _shown(app, app.commands.send(body.name, body.arguments, confirm=body.confirm, user=user, source="form"))
 
 
@@ -121,21 +119,21 @@ def read_command(app: App, command_id: RowId) -> CommandOut:
 
 
 @router.post("/commands/{command_id}/retry", dependencies=[need("command")])
-def retry_command(app: App, command_id: RowId, user: User, deed: Deed) -> CommandOut:
+def retry_command(app: App, command_id: RowId, user: User, audit_note: AuditNote) -> CommandOut:
     """Send an unknown command again, with the same bytes and id. Allowed only while its result is unknown."""
-    deed(app.commands.get(command_id).name)
+    audit_note(app.commands.get(command_id).name)
     return _shown(app, app.commands.retry(command_id, user=user))
 
 
 @router.post("/commands/{command_id}/withdraw", dependencies=[need("command")])
-def withdraw_command(app: App, command_id: RowId, user: User, deed: Deed) -> CommandOut:
+def withdraw_command(app: App, command_id: RowId, user: User, audit_note: AuditNote) -> CommandOut:
     """Withdraw a command that is still queued."""
-    deed(app.commands.get(command_id).name)
+    audit_note(app.commands.get(command_id).name)
     return _shown(app, app.commands.withdraw(command_id, user=user))
 
 
 @router.post("/commands/{command_id}/resolve", dependencies=[need("command")])
-def resolve_command(app: App, command_id: RowId, body: ResolveIn, user: User, deed: Deed) -> CommandOut:
+def resolve_command(app: App, command_id: RowId, body: ResolveIn, user: User, audit_note: AuditNote) -> CommandOut:
     """Settle an unknown command with a note."""
-    deed(f"{app.commands.get(command_id).name}, {body.note}")
+    audit_note(f"{app.commands.get(command_id).name}, {body.note}")
     return _shown(app, app.commands.resolve(command_id, body.note, user=user))

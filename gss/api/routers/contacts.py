@@ -6,10 +6,11 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 from fastapi import APIRouter, Query
-from fastapi.responses import FileResponse, HTMLResponse, Response
+from fastapi.responses import HTMLResponse, Response, StreamingResponse
 
 from gss.api import present
 from gss.api.deps import EXPORT, App, RowId, User, need
+from gss.api.files.cached import BLOCK_BYTES, file_of_now
 from gss.api.present.contact_sheet import contact_sheet
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.contacts import (
@@ -22,7 +23,8 @@ from gss.api.schemas.contacts import (
     ReplayOut,
     ReportOut,
 )
-from gss.operations.line.contact_report import ContactReport, contact_report
+from gss.operations.contacts.contact_report import ContactReport, contact_report
+from gss.operations.line.capture_files import PACKED, plain_blocks, plain_name
 from gss.operations.report.html import as_html
 from gss.operations.report.pdf import as_pdf
 
@@ -57,11 +59,14 @@ def check_record(app: App, contact_id: RowId) -> RecordOut:
     return present.contacts.record(contact_id, app.contacts.record(contact_id))
 
 
-@router.get("/contacts/{contact_id}/captures/{file}", response_class=FileResponse, dependencies=[EXPORT])
-def read_capture(app: App, contact_id: RowId, file: str) -> FileResponse:
-    """Download a file of the raw capture."""
+@router.get("/contacts/{contact_id}/captures/{file}", response_class=StreamingResponse, dependencies=[EXPORT])
+def read_capture(app: App, contact_id: RowId, file: str) -> StreamingResponse:
+    """Download a file of the raw capture; of one that is still being written, what it holds now."""
     path = app.contacts.file(contact_id, file)
-    return FileResponse(path, media_type="application/octet-stream", filename=path.name)
+    if path.suffix != PACKED:
+        return file_of_now(path)
+    headers = {"Content-Disposition": f'attachment; filename="{plain_name(path)}"'}
+    return StreamingResponse(plain_blocks(path, BLOCK_BYTES), media_type="application/octet-stream", headers=headers)
 
 
 def _report(app: App, contact_id: int) -> ContactReport:
@@ -71,7 +76,9 @@ def _report(app: App, contact_id: int) -> ContactReport:
 @router.get("/contacts/{contact_id}/report")
 def report(app: App, contact_id: RowId) -> ReportOut:
     """Pass report as data."""
-    return present.contacts.report(_report(app, contact_id))
+    found = _report(app, contact_id)
+    procedures = app.procedure_runs.between(found.detail.row.started, found.detail.end)
+    return present.contacts.report(found, procedures)
 
 
 @router.get("/contacts/{contact_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])

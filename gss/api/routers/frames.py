@@ -6,10 +6,11 @@ import math
 from typing import Annotated, Literal
 
 import numpy as np
-from fastapi import APIRouter, Form, Query, Response, UploadFile
+from fastapi import APIRouter, Form, Query, Request, Response, UploadFile
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, ContactId, Deed, Moment, RowId, User, Who, need
+from gss.api.deps import EXPORT, App, AuditNote, ContactId, CurrentUser, Moment, RowId, User, need
+from gss.api.files.cached import revalidated
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.frames import (
@@ -27,12 +28,12 @@ from gss.api.schemas.transfers import FrameUploadIn, TransferOut
 from gss.domain.errors import BadInput
 from gss.operations.frames import pictures
 from gss.operations.frames.fits_export import fits_file as fits_bytes
+from gss.operations.frames.frames import Pixels
 from gss.operations.frames.observer import observer_of_frame
 from gss.operations.frames.solve import SolveRequest
 from gss.store.models import Frame
 
 router = APIRouter(prefix="/frames", tags=["frames"])
-FOREVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 
 
 @router.get("")
@@ -88,6 +89,7 @@ def read_frame(app: App, frame_id: RowId) -> FrameDetailOut:
 @router.get("/{frame_id}/image.png", response_class=Response)
 def picture(
     app: App,
+    request: Request,
     frame_id: RowId,
     low: float | None = None,
     high: float | None = None,
@@ -95,26 +97,31 @@ def picture(
     invert: bool = False,
 ) -> Response:
     """8-bit picture in full resolution."""
-    pixels = app.frames.pixels(app.frames.get(frame_id))
+    frame = app.frames.get(frame_id)
+    return revalidated(request, frame.sha256, lambda: _picture(app.frames.pixels(frame), low, high, stretch, invert))
+
+
+def _picture(pixels: Pixels, low: float | None, high: float | None, stretch: str, invert: bool) -> Response:
     auto = pictures.auto_stretch(pixels)
     chosen = pictures.Stretch(auto.low if low is None else low, auto.high if high is None else high, stretch == "asinh")
     if not (math.isfinite(chosen.low) and math.isfinite(chosen.high) and chosen.low < chosen.high):
-        raise BadInput("the stretch is empty", expected="low below high", got=f"{chosen.low:g} … {chosen.high:g}")
-    return Response(
-        pictures.png(pictures.apply(pixels, chosen, invert=invert)), media_type="image/png", headers=FOREVER
-    )
+        raise BadInput("invalid brightness range", expected="low below high", got=f"{chosen.low:g} … {chosen.high:g}")
+    return Response(pictures.png(pictures.apply(pixels, chosen, invert=invert)), media_type="image/png")
 
 
 @router.get("/{frame_id}/thumbnail.png", response_class=Response)
-def thumbnail(app: App, frame_id: RowId) -> Response:
+def thumbnail(app: App, request: Request, frame_id: RowId) -> Response:
     """Thumbnail that keeps stars visible."""
-    return Response(
-        pictures.thumbnail(app.frames.pixels(app.frames.get(frame_id))), media_type="image/png", headers=FOREVER
+    frame = app.frames.get(frame_id)
+    return revalidated(
+        request,
+        frame.sha256,
+        lambda: Response(pictures.thumbnail(app.frames.pixels(frame)), media_type="image/png"),
     )
 
 
 @router.get("/{frame_id}/raw", response_class=Response)
-def raw(app: App, frame_id: RowId) -> Response:
+def raw(app: App, request: Request, frame_id: RowId) -> Response:
     """Pixels as stored: little-endian, row by row. The header X-Dtype holds the type."""
     frame = app.frames.get(frame_id)
     headers = {
@@ -123,8 +130,10 @@ def raw(app: App, frame_id: RowId) -> Response:
         "X-Bits": str(frame.bits),
         "X-Dtype": frame.dtype,
     }
-    return Response(
-        app.frames.pixels(frame).tobytes(), media_type="application/octet-stream", headers=headers | FOREVER
+    return revalidated(
+        request,
+        frame.sha256,
+        lambda: Response(app.frames.pixels(frame).tobytes(), media_type="application/octet-stream", headers=headers),
     )
 
 
@@ -182,7 +191,7 @@ def replay_frame(app: App, frame_id: RowId) -> FrameReplayOut:
 
 
 @router.post("/{frame_id}/upload", status_code=201, dependencies=[need("frames.transfer")])
-def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: Who) -> TransferOut:
+def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: CurrentUser) -> TransferOut:
     """Send a stored frame to the sensor's image memory. With ``solve`` it is also solved on board; those commands need
     their own permission."""
     if body.solve:
@@ -213,8 +222,8 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
 
 
 @router.put("/{frame_id}/operational", dependencies=[need("frames.pin")])
-def pin_solution(app: App, user: User, frame_id: RowId, body: PinIn, deed: Deed) -> FrameDetailOut:
+def pin_solution(app: App, user: User, frame_id: RowId, body: PinIn, audit_note: AuditNote) -> FrameDetailOut:
     """Make a stored solution the frame's operational ground result, which pages, comparisons and exports use."""
-    deed(f"frame {frame_id}: operational ground result is solution {body.solution_id}")
+    audit_note(f"frame {frame_id}: operational ground result is solution {body.solution_id}")
     app.frames.pin(frame_id, body.solution_id, user=user)
     return present.frames.frame_detail(app.frames.detail(frame_id))

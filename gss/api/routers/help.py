@@ -8,13 +8,13 @@ from pathlib import Path
 from fastapi import APIRouter
 from fastapi.responses import FileResponse, HTMLResponse
 
-from gss.api.present.help_page import CONTENTS, PICTURES, documents, help_page, not_there
+from gss.api.present.help_page import CONTENTS, PICTURES, documents, help_page, not_found_page
 from gss.domain.errors import NotFound
 
 _PACKAGE = Path(__file__).parents[2]
 DOCS = _PACKAGE / "docs" if (_PACKAGE / "docs").is_dir() else _PACKAGE.parent / "docs"
 """In the wheel the documents are inside the package, in a checkout beside it."""
-WITHOUT = "# Help\n\nThe chapters stand on the left."
+WITHOUT = "# Help\n\nChoose a page from the list on the left."
 
 router = APIRouter(prefix="/help", include_in_schema=False)
 
@@ -33,7 +33,7 @@ def read_picture(name: str) -> FileResponse:
     """Picture of a document."""
     path = DOCS / PICTURES / name
     if not re.fullmatch(r"[\w-]+\.(png|svg|jpg)", name) or not path.is_file():
-        raise NotFound("no such picture", got=name)
+        raise NotFound("no such image", got=name)
     return FileResponse(path)
 
 
@@ -42,5 +42,5 @@ def read_document(name: str) -> HTMLResponse:
     """Document by name."""
     known = documents(DOCS)
     if name not in known:
-        return HTMLResponse(not_there(name, known), 404)
+        return HTMLResponse(not_found_page(name, known), 404)
     return HTMLResponse(help_page(known[name].path.read_text("utf-8"), known[name], known))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter
 
 from gss.api import present
-from gss.api.deps import App, Deed, User, need
+from gss.api.deps import App, AuditNote, User, need
 from gss.api.schemas.telemetry import LimitIn, LimitOut, LimitSetIn, LimitsOut
 from gss.domain.limits import Limits, Range
 from gss.operations.telemetry.limit_book import Rule, words
@@ -20,20 +20,20 @@ def read_limits(app: App) -> LimitsOut:
 
 
 @router.put("/set", dependencies=[need("limits")])
-def choose_set(app: App, user: User, body: LimitSetIn, deed: Deed) -> LimitsOut:
+def choose_set(app: App, user: User, body: LimitSetIn, audit_note: AuditNote) -> LimitsOut:
     """Put another limit set in force."""
-    deed(f"from {app.telemetry.limits.chosen} to {body.name}", body.note)
+    audit_note(f"from {app.telemetry.limits.chosen} to {body.name}", body.note)
     app.telemetry.limits.choose(body.name, user=user, note=body.note)
     return present.telemetry.limits(app.telemetry.limits)
 
 
 @router.put("/{key}", dependencies=[need("limits")])
-def override(app: App, user: User, key: str, body: LimitIn, deed: Deed) -> LimitOut:
+def override(app: App, user: User, key: str, body: LimitIn, audit_note: AuditNote) -> LimitOut:
     """Override the limits of a field ``packet.name``. The override applies in every limit set until it is deleted."""
     limits = Limits(_range(body.watch), _range(body.warning), _range(body.critical))
     packet, field = app.telemetry.limits.find(key)
     wanted = Rule(limits, field.persistence if body.persistence is None else body.persistence)
-    deed(f"{key} from {words(app.telemetry.limits.rule(packet, field))} to {words(wanted)}", body.note)
+    audit_note(f"{key} from {words(app.telemetry.limits.rule(packet, field))} to {words(wanted)}", body.note)
     app.telemetry.limits.override(key, limits, body.persistence, user=user, note=body.note)
     return present.telemetry.limit(app.telemetry.limits, *app.telemetry.limits.find(key))
 
@@ -44,10 +44,10 @@ def _range(pair: list[float | int | None]) -> Range:
 
 
 @router.delete("/{key}", dependencies=[need("limits")])
-def restore(app: App, user: User, key: str, deed: Deed) -> LimitOut:
+def restore(app: App, user: User, key: str, audit_note: AuditNote) -> LimitOut:
     """Delete the override of a field's limits."""
     packet, field = app.telemetry.limits.find(key)
     rules = [app.telemetry.limits.rule(packet, field), app.telemetry.limits.given(field)]
-    deed(f"{key} from {words(rules[0])} to {words(rules[1])}")
+    audit_note(f"{key} from {words(rules[0])} to {words(rules[1])}")
     app.telemetry.limits.restore(key, user=user)
     return present.telemetry.limit(app.telemetry.limits, *app.telemetry.limits.find(key))

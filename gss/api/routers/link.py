@@ -7,17 +7,17 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request
 
 from gss.api import present
-from gss.api.deps import NOBODY, App, Deed, User, Who, need
+from gss.api.deps import NO_SIGN_IN, App, AuditNote, CurrentUser, User, need
 from gss.api.one_at_a_time import OneAtATime
 from gss.api.schemas.link import CountersOut, LinkOpenIn, LinkOut
 from gss.device.line_address import LineAddress, parse_line_address
 from gss.operations.line.addresses import is_allowed, not_allowed
-from gss.wiring import Services
+from gss.services import Services
 
 router = APIRouter(tags=["link"])
 
 
-@router.get("/health", dependencies=[need(NOBODY)])
+@router.get("/health", dependencies=[need(NO_SIGN_IN)])
 def health() -> dict[str, str]:
     """Liveness check. Reveals nothing else, because it needs no sign-in."""
     return {"status": "ok"}
@@ -32,7 +32,7 @@ def read_link(app: App) -> LinkOut:
 @router.get("/link/counters")
 def read_counters(app: App) -> CountersOut:
     """Counters of both directions."""
-    return present.link.counters(app.link.contact_counters, app.link.framing, app.link.session.housekeeping)
+    return present.link.counters(app.link.contact_counters, app.link.session.framing, app.link.session.housekeeping)
 
 
 async def _opening(request: Request) -> OneAtATime:
@@ -42,13 +42,17 @@ async def _opening(request: Request) -> OneAtATime:
 
 @router.post("/link/open", dependencies=[need("link.open")])
 async def open_link(
-    app: App, who: Who, body: LinkOpenIn, deed: Deed, opening: Annotated[OneAtATime, Depends(_opening)]
+    app: App,
+    who: CurrentUser,
+    body: LinkOpenIn,
+    audit_note: AuditNote,
+    opening: Annotated[OneAtATime, Depends(_opening)],
 ) -> LinkOut:
     """Switch to another port. If it cannot be opened, the error is returned at once and the current port stays open.
     Only one line is opened at a time. A remote address needs an admin, unless the settings allow it or it was open before."""
 
     def open_now() -> LinkOut:
-        deed(f"from {_port(app)} to {body.url}")
+        audit_note(f"from {_port(app)} to {body.url}")
         app.authority.check(who.name)
         address = parse_line_address(body.url)
         if who.role != "admin" and not _is_known(app, address):
@@ -60,18 +64,20 @@ async def open_link(
 
 
 @router.post("/link/acknowledge-dictionary", dependencies=[need("link.open")])
-def acknowledge_dictionary(app: App, user: User, deed: Deed) -> LinkOut:
+def acknowledge_dictionary(app: App, user: User, audit_note: AuditNote) -> LinkOut:
     """Accept that the device has another dictionary. Commanding is blocked until then."""
-    deed(f"ours {app.link.dictionary.hash_hex}, the device's {app.link.session.device_dictionary_hash or 'not told'}")
+    audit_note(
+        f"ours {app.link.dictionary.hash_hex}, the device's {app.link.session.device_dictionary_hash or 'unknown'}"
+    )
     app.authority.check(user)
     app.link.acknowledge_dictionary(user)
     return present.link.link(app.status.header())
 
 
 @router.post("/link/close", dependencies=[need("link.open")])
-def close_link(app: App, user: User, deed: Deed) -> LinkOut:
+def close_link(app: App, user: User, audit_note: AuditNote) -> LinkOut:
     """Close the port."""
-    deed(_port(app))
+    audit_note(_port(app))
     app.authority.check(user)
     app.link.close()
     return present.link.link(app.status.header())

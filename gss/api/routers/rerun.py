@@ -12,12 +12,12 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette import types as asgi
 
-from gss.api.deps import EXPORT, App, Who, identity_still_valid
+from gss.api.deps import EXPORT, App, CurrentUser, identity_still_valid
 from gss.api.schemas.base import LARGEST_ID
 from gss.domain.errors import BadInput
 from gss.operations.recordings.ranges import ids_of
 from gss.operations.recordings.scope import Scope
-from gss.wiring import Services
+from gss.services import Services
 
 router = APIRouter(prefix="/rerun", tags=["rerun"])
 TYPES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm", "favicon.ico": "image/x-icon"}
@@ -56,10 +56,10 @@ def _scope(
     analysis: int | None,
     campaign: int | None,
 ) -> Scope:
-    asked = [bool(frames), *(v is not None for v in (around, contact, calibration, analysis, campaign))]
-    if sum(asked) != 1:
+    given = [bool(frames), *(v is not None for v in (around, contact, calibration, analysis, campaign))]
+    if sum(given) != 1:
         expected = "one of frames, around, contact, calibration, analysis, campaign"
-        raise BadInput("what shall be recorded?", expected=expected, got=f"{sum(asked)} of them")
+        raise BadInput("no data selected for the recording", expected=expected, got=f"{sum(given)} of them")
     if around is not None:
         return app.scopes.around(around, SIDE)
     if contact is not None:
@@ -74,7 +74,7 @@ def _scope(
 
 
 @router.get("/live", response_class=StreamingResponse)
-async def live_recording(request: Request, app: App, who: Who) -> StreamingResponse:
+async def live_recording(request: Request, app: App, who: CurrentUser) -> StreamingResponse:
     """Live recording until the connection or the session ends. Sent in pieces: a length in four bytes, little-endian,
     then a complete .rrd; a length of zero is a keep-alive."""
     loop, news = asyncio.get_running_loop(), asyncio.Event()
@@ -83,7 +83,7 @@ async def live_recording(request: Request, app: App, who: Who) -> StreamingRespo
         if not loop.is_closed():
             loop.call_soon_threadsafe(news.set)
 
-    first, live = await asyncio.to_thread(app.live_recordings.open, wake)
+    first, live = await asyncio.to_thread(app.live_recordings.open, wake, who.name)
 
     async def pieces() -> AsyncIterator[bytes]:
         yield _framed(first)

@@ -8,11 +8,10 @@ from typing import Annotated
 from fastapi import APIRouter, Path
 
 from gss.api import present
-from gss.api.deps import App, Deed, User, need
+from gss.api.deps import App, AuditNote, User, need
 from gss.api.schemas.commands import CommandOut
 from gss.api.schemas.schedule import ScheduleCheckIn, ScheduleCheckOut, ScheduleIn, ScheduleOut
 from gss.operations.clock import iso_z
-from gss.operations.commanding.command_checks import SCHEDULE
 
 router = APIRouter(tags=["schedule"])
 ScheduleId = Annotated[int, Path(ge=1, le=2**32 - 1)]
@@ -34,16 +33,16 @@ def refresh_schedule(app: App, user: User) -> CommandOut:
 def check_schedule(app: App, body: ScheduleCheckIn) -> ScheduleCheckOut:
     """Dry run of SCHEDULE for a command at a given time."""
     plan = app.schedule.plan(body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s)
-    groups = app.commands.preview(SCHEDULE, plan.order) if plan.order else []
+    groups = app.commands.preview(app.link.session.encode(app.schedule.command(), plan.order)) if plan.order else []
     return present.schedule.plan(plan, groups, list(plan.order))
 
 
 @router.post("/schedule", status_code=201, dependencies=[need("schedule")])
-def schedule_command(app: App, body: ScheduleIn, user: User, deed: Deed) -> CommandOut:
+def schedule_command(app: App, body: ScheduleIn, user: User, audit_note: AuditNote) -> CommandOut:
     """Add a command to the device's schedule."""
     at = _utc(body.at)
     when = f"at {iso_z(at)}" if at else f"at device time {body.at_device_s} s"
-    deed(body.command, *(f"{name}={value}" for name, value in body.arguments.items()), when)
+    audit_note(body.command, *(f"{name}={value}" for name, value in body.arguments.items()), when)
     row = app.schedule.send(
         body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s, confirm=body.confirm, user=user
     )

@@ -9,17 +9,17 @@ from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
-from gss.api.deps import NOBODY, App, Who, need, who_of
-from gss.api.guard.keys import COOKIE, session_key
+from gss.api.deps import NO_SIGN_IN, App, CurrentUser, need, who_of
+from gss.api.guard.credentials import COOKIE, DEVICE_COOKIE, device_key, session_key
 from gss.api.schemas.accounts import LinkCheckBody, PasswordBody, PasswordLinkBody, SessionOut, SetUpBody, SignInBody
 from gss.domain.errors import Conflict
 from gss.operations.accounts import identity
 from gss.operations.accounts.attempts import BY_ADDRESS, Brake
-from gss.operations.accounts.sign_in import NewSession
-from gss.wiring import Services
+from gss.operations.accounts.sign_in import DEVICE_LASTS, NewSession
+from gss.services import Services
 
 router = APIRouter(tags=["session"])
-OPEN = need(NOBODY)
+OPEN = need(NO_SIGN_IN)
 SELF = need("view")
 
 
@@ -39,8 +39,9 @@ def read_session(app: App, request: Request) -> SessionOut:
     """Current session. Does not extend the session."""
     who = who_of(request.scope)
     if who is None:
-        return SessionOut(signed_in=False, set_up_needed=app.accounts.users.set_up_needed())
-    return _told(who)
+        needed = app.accounts.users.set_up_needed()
+        return SessionOut(signed_in=False, set_up_needed=needed, several_units=_several(app))
+    return _session_out(app, who)
 
 
 @router.post("/session", dependencies=[OPEN])
@@ -51,9 +52,14 @@ def sign_in(app: App, request: Request, response: Response, body: SignInBody) ->
     request.state.named = known.name if known else "unknown name"  # never store the name as typed: it may be a password
     address, agent = _from(request)
     opened = app.accounts.sessions.sign_in(
-        body.name, body.password, address=address, agent=agent, old_key=session_key(request.headers)
+        body.name,
+        body.password,
+        address=address,
+        agent=agent,
+        old_key=session_key(request.headers),
+        device=device_key(request.headers),
     )
-    return _open(request, response, opened)
+    return _open(app, request, response, opened)
 
 
 @router.delete("/session", status_code=204, dependencies=[SELF])
@@ -65,14 +71,14 @@ def sign_out(app: App, request: Request, response: Response) -> None:
 
 @router.put("/session/password", dependencies=[SELF])
 @in_turn
-def change_password(app: App, request: Request, response: Response, who: Who, body: PasswordBody) -> SessionOut:
+def change_password(app: App, request: Request, response: Response, who: CurrentUser, body: PasswordBody) -> SessionOut:
     """Change the caller's password. All sessions of this user end; this browser gets a new one."""
     if who.kind != "session" or who.user_id is None:
-        raise Conflict("a token has no password", hint="sign in")
+        raise Conflict("tokens have no password", hint="sign in")
     address, agent = _from(request)
-    app.accounts.sessions.check_password(who, body.old, address=address)
+    app.accounts.sessions.check_password(who, body.old)
     app.accounts.users.set_password(who.user_id, body.new)
-    return _open(request, response, app.accounts.sessions.begin(who.user_id, address=address, agent=agent))
+    return _open(app, request, response, app.accounts.sessions.begin(who.user_id, address=address, agent=agent))
 
 
 @router.post("/setup", dependencies=[OPEN])
@@ -84,7 +90,7 @@ def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> S
     app.accounts.attempts.passed(brake)
     request.state.named = user.name
     address, agent = _from(request)
-    return _open(request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
+    return _open(app, request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
 
 
 @router.post("/password-links", dependencies=[OPEN])
@@ -96,10 +102,10 @@ def use_password_link(app: App, request: Request, response: Response, body: Pass
     app.accounts.attempts.passed(brake)
     request.state.named = user.name
     address, agent = _from(request)
-    return _open(request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
+    return _open(app, request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
 
 
-@router.post("/password-links/check", status_code=204, dependencies=[need(NOBODY, changes=False)])
+@router.post("/password-links/check", status_code=204, dependencies=[need(NO_SIGN_IN, changes=False)])
 def check_link(app: App, request: Request, body: LinkCheckBody) -> None:
     """Check whether a one-time link is still valid, without using it up. Rejected and rate-limited like its use."""
     brake = _brake(app, request)
@@ -117,13 +123,24 @@ def _from(request: Request) -> tuple[str, str]:
     return request.state.address, request.headers.get("user-agent", "")
 
 
-def _open(request: Request, response: Response, opened: NewSession) -> SessionOut:
-    """Store the session key in a cookie that scripts cannot read and that is not sent on cross-site requests."""
-    response.set_cookie(COOKIE, opened.key, httponly=True, samesite="strict", secure=request.state.secure, path="/")
-    return _told(opened.who)
+def _open(app: Services, request: Request, response: Response, opened: NewSession) -> SessionOut:
+    """Store the session key in a cookie that scripts cannot read and that is not sent on cross-site requests, and the device
+    key in another one, which is sent to this route only."""
+    secure, lasts_s = request.state.secure, int(DEVICE_LASTS.total_seconds())
+    response.set_cookie(COOKIE, opened.key, httponly=True, samesite="strict", secure=secure, path="/")
+    response.set_cookie(
+        DEVICE_COOKIE,
+        opened.device,
+        max_age=lasts_s,
+        httponly=True,
+        samesite="strict",
+        secure=secure,
+        path="/api/session",
+    )
+    return _session_out(app, opened.who)
 
 
-def _told(who: identity.Who) -> SessionOut:
+def _session_out(app: Services, who: identity.CallerIdentity) -> SessionOut:
     return SessionOut(
         signed_in=True,
         name=who.name,
@@ -131,4 +148,9 @@ def _told(who: identity.Who) -> SessionOut:
         permissions=sorted(who.permissions),
         csrf=who.csrf,
         expires=who.expires,
+        several_units=_several(app),
     )
+
+
+def _several(app: Services) -> bool:
+    return bool(app.settings.units)

@@ -13,10 +13,10 @@ from gss.api.schemas.sky import BodyOut, ChartStarOut, FigureOut, ProfileOut, Sk
 from gss.catalogue_tools.onboard import FORMATS
 from gss.catalogue_tools.sources.constellations import FAINTEST_JOINED_MAG, figures
 from gss.domain.angles import ra_dec_from_unit
-from gss.domain.profiles import PROFILES
 from gss.operations.clock import utc_now
 from gss.operations.frames.place import EARTH_EXCLUSION_RAD
 from gss.operations.frames.sky import bodies
+from gss.operations.frames.solve import CHAINS
 
 router = APIRouter(tags=["sky"])
 
@@ -63,7 +63,7 @@ def read_figures(app: App) -> list[FigureOut]:
 
 
 @router.get("/profiles")
-def list_profiles() -> list[ProfileOut]:
+def list_profiles(app: App) -> list[ProfileOut]:
     """Camera profiles."""
     return [
         ProfileOut(
@@ -75,7 +75,14 @@ def list_profiles() -> list[ProfileOut]:
             focal_mm=p.focal_mm,
             faint_mag=p.sensor.faint_limit_mag,
             bits=p.sensor.bits,
-            formats=sorted(FORMATS),
+            formats=[*p.formats, *sorted(set(FORMATS) - set(p.formats))],
+            unit=p.name == app.settings.unit_instrument,
         )
-        for p in PROFILES.values()
+        for p in app.instruments.cameras().values()
     ]
+
+
+@router.get("/chains")
+def list_chains(app: App) -> list[str]:
+    """Names of the chains that can solve a frame, the reference chain first."""
+    return list(CHAINS)

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, Deed, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.stacks import (
     GoOnIn,
     RunIn,
@@ -22,7 +22,7 @@ from gss.api.schemas.stacks import (
 )
 from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.stacks import StackCheck
-from gss.wiring import Services
+from gss.services import Services
 
 router = APIRouter(tags=["stacks"])
 Limit = Annotated[int, Query(ge=1, le=200)]
@@ -35,18 +35,18 @@ def list_stacks(app: App) -> list[StackOut]:
 
 
 @router.post("/stacks", status_code=201, dependencies=[need("stacks")])
-def create_stack(app: App, body: StackIn, user: User, deed: Deed) -> StackOut:
+def create_stack(app: App, body: StackIn, user: User, audit_note: AuditNote) -> StackOut:
     """Store a new stack."""
     content = body.model_dump()
-    deed(_named(content["name"], content["steps"]))
+    audit_note(_named(content["name"], content["steps"]))
     return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
 
 
 @router.post("/stacks/import", status_code=201, dependencies=[need("stacks")])
-def import_stack(app: App, body: StackFileIn, user: User, deed: Deed) -> StackOut:
+def import_stack(app: App, body: StackFileIn, user: User, audit_note: AuditNote) -> StackOut:
     """Store a stack from a file. It is checked against this server's dictionary, whichever it was written with."""
     content = body.model_dump()
-    deed(_named(content["name"], content["steps"]))
+    audit_note(_named(content["name"], content["steps"]))
     return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
 
 
@@ -63,19 +63,19 @@ def read_stack(app: App, stack_id: RowId) -> StackOut:
 
 
 @router.put("/stacks/{stack_id}", dependencies=[need("stacks")])
-def change_stack(app: App, stack_id: RowId, body: StackIn, user: User, deed: Deed) -> StackOut:
+def change_stack(app: App, stack_id: RowId, body: StackIn, user: User, audit_note: AuditNote) -> StackOut:
     """Replace the content of a stack."""
     content, old = body.model_dump(), app.stacks.get(stack_id)
-    deed(f"from {_named(old.name, old.steps)} to {_named(content['name'], content['steps'])}")
+    audit_note(f"from {_named(old.name, old.steps)} to {_named(content['name'], content['steps'])}")
     row = app.stacks.change(stack_id, content["name"], content["note"], content["steps"], user=user)
     return present.stacks.stack(row)
 
 
 @router.delete("/stacks/{stack_id}", status_code=204, dependencies=[need("stacks")])
-def delete_stack(app: App, stack_id: RowId, deed: Deed) -> None:
+def delete_stack(app: App, stack_id: RowId, audit_note: AuditNote) -> None:
     """Delete a stack; its runs stay on record."""
     old = app.stacks.get(stack_id)
-    deed(_named(old.name, old.steps))
+    audit_note(_named(old.name, old.steps))
     app.stacks.delete(stack_id)
 
 
@@ -93,10 +93,10 @@ def check_stack(app: App, stack_id: RowId, user: User) -> StackCheckOut:
 
 
 @router.post("/stacks/{stack_id}/run", status_code=201, dependencies=[need("stacks")])
-def run_stack(app: App, stack_id: RowId, body: RunIn, user: User, deed: Deed) -> StackRunOut:
+def run_stack(app: App, stack_id: RowId, body: RunIn, user: User, audit_note: AuditNote) -> StackRunOut:
     """Run a stack. ``confirm`` must name all hazardous steps."""
     stack = app.stacks.get(stack_id)
-    deed(_named(stack.name, stack.steps))
+    audit_note(_named(stack.name, stack.steps))
     return present.stacks.run(app.stack_runs.run(stack_id, body.confirm, user=user))
 
 
@@ -131,11 +131,11 @@ def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
 
 
 @router.post("/stack-runs/{run_id}/go-on", dependencies=[need("stacks")])
-def go_on(app: App, run_id: RowId, body: GoOnIn, user: User, deed: Deed) -> StackRunOut:
+def go_on(app: App, run_id: RowId, body: GoOnIn, user: User, audit_note: AuditNote) -> StackRunOut:
     """Continue the last run after a failure, by retrying the failed step or by skipping it with a reason. A retried
     command with an unknown result keeps its id."""
     row = app.stack_runs.get(run_id)
-    deed(row.name, f"{'skip' if body.skip else 'retry'} step {row.step + 1}", body.skip)
+    audit_note(row.name, f"{'skip' if body.skip else 'retry'} step {row.step + 1}", body.skip)
     return present.stacks.run(app.stack_runs.go_on(run_id, body.skip.strip(), body.confirm, user=user))
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, Deed, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.tables import (
     OnBoardTableOut,
     TableDefaultsOut,
@@ -17,7 +17,6 @@ from gss.api.schemas.tables import (
     TableUploadIn,
 )
 from gss.api.schemas.transfers import TransferOut
-from gss.operations.transfers import table_content
 
 router = APIRouter(prefix="/tables", tags=["tables"])
 Kind = Literal["", "triplets", "calibration", "parameters", "star_list", "distance_table"]
@@ -38,17 +37,19 @@ def tables_on_board(app: App) -> list[OnBoardTableOut]:
 
 @router.get("/defaults")
 def table_defaults(
-    kind: Literal["triplets", "calibration", "parameters"], profile: Annotated[str, Query(max_length=40)]
+    app: App, kind: Literal["triplets", "calibration", "parameters"], profile: Annotated[str, Query(max_length=40)] = ""
 ) -> TableDefaultsOut:
-    """Default values of a new table for a camera, for editing."""
-    return TableDefaultsOut(kind=kind, profile=profile, content=dict(table_content.defaults(kind, profile)))
+    """Default values of a new table for editing. ``profile``: a camera; empty: that of the unit on the line."""
+    camera = profile or app.settings.unit_instrument
+    return TableDefaultsOut(kind=kind, profile=camera, content=dict(app.tables.defaults(kind, camera)))
 
 
 @router.post("", status_code=201, dependencies=[need("tables")])
-def create_table(app: App, body: TableIn, user: User, deed: Deed) -> TableDetailOut:
+def create_table(app: App, body: TableIn, user: User, audit_note: AuditNote) -> TableDetailOut:
     """Create a table from a camera's values and the given ones."""
-    deed(f"{body.kind} {body.name} of {body.profile}:", ", ".join(body.content) or "its own values")
-    row = app.tables.create(body.kind, body.name, body.profile, body.content, user=user)
+    camera = body.profile or app.settings.unit_instrument
+    audit_note(f"{body.kind} {body.name} of {camera}:", ", ".join(body.content) or "its own values")
+    row = app.tables.create(body.kind, body.name, camera, body.content, user=user)
     return present.tables.table_detail(row, app.tables.on_board())
 
 
@@ -66,9 +67,9 @@ def table_file(app: App, table_id: RowId) -> Response:
 
 
 @router.post("/{table_id}/upload", status_code=201, dependencies=[need("tables")])
-def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User, deed: Deed) -> TransferOut:
+def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User, audit_note: AuditNote) -> TransferOut:
     """Send a table to an inactive bank; it is verified by read-back and committed."""
     row = app.tables.get(table_id)
-    deed(f"{row.kind} {row.name} to bank {body.bank}")
+    audit_note(f"{row.kind} {row.name} to bank {body.bank}")
     app.authority.check(user)
     return present.records.transfer(app.tables.upload(table_id, body.bank))

@@ -23,7 +23,7 @@ ExportFields = Annotated[list[str], Query(min_length=1, max_length=200)]
 @router.get("/latest")
 def latest(app: App) -> LatestOut:
     """Latest value and state of every field."""
-    return present.telemetry.latest((app.telemetry.values(), app.alarms.of_field()))
+    return present.telemetry.latest(app.telemetry.values())
 
 
 @router.get("/history")
@@ -48,9 +48,11 @@ def packets(
     contact: ContactId = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
     before_id: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
+    after_id: Annotated[int | None, Query(ge=0, le=LARGEST_ID)] = None,
 ) -> list[PacketOut]:
-    """Stored packets, newest first, in pages."""
-    rows = app.telemetry.archive.packets(packet, start, end, limit, before_id, contact)
+    """Stored packets, newest first, in pages. With ``after_id`` they are those behind it, oldest first: a program that remembers
+    the last id misses none."""
+    rows = app.telemetry.archive.packets(packet, start, end, limit, before_id, contact, after_id)
     return [present.telemetry.packet(row) for row in rows]
 
 

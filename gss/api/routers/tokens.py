@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from gss.api.deps import App, Deed, RowId, Who, need
+from gss.api.deps import App, AuditNote, CurrentUser, RowId, need
 from gss.api.schemas.accounts import NewTokenOut, TokenIn, TokenOut
 
 router = APIRouter(prefix="/tokens", tags=["tokens"])
@@ -18,10 +18,10 @@ def list_tokens(app: App) -> list[TokenOut]:
 
 
 @router.post("", status_code=201, dependencies=[ADMIN])
-def add_token(app: App, who: Who, body: TokenIn, deed: Deed) -> NewTokenOut:
+def add_token(app: App, who: CurrentUser, body: TokenIn, audit_note: AuditNote) -> NewTokenOut:
     """Create an API token. Its key is shown only once. It cannot have more permissions than its creator."""
     only = f", only {', '.join(body.scopes)}" if body.scopes else ""
-    deed(f"{body.name} as {body.role} for {body.days:g} days{only}")
+    audit_note(f"{body.name} as {body.role} for {body.days:g} days{only}")
     who.require_all(body.role, body.scopes)
     made = app.accounts.tokens.add(
         body.name,
@@ -36,6 +36,8 @@ def add_token(app: App, who: Who, body: TokenIn, deed: Deed) -> NewTokenOut:
 
 
 @router.delete("/{token_id}", status_code=204, dependencies=[ADMIN])
-def revoke_token(app: App, token_id: RowId, deed: Deed) -> None:
-    """Revoke an API token. It stops working at once."""
-    deed(app.accounts.tokens.revoke(token_id).name)
+def revoke_token(app: App, token_id: RowId, who: CurrentUser, audit_note: AuditNote) -> None:
+    """Revoke an API token. It stops working at once. Tokens and links made with it become invalid, and users created with
+    it are disabled."""
+    revoked = app.accounts.tokens.revoke(token_id, caller_id=who.user_id)
+    audit_note(revoked.row.name, revoked.voided)

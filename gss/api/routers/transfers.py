@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 
 from gss.api import present
-from gss.api.deps import App, Deed, RowId, Who, need
+from gss.api.deps import App, AuditNote, CurrentUser, RowId, need
 from gss.api.schemas.transfers import TransferIn, TransferOut
 from gss.device.session import Part
 from gss.operations.accounts.permissions import STOP
@@ -24,7 +24,7 @@ def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) ->
 
 
 @router.post("/download", status_code=201, dependencies=[need("frames.transfer|catalogues.upload|tables")])
-def download(app: App, who: Who, body: TransferIn) -> TransferOut:
+def download(app: App, who: CurrentUser, body: TransferIn) -> TransferOut:
     """Download an image or a part of it, a bank, or a table from the device. Each kind needs its own permission."""
     who.require(permission_of(body.kind))
     app.commands.require_user(who.name)
@@ -40,19 +40,19 @@ def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
 
 
 @router.post("/{transfer_id}/pause", dependencies=[need(STOP)])
-def pause(app: App, transfer_id: RowId, deed: Deed) -> TransferOut:
+def pause(app: App, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
     """Pause a transfer; stored chunks are kept. Like ABORT, it needs no command authority."""
-    deed(_named(app.transfers.get(transfer_id).row))
+    audit_note(_named(app.transfers.get(transfer_id).row))
     return present.records.transfer(app.transfers.pause(transfer_id))
 
 
 @router.post("/{transfer_id}/resume", dependencies=[need("frames.transfer|catalogues.upload|tables")])
-def resume(app: App, who: Who, transfer_id: RowId, deed: Deed) -> TransferOut:
+def resume(app: App, who: CurrentUser, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
     """Resume a transfer with the missing chunks; also one that failed or was aborted, in this or an earlier run of the
     server. Needs the same permission as starting it."""
     app.commands.check_user(who.name)
     row = app.transfers.get(transfer_id).row
-    deed(_named(row))
+    audit_note(_named(row))
     who.require(permission_of(row.kind))
     if row.options.get("solve"):
         who.require("command.attitude")
@@ -61,9 +61,9 @@ def resume(app: App, who: Who, transfer_id: RowId, deed: Deed) -> TransferOut:
 
 
 @router.post("/{transfer_id}/abort", dependencies=[need(STOP)])
-def abort(app: App, transfer_id: RowId, deed: Deed) -> TransferOut:
+def abort(app: App, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
     """Abort a transfer on both sides. Like ABORT, it needs no command authority."""
-    deed(_named(app.transfers.get(transfer_id).row))
+    audit_note(_named(app.transfers.get(transfer_id).row))
     return present.records.transfer(app.transfers.abort(transfer_id))
 
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from gss.api import present
-from gss.api.deps import EXPORT, App, Deed, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.frames import FrameOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.upkeep import (
@@ -24,13 +24,14 @@ from gss.api.schemas.upkeep import (
     RetentionOut,
     RunRetentionIn,
 )
+from gss.operations.metrics import CONTENT_TYPE
+from gss.operations.requests import as_stored
 from gss.operations.upkeep.manifest import Manifest
 from gss.operations.upkeep.removal import Confirmed
 from gss.operations.upkeep.retention import Policy
 
 router = APIRouter(tags=["upkeep"])
 root = APIRouter(tags=["upkeep"])
-PROMETHEUS = "text/plain; version=0.0.4; charset=utf-8"
 
 
 @router.get("/admin/health", dependencies=[need("admin.health")])
@@ -43,7 +44,7 @@ def health(app: App) -> HealthOut:
 @root.get("/metrics", dependencies=[need("metrics")], response_class=PlainTextResponse)
 def metrics(app: App) -> Response:
     """Metrics in Prometheus text format."""
-    return Response(app.upkeep.metrics.text(), media_type=PROMETHEUS)
+    return Response(app.upkeep.metrics.text(), media_type=CONTENT_TYPE)
 
 
 @router.get("/admin/retention", dependencies=[need("admin.retention")])
@@ -53,11 +54,11 @@ def read_retention(app: App) -> RetentionOut:
 
 
 @router.put("/admin/retention", dependencies=[need("admin.retention")])
-def choose_retention(app: App, user: User, body: RetentionIn, deed: Deed) -> RetentionOut:
+def choose_retention(app: App, user: User, body: RetentionIn, audit_note: AuditNote) -> RetentionOut:
     """Set the retention policy. It applies from the next run; only captures beyond their size limit are deleted at once."""
     before, after = asdict(app.upkeep.retention.policy()), body.model_dump()
     changes = (f"{name} from {before[name]:g} to {value:g}" for name, value in after.items() if value != before[name])
-    deed(", ".join(changes) or "nothing changed")
+    audit_note(", ".join(changes) or "nothing changed")
     app.upkeep.retention.choose(Policy(**body.model_dump()), user=user)
     return _retention(app)
 
@@ -69,20 +70,20 @@ def preview_retention(app: App, body: RetentionIn) -> RemovalOut:
 
 
 @router.post("/admin/retention/run", status_code=202, dependencies=[need("admin.retention")])
-def run_retention(app: App, user: User, deed: Deed, body: RunRetentionIn | None = None) -> JobOut:
+def run_retention(app: App, user: User, audit_note: AuditNote, body: RunRetentionIn | None = None) -> JobOut:
     """Delete expired data now, as a job. 409 while the clock is in doubt, or if an unusual removal is not confirmed."""
     confirmed = None
     if body is not None and body.confirmed is not None:
         confirmed = Confirmed(**body.confirmed.model_dump())
-        deed(f"confirmed {confirmed.record()}")
+        audit_note(f"confirmed {as_stored(confirmed)}")
     return present.records.job(app.upkeep.retention.run(user=user, confirmed=confirmed))
 
 
 @router.post("/admin/retention/confirm-clock", dependencies=[need("admin.retention")])
-def confirm_clock(app: App, user: User, body: ConfirmClockIn, deed: Deed) -> RetentionOut:
+def confirm_clock(app: App, user: User, body: ConfirmClockIn, audit_note: AuditNote) -> RetentionOut:
     """Confirm that a person has checked the server's date and time. Retention and backup rotation then continue."""
     state = app.upkeep.trust.state()
-    deed(f"clock {state.now.isoformat()}, {state.doubt or 'not in doubt'}")
+    audit_note(f"clock {state.now.isoformat()}, {state.doubt or 'not in doubt'}")
     app.upkeep.trust.confirm(body.seen, user=user)
     return _retention(app)
 

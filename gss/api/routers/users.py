@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from gss.api.deps import App, Deed, RowId, User, Who, need
+from gss.api.deps import App, AuditNote, CurrentUser, RowId, User, need
 from gss.api.schemas.accounts import LinkedUserOut, SignInOut, UserChangeIn, UserIn, UserOut
 from gss.operations.accounts.users import Link
 from gss.store import models
@@ -20,40 +20,47 @@ def list_users(app: App) -> list[UserOut]:
 
 
 @router.post("/users", status_code=201, dependencies=[ADMIN])
-def add_user(app: App, who: Who, body: UserIn, deed: Deed) -> LinkedUserOut:
+def add_user(app: App, who: CurrentUser, body: UserIn, audit_note: AuditNote) -> LinkedUserOut:
     """Create a user. Returns the one-time link to set the password."""
-    deed(f"{body.name} as {body.role}")
+    audit_note(f"{body.name} as {body.role}")
     who.require_all(body.role, ())
     row = app.accounts.users.add(body.name, body.role, by=who.name)
-    return _linked(row, app.accounts.users.password_link(row.id, who.handed_out_until))
+    return _linked(row, app.accounts.users.password_link(row.id, who.handed_out_until, by=who.name))
 
 
 @router.put("/users/{user_id}", dependencies=[ADMIN])
-def change_user(app: App, user_id: RowId, who: Who, body: UserChangeIn, deed: Deed) -> UserOut:
-    """Change a user's role, or enable or disable the user. Applies from the next request; disabling ends all sessions."""
+def change_user(app: App, user_id: RowId, who: CurrentUser, body: UserChangeIn, audit_note: AuditNote) -> UserOut:
+    """Change a user's role, or enable or disable the user. Applies from the next request; disabling ends all sessions. If an
+    admin is demoted or disabled, the users that this admin created are disabled too, unless ``keep_created``."""
     before = app.accounts.users.get(user_id)
-    deed(
+    done = (
         before.name,
         f"from {before.role} to {body.role}" if body.role else "",
-        "" if body.enabled is None else "switched on" if body.enabled else "switched off",
+        "" if body.enabled is None else "activated" if body.enabled else "deactivated",
+        "created users kept" if body.keep_created else "",
     )
+    audit_note(*done)
     who.require_all(before.role, ())
     who.require_all(body.role or before.role, ())
-    return _user(app.accounts.users.change(user_id, role=body.role, enabled=body.enabled))
+    changed = app.accounts.users.change(
+        user_id, role=body.role, enabled=body.enabled, keep_created=body.keep_created, caller_id=who.user_id
+    )
+    audit_note(*done, changed.voided)
+    return _user(changed.user)
 
 
 @router.post("/users/{user_id}/link", status_code=201, dependencies=[ADMIN])
-def new_password_link(app: App, user_id: RowId, who: Who, deed: Deed) -> LinkedUserOut:
+def new_password_link(app: App, user_id: RowId, who: CurrentUser, audit_note: AuditNote) -> LinkedUserOut:
     """Create a new one-time password link for a user. Earlier links become invalid."""
     named = app.accounts.users.get(user_id)
-    deed(named.name)
+    audit_note(named.name)
     who.require_all(named.role, ())
-    link = app.accounts.users.password_link(user_id, who.handed_out_until)
+    link = app.accounts.users.password_link(user_id, who.handed_out_until, by=who.name)
     return _linked(app.accounts.users.get(user_id), link)
 
 
 @router.get("/sessions", dependencies=[ADMIN])
-def list_sessions(app: App, who: Who) -> list[SignInOut]:
+def list_sessions(app: App, who: CurrentUser) -> list[SignInOut]:
     """Open sessions, most recently used first."""
     return [
         SignInOut(
@@ -67,7 +74,7 @@ def list_sessions(app: App, who: Who) -> list[SignInOut]:
             agent=row.agent,
             own=who.kind == "session" and who.key_id == row.id,
         )
-        for row, user in app.accounts.sessions.living()
+        for row, user in app.accounts.sessions.active()
     ]
 
 
@@ -78,7 +85,7 @@ def end_session(app: App, user: User, session_id: RowId) -> None:
 
 
 def _user(row: models.User) -> UserOut:
-    names = ("id", "name", "role", "enabled", "created", "created_by", "last_sign_in")
+    names = ("id", "name", "role", "enabled", "created", "created_by", "last_sign_in", "disabled_reason")
     return UserOut(**{name: getattr(row, name) for name in names}, has_password=bool(row.password_hash))
 
 

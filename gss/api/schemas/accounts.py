@@ -15,7 +15,7 @@ Key = Field(min_length=1, max_length=200)
 
 class SessionOut(Out):
     """Caller of this session or token. ``csrf``: value of the header X-GSS that every change must carry. ``expires``:
-    end of the session if no further request is made."""
+    end of the session if no further request is made. ``several_units``: the server has units with names; see /api/fleet."""
 
     signed_in: bool
     name: str = ""
@@ -24,6 +24,7 @@ class SessionOut(Out):
     csrf: str = ""
     expires: Utc | None = None
     set_up_needed: bool = False
+    several_units: bool = False
 
 
 class SignInBody(In):
@@ -63,7 +64,7 @@ class PasswordLinkBody(In):
 
 
 class UserOut(Out):
-    """User account."""
+    """User account. ``disabled_reason``: why it was disabled automatically; "" otherwise."""
 
     id: int
     name: str
@@ -73,6 +74,7 @@ class UserOut(Out):
     created: Utc
     created_by: str
     last_sign_in: Utc | None
+    disabled_reason: str
 
 
 class UserIn(In):
@@ -83,10 +85,12 @@ class UserIn(In):
 
 
 class UserChangeIn(In):
-    """Changed role or state of a user; null leaves a value unchanged."""
+    """Changed role or state of a user; null leaves a value unchanged. ``keep_created``: users and links that a demoted or
+    disabled admin made stay valid."""
 
     role: Role | None = None
     enabled: bool | None = None
+    keep_created: bool = False
 
 
 class LinkedUserOut(Out):
@@ -158,9 +162,10 @@ class AuditRowOut(Out):
 
 
 class AuditVerdictOut(Out):
-    """Result of the audit log verification. ``problem``: empty if the log is intact; ``last_hash``: store it elsewhere
-    for a later check."""
+    """Result of the audit log verification. ``problem``: empty if the log is intact; ``anchors``: what the
+    anchor file confirms; ``last_hash``: store it elsewhere for a later check."""
 
     rows: int
     last_hash: str
     problem: str
+    anchors: str

@@ -13,7 +13,8 @@ from gss.api.schemas.telemetry import LevelWord
 class AlarmRow(Out):
     """Alarm. ``state``: raised (out of limits, not acknowledged), acked (out of limits, acknowledged), cleared (back in
     limits, not acknowledged), closed. ``level``: current level; ``worst``: worst level since raised. Packet "event":
-    an event of the device, with its number of occurrences as the value; packet "link": loss of signal."""
+    an event of the device, with its number of occurrences as the value; packet "link": loss of signal. ``action``: what
+    to do, from the instrument package; "" if it states nothing."""
 
     id: int
     packet: str
@@ -36,6 +37,7 @@ class AlarmRow(Out):
     shelved_by: str
     note: str
     closed: Utc | None
+    action: str
 
 
 class NoteIn(In):

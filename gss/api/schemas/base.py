@@ -1,50 +1,22 @@
-"""Base models: strict validation of requests, documented responses."""
+"""Base models of responses; those of requests are in gss.operations.requests."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, model_validator
+from pydantic import BaseModel, ConfigDict, PlainSerializer
 
-LARGEST_ID = 2**31 - 1
-"""Row ids in the database are 32-bit."""
-DEEPEST = 32
-"""Maximum nesting depth of a request body."""
+from gss.operations.requests import LARGEST_ID, Id
+from gss.operations.requests import Request as In
 
-
-class In(BaseModel):
-    """Request body; unknown fields and implicit type conversions are rejected."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _whole_characters(cls, data: Any) -> Any:
-        """Reject lone surrogates and NUL, which cannot be stored, sent or shown."""
-        _check_text(data)
-        return data
-
-
-def _check_text(value: Any) -> None:
-    """Check all text in a value. Iterative, because the client controls the nesting depth."""
-    rest: list[tuple[Any, int]] = [(value, 0)]
-    while rest:
-        item, depth = rest.pop()
-        if depth > DEEPEST:
-            raise ValueError(f"nested deeper than {DEEPEST}")
-        if isinstance(item, dict):
-            rest += [(part, depth + 1) for pair in item.items() for part in pair]
-        elif isinstance(item, list):
-            rest += [(part, depth + 1) for part in item]
-        elif isinstance(item, str) and ("\0" in item or any("\ud800" <= c <= "\udfff" for c in item)):
-            raise ValueError("text holds NUL or half a character")
+__all__ = ["LARGEST_ID", "Id", "In", "Out", "ProblemOut", "Utc"]
 
 
 class Out(BaseModel):
     """Response body, built from attributes of rows and records."""
 
-    model_config = ConfigDict(from_attributes=True)
+    model_config = ConfigDict(from_attributes=True, json_schema_serialization_defaults_required=True)
 
 
 def _iso_z(value: datetime) -> str:
@@ -52,8 +24,6 @@ def _iso_z(value: datetime) -> str:
     return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-Id = Annotated[int, Field(ge=1, le=LARGEST_ID)]
-"""Row id in a request body."""
 Utc = Annotated[datetime, PlainSerializer(_iso_z, return_type=str)]
 """UTC, ISO 8601 with Z, milliseconds."""
 

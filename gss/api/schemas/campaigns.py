@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
-
-from gss.api.schemas.base import Id, In, Out
+from gss.api.schemas.base import Out
 
 
 class ExperimentOut(Out):
@@ -13,26 +11,6 @@ class ExperimentOut(Out):
     name: str
     title: str
     trials: int
-
-
-class ExperimentsIn(In):
-    """Experiments to run. The job's result holds one record for each: columns, rows, conditions, notes, series."""
-
-    names: list[str] = Field(min_length=1, max_length=40)
-    trials: int | None = Field(default=None, ge=1, le=10_000_000)
-    seed: int = Field(default=1, ge=0, le=2**31 - 1)
-
-
-class ReprocessIn(In):
-    """Frames to reprocess, by id or by filter. ``profile``: camera for frames that have none. ``again``: include frames
-    that this version of the chain has already solved."""
-
-    chain: str = Field(min_length=1, max_length=30)
-    frame_ids: list[Id] = Field(default_factory=list, max_length=100_000)
-    source: str = Field(default="", max_length=10)
-    contact: Id | None = None
-    profile: str | None = Field(default=None, max_length=40)
-    again: bool = False
 
 
 class ChainRecordOut(Out):

@@ -1,123 +1,12 @@
-"""Sub-catalogues: build request, preview and result."""
+"""Sub-catalogues: preview and result. The request is gss.operations.catalogues.catalogue_request."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
-from gss.api.schemas.base import Id, In, Out, Utc
-
-Angle = Annotated[float, Field(ge=-1e4, le=1e4)]
-"""Angle in degrees; the range excludes NaN and infinity."""
-Range = Annotated[list[Angle], Field(min_length=2, max_length=2)]
-"""Smallest and largest value, degrees."""
-Mounting = Annotated[list[Annotated[float, Field(ge=-1.1, le=1.1)]], Field(min_length=9, max_length=9)]
-Turns = Annotated[list[Angle], Field(min_length=3, max_length=3)]
-Law = Literal["sunsat", "zenith", "nadir", "target", "inertial", "anti_sun", "sun_pointing"]
-
-
-class CorrectionsIn(In):
-    """Corrections applied to the source stars. ``doubles``: treatment of stars that the camera cannot separate."""
-
-    proper_motion: bool = True
-    parallax: bool = False
-    annual_aberration: bool = False
-    orbital_aberration: bool = False
-    frame: Literal["icrs", "of_date", "b1950"] = "icrs"
-    e_terms: bool = True
-    instrument_magnitude: bool = False
-    roll_off: Literal["off", "average", "worst"] = "off"
-    doubles: Literal["", "moniteq", "huffman", "erlank_combine", "erlank_keep", "drop"] = ""
-    doubles_separation_deg: float | None = Field(default=None, gt=0, lt=5)
-    flag_variables: bool = False
-    variables_at_date: bool = False
-
-
-class OccultationIn(In):
-    """Occultation of the sky. Angles in degrees from the boresight; null: the camera's own baffle."""
-
-    earth: bool = False
-    earth_margin_deg: float = Field(default=0.0, ge=0, le=60)
-    sun: bool = False
-    sun_deg: float | None = Field(default=None, gt=0, lt=180)
-    moon: bool = False
-    moon_deg: float | None = Field(default=None, gt=0, lt=180)
-
-
-class ScreeningIn(In):
-    """Rules of the screening list. ``action``: off, list (only name the stars) or drop. Reasons: close doubles,
-    variables, high proper motion. A star is also listed if the ring at ``arc_deg`` ± ``tolerance_deg`` holds more
-    than ``most_companions`` stars, or if more than ``most_false`` false triples are expected."""
-
-    action: Literal["off", "list", "drop"] = "off"
-    doubles: bool = True
-    variables: bool = True
-    fast: bool = True
-    most_companions: int | None = Field(default=None, ge=0, le=100_000)
-    most_false: float | None = Field(default=None, ge=0, le=1e6)
-    arc_deg: float = Field(default=8.0, gt=0, lt=180)
-    tolerance_deg: float = Field(default=0.01, gt=0, le=10)
-
-
-class ReducedIn(In):
-    """Frame of a reduced catalogue: it keeps the ``brightest`` stars of every upright frame of this size; frames are
-    ``step_deg`` apart."""
-
-    width_deg: float = Field(ge=1, le=120)
-    height_deg: float = Field(ge=1, le=120)
-    brightest: int = Field(default=8, ge=1, le=100)
-    step_deg: float = Field(default=1.0, ge=0.25, le=10)
-
-
-class CatalogueIn(In):
-    """Build request. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs no orbit.
-    ``altitude_km``: with elements, the node drifts over the days of use; without it the node limits are fixed.
-    ``body_from_cam``: nine numbers by rows, replacing the law's own mounting. ``mounting_deg``: alternatively three
-    rotations, about x, y and z in this order, that take the body axes to the camera axes. ``off_nadir_deg``:
-    off-nadir angle of a target law. ``thinning``: shape of the fields that keep ``brightest_per_field`` stars:
-    circles, or upright frames of the camera's shape. ``reduced`` null: no reduced catalogue, unless the format
-    requires one; then with the camera's frame."""
-
-    name: str = Field(default="", max_length=60)
-    profile: str = "cubestar"
-    format: str = "cubestar"
-    orbit: Literal["none", "elements", "tle"] = "none"
-    inclination_deg: float = Field(default=97.6, ge=0, le=180)
-    raan_deg: Range = Field(default=[0.0, 360.0])
-    altitude_km: float | None = Field(default=None, ge=100, le=1_000_000)
-    tle: str = Field(default="", max_length=400)
-    start: str = ""
-    days: float = Field(default=14, gt=0, le=400)
-    pointing: Law = "zenith"
-    roll_deg: Range = Field(default=[-5.0, 5.0])
-    pitch_deg: Range = Field(default=[-5.0, 5.0])
-    yaw_deg: Range = Field(default=[-5.0, 5.0])
-    ra_deg: float = Field(default=0.0, ge=-360, le=720)
-    dec_deg: float = Field(default=0.0, ge=-90, le=90)
-    field_roll_deg: float = Field(default=0.0, ge=-360, le=360)
-    off_nadir_deg: float = Field(default=0.0, ge=0, le=80)
-    body_from_cam: Mounting | None = None
-    mounting_deg: Turns | None = None
-    margin_deg: float = Field(default=0.5, ge=0, le=20)
-    method: Literal["exact", "blocks"] = "exact"
-    source: Literal["hipparcos", "hipparcos_all", "gaia", "list"] = "hipparcos"
-    star_list: Id | None = None
-    corrections: CorrectionsIn = CorrectionsIn()
-    occultation: OccultationIn = OccultationIn()
-    epoch_jyear: float | None = Field(default=None, ge=1800, le=2200)
-    faint_mag: float = Field(default=3.8, ge=-2, le=21)
-    bright_mag: float = Field(default=-2.0, ge=-3, le=21)
-    min_separation_deg: float = Field(default=0.0, ge=0, le=5)
-    brightest_per_field: int = Field(default=0, ge=0, le=500)
-    thinning: Literal["circles", "frames"] = "circles"
-    drop_variables: bool = False
-    screening: ScreeningIn = ScreeningIn()
-    reduced: ReducedIn | None = None
-    pair_min_deg: float = Field(default=0.25, ge=0, le=20)
-    pair_max_deg: float | None = Field(default=None, gt=0, le=120)
-    bank_bytes: int | None = Field(default=None, ge=64, le=1 << 30)
-    k_vector: bool = False
+from gss.api.schemas.base import In, Out, Utc
 
 
 class ListMappingIn(In):
@@ -278,8 +167,10 @@ class CatalogueOut(Out):
 
 
 class CatalogueDetailOut(CatalogueOut):
-    """Stored catalogue with its request, manifest, maps and quality report."""
+    """Stored catalogue with its request, manifest, maps and quality report. ``instrument_version``: SHA-256 of the instrument
+    package that it was built with; null: unknown."""
 
+    instrument_version: str | None
     request: dict[str, Any]
     manifest: dict[str, Any]
     funnel: list[FunnelOut]

@@ -78,12 +78,35 @@ class FieldDefinitionOut(Out):
     stale_after_s: float
 
 
+class AttitudePlaceOut(Out):
+    """Where the telemetry has the attitude: ``packet``, the names of its four components and of its outcome ("" if it has none),
+    and their meaning."""
+
+    packet: str
+    quaternion: tuple[str, str, str, str]
+    order: Literal["scalar_last", "scalar_first"]
+    rotation: Literal["cam_from_icrs", "icrs_from_cam"]
+    outcome: str
+
+
+class RolesOut(Out):
+    """What the sensor can do and report, in standard names. ``operations``: each with its command, "" for a transfer;
+    ``absent``: those that it lacks, each with a sentence to show; ``quantities``: as ``status.mode``; ``attitude``: None if the
+    telemetry has no quaternion."""
+
+    operations: dict[str, str]
+    absent: dict[str, str]
+    quantities: list[str]
+    attitude: AttitudePlaceOut | None
+
+
 class DictionaryOut(Out):
-    """The whole dictionary."""
+    """The whole dictionary. ``roles``: the standard operations and quantities of the sensor."""
 
     hash: str
     commands: list[CommandDefinitionOut]
     telemetry: list[FieldDefinitionOut]
+    roles: RolesOut
 
 
 class CommandIn(In):

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from gss.api.schemas.alarms import AlarmRow
 from gss.api.schemas.base import In, Out, Utc
+from gss.api.schemas.procedures import ProcedureRunOut
 from gss.api.schemas.telemetry import SeriesOut
 
 
@@ -67,6 +68,8 @@ class ContactTransferOut(Out):
     reason: str
     size: int
     resent: int
+    created: Utc
+    finished: Utc | None
 
 
 class CaptureOut(Out):
@@ -79,8 +82,12 @@ class CaptureOut(Out):
 
 class ContactDetailOut(ContactOut):
     """All details of a contact. ``counters``: received data, and packets and bytes sent; ``gaps``: periods of more than
-    three seconds without a valid packet."""
+    three seconds without a valid packet. ``instrument_version``: SHA-256 of the package of the instrument that answered; null:
+    unknown. The lists hold the newest 500 of each kind, oldest first; ``frames``, ``commands`` and ``transfer_count`` are the
+    totals."""
 
+    instrument: str | None
+    instrument_version: str | None
     duration_s: float
     counters: dict[str, int]
     error_rate: float
@@ -89,6 +96,7 @@ class ContactDetailOut(ContactOut):
     frame_list: list[ContactFrameOut]
     command_list: list[ContactCommandOut]
     transfers: list[ContactTransferOut]
+    transfer_count: int
     alarms: list[AlarmRow]
     events: int
     captures: list[CaptureOut]
@@ -144,7 +152,8 @@ class AttitudeSummaryOut(Out):
 
 
 class ReportOut(Out):
-    """Pass report. ``quality``: (Unix seconds, share of damaged packets)."""
+    """Pass report. ``quality``: (Unix seconds, share of damaged packets). ``procedures``: runs that were under way, with the
+    hash of each frozen record."""
 
     contact: ContactDetailOut
     firmware: str
@@ -154,6 +163,7 @@ class ReportOut(Out):
     record: RecordOut
     series: list[SeriesOut]
     quality: list[tuple[float, float]]
+    procedures: list[ProcedureRunOut]
 
 
 Speed = Annotated[float, Field(ge=0.1, le=1000, strict=False)]

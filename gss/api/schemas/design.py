@@ -1,55 +1,10 @@
-"""Camera design: an edited camera in; figures, curves and tables out. Units are in the names."""
+"""Camera design: figures, curves and tables. Units are in the names. The request is gss.operations.catalogues.design."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import Field
-
-from gss.api.schemas.base import In, Out
-
-Number = Annotated[float | None, Field(allow_inf_nan=False)]
-Range = Annotated[list[float], Field(min_length=2, max_length=2)]
-
-
-class DesignIn(In):
-    """Documented camera and changes to it; null keeps the profile's value. ``mag_limit`` null: derived from the
-    radiometry. ``sky``: whole, or along an orbit with a pointing law and its limits in degrees. ``pointings``: of
-    the full count."""
-
-    profile: str = Field(default="cubestar", max_length=40)
-    columns: int | None = None
-    rows: int | None = None
-    pitch_col_um: Number = None
-    pitch_row_um: Number = None
-    focal_mm: Number = None
-    f_number: Number = None
-    transmission: Number = None
-    efficiency: Number = None
-    bandwidth_nm: Number = None
-    exposure_s: Number = None
-    psf_sigma_px: Number = None
-    bits: int | None = None
-    gain_e_per_dn: Number = None
-    bias_dn: Number = None
-    full_well_e: Number = None
-    read_noise_e: Number = None
-    dark_current_e_s: Number = None
-    background_e_s: Number = None
-    response_sigma: Number = None
-    threshold_snr: Number = None
-    mag_limit: Number = None
-    exclusion_deg: Number = None
-    spare_mm: float = Field(default=0.0, ge=0, le=1000)
-    sky: Literal["whole", "orbit"] = "whole"
-    inclination_deg: float = Field(default=97.6, ge=0, le=180)
-    raan_deg: Range = Field(default=[0.0, 360.0])
-    pointing: str = Field(default="zenith", max_length=20)
-    roll_deg: Range = Field(default=[-5.0, 5.0])
-    pitch_deg: Range = Field(default=[-5.0, 5.0])
-    yaw_deg: Range = Field(default=[-5.0, 5.0])
-    seed: int = Field(default=1, ge=0, le=2**31 - 1)
-    pointings: int = Field(default=1_000_000, ge=1_000, le=10_000_000)
+from gss.api.schemas.base import Out
 
 
 class DesignFigureOut(Out):
@@ -187,8 +142,9 @@ class DesignCameraOut(Out):
 
 
 class DesignCamerasOut(Out):
-    """Cameras to start from, and the allowed ranges of the editable fields."""
+    """Cameras to start from, and the allowed ranges of the editable fields. ``unit``: camera of the configured instrument."""
 
+    unit: str
     cameras: list[DesignCameraOut]
     rows: list[TradeRowOut]
     limits: dict[str, FieldLimitOut]

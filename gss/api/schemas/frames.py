@@ -194,13 +194,15 @@ class ComparisonOut(Out):
 
 
 class FrameDetailOut(FrameOut):
-    """Frame with its solutions (newest first) and the comparison of the on-board with the operational ground result."""
+    """Frame with its solutions (newest first) and the comparison of the on-board with the operational ground result.
+    ``instrument_version``: SHA-256 of the instrument package in use when the frame was stored; null: unknown."""
 
     solutions: list[SolutionOut]
     on_board: SolutionDetailOut | None
     ground: SolutionDetailOut | None
     comparison: ComparisonOut | None
     truth: AttitudeOut | None
+    instrument_version: str | None
 
 
 class SolveIn(In):
@@ -211,7 +213,7 @@ class SolveIn(In):
     fov_deg: float | None = Field(default=None, gt=0.2, lt=120)
     blind: bool = False
     aberration: bool | None = Field(
-        default=None, description="take the Earth's motion out; without: where the frame's time is known"
+        default=None, description="correct aberration; default: if the frame's time is known"
     )
 
 

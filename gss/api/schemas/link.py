@@ -71,13 +71,25 @@ class AlarmOut(Out):
     since: Utc
 
 
+class ReportedAttitudeOut(Out):
+    """Boresight of the last solved attitude of the sensor, ``age_s`` after its reception. ``newest_outcome``: of its newest
+    report, which may be a later one without a solution."""
+
+    ra_deg: float
+    dec_deg: float
+    sigma_cross_arcsec: float | None
+    age_s: float
+    newest_outcome: str
+
+
 class LinkOut(Out):
-    """Contents of the header bar."""
+    """Contents of the header bar. ``tried_on_hardware``: whether the instrument's package was; null: not stated."""
 
     device: str
     profile: str
     firmware: str
     simulated: bool
+    tried_on_hardware: bool | None
     url: str
     connected: bool
     reason: str
@@ -85,6 +97,7 @@ class LinkOut(Out):
     rx: DirectionOut
     mode: str | None
     cycle_running: bool
+    attitude: ReportedAttitudeOut | None
     active_bank: BankOut | None
     banks: list[BankOut]
     dictionary_hash: str
@@ -98,6 +111,6 @@ class LinkOut(Out):
 
 
 class LinkOpenIn(In):
-    """Address of the device: a tty, a pseudo-terminal, socket://host:port or rfc2217://host:port."""
+    """Address of the device: a tty, a pseudo-terminal, socket://host:port, rfc2217://host:port or udp://host:port."""
 
     url: str

@@ -44,6 +44,7 @@ class PlotOut(Out):
     y_label: str
     series: list[SeriesOut]
     levels: list[LevelOut]
+    log_x: bool = False
     log_y: bool
     time: bool
 

@@ -44,7 +44,7 @@ class FigureOut(Out):
 
 
 class ProfileOut(Out):
-    """Camera profile."""
+    """Camera profile. ``unit``: the instrument of the unit on the line. ``formats``: its own on-board formats first."""
 
     name: str
     title: str
@@ -55,3 +55,4 @@ class ProfileOut(Out):
     faint_mag: float
     bits: int
     formats: list[str]
+    unit: bool

@@ -65,11 +65,12 @@ class TableDefaultsOut(Out):
 
 
 class TableIn(In):
-    """New table: the camera's own values, overridden by ``content``; triplets need content.catalogue_id."""
+    """New table: the camera's own values, overridden by ``content``; triplets need content.catalogue_id. ``profile`` empty: the
+    camera of the unit on the line."""
 
     kind: Literal["calibration", "parameters", "triplets"]
     name: str = Field(default="", max_length=80)
-    profile: str = Field(max_length=40)
+    profile: str = Field(default="", max_length=40)
     content: dict[str, Scalar] = Field(default_factory=dict, max_length=200)
 
 

@@ -4,40 +4,19 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import AwareDatetime, Field
 
 from gss.api.schemas.base import In, Out, Utc
+from gss.operations.telemetry.telemetry import FieldValue
+from gss.operations.telemetry.value_format import Kind
 
-Kind = Literal["number", "enum", "bool", "text", "bytes"]
 LevelWord = Literal["ok", "watch", "warning", "critical"]
-
-
-class ValueOut(Out):
-    """Latest value of one field. ``state`` already includes persistence and staleness; the page never computes it.
-    ``sample_state``: of this sample alone. ``raw_text``: raw value in hexadecimal."""
-
-    name: str
-    packet: str
-    title: str
-    page: str
-    kind: Kind
-    raw: float | int | None
-    raw_text: str
-    value: float | int | str | None
-    formatted: str
-    unit: str
-    state: Literal["ok", "watch", "warning", "critical", "stale", "never"]
-    sample_state: Literal["ok", "watch", "warning", "critical", "never"]
-    text: str
-    at: Utc | None
-    age_s: float | None
-    alarm_id: int | None = None
 
 
 class LatestOut(Out):
     """Latest values of all fields."""
 
-    values: list[ValueOut]
+    values: list[FieldValue]
 
 
 class ChoiceOut(Out):
@@ -163,3 +142,57 @@ class LimitIn(In):
     critical: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
     persistence: int | None = Field(default=None, ge=1, le=255)
     note: str = Field(default="", max_length=500)
+
+
+class ExpressionIn(In):
+    """Expression to try: ``packet.field``, numbers, + - * /, comparisons, and, or, not, abs, sqrt, min, max."""
+
+    expression: str = Field(max_length=500)
+
+
+class DerivedIn(ExpressionIn):
+    """Definition of a derived parameter with its limits: [low, high] of each level, null for none."""
+
+    name: str = Field(max_length=30)
+    title: str = Field(default="", max_length=80)
+    unit: str = Field(default="", max_length=20)
+    decimals: int = Field(default=2, ge=0, le=9)
+    watch: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
+    warning: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
+    critical: RangeIn = Field(default=[None, None], min_length=2, max_length=2)
+    persistence: int = Field(default=1, ge=1, le=255)
+
+
+class DerivedOut(Out):
+    """Definition of a derived parameter. ``key``: under which its history is read; ``problem``: why it is not computed, "" if
+    it is."""
+
+    name: str
+    key: str
+    title: str
+    expression: str
+    unit: str
+    decimals: int
+    watch: RangeOut
+    warning: RangeOut
+    critical: RangeOut
+    persistence: int
+    author: str
+    changed: Utc
+    problem: str
+
+
+class TrialOut(Out):
+    """Result of an expression with the newest values. ``value`` null: unknown for this ``reason``."""
+
+    kind: Literal["number", "bool", "text"]
+    references: list[str]
+    value: float | bool | str | None
+    reason: str
+
+
+class SpanIn(In):
+    """Time range, the end excluded."""
+
+    start: AwareDatetime = Field(strict=False)
+    end: AwareDatetime = Field(strict=False)

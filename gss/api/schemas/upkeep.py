@@ -27,17 +27,23 @@ class RetentionIn(In):
     """Retention policy; 0 keeps data for ever."""
 
     frames_days: float = Field(
-        default=0, ge=0, le=36_500, description="Pixels go at this age; rows and solutions stay."
+        default=0, ge=0, le=36_500, description="Age at which pixels are deleted; metadata and solutions are kept."
     )
-    frames_gb: float = Field(default=0, ge=0, le=1e6, description="The oldest pixels go while all are larger together.")
-    keep_frames: int = Field(default=100, ge=0, le=10**6, description="The pixels of so many newest frames never go.")
+    frames_gb: float = Field(
+        default=0, ge=0, le=1e6, description="Total size above which the oldest pixels are deleted."
+    )
+    keep_frames: int = Field(
+        default=100, ge=0, le=10**6, description="Number of newest frames whose pixels are always kept."
+    )
     telemetry_thin_days: float = Field(
-        default=0, ge=0, le=36_500, description="From this age one packet a minute stays."
+        default=0, ge=0, le=36_500, description="Age at which packets are thinned to one per minute."
     )
-    telemetry_days: float = Field(default=0, ge=0, le=36_500, description="Packets go at this age.")
+    telemetry_days: float = Field(default=0, ge=0, le=36_500, description="Age at which packets are deleted.")
     events_days: float = Field(default=0, ge=0, le=36_500, description="Lines of the record go at this age.")
-    captures_mb: int = Field(default=0, ge=0, le=10**8, description="Raw captures together; 0: GSS_CAPTURE_KEEP_MB.")
-    backups_keep: int = Field(default=0, ge=0, le=10**4, description="So many newest backups stay.")
+    captures_mb: int = Field(
+        default=0, ge=0, le=10**8, description="Total size of the raw captures; 0: GSS_CAPTURE_KEEP_MB."
+    )
+    backups_keep: int = Field(default=0, ge=0, le=10**4, description="Number of newest backups to keep.")
 
 
 class ForecastOut(Out):

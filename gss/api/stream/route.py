@@ -13,11 +13,13 @@ from starlette.types import Receive, Scope, Send
 from gss.api import present
 from gss.api.deps import App, identity_still_valid, who_of
 from gss.api.errors import problem
-from gss.api.stream.fanout import Fanout, Listener, unnumbered, wire
-from gss.domain.errors import TooOften
-from gss.wiring import Services
+from gss.api.stream.broadcast import Broadcaster, Listener, unnumbered, wire
+from gss.api.stream.topics import StreamTopics
+from gss.domain.errors import RateLimited
+from gss.services import Services
 
 router = APIRouter(tags=["stream"])
+TOPICS = "Server-sent events. The event name is the topic; the data is its property of StreamTopics."
 PAGE = 500
 PAGES = 20
 PING_S = 10.0
@@ -39,17 +41,22 @@ class EventStream(Response):
     media_type = "text/event-stream"
 
     def __init__(
-        self, services: Services, fanout: Fanout, after: int | None = None, valid: Valid | None = None, name: str = ""
+        self,
+        services: Services,
+        broadcaster: Broadcaster,
+        after: int | None = None,
+        valid: Valid | None = None,
+        name: str = "",
     ) -> None:
         super().__init__()
         self._name = name
-        self._services, self._fanout, self._seq, self._valid = services, fanout, after, valid
+        self._services, self._broadcaster, self._seq, self._valid = services, broadcaster, after, valid
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send events until the connection, the session or the server ends."""
         try:
-            listener = self._fanout.join(self._name)
-        except TooOften as error:
+            listener = self._broadcaster.join(self._name)
+        except RateLimited as error:
             scope["state"]["detail"] = error.message
             refusal = problem(429, error.message, error.expected, error.got, error.hint, None, error.retry_after_s)
             await refusal(scope, receive, send)
@@ -64,7 +71,7 @@ class EventStream(Response):
         except OSError:
             pass  # the client disconnected while a message was being sent
         finally:
-            self._fanout.leave(listener)
+            self._broadcaster.leave(listener)
             watch.cancel()
 
     async def _catch_up(self, send: Send) -> None:
@@ -88,9 +95,9 @@ class EventStream(Response):
     async def _first(self, send: Send) -> bool:
         """Send the initial state; False if it is not known yet, and the client must reconnect. It has no number: the
         numbering that follows does not continue from it."""
-        newest = self._fanout.newest
-        if newest is None and self._fanout.state is not None:
-            newest = await asyncio.to_thread(self._fanout.state)
+        newest = self._broadcaster.newest
+        if newest is None and self._broadcaster.state is not None:
+            newest = await asyncio.to_thread(self._broadcaster.state)
         if newest is not None:
             await _send(send, unnumbered(newest))
         return newest is not None
@@ -103,7 +110,7 @@ class EventStream(Response):
             messages, dropped = listener.take()
             data = [m.data for m in messages if m.seq is None or self._seq is None or m.seq > self._seq]
             if dropped:
-                self._fanout.counts.dropped += dropped
+                self._broadcaster.counts.dropped += dropped
                 data.insert(0, wire("dropped", {"dropped": dropped}, None).data)
             if not data and loop.time() >= ping_at_s:
                 data = [b": still here\n\n"]
@@ -119,12 +126,17 @@ class EventStream(Response):
             await _wait(listener.ready, min(ping_at_s, check_at_s if self._valid else ping_at_s) - loop.time())
 
 
-@router.get("/stream", response_class=EventStream, status_code=200)
+@router.get(
+    "/stream",
+    response_class=EventStream,
+    status_code=200,
+    responses={200: {"model": StreamTopics, "description": TOPICS}},
+)
 async def stream(request: Request, app: App, last_event_id: Annotated[str | None, Header()] = None) -> EventStream:
     """Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since then first."""
     who = who_of(request.scope)
     after, valid = resumed_after(last_event_id or ""), _valid(request, app)
-    return EventStream(app, request.app.state.fanout, after, valid, who.name if who else "")
+    return EventStream(app, request.app.state.broadcaster, after, valid, who.name if who else "")
 
 
 def resumed_after(number: str) -> int | None:

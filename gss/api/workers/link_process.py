@@ -1,11 +1,17 @@
-"""The link process behind API workers: serves a private socket, supervises the workers and replaces them if all are down."""
+"""The link process behind API workers: owns the line, serves a private socket and supervises the workers."""
 
 from __future__ import annotations
 
 import asyncio
+import logging
+import os
 import signal
 import socket
+import tempfile
 import threading
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from types import FrameType
 
 import uvicorn
@@ -13,14 +19,20 @@ from fastapi import FastAPI
 
 from gss.api.connections.admission import Connections
 from gss.api.serving import uvicorn_options
-from gss.api.stopping import StopSignals, end_in_time, say_stopping
-from gss.api.workers.crew import PRIVATE_BACKLOG, Crew, Order, private_socket
-from gss.api.workers.stand_in import StandIn
-from gss.api.workers.upstream import PrivateDoor
+from gss.api.stopping import StopSignals, begin_stop
+from gss.api.workers.fallback_server import FallbackServer
+from gss.api.workers.private_app import PrivateApp
+from gss.api.workers.supervisor import Supervisor
+from gss.api.workers.worker import serve_worker
+from gss.domain.errors import GssError
+from gss.operations.events import EventBus
+from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import Services
 
+log = logging.getLogger("gss.workers")
 GRACE_S = 3
+PRIVATE_BACKLOG = 512
+NAME = "link"
 
 
 def serve_behind_workers(
@@ -33,62 +45,71 @@ def serve_behind_workers(
 ) -> None:
     """Serve until interrupted. ``listener``: the public socket, which the workers share; ``connections``: connection
     counter of this process for the public socket."""
-    with private_socket() as (private, path):
-        order = Order(settings, str(path), listener.fileno())
-
-        def tell(severity: str, text: str) -> None:
-            services.bus.record("server", severity, text)
-
-        crew = Crew(order, settings.workers, tell)
-        services.workers = crew.states
-        door = PrivateDoor(app, services, app.state.fanout)
+    with tempfile.TemporaryDirectory(prefix="gss-") as folder:  # of mode 0700; the path of a socket must be short
+        path = Path(folder) / NAME
+        worker = partial(serve_worker, settings.model_dump_json(), NAME, path, listener)
+        targets = {f"API worker {k + 1}": worker for k in range(settings.workers)}
+        supervisor = Supervisor(targets, partial(record, services.bus))
+        fallback_server = FallbackServer(app, listener, connections, uvicorn_options(settings, connections))
         config = uvicorn.Config(
-            door,
+            PrivateApp(app, services, app.state.broadcaster, fallback_server.worker),
+            uds=str(path),
             log_level="warning",
             timeout_graceful_shutdown=GRACE_S,
             backlog=PRIVATE_BACKLOG,
             server_header=False,
             proxy_headers=False,
         )
+        server = LinkServer(config, services.announce_stop, supervisor, fallback_server)
+        signals.attach(server)
         try:
-            stand_in = StandIn(app, listener, door, connections, uvicorn_options(settings, connections))
-            server = LinkServer(config, services, crew, stand_in)
-            signals.attach(server)
-            server.run(sockets=[private])
+            supervisor.start()
+            server.run()
         finally:
-            crew.stop()
+            supervisor.stop()
+
+
+def record(bus: EventBus, text: str) -> None:
+    """Record the end of a process; log it if the store is down."""
+    try:
+        bus.record("server", "warning", text)
+    except GssError:  # the store is down; the workers are needed all the more
+        log.exception("not recorded: %s", text)
 
 
 class LinkServer(uvicorn.Server):
-    """Server that starts the workers once it serves, and stops only after the workers, so that no request is cut off."""
+    """Server that stops only after the workers, so that no request is cut off."""
 
-    def __init__(self, config: uvicorn.Config, services: Services, crew: Crew, stand_in: StandIn) -> None:
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        on_stop: Callable[[], None],
+        supervisor: Supervisor,
+        fallback_server: FallbackServer,
+    ) -> None:
         super().__init__(config)
-        self._services, self._crew, self._stand_in = services, crew, stand_in
+        self._on_stop, self._supervisor, self._fallback_server = on_stop, supervisor, fallback_server
         self._leaving: threading.Thread | None = None
-        self._loop: asyncio.AbstractEventLoop | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start serving, then start the workers on the public socket."""
+        """Start serving, on the public socket too while there is no worker."""
         await super().startup(sockets)
         if self.started:
+            os.chmod(str(self.config.uds), 0o600)
             self._loop = asyncio.get_running_loop()
-            await self._stand_in.watch(self.server_state)
-            self._crew.go()
+            self._fallback_task = self._loop.create_task(self._fallback_server.run(self.server_state))
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Stop in order on the first signal, at once on the second."""
         if self._leaving is not None:
             super().handle_exit(signal.SIGINT, frame)
             return
-        say_stopping()
-        end_in_time()
-        self._services.announce_stop()
+        begin_stop(self._on_stop)
         self._leaving = threading.Thread(target=self._leave, args=(sig, frame), name="leave", daemon=True)
         self._leaving.start()
 
     def _leave(self, sig: int, frame: FrameType | None) -> None:
-        if self._loop is not None:
-            self._loop.call_soon_threadsafe(self._stand_in.end)
-        self._crew.stop()
+        if self.started:
+            self._loop.call_soon_threadsafe(self._fallback_task.cancel)
+        self._supervisor.stop()
         super().handle_exit(sig, frame)

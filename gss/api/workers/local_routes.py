@@ -7,7 +7,7 @@ A route may be listed if its response depends only on the database, the blobs an
 
 from __future__ import annotations
 
-import re
+from starlette.routing import compile_path
 
 LOCAL: dict[str, tuple[str, ...]] = {
     "GET": (
@@ -65,22 +65,11 @@ FORWARDED = ("/api/", "/metrics")
 """Path prefixes that may be forwarded; other paths are page files, which every worker has."""
 
 
-def _pattern(templates: tuple[str, ...]) -> re.Pattern[str]:
-    parts = ("".join("[^/]+" if k % 2 else re.escape(p) for k, p in enumerate(_split(t))) for t in templates)
-    return re.compile("|".join(parts))
-
-
-def _split(template: str) -> list[str]:
-    """Split into literal, name, literal …"""
-    return re.split(r"\{(\w+)\}", template)
-
-
-_PATTERNS = {method: _pattern(templates) for method, templates in LOCAL.items()}
+_PATTERNS = {method: [compile_path(path)[0] for path in paths] for method, paths in LOCAL.items()}
 
 
 def is_local(method: str, path: str) -> bool:
     """True if a worker answers this request itself."""
     if not path.startswith(FORWARDED):
         return True
-    pattern = _PATTERNS.get(method)
-    return pattern is not None and pattern.fullmatch(path) is not None
+    return any(pattern.match(path) for pattern in _PATTERNS.get(method, ()))

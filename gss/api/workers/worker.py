@@ -1,63 +1,47 @@
-"""API worker process: accepts on the shared socket, answers from the database, forwards other requests to the link process.
-
-Started by :mod:`gss.api.workers.crew` as ``python -m gss.api.workers.worker``. Standard input delivers one line of JSON
-when the link process is ready; end of file means that the link process has ended, and the worker then stops too.
-"""
+"""API worker process: accepts on the shared socket, answers from the database, forwards other requests to the link process."""
 
 from __future__ import annotations
 
-import contextlib
+import json
+import multiprocessing
 import os
 import signal
-import sys
+import socket
 import threading
 from pathlib import Path
-from types import FrameType
 
-END_WITHIN_S = 5.0
+STOP_WITHIN_S = 5.0
 GRACE_S = 3
 
 
-def main() -> None:
-    """Load, wait for the start parameters, serve until stopped."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the link process, which stops the workers in order
+def serve_worker(settings_json: str, name: str, path: Path, listener: socket.socket) -> None:
+    """Serve until stopped. ``name``, ``path``: the link process and its socket. The settings are JSON and the imports are
+    here, so that a new process ignores Ctrl-C before it loads anything: the link process stops the workers in order."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     import uvicorn
 
     from gss.api.app import create_app
     from gss.api.connections.limited_listener import LimitedListener
     from gss.api.serving import open_connections, uvicorn_options
-    from gss.api.workers.crew import Order
+    from gss.api.stopping import StoppableServer
+    from gss.api.workers.link_client import LinkProcessClient
+    from gss.settings import Settings
     from gss.wiring import build
 
-    told = sys.stdin.readline()
-    if not told:
-        return
-    order = Order.from_json(told)
-    services = build(order.settings, ready=True)
-    app = create_app(services, behind=Path(order.link))
-    connections = open_connections(order.settings)
-    listener = LimitedListener(connections, order.listener)
+    settings = Settings(**json.loads(settings_json))
+    app = create_app(build(settings, ready=True), behind=LinkProcessClient(name, path))
+    connections = open_connections(settings)
 
-    class Server(uvicorn.Server):
-        """Ends the event streams as soon as a signal arrives."""
-
-        def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-            app.state.fanout.close()
-            super().handle_exit(sig, frame)
-
-    options = uvicorn_options(order.settings, connections)
+    options = uvicorn_options(settings, connections)
     config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=GRACE_S, **options)
-    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
-    with contextlib.suppress(KeyboardInterrupt):
-        Server(config).run(sockets=[listener])
+    threading.Thread(target=stop_with_parent, name="parent", daemon=True).start()
+    StoppableServer(config, app.state.broadcaster.close).run(sockets=[LimitedListener(connections, listener.detach())])
 
 
-def _end_with_parent() -> None:
-    """Stop when the link process ends, however it ended, to free the port and the data folder."""
-    sys.stdin.read()
-    threading.Timer(END_WITHIN_S, os._exit, (1,)).start()
+def stop_with_parent() -> None:
+    """Stop when the parent process ends, however it ended, to free the port and the data folder."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+    threading.Timer(STOP_WITHIN_S, os._exit, (1,)).start()
     os.kill(os.getpid(), signal.SIGTERM)
-
-
-if __name__ == "__main__":
-    main()

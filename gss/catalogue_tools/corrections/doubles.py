@@ -18,8 +18,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array, separation_rad
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.stars import FLAG_MULTIPLE, StarTable
 
 POLICIES = ("moniteq", "huffman", "erlank_combine", "erlank_keep", "drop")
@@ -86,10 +86,11 @@ def separable_rad(profile: CameraProfile) -> float:
 
 def merge(stars: StarTable, doubles: Doubles, profile: CameraProfile | None = None) -> Merged:
     """Apply a policy. The result does not depend on the order of the rows."""
-    if doubles.separation_rad is None and profile is None:
-        raise BadInput("doubles need a separation", expected="a separation or a camera profile")
-    # checked above: one of the two is set
-    reach = doubles.separation_rad or separable_rad(profile)  # type: ignore[arg-type]
+    reach = doubles.separation_rad
+    if reach is None:
+        if profile is None:
+            raise BadInput("doubles need a separation", expected="a separation or a camera profile")
+        reach = separable_rad(profile)
     pairs = _pairs(stars, reach)
     if doubles.policy == "erlank_keep" or not len(pairs):
         return Merged(stars, stars.take(np.zeros(len(stars), bool)), 0, 0, 0.0, reach)
@@ -120,8 +121,8 @@ def spoiled(stars: StarTable, reach_rad: float) -> NDArray[np.bool_]:
 def _pairs(stars: StarTable, reach_rad: float) -> NDArray[np.intp]:
     if len(stars) < 2:
         return np.zeros((0, 2), np.intp)
-    found = cKDTree(stars.icrs).query_pairs(2 * np.sin(reach_rad / 2), output_type="ndarray")
-    return np.asarray(found, np.intp).reshape(-1, 2)
+    pairs = cKDTree(stars.icrs).query_pairs(2 * np.sin(reach_rad / 2), output_type="ndarray")
+    return np.asarray(pairs, np.intp).reshape(-1, 2)
 
 
 def _rank(stars: StarTable) -> NDArray[np.intp]:
@@ -176,10 +177,10 @@ def _merged(
     centre = mean / np.linalg.norm(mean, axis=1, keepdims=True)
     several = size > 1
     star_like = _extra_spread_rad(stars.icrs, weight, group, centre, several) <= widest_rad
-    kept = np.sort(leader[star_like])
-    own = group[kept]
+    leaders = np.sort(leader[star_like])
+    own = group[leaders]
     joined = several[own]
-    result = stars.take(kept)
+    result = stars.take(leaders)
     result = replace(
         result,
         icrs=np.where(joined[:, None], centre[own], result.icrs),

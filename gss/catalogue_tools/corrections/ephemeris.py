@@ -45,7 +45,7 @@ SATURN_POLE = unit_from_ra_dec(np.radians(40.589), np.radians(83.537))
 
 
 @dataclass(frozen=True)
-class Disc:
+class BodyDisc:
     """An extended body: (3,) ICRS direction, angular radius, magnitude V of the lit part, and distance."""
 
     icrs: Array
@@ -62,8 +62,8 @@ class Bodies:
     PLANETS. ``earth_velocity_c``: (3,) barycentric velocity of the Earth in units of c, ICRS.
     """
 
-    sun: Disc
-    moon: Disc
+    sun: BodyDisc
+    moon: BodyDisc
     planets_icrs: Array
     planets_v_mag: Array
     earth_velocity_c: Array
@@ -134,9 +134,9 @@ def _unit(vector: Array) -> Array:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _disc(place_au: Array, radius_km: float, v_mag: float) -> Disc:
+def _disc(place_au: Array, radius_km: float, v_mag: float) -> BodyDisc:
     distance_km = float(np.linalg.norm(place_au)) * AU_KM
-    return Disc(_unit(place_au), float(np.arcsin(radius_km / distance_km)), float(v_mag), distance_km)
+    return BodyDisc(_unit(place_au), float(np.arcsin(radius_km / distance_km)), float(v_mag), distance_km)
 
 
 def _planet(name: str, number: int, jyear: float, earth_au: Array, place_au: Array) -> tuple[Array, float, float]:

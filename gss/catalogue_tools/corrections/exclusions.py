@@ -25,8 +25,6 @@ LOW_ORBIT_KM = 7000.0
 MOST_SAMPLES = 20_000
 LONGEST_DAYS = 3660.0
 # Moniteq 1983 §2.3: a "star" brighter than this and within this angle of the ecliptic may be a planet.
-PLANET_GATE_MAG = 3.0
-PLANET_GATE_RAD = float(np.radians(10.0))
 
 
 @dataclass(frozen=True)
@@ -125,8 +123,8 @@ def exclusions(
     parallax_km = 0.0 if observer_km is not None else LOW_ORBIT_KM
     tracks = [_disc_track(seen, "Sun", parallax_km), _disc_track(seen, "Moon", parallax_km)]
     tracks += [_planet_track(seen, i, parallax_km) for i in range(len(PLANETS))]
-    kept = tuple(t for t in tracks if t.name in ("Sun", "Moon") or t.brightest_mag <= limit_mag)
-    return Exclusions(jyear, kept, float(limit_mag))
+    bright_tracks = tuple(t for t in tracks if t.name in ("Sun", "Moon") or t.brightest_mag <= limit_mag)
+    return Exclusions(jyear, bright_tracks, float(limit_mag))
 
 
 def near(tracks: Exclusions, unit: Array, reach_rad: float) -> tuple[Meeting, ...]:
@@ -144,12 +142,6 @@ def within(tracks: Exclusions, contains: Any, names: tuple[str, ...] = ()) -> di
     """(k,) mask per track of the samples inside a region; ``contains`` is a function of (n, 3) directions, such as
     an envelope's."""
     return {t.name: np.asarray(contains(t.icrs), bool) for t in tracks.tracks if not names or t.name in names}
-
-
-def may_be_a_planet(v_mag: Array, ecliptic_latitude_rad: Array) -> NDArray[np.bool_]:
-    """Moniteq's criterion: mask of bright images near the ecliptic that may be planets. It misses Uranus, at
-    magnitude 5.6."""
-    return np.asarray((np.asarray(v_mag) < PLANET_GATE_MAG) & (np.abs(ecliptic_latitude_rad) < PLANET_GATE_RAD))
 
 
 def _meeting(track: Track, jyear: Array, places: Array, reach_rad: float) -> Meeting | None:

@@ -11,8 +11,8 @@ from functools import lru_cache
 import numpy as np
 
 from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.response import SpectralResponse
 
 # Planck's hc/k, in nanometres times kelvin.

@@ -25,8 +25,8 @@ from gss.catalogue_tools.corrections.fk4 import to_b1950
 from gss.catalogue_tools.corrections.instrument_magnitude import instrument_minus_v, roll_off_mag
 from gss.catalogue_tools.sources.hipparcos import EPOCH_RANGE_JYEAR, propagate
 from gss.domain.angles import Array, separation_rad
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.response import response_of
 from gss.domain.stars import FLAG_VARIABLE, StarTable
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from gss.catalogue_tools.design.camera import DesignCamera
 from gss.catalogue_tools.design.centroid_bound import centroid_sigma_px
-from gss.catalogue_tools.design.in_view import Pairs, bright_rows
+from gss.catalogue_tools.design.in_view import StarsInFields, bright_rows
 from gss.catalogue_tools.design.radiometry import limit_brightest_pixel_mag, limit_mag, saturation_mag
 from gss.domain.angles import Array
 from gss.domain.stars import StarTable
@@ -41,7 +41,7 @@ class Accuracy:
     roll_worst_rad: float
 
 
-def sigma_rad(c: DesignCamera, pairs: Pairs, star_sigma_px: Array) -> tuple[Array, Array]:
+def sigma_rad(c: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tuple[Array, Array]:
     """(m,) standard deviations (across, about) of the attitude of each field; NaN with fewer than three stars.
 
     ``star_sigma_px``: (n,) per star of the table, +inf for unused stars. With the small rotation ρ a star at (x, y) of
@@ -78,7 +78,7 @@ def star_sigma_px(c: DesignCamera, stars: StarTable, rows: int) -> Array:
     return np.exp(np.interp(v, grid, np.log(centroid_sigma_px(c, grid))))
 
 
-def accuracy(c: DesignCamera, stars: StarTable, pairs: Pairs, limit: float | None = None) -> Accuracy:
+def accuracy(c: DesignCamera, stars: StarTable, pairs: StarsInFields, limit: float | None = None) -> Accuracy:
     """Compute the accuracy over the pairs' pointings, with the stars to the limit in use, or to ``limit``."""
     rows = bright_rows(stars, limit_mag(c) if limit is None else limit)
     return summary(*sigma_rad(c, pairs.brighter_than(rows), star_sigma_px(c, stars, rows)))
@@ -86,15 +86,15 @@ def accuracy(c: DesignCamera, stars: StarTable, pairs: Pairs, limit: float | Non
 
 def summary(across: Array, about: Array) -> Accuracy:
     """Statistics of (m,) standard deviations, NaN for fields without an attitude."""
-    known = np.isfinite(across) & np.isfinite(about)
+    finite = np.isfinite(across) & np.isfinite(about)
 
     def four(values: Array) -> tuple[float, float, float, float]:
-        ranked, some = np.sort(np.where(known, values, np.inf)), values[known]
+        ranked, some = np.sort(np.where(finite, values, np.inf)), values[finite]
         at_half, at_most = (float(ranked[int(q * (len(ranked) - 1))]) for q in (0.5, 0.95))
         mean, worst = (float(some.mean()), float(some.max())) if len(some) else (float("nan"), float("nan"))
         return at_half, mean, at_most, worst
 
-    return Accuracy(float(known.mean()), *four(across), *four(about))
+    return Accuracy(float(finite.mean()), *four(across), *four(about))
 
 
 def limit_at_mag(c: DesignCamera, exposure_s: float) -> float:
@@ -106,13 +106,13 @@ def limit_at_mag(c: DesignCamera, exposure_s: float) -> float:
     return c.mag_limit + min(0.0, limit_brightest_pixel_mag(other) - limit_brightest_pixel_mag(c))
 
 
-def against_exposure(c: DesignCamera, stars: StarTable, pairs: Pairs, exposure_s: Array) -> list[Accuracy]:
+def against_exposure(c: DesignCamera, stars: StarTable, pairs: StarsInFields, exposure_s: Array) -> list[Accuracy]:
     """Noise equivalent angle: the accuracy for each exposure (s), with the camera at rest."""
     return [
         accuracy(replace(c, exposure_s=float(t)), stars, pairs, limit_at_mag(c, float(t))) for t in np.ravel(exposure_s)
     ]
 
 
-def against_limit(c: DesignCamera, stars: StarTable, pairs: Pairs, limits_mag: Array) -> list[Accuracy]:
+def against_limit(c: DesignCamera, stars: StarTable, pairs: StarsInFields, limits_mag: Array) -> list[Accuracy]:
     """The accuracy if only stars to each limit are used."""
     return [accuracy(c, stars, pairs, float(v)) for v in np.ravel(limits_mag)]

@@ -21,7 +21,7 @@ LONGEST_MM = 20_000.0
 
 
 @dataclass(frozen=True)
-class Baffle:
+class BaffleGeometry:
     """Geometry of a baffle.
 
     ``edge_mm``: (z, r) of each knife edge, lens side first, the front last. ``wall_mm``: (from z, to z, radius) of each
@@ -64,13 +64,15 @@ def length_for_mm(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float,
     return float((2 * lens_radius_mm + spare_mm) / (np.tan(wanted_rad) - np.tan(half_fov_rad)))
 
 
-def one_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float, spare_mm: float = 0.0) -> Baffle:
+def one_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float, spare_mm: float = 0.0) -> BaffleGeometry:
     """Return the tube of Jacobs 1995 Fig. 7-4 with vanes on its wall; BadInput if the angle is not possible."""
     length = length_for_mm(lens_radius_mm, half_fov_rad, wanted_rad, spare_mm)
     return one_stage_of_length(lens_radius_mm, half_fov_rad, length, spare_mm)
 
 
-def one_stage_of_length(lens_radius_mm: float, half_fov_rad: float, length_mm: float, spare_mm: float = 0.0) -> Baffle:
+def one_stage_of_length(
+    lens_radius_mm: float, half_fov_rad: float, length_mm: float, spare_mm: float = 0.0
+) -> BaffleGeometry:
     """Return the same tube as :func:`one_stage` for a given length; the exclusion angle follows."""
     if not length_mm > 0:
         raise BadInput("a baffle has a length", expected="more than 0 mm", got=f"{length_mm:g} mm")
@@ -79,10 +81,12 @@ def one_stage_of_length(lens_radius_mm: float, half_fov_rad: float, length_mm: f
     front = lens_radius_mm + growth
     wall = front * (1 + VANE_DEPTH_SHARE)
     edges = _vanes(lens_radius_mm, growth / length_mm, wall, length_mm, angle)
-    return Baffle("one", lens_radius_mm, half_fov_rad, angle, length_mm, front, edges, ((0.0, length_mm, wall),))
+    return BaffleGeometry(
+        "one", lens_radius_mm, half_fov_rad, angle, length_mm, front, edges, ((0.0, length_mm, wall),)
+    )
 
 
-def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> Baffle:
+def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> BaffleGeometry:
     """Return the shortest two-stage baffle: the lens does not see the outer stage, and direct light does not reach the inner one.
 
     Inner stage of length l₁ and front radius r₁ = a + l₁ tan φ. The line from the lens's far edge past the inner front
@@ -97,8 +101,8 @@ def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> 
     def outer(inner_mm: float) -> float:
         return 2 * (a + inner_mm * phi) / (theta - phi - 2 * a / inner_mm)
 
-    found = minimize_scalar(lambda l1: l1 + outer(l1), bounds=(least * 1.0001, least * 100), method="bounded")
-    inner_mm = float(found.x)
+    minimum = minimize_scalar(lambda l1: l1 + outer(l1), bounds=(least * 1.0001, least * 100), method="bounded")
+    inner_mm = float(minimum.x)
     outer_mm = float(outer(inner_mm))
     rise = (2 * a + inner_mm * phi) / inner_mm
     r1 = a + inner_mm * phi
@@ -113,7 +117,7 @@ def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> 
     wall1, wall2 = r1 * (1 + VANE_DEPTH_SHARE), r2 * (1 + VANE_DEPTH_SHARE)
     inner_edges = _vanes(a, phi, wall1, inner_mm, wanted_rad)
     edges = (*inner_edges, (length, r2))
-    return Baffle(
+    return BaffleGeometry(
         "two", a, half_fov_rad, wanted_rad, length, r2, edges, ((0.0, inner_mm, wall1), (inner_mm, length, wall2))
     )
 

@@ -30,7 +30,7 @@ RINGS, RING_POINTS = 5, 48
 
 
 @dataclass(frozen=True)
-class Baffle:
+class AvoidanceAngles:
     """Smallest angles from the boresight to Sun and Moon (0: disabled), from ``start_jyear`` to ``end_jyear``.
 
     Directions are from the Earth's centre; from a low orbit the Moon is up to 1.1° away. ``epoch_rad``: motion of Sun
@@ -47,8 +47,8 @@ class Baffle:
     def bodies(self, part: Array) -> tuple[Array, Array]:
         """(n, 3) ICRS directions of Sun and Moon after (n,) fractions of the validity."""
         knots, sun, moon = self._track
-        found = [np.stack([np.interp(part, knots, axis) for axis in body.T], axis=-1) for body in (sun, moon)]
-        sun, moon = (body / np.linalg.norm(body, axis=-1, keepdims=True) for body in found)
+        directions = [np.stack([np.interp(part, knots, axis) for axis in body.T], axis=-1) for body in (sun, moon)]
+        sun, moon = (body / np.linalg.norm(body, axis=-1, keepdims=True) for body in directions)
         return sun, moon
 
     @cached_property
@@ -85,7 +85,12 @@ class Baffle:
 
 
 def free_of_baffle(
-    base: Envelope, unit: Array, baffle: Baffle, views: Views, earth_rad: float, views_per_star: int = VIEWS_PER_STAR
+    base: Envelope,
+    unit: Array,
+    baffle: AvoidanceAngles,
+    views: Views,
+    earth_rad: float,
+    views_per_star: int = VIEWS_PER_STAR,
 ) -> NDArray[np.bool_]:
     """(n,) mask of the (n, 3) directions that some field shows with Sun and Moon far enough away.
 
@@ -100,12 +105,12 @@ def free_of_baffle(
     return _free_in_sky(base, unit, baffle)
 
 
-def _free_in_patch(base: PatchEnvelope, u: Array, baffle: Baffle) -> NDArray[np.bool_]:
+def _free_in_patch(base: PatchEnvelope, u: Array, baffle: AvoidanceAngles) -> NDArray[np.bool_]:
     shape = FieldShape(widened(base.shape.camera, PATCH_NEAR_RAD))
     cams = cams_within(base.limits, PATCH_ATTITUDES, 0)
     parts = baffle.parts(0.0, 2.0)
     sun, moon = baffle.bodies(parts)
-    found = np.zeros(len(u), bool)
+    free = np.zeros(len(u), bool)
     if base.limits.pointing not in SUN_LAWS:
         fields = cams @ base_from_icrs(base.limits, np.zeros(1))
         clear = (baffle.clearance(fields[:, None, 2], sun, moon) >= -PATCH_NEAR_RAD).any(axis=1)
@@ -114,13 +119,13 @@ def _free_in_patch(base: PatchEnvelope, u: Array, baffle: Baffle) -> NDArray[np.
     for k, axes in enumerate(base_from_icrs(base.limits, low + (high - low) * parts)):
         fields = cams @ axes
         fields = fields[baffle.clearance(fields[:, 2], sun[k], moon[k]) >= -PATCH_NEAR_RAD]
-        left = np.flatnonzero(~found)
-        found[left] = fields_per_star(u[left], fields, shape) > 0
-    return found
+        left = np.flatnonzero(~free)
+        free[left] = fields_per_star(u[left], fields, shape) > 0
+    return free
 
 
 def _free_in_band(
-    base: BandEnvelope, u: Array, baffle: Baffle, views: Views, earth_rad: float, views_per_star: int
+    base: BandEnvelope, u: Array, baffle: AvoidanceAngles, views: Views, earth_rad: float, views_per_star: int
 ) -> NDArray[np.bool_]:
     """Test the plane of every date: views at the star's angle from the orbit's axis are turned along the orbit until
     they show the star, which gives their boresight."""
@@ -135,10 +140,10 @@ def _free_in_band(
     aside = (views.boresight[:, 0] * z - views.boresight[:, 2] * x) / flat
     parts = baffle.parts(abs(base.orbit.raan_end_rad - base.orbit.raan_start_rad))
     sun, moon = baffle.bodies(parts)
-    found = np.zeros(len(u), bool)
+    free = np.zeros(len(u), bool)
     for inclination in np.unique([*base.orbit.inclination_rad, np.mean(base.orbit.inclination_rad)]):
         for k, raan in enumerate(base.orbit.raan_at(parts)):
-            left = np.flatnonzero(~found)
+            left = np.flatnonzero(~free)
             # Far inside a keep-out zone no field that shows the direction is clear.
             left = left[baffle.clearance(u[left], sun[k], moon[k]) >= -base.shape.half_diagonal_rad]
             axes = orbit_axes(np.array(raan), inclination, np.array(0.0))
@@ -151,31 +156,31 @@ def _free_in_band(
                 axis=-1,
             )
             clear = baffle.clearance(boresight, axes @ sun[k], axes @ moon[k]) >= 0
-            found[left] = (clear & real).any(axis=1)
-    return found
+            free[left] = (clear & real).any(axis=1)
+    return free
 
 
-def _near(angles: Array, wanted: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+def _near(angles: Array, targets: Array, count: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """(n, ``count``) indices into the ascending angles, spread over those within NEAR_RAD of each wanted one, and a
     mask that is False if there are none."""
-    low, high = np.searchsorted(angles, wanted - NEAR_RAD), np.searchsorted(angles, wanted + NEAR_RAD)
+    low, high = np.searchsorted(angles, targets - NEAR_RAD), np.searchsorted(angles, targets + NEAR_RAD)
     share = (np.arange(count) + 0.5) / count
     pick = (low[:, None] + share * (high - low)[:, None]).astype(np.intp)
     return np.minimum(pick, len(angles) - 1), np.broadcast_to((high > low)[:, None], pick.shape)
 
 
-def _free_in_sky(base: Envelope, u: Array, baffle: Baffle) -> NDArray[np.bool_]:
+def _free_in_sky(base: Envelope, u: Array, baffle: AvoidanceAngles) -> NDArray[np.bool_]:
     """Test boresights on rings around each direction, out to the corner of the field."""
     sun, moon = baffle.bodies(baffle.parts(0.0))
     east = np.cross(u, np.where(np.abs(u[:, 2:]) < 0.9, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))
     east /= np.linalg.norm(east, axis=1, keepdims=True)
     north = np.cross(u, east)
-    found = np.zeros(len(u), bool)
+    free = np.zeros(len(u), bool)
     hopeless = (baffle.clearance(u[:, None], sun, moon) < -base.shape.half_diagonal_rad).all(axis=1)
     for radius in np.linspace(0, base.shape.half_diagonal_rad, RINGS):
         for turn in np.linspace(0, 2 * np.pi, RING_POINTS, endpoint=False):
-            left = np.flatnonzero(~found & ~hopeless)
+            left = np.flatnonzero(~free & ~hopeless)
             side = np.cos(turn) * east[left] + np.sin(turn) * north[left]
             boresight = np.cos(radius) * u[left] + np.sin(radius) * side
-            found[left] = (baffle.clearance(boresight[:, None], sun, moon) >= 0).any(axis=1)
-    return found
+            free[left] = (baffle.clearance(boresight[:, None], sun, moon) >= 0).any(axis=1)
+    return free

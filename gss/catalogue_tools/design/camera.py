@@ -9,15 +9,12 @@ import numpy as np
 
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.domain.camera import Brown, Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES, CameraProfile, profile
 from gss.domain.sensor import Sensor
 
 PHOTONS_S_CM2_NM = 1e4
 """Photon flux from V = 0: 10³ photons per second, cm² and Å (Erlank 2013 eq. 3.4.2, φ = 10^((15 − 2M)/5))."""
-# Lens transmissions that gss.domain.profiles took from the documents; the efficiency follows from the zero point.
-TRANSMISSION = {"cubestar": 0.6}
-OTHER_TRANSMISSION = 0.8
 BANDWIDTH_NM = 300.0
 THRESHOLD_SNR = 5.0
 # Smallest and largest accepted values, with their unit; results outside these ranges are meaningless.
@@ -112,10 +109,9 @@ class DesignCamera:
 
     @classmethod
     def from_profile(cls, chosen: CameraProfile) -> DesignCamera:
-        """Return the design of one of the documents' cameras from its profile."""
+        """Return the design of a documented camera; its efficiency follows from the zero point."""
         c, s = chosen.camera, chosen.sensor
-        transmission = TRANSMISSION.get(chosen.name, OTHER_TRANSMISSION)
-        photons_s = chosen.aperture_cm2 * transmission * BANDWIDTH_NM * PHOTONS_S_CM2_NM
+        photons_s = chosen.aperture_cm2 * chosen.transmission * BANDWIDTH_NM * PHOTONS_S_CM2_NM
         return cls(
             chosen.name,
             c.columns,
@@ -124,7 +120,7 @@ class DesignCamera:
             chosen.pitch_row_mm * 1e3,
             chosen.focal_mm,
             chosen.f_number,
-            transmission,
+            chosen.transmission,
             s.zero_point_e_s / photons_s,
             s.exposure_s,
             s.psf_sigma_px,
@@ -216,22 +212,12 @@ class DesignCamera:
     def edited(self, **changes: object) -> DesignCamera:
         """Return the camera with other values; None leaves a value unchanged. BadInput for unknown names and invalid
         values."""
-        known = {f.name for f in fields(self)}
+        field_names = {f.name for f in fields(self)}
         for name in changes:
-            if name not in known:
-                raise BadInput("a camera has no such part", expected=" | ".join(sorted(known)), got=name)
+            if name not in field_names:
+                raise BadInput("a camera has no such part", expected=" | ".join(sorted(field_names)), got=name)
         return replace(self, **{k: v for k, v in changes.items() if v is not None})  # type: ignore[arg-type]  # names are fields
 
     def changed_from(self, other: DesignCamera) -> tuple[str, ...]:
         """Names of the fields that differ."""
         return tuple(f.name for f in fields(self) if getattr(self, f.name) != getattr(other, f.name))
-
-
-def design_camera(name: str) -> DesignCamera:
-    """Return the documents' camera of that name."""
-    return DesignCamera.from_profile(profile(name))
-
-
-def document_cameras() -> tuple[DesignCamera, ...]:
-    """Return the five cameras of the documents."""
-    return tuple(DesignCamera.from_profile(p) for p in PROFILES.values())

@@ -49,7 +49,7 @@ class InView:
 
 
 @dataclass(frozen=True)
-class Pairs:
+class StarsInFields:
     """Every star in every field of a set of pointings, sorted by field and then by brightness, brightest first.
 
     ``field``, ``star``: (k,) rows of the attitudes and of the stars, which are brightest first. ``plane``: (k, 2)
@@ -61,11 +61,11 @@ class Pairs:
     plane: Array
     count: Counts
 
-    def brighter_than(self, rows: int) -> Pairs:
+    def brighter_than(self, rows: int) -> StarsInFields:
         """Return the pairs whose star is among the first ``rows`` stars."""
         keep = self.star < rows
         count = np.bincount(self.field[keep], minlength=len(self.count))
-        return Pairs(self.field[keep], self.star[keep], self.plane[keep], count)
+        return StarsInFields(self.field[keep], self.star[keep], self.plane[keep], count)
 
 
 def look(c: DesignCamera, pointings: int, seed: int, envelope: Envelope | None = None) -> Array:
@@ -104,11 +104,11 @@ def count_stars(
     worst, place = np.iinfo(np.int64).max, np.array([1.0, 0.0, 0.0])
     for k, start in enumerate(range(0, pointings, PORTION)):
         some = attitudes(k, min(PORTION, pointings - start))
-        told = _telling(each, _within(progress, start / pointings, len(some) / pointings))
-        counts = stars_per_field(unit, some, shape, told)
-        here = np.bincount(counts, minlength=len(histogram))
-        here[: len(histogram)] += histogram
-        histogram = here
+        each_reported = _reporting(each, _within(progress, start / pointings, len(some) / pointings))
+        counts = stars_per_field(unit, some, shape, each_reported)
+        batch_histogram = np.bincount(counts, minlength=len(histogram))
+        batch_histogram[: len(histogram)] += histogram
+        histogram = batch_histogram
         if counts.min() < worst:
             worst, place = int(counts.min()), some[int(counts.argmin()), 2]
     progress(1.0)
@@ -116,7 +116,7 @@ def count_stars(
     return InView(pointings, histogram, int(worst), float(ra), float(dec))
 
 
-def counted_pairs(pairs: Pairs, attitudes: Array) -> InView:
+def counted_pairs(pairs: StarsInFields, attitudes: Array) -> InView:
     """Histogram of the pointings of the pairs."""
     worst = int(np.argmin(pairs.count))
     ra, dec = ra_dec_from_unit(attitudes[worst, 2])
@@ -127,18 +127,18 @@ def _within(progress: Progress, start: float, size: float) -> Progress:
     return lambda share: progress(start + size * share)
 
 
-def _telling(each: Each, progress: Progress) -> Each:
+def _reporting(each: Each, progress: Progress) -> Each:
     """Wrap ``each`` so that it reports progress after each group."""
 
-    def told(work: Callable[..., Counts], groups: Sequence[object]) -> Iterator[Counts]:
+    def each_reported(work: Callable[..., Counts], groups: Sequence[object]) -> Iterator[Counts]:
         for k, result in enumerate(each(work, groups)):
             progress(k / len(groups))
             yield result
 
-    return told
+    return each_reported
 
 
-def pairs_in_view(unit: Array, attitudes: Array, shape: FieldShape) -> Pairs:
+def pairs_in_view(unit: Array, attitudes: Array, shape: FieldShape) -> StarsInFields:
     """Find the stars of (n, 3) ICRS directions, brightest first, in the fields of (m, 3, 3) cam_from_icrs."""
     m = len(attitudes)
     reach = 2 * np.sin(shape.half_diagonal_rad / 2) * (1 + 1e-9)
@@ -153,10 +153,10 @@ def pairs_in_view(unit: Array, attitudes: Array, shape: FieldShape) -> Pairs:
         cam = np.zeros((0, 3))
     order = np.argsort(field * np.int64(max(1, len(unit))) + star, kind="stable")
     field, star, cam = field[order], star[order], cam[order]
-    return Pairs(field, star, cam[:, :2] / cam[:, 2:], np.bincount(field, minlength=m))
+    return StarsInFields(field, star, cam[:, :2] / cam[:, 2:], np.bincount(field, minlength=m))
 
 
-def nth_brightest_mag(pairs: Pairs, v_mag: Array, nth: int = NTH) -> Array:
+def nth_brightest_mag(pairs: StarsInFields, v_mag: Array, nth: int = NTH) -> Array:
     """(m, nth) magnitude of the 1st … nth brightest star of each field; +inf if there is none."""
     start = np.concatenate([[0], np.cumsum(pairs.count)[:-1]])
     result = np.full((len(pairs.count), nth), np.inf)
@@ -168,8 +168,8 @@ def nth_brightest_mag(pairs: Pairs, v_mag: Array, nth: int = NTH) -> Array:
 
 def p_fewer_by_limit(nth_mag: Array, stars: int, limit_mag: Array) -> Array:
     """Fraction of fields with fewer than ``stars`` stars, for each limiting magnitude."""
-    known = np.sort(nth_mag[:, stars - 1])
-    return np.asarray(1 - np.searchsorted(known, limit_mag, side="right") / len(known), float)
+    sorted_mag = np.sort(nth_mag[:, stars - 1])
+    return np.asarray(1 - np.searchsorted(sorted_mag, limit_mag, side="right") / len(sorted_mag), float)
 
 
 def mean_by_limit(stars: StarTable, area_sr: float, limit_mag: Array) -> Array:
@@ -189,8 +189,10 @@ def nth_nearest_rad(unit: Array, boresight: Array, nth: int = NTH) -> Array:
 
 def p_fewer_in_circle(nth_rad: Array, stars: int, diameter_rad: Array) -> Array:
     """Fraction of circular fields with fewer than ``stars`` stars, for each diameter (Erlank 2013 Fig. 3.8)."""
-    known = np.sort(nth_rad[:, stars - 1])
-    return np.asarray(1 - np.searchsorted(known, np.asarray(diameter_rad) / 2, side="right") / len(known), float)
+    sorted_rad = np.sort(nth_rad[:, stars - 1])
+    return np.asarray(
+        1 - np.searchsorted(sorted_rad, np.asarray(diameter_rad) / 2, side="right") / len(sorted_rad), float
+    )
 
 
 def p_fewer_by_focal(unit: Array, attitudes: Array, c: DesignCamera, focal_mm: Array, stars: tuple[int, ...]) -> Array:

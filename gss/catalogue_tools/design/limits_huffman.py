@@ -14,7 +14,7 @@ MAG_0 = 28.0
 
 
 @dataclass(frozen=True)
-class Imager:
+class HuffmanImager:
     """Parameters of eq. 3.4 and 3.18.
 
     ``dark_e``: dark electrons in one exposure. ``extra_gain``: the factor g of eq. 3.4, which the other terms of the
@@ -35,23 +35,23 @@ class Imager:
         return float(np.sqrt(self.dark_e + self.read_noise_e**2))
 
 
-def imager_of(c: DesignCamera) -> Imager:
+def imager_of(c: DesignCamera) -> HuffmanImager:
     """Return the parameters of a camera: its optics, exposure and noise, with the document's detector response."""
     dark_e = c.dark_current_e_s * c.exposure_s
-    return Imager(c.aperture_cm2 * 1e-4 * c.transmission, c.exposure_s, c.psf_sigma_px, dark_e, c.read_noise_e)
+    return HuffmanImager(c.aperture_cm2 * 1e-4 * c.transmission, c.exposure_s, c.psf_sigma_px, dark_e, c.read_noise_e)
 
 
-def star_e(i: Imager, v_mag: float) -> float:
+def star_e(i: HuffmanImager, v_mag: float) -> float:
     """Electrons of a whole star (eq. 3.4)."""
     return float(i.area_m2 * i.ffsr_a_w * i.exposure_s * i.extra_gain * 10 ** ((MAG_0 - v_mag) / 2.5))
 
 
-def magnitude(i: Imager, electrons: float) -> float:
+def magnitude(i: HuffmanImager, electrons: float) -> float:
     """Inverse of eq. 3.4."""
     return float(MAG_0 - 2.5 * np.log10(electrons / (i.area_m2 * i.ffsr_a_w * i.exposure_s * i.extra_gain)))
 
 
-def snr(i: Imager, v_mag: float) -> float:
+def snr(i: HuffmanImager, v_mag: float) -> float:
     """Signal-to-noise ratio of the peak pixel (eq. 3.18)."""
     return star_e(i, v_mag) / (2 * np.pi * i.psf_sigma_px**2 * i.noise_e)
 

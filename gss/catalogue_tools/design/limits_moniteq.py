@@ -15,7 +15,7 @@ A_BOUND, B_BOUND, C_BOUND = 0.11, 0.16, 8.6
 
 
 @dataclass(frozen=True)
-class Detector:
+class MoniteqDetector:
     """Detector parameters (Table 4.1). ``dark_share`` f: spread of the dark current. ``fixed_e2`` σ²_fix: read and
     clock noise squared."""
 
@@ -30,10 +30,10 @@ class Detector:
         return float(np.sqrt((self.dark_share * dark_e) ** 2 + dark_e + self.fixed_e2))
 
 
-def detector_of(c: DesignCamera) -> Detector:
+def detector_of(c: DesignCamera) -> MoniteqDetector:
     """Return the detector parameters of a camera, with the report's 1 % spread of the dark current."""
     fixed_e2 = c.read_noise_e**2 + c.gain_e_per_dn**2 / 12
-    return Detector(c.dark_current_e_s + c.background_e_s, 0.01, fixed_e2, c.response_sigma)
+    return MoniteqDetector(c.dark_current_e_s + c.background_e_s, 0.01, fixed_e2, c.response_sigma)
 
 
 def star_e_s(area_cm2: float, v_mag: float) -> float:
@@ -41,14 +41,14 @@ def star_e_s(area_cm2: float, v_mag: float) -> float:
     return float(STAR_V6_E_S_CM2 * area_cm2 * 10 ** (-0.4 * (v_mag - 6)))
 
 
-def snr(d: Detector, area_cm2: float, v_mag: float, exposure_s: float) -> float:
+def snr(d: MoniteqDetector, area_cm2: float, v_mag: float, exposure_s: float) -> float:
     """S/N = eAτ/√(f²i²τ² + iτ + σ²_fix): total signal of the star over the noise of one pixel (§4.4)."""
     return star_e_s(area_cm2, v_mag) * exposure_s / d.noise_e(exposure_s)
 
 
-def limit_for_snr_mag(d: Detector, area_cm2: float, exposure_s: float, wanted: float) -> float:
-    """Faintest V with the S/N ``wanted``."""
-    return float(2.5 * np.log10(snr(d, area_cm2, 0.0, exposure_s) / wanted))
+def limit_for_snr_mag(d: MoniteqDetector, area_cm2: float, exposure_s: float, required_snr: float) -> float:
+    """Faintest V with the S/N ``required_snr``."""
+    return float(2.5 * np.log10(snr(d, area_cm2, 0.0, exposure_s) / required_snr))
 
 
 def limit_mag(c: DesignCamera) -> float:
@@ -62,20 +62,22 @@ def snr_for_position(sigma_px: float, c_bound: float = C_BOUND) -> float:
     return float(np.sqrt(c_bound) / sigma_px)
 
 
-def position_sigma_px(d: Detector, star_electrons: float, exposure_s: float) -> float:
+def position_sigma_px(d: MoniteqDetector, star_electrons: float, exposure_s: float) -> float:
     """σ(P) = √(A σ²(G) + B/Q + C/Q²·(…)) with the upper bounds (§4.3)."""
     q = star_electrons
     noise2 = d.noise_e(exposure_s) ** 2
     return float(np.sqrt(A_BOUND * d.response_sigma**2 + B_BOUND / q + C_BOUND / q**2 * noise2))
 
 
-def longest_useful_s(d: Detector, loss: float = 2.0) -> float:
+def longest_useful_s(d: MoniteqDetector, loss: float = 2.0) -> float:
     """Exposure at which S/N is 1/loss of the maximum that the dark current spread allows (§4.4): 1.5 s."""
     f2 = d.dark_share**2 * (loss**2 - 1)
     return float((1 + np.sqrt(1 + 4 * f2 * d.fixed_e2)) / (2 * f2 * d.dark_e_s))
 
 
-def lens_area_cm2(d: Detector, v_mag: float, sigma_px: float, loss: float = 2.0, c_bound: float = C_BOUND) -> float:
+def lens_area_cm2(
+    d: MoniteqDetector, v_mag: float, sigma_px: float, loss: float = 2.0, c_bound: float = C_BOUND
+) -> float:
     """Lens area required to measure a star's position to σ with the longest useful exposure: √C·M f i/(e σ) (§4.4)."""
     per_cm2 = star_e_s(1.0, v_mag)
     return float(np.sqrt(c_bound) * loss * d.dark_share * d.dark_e_s / (per_cm2 * sigma_px))

@@ -9,14 +9,14 @@ import numpy as np
 
 from gss.catalogue_tools.design import limits_erlank, limits_huffman, limits_jacobs, limits_moniteq
 from gss.catalogue_tools.design.accuracy import Accuracy, accuracy, against_exposure, against_limit, limit_at_mag
-from gss.catalogue_tools.design.baffle import Baffle, one_stage, two_stage
+from gss.catalogue_tools.design.baffle import BaffleGeometry, one_stage, two_stage
 from gss.catalogue_tools.design.camera import LIMITS, DesignCamera
 from gss.catalogue_tools.design.centroid_bound import centroid_sigma_px, psf_advice
 from gss.catalogue_tools.design.in_view import (
     COMPLETE_V_MAG,
     Each,
     InView,
-    Pairs,
+    StarsInFields,
     affordable,
     bright_rows,
     count_stars,
@@ -45,6 +45,7 @@ from gss.catalogue_tools.design.radiometry import (
 from gss.catalogue_tools.design.trade import TradeRow, lens_trade, trade_row
 from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.domain.angles import Array
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput
 from gss.domain.experiment import Progress
 from gss.domain.stars import StarTable
@@ -59,7 +60,7 @@ EXCLUSION_RAD = float(np.radians(40.0))
 
 
 @dataclass(frozen=True)
-class Effort:
+class DesignEffort:
     """Amount of computation.
 
     ``pointings``: of the histogram; 0: use those of the curves. ``looks``: pointings of curves and accuracy. ``pairs``:
@@ -72,8 +73,8 @@ class Effort:
     trade_looks: int
 
 
-QUICK = Effort(0, 2_000, 6e4, 0)
-FULL = Effort(1_000_000, 20_000, 1e6, 2_000)
+QUICK = DesignEffort(0, 2_000, 6e4, 0)
+FULL = DesignEffort(1_000_000, 20_000, 1e6, 2_000)
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ class DesignRequest:
 
 
 @dataclass(frozen=True)
-class Limits:
+class MagnitudeLimits:
     """Faintest magnitude by each method. The last four use the documents' formulas with this camera's optics."""
 
     in_force_mag: float
@@ -137,8 +138,8 @@ class DesignReport:
     """
 
     request: DesignRequest
-    effort: Effort
-    limits: Limits
+    effort: DesignEffort
+    limits: MagnitudeLimits
     in_view: InView
     looks: int
     curves: Curves
@@ -146,16 +147,16 @@ class DesignReport:
     blur: Blur
     psf: PsfAdvice
     longest_exposure_s: float
-    one_stage: Baffle | None
-    two_stage: Baffle | None
+    one_stage: BaffleGeometry | None
+    two_stage: BaffleGeometry | None
     baffle_problem: str
     trade: tuple[TradeRow, ...]
     notes: tuple[str, ...]
 
 
-def limits_of(c: DesignCamera) -> Limits:
+def limits_of(c: DesignCamera) -> MagnitudeLimits:
     """Compute all limiting magnitudes."""
-    return Limits(
+    return MagnitudeLimits(
         limit_mag(c),
         limit_brightest_pixel_mag(c),
         limit_window_mag(c),
@@ -168,7 +169,12 @@ def limits_of(c: DesignCamera) -> Limits:
 
 
 def design(
-    request: DesignRequest, stars: StarTable, effort: Effort, *, each: Each = map, progress: Progress = lambda _: None
+    request: DesignRequest,
+    stars: StarTable,
+    effort: DesignEffort,
+    *,
+    each: Each = map,
+    progress: Progress = no_progress,
 ) -> DesignReport:
     """Compute the report. ``stars``: brightest first. ``each``: how blocks of pointings are mapped. BadInput if no
     star is detected."""
@@ -190,12 +196,12 @@ def design(
     if effort.trade_looks:
         some = attitudes[: effort.trade_looks]
         trade = lens_trade(c, stars, some, effort.pairs / 4, _part(progress, 0.85, 1.0))
-    known = accuracy(c, stars, seen)
+    accuracies = accuracy(c, stars, seen)
     blur, psf = motion_blur(c), psf_advice(c)
     notes = _notes(request, limits, counted)
     longest = longest_exposure_s(c)
     return DesignReport(
-        request, effort, limits, counted, looks, curves, known, blur, psf, longest, one, two, problem, trade, notes
+        request, effort, limits, counted, looks, curves, accuracies, blur, psf, longest, one, two, problem, trade, notes
     )
 
 
@@ -204,7 +210,7 @@ def camera_row(c: DesignCamera, stars: StarTable, looks: int, pairs: float, seed
     return trade_row(c, stars, look(c, looks, seed), pairs)
 
 
-def _count(request: DesignRequest, unit: Array, effort: Effort, each: Each, progress: Progress) -> InView:
+def _count(request: DesignRequest, unit: Array, effort: DesignEffort, each: Each, progress: Progress) -> InView:
     c = request.camera
     pointings = affordable(c, len(unit), effort.pointings, effort.pairs * MOST_COUNTED)
 
@@ -219,11 +225,11 @@ def _count(request: DesignRequest, unit: Array, effort: Effort, each: Each, prog
 def _curves(
     request: DesignRequest,
     stars: StarTable,
-    limits: Limits,
+    limits: MagnitudeLimits,
     attitudes: Array,
-    pairs: Pairs,
-    seen: Pairs,
-    effort: Effort,
+    pairs: StarsInFields,
+    seen: StarsInFields,
+    effort: DesignEffort,
     progress: Progress,
 ) -> Curves:
     c = request.camera
@@ -272,7 +278,7 @@ def _exposures_s(c: DesignCamera) -> Array:
 
 
 def _by_exposure(
-    c: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, effort: Effort
+    c: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, effort: DesignEffort
 ) -> tuple[Accuracy, ...]:
     """Compute the accuracy by exposure.
 
@@ -294,11 +300,11 @@ def _focals(c: DesignCamera) -> Array:
     """Focal lengths around the camera's own, as short as a flat detector allows."""
     shortest = np.hypot(*c.half_size_mm) / np.tan(np.radians(60.0))
     focal = c.focal_mm * FOCAL_FACTORS
-    kept = focal[(focal >= max(1.0, shortest)) & (focal <= 2000.0)]
-    return np.unique(np.append(kept, c.focal_mm))
+    in_range = focal[(focal >= max(1.0, shortest)) & (focal <= 2000.0)]
+    return np.unique(np.append(in_range, c.focal_mm))
 
 
-def _baffles(request: DesignRequest) -> tuple[Baffle | None, Baffle | None, str]:
+def _baffles(request: DesignRequest) -> tuple[BaffleGeometry | None, BaffleGeometry | None, str]:
     c = request.camera
     radius = c.pupil_mm / 2
     try:
@@ -311,7 +317,7 @@ def _baffles(request: DesignRequest) -> tuple[Baffle | None, Baffle | None, str]
         return one, None, str(error)
 
 
-def _check(limits: Limits, stars: StarTable) -> None:
+def _check(limits: MagnitudeLimits, stars: StarTable) -> None:
     brightest = float(stars.v_mag[0])
     if limits.in_force_mag < brightest:
         raise BadInput(
@@ -322,7 +328,7 @@ def _check(limits: Limits, stars: StarTable) -> None:
         )
 
 
-def _notes(request: DesignRequest, limits: Limits, counted: InView) -> tuple[str, ...]:
+def _notes(request: DesignRequest, limits: MagnitudeLimits, counted: InView) -> tuple[str, ...]:
     c, notes = request.camera, []
     if limits.in_force_mag > COMPLETE_V_MAG:
         notes.append(

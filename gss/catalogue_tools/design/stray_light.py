@@ -16,7 +16,7 @@ PRINTED_AREA_CM2 = ((20.0, 2.58e-15), (21.0, 9.87e-16), (27.0, 6.69e-16), (37.0,
 
 
 @dataclass(frozen=True)
-class Source:
+class LightSource:
     """A light source: ``irradiance_w_cm2`` at the lens, ``radiance_w_cm2_sr`` of its disc."""
 
     name: str
@@ -24,11 +24,11 @@ class Source:
     radiance_w_cm2_sr: float
 
 
-PRINTED_SUN = Source("Sun, as printed", SUN_W_CM2, 5.6e2)
+PRINTED_SUN = LightSource("Sun, as printed", SUN_W_CM2, 5.6e2)
 """The printed radiance uses the Sun's diameter as its radius (errata)."""
-SUN = Source("Sun", SUN_W_CM2, float(SUN_W_CM2 / (np.pi * SUN_RADIUS_RAD**2)))
-EARTH = Source("Earth", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
-MOON = Source("Moon", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
+SUN = LightSource("Sun", SUN_W_CM2, float(SUN_W_CM2 / (np.pi * SUN_RADIUS_RAD**2)))
+EARTH = LightSource("Earth", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
+MOON = LightSource("Moon", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
 
 
 def pixel_etendue_cm2_sr(pitch_col_um: float, pitch_row_um: float, f_number: float) -> float:
@@ -37,12 +37,12 @@ def pixel_etendue_cm2_sr(pitch_col_um: float, pitch_row_um: float, f_number: flo
     return float(pitch_col_um * pitch_row_um * 1e-8 * cone_sr)
 
 
-def imaged_e_s(source: Source, etendue_cm2_sr: float) -> float:
+def imaged_e_s(source: LightSource, etendue_cm2_sr: float) -> float:
     """Electrons per second in a pixel that images the source's disc (Table 5.2)."""
     return source.radiance_w_cm2_sr * etendue_cm2_sr * E_PER_J
 
 
-def stray_e_s(source: Source, effective_area_cm2: float) -> float:
+def stray_e_s(source: LightSource, effective_area_cm2: float) -> float:
     """Electrons per second and pixel through the baffle (Table 5.3)."""
     return source.irradiance_w_cm2 * effective_area_cm2 * E_PER_J
 

@@ -47,7 +47,7 @@ def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: f
     rows = bright_rows(stars, limit)
     count = affordable(c, rows, len(attitudes), most_pairs)
     pairs = pairs_in_view(stars.icrs[:rows], attitudes[:count], c.shape)
-    known = accuracy(c, stars, pairs)
+    accuracies = accuracy(c, stars, pairs)
     return TradeRow(
         c,
         limit,
@@ -55,8 +55,8 @@ def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: f
         float(pairs.count.mean()),
         float((pairs.count < 3).mean()),
         count,
-        known.cross_median_rad,
-        known.roll_median_rad,
+        accuracies.cross_median_rad,
+        accuracies.roll_median_rad,
         motion_blur(c).rate_rad_s,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,11 +77,11 @@ class AttitudeLimits:
             m = np.asarray(self.body_from_cam, float)
             if m.shape != (9,) or not np.allclose(m.reshape(3, 3) @ m.reshape(3, 3).T, np.eye(3), atol=1e-6):
                 raise BadInput(
-                    "the mounting is no rotation", expected="nine numbers, rows of unit length at right angles"
+                    "the mounting is not a rotation", expected="nine numbers, rows of unit length at right angles"
                 )
             if np.linalg.det(m.reshape(3, 3)) < 0:
                 raise BadInput(
-                    "the mounting is no rotation: it mirrors",
+                    "the mounting is not a rotation: it mirrors",
                     expected="determinant 1",
                     got="determinant −1",
                     hint="one axis has the wrong sign",
@@ -117,6 +118,21 @@ def euler_123(angles_rad: Array) -> Array:
         [st, -ct * sf, ct * cf],
     ]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def mounting_of(body_from_cam: Sequence[float] | None, turns_deg: Sequence[float] | None) -> tuple[float, ...] | None:
+    """Return the mounting as nine numbers by rows; None if neither argument is given (the pointing law's default applies).
+
+    ``turns_deg``, instead of ``body_from_cam``: rotations about x, then y, then z that take the body's axes to the
+    camera's (the order of Jacobs 1995 eq. 1.13).
+    """
+    if turns_deg is None:
+        return None if body_from_cam is None else tuple(float(x) for x in body_from_cam)
+    if body_from_cam is not None:
+        raise BadInput("two mountings were given", expected="either nine numbers or three turns", got="both")
+    if not np.isfinite(turns_deg).all():
+        raise BadInput("a turn of the mounting is not a number", expected="three angles", got=str(list(turns_deg)))
+    return tuple(float(x) for x in euler_123(np.radians(turns_deg)).T.ravel())
 
 
 def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> Array:

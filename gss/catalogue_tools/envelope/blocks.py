@@ -30,7 +30,7 @@ TURN: Range = (0.0, 2 * np.pi - 1e-6)
 # Fields computed at one time; limits the memory, at about 100 bytes each.
 CHUNK = 1000
 
-Tell = Callable[[float], None]
+ShareReport = Callable[[float], None]
 
 
 def _silent(share: float) -> None:
@@ -71,7 +71,7 @@ def stepped(limits: Range, step_rad: float) -> Array:
 class BlockEnvelope:
     """An envelope made of marked blocks.
 
-    ``rule``: mark a block if its centre, all of it or any part of it is in the field. ``tell`` is called with the
+    ``rule``: mark a block if its centre, all of it or any part of it is in the field. ``report`` is called with the
     fraction done while blocks are marked, and may raise to cancel. Edges, fractions of time and attitudes are those of
     the exact band.
     """
@@ -81,7 +81,7 @@ class BlockEnvelope:
     orbit: OrbitRanges
     steps: BlockSteps = BlockSteps()
     rule: str = "centre"
-    tell: Tell = field(default=_silent, compare=False, repr=False)
+    report: ShareReport = field(default=_silent, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.rule not in RULES:
@@ -105,17 +105,17 @@ class BlockEnvelope:
         a whole number of degrees from it; the others are stepped.
         """
         blocks = np.zeros((DEC_BLOCKS, RA_BLOCKS), bool)
-        nodes, rest = stepped(self.orbit.raan_rad, self.steps.raan_rad), self._node_parts
+        nodes, node_parts = stepped(self.orbit.raan_rad, self.steps.raan_rad), self._node_parts
         done, whole = 0, self.looked_at
 
         def count(fields: int) -> None:
             nonlocal done
             done += fields
-            self.tell(done / whole)
+            self.report(done / whole)
 
-        for part in np.unique(rest):
+        for part in np.unique(node_parts):
             own = self._marked_at(_deg(float(part)), count)
-            for node in np.unique(np.round(np.degrees(nodes[rest == part]) - part).astype(int) % RA_BLOCKS):
+            for node in np.unique(np.round(np.degrees(nodes[node_parts == part]) - part).astype(int) % RA_BLOCKS):
                 blocks |= np.roll(own, node, axis=1)
         return blocks
 
@@ -189,8 +189,8 @@ class BlockEnvelope:
             cam = self.limits.cam_from_body @ euler_123(angles[start : start + per_chunk])
             yield (cam[:, None] @ orbits[None]).reshape(-1, 3, 3)
 
-    def _marked_at(self, raan_rad: float, tell: Callable[[int], None]) -> NDArray[np.bool_]:
-        """Mark the blocks for one node. ``tell`` is called with the number of fields after each chunk."""
+    def _marked_at(self, raan_rad: float, report: Callable[[int], None]) -> NDArray[np.bool_]:
+        """Mark the blocks for one node. ``report`` is called with the number of fields after each chunk."""
         offsets = {"centre": [0.5], "whole": [0.0, 1.0], "touched": list(np.linspace(0, 1, TOUCH_GRID))}[self.rule]
         dec = np.arange(DEC_BLOCKS) - 90.0
         ra = np.arange(RA_BLOCKS) + 0.0
@@ -211,7 +211,7 @@ class BlockEnvelope:
                     # Only unmarked blocks need to be tested.
                     left = np.flatnonzero(~blocks)
                     blocks[left[fields_per_star(unit[left], attitudes, self.shape) > 0]] = True
-            tell(len(attitudes))
+            report(len(attitudes))
         return blocks.reshape(DEC_BLOCKS, RA_BLOCKS)
 
     def _mark_whole(self, blocks: NDArray[np.bool_], attitudes: Array, corners: list[Array]) -> None:

@@ -23,7 +23,7 @@ from gss.catalogue_tools.envelope.attitude import (
     euler_123,
     orbit_axes,
 )
-from gss.catalogue_tools.envelope.field import Disc, FieldShape
+from gss.catalogue_tools.envelope.field import CircularField, FieldShape
 from gss.catalogue_tools.envelope.orbits import OrbitRanges, Range
 from gss.catalogue_tools.envelope.reach import TOLERANCE_RAD, cosine_range, polar_interval, reachable
 from gss.catalogue_tools.selection.counting import fields_per_star
@@ -253,7 +253,7 @@ class PatchEnvelope:
         if high[2] - low[2] >= 2 * np.pi - 1e-9 and abs(mounting[2, 2]) > 1 - 1e-12:
             # With a full turn about the boresight, the yaw axis need not be searched.
             fixed = np.array([1.0, 1.0, 0.0])
-            disc = Disc(self.shape.half_diagonal_rad)
+            disc = CircularField(self.shape.half_diagonal_rad)
             result[near] = reachable(pivot, base, spin, disc, mounting, low * fixed, high * fixed, tolerance_rad)
         else:
             result[near] = reachable(pivot, base, spin, self.shape, mounting, low, high, tolerance_rad)

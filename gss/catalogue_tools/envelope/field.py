@@ -33,7 +33,7 @@ def widened(camera: Camera, margin_rad: float) -> Camera:
     )
 
 
-class Region(Protocol):
+class FieldRegion(Protocol):
     """A part of the sky around the boresight with the two tests that :mod:`gss.catalogue_tools.envelope.reach`
     needs."""
 
@@ -43,7 +43,7 @@ class Region(Protocol):
 
 
 @dataclass(frozen=True)
-class Disc:
+class CircularField:
     """Circular field: the area that a field sweeps when it turns freely about its boresight."""
 
     radius_rad: float

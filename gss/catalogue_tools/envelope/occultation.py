@@ -19,7 +19,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.design.baffle_search import EPOCH_RAD, MOON_STEP_DAYS, VIEWS_PER_STAR, Baffle, free_of_baffle
+from gss.catalogue_tools.design.baffle_search import (
+    EPOCH_RAD,
+    MOON_STEP_DAYS,
+    VIEWS_PER_STAR,
+    AvoidanceAngles,
+    free_of_baffle,
+)
 from gss.catalogue_tools.envelope.attitude import AttitudeLimits, orbit_axes
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, Moments, polar_range
 from gss.catalogue_tools.envelope.field import FieldShape
@@ -90,7 +96,7 @@ class Occultation:
 
 
 @dataclass(frozen=True)
-class Effort:
+class SamplingEffort:
     """Sampling effort: random fields as witnesses, moments for the fractions of time, rounds of the search for the
     ends of a band, views and dates for the effect of Sun and Moon."""
 
@@ -102,9 +108,9 @@ class Effort:
     moon_step_days: float
 
 
-THOROUGH = Effort(WITNESSES, SAMPLE, ROUNDS, VIEWS_PER_STAR, EPOCH_RAD, MOON_STEP_DAYS)
+THOROUGH = SamplingEffort(WITNESSES, SAMPLE, ROUNDS, VIEWS_PER_STAR, EPOCH_RAD, MOON_STEP_DAYS)
 # For interactive previews.
-QUICK = Effort(1024, 4000, 5, 48, 2 * EPOCH_RAD, 4 * MOON_STEP_DAYS)
+QUICK = SamplingEffort(1024, 4000, 5, 48, 2 * EPOCH_RAD, 4 * MOON_STEP_DAYS)
 
 
 @dataclass(frozen=True)
@@ -131,14 +137,14 @@ class OccultedEnvelope:
     orbit: OrbitRanges | None = None
     start_jyear: float | None = None
     end_jyear: float | None = None
-    effort: Effort = THOROUGH
+    effort: SamplingEffort = THOROUGH
 
     def __post_init__(self) -> None:
         if self.occultation.baffled:
             _ = self.baffle
 
     @cached_property
-    def baffle(self) -> Baffle:
+    def baffle(self) -> AvoidanceAngles:
         """Directions of Sun and Moon over the validity; BadInput without dates."""
         if self.start_jyear is None or self.end_jyear is None:
             raise BadInput("Sun and Moon need dates", expected="a start and a number of days", got="no dates")
@@ -146,7 +152,7 @@ class OccultedEnvelope:
             (self.occultation.sun_rad, self.occultation.moon_rad),
             (self.effort.epoch_rad, self.effort.moon_step_days),
         )
-        return Baffle(*angles, self.start_jyear, self.end_jyear, *steps)
+        return AvoidanceAngles(*angles, self.start_jyear, self.end_jyear, *steps)
 
     @property
     def shape(self) -> FieldShape:
@@ -180,20 +186,20 @@ class OccultedEnvelope:
     def usable_moments(self, rng: np.random.Generator, count: int) -> Moments:
         """Return ``count`` random usable moments; BadInput if (nearly) all fields are blinded."""
         got: list[Moments] = []
-        drawn = found = 0
+        drawn = usable = 0
         draw = min(max(2 * count, 1000), HOPELESS_DRAWS)
-        while found < count:
-            if drawn >= HOPELESS_DRAWS and drawn > DRAWS_PER_FIELD * found:
+        while usable < count:
+            if drawn >= HOPELESS_DRAWS and drawn > DRAWS_PER_FIELD * usable:
                 raise BadInput(
                     "Earth, Sun or Moon blind every field",
                     expected="some usable fields",
-                    got=f"{found} of {drawn} tried",
+                    got=f"{usable} of {drawn} tried",
                     hint="smaller baffle angles or margin, other dates or another pointing",
                 )
             moments = self.at(rng.random((draw, self.dimensions)))
             good = np.flatnonzero(self.usable(moments))
             got.append(_take(moments, good))
-            drawn, found = drawn + draw, found + len(good)
+            drawn, usable = drawn + draw, usable + len(good)
         return _take(_joined(got), np.arange(count))
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
@@ -217,8 +223,8 @@ class OccultedEnvelope:
         moments = self.at(np.random.default_rng(0).random((count, self.dimensions)))
         good = _take(moments, np.flatnonzero(self.usable(moments)))
         share = np.zeros(len(u))
-        found = fields_per_star(u[possible], good.cam_from_icrs, self.base.shape, self.shadow(good))
-        share[possible] = found / count
+        counts = fields_per_star(u[possible], good.cam_from_icrs, self.base.shape, self.shadow(good))
+        share[possible] = counts / count
         return share
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:

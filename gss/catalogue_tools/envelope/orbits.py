@@ -142,7 +142,9 @@ def _check_epoch(satellite: Satrec) -> None:
     try:
         sat_epoch_datetime(satellite)
     except (ValueError, OverflowError) as error:
-        raise BadInput("the epoch of the TLE is no date", expected="a year and its day", got=str(error)) from None
+        raise BadInput(
+            "the epoch of the TLE is not a valid date", expected="a year and its day", got=str(error)
+        ) from None
 
 
 def _check_line(line: str) -> None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.envelope.field import PER_SIDE, FieldShape, Region
+from gss.catalogue_tools.envelope.field import PER_SIDE, FieldRegion, FieldShape
 from gss.domain.angles import Array
 
 # A direction closer than this to the edge of the visible sky counts as visible.
@@ -76,7 +76,7 @@ def reachable(
     unit: Array,
     base_from_pivot: Array,
     spin_rad: Array,
-    shape: Region,
+    shape: FieldRegion,
     cam_from_body: Array,
     low: Array,
     high: Array,
@@ -89,14 +89,14 @@ def reachable(
     its centre, or farther from the field than the box can turn it; otherwise it is halved. Exact to ``tolerance_rad``,
     with undecided directions counted as visible.
     """
-    found = np.zeros(len(unit), bool)
+    reached = np.zeros(len(unit), bool)
     half = np.concatenate([[np.ptp(spin_rad)], np.asarray(high) - low]) / 2
     centre = np.concatenate([[np.mean(spin_rad)], (np.asarray(high) + low) / 2])
     who, centres = np.arange(len(unit)), np.broadcast_to(centre, (len(unit), 4))
     off_axis = np.hypot(unit[:, 0], unit[:, 1])
     while len(who):
         if len(who) > MOST_BOXES:
-            found[who] = True
+            reached[who] = True
             break
         body = _turned(_spun(unit[who], centres[:, 0], base_from_pivot), centres[:, 1:])
         v = body @ cam_from_body.T
@@ -106,15 +106,15 @@ def reachable(
         # Yaw comes last, about body z, and hardly moves a direction near that axis.
         slack = other + half[3] * np.minimum(1.0, np.hypot(body[:, 0], body[:, 1]) + other)
         near = shape.may_be_within(v, slack)
-        found[who[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True
-        keep = near & ~found[who]
+        reached[who[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True
+        keep = near & ~reached[who]
         who, centres = who[keep], centres[keep]
         widest = int(np.argmax(half * [off_axis[who].max(initial=0.0), 1, 1, 1]))
         half[widest] /= 2
         step = np.zeros(4)
         step[widest] = half[widest]
         who, centres = np.concatenate([who, who]), np.concatenate([centres - step, centres + step])
-    return found
+    return reached
 
 
 def _spun(unit: Array, spin: Array, base_from_pivot: Array) -> Array:

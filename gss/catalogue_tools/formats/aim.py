@@ -12,24 +12,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.blocks import BlockField, Columns, Rows
 from gss.catalogue_tools.formats.header import BankHeader
 from gss.catalogue_tools.formats.layout import BankFormat, Content, check_range, from_millimag, to_millimag
 from gss.catalogue_tools.formats.oersted import no_distances
 from gss.domain.angles import ra_dec_from_unit, unit_from_ra_dec
-from gss.domain.bank_tables import BankTables
 from gss.domain.errors import BadInput
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.bank import BankTables
+from gss.skytables.pairs import DistanceTable
 
 UNIT_RAD = 2 * np.pi / 2**32
 POLE = 2**30
 STARS = Rows(
     "stars",
     (
-        Field("ra_turn32", "<u4", "turn/2³²", "right ascension, ICRS"),
-        Field("dec_turn32", "<i4", "turn/2³²", "declination, −2³⁰ to 2³⁰"),
-        Field("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
-        Field("flags", "<u1", "", "1 variable, 2 multiple, 4 no proper motion, 8 poor position"),
+        BlockField("ra_turn32", "<u4", "turn/2³²", "right ascension, ICRS"),
+        BlockField("dec_turn32", "<i4", "turn/2³²", "declination, −2³⁰ to 2³⁰"),
+        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
+        BlockField("flags", "<u1", "", "1 variable, 2 multiple, 4 no proper motion, 8 poor position"),
     ),
 )
 

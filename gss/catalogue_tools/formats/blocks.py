@@ -21,7 +21,7 @@ MOST_IN_A_ROW = 64
 
 
 @dataclass(frozen=True)
-class Field:
+class BlockField:
     """One number of a star or a pair: numpy's name of its type, unit ("" for none) and meaning."""
 
     name: str
@@ -55,7 +55,7 @@ class Rows:
     """Storage of one table in a format: consecutive records, consecutive columns, or bits packed into bytes."""
 
     table: str
-    fields: tuple[Field, ...]
+    fields: tuple[BlockField, ...]
     records: bool = False
     bits: tuple[int, ...] = ()
 
@@ -110,12 +110,12 @@ def _block_bytes(block: Block, columns: Columns) -> bytes:
 
 def to_columns(blocks: Sequence[Block], data: bytes | memoryview) -> Columns:
     """Decode columns by name from bytes, which must be at least as long as the blocks."""
-    found: Columns = {}
+    columns: Columns = {}
     at = 0
     for block in blocks:
-        found |= block_columns(block, bytes(data[at : at + block.size]))
+        columns |= block_columns(block, bytes(data[at : at + block.size]))
         at += block.size
-    return found
+    return columns
 
 
 def block_columns(block: Block, data: bytes) -> Columns:
@@ -145,11 +145,11 @@ def unpack_bits(packed: NDArray[np.uint8], bits: Sequence[int]) -> list[AnyArray
     whole = np.zeros((len(packed), 8), np.uint8)
     whole[:, : packed.shape[1]] = packed
     word = whole.view("<u8")[:, 0]
-    found, shift = [], 0
+    values, shift = [], 0
     for width in bits:
-        found.append(((word >> np.uint64(shift)) & np.uint64((1 << width) - 1)).astype(np.uint16))
+        values.append(((word >> np.uint64(shift)) & np.uint64((1 << width) - 1)).astype(np.uint16))
         shift += width
-    return found
+    return values
 
 
 def raw(data_or_size: int, name: str = "") -> Block:

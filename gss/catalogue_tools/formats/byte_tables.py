@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.catalogue_tools.formats.blocks import Field, Rows
+from gss.catalogue_tools.formats.blocks import BlockField, Rows
 from gss.catalogue_tools.formats.header import HEADER_BYTES
 from gss.catalogue_tools.formats.layout import BankFormat
 from gss.catalogue_tools.formats.sections import SECTIONS
@@ -63,7 +63,7 @@ def _packed(rows: Rows, count: str, at: _Place) -> str:
     return f"| {at} + {rows.row_bytes}i | u8[{rows.row_bytes}] | entry | | {'; '.join(parts)} |"
 
 
-def _line(where: str, kind: str, f: Field) -> str:
+def _line(where: str, kind: str, f: BlockField) -> str:
     return f"| {where} | {kind} | {f.name} | {f.unit} | {f.meaning} |"
 
 

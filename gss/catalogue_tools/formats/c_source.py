@@ -113,12 +113,12 @@ def read_c_source(text: str) -> bytes:
 
     BadInput if the text is not such a source, CorruptData if a number was changed.
     """
-    found = LAYOUT.search(text)
-    if found is None:
+    header = LAYOUT.search(text)
+    if header is None:
         raise BadInput("not a catalogue in C source", expected="the gss-layout line of its first comment")
     arrays = dict(ARRAY.findall(COMMENT.sub("", text)))
     try:
-        layout = [(str(n), dtype_of(d, shape), int(count)) for n, d, shape, count in json.loads(found[1])]
+        layout = [(str(n), dtype_of(d, shape), int(count)) for n, d, shape, count in json.loads(header[1])]
     except (ValueError, TypeError, OverflowError, RecursionError) as error:
         raise CorruptData("the layout line of the C source is damaged", expected="a list", got=str(error)) from None
     image = b"".join(_parsed(name, dtype, count, arrays.get(name)).tobytes() for name, dtype, count in layout)
@@ -139,7 +139,7 @@ def _parsed(name: str, dtype: np.dtype, count: int, text: str | None) -> AnyArra
             return rows
         return _values(numbers, dtype.base)
     except (ValueError, OverflowError) as error:
-        raise CorruptData(f"array {name} holds what is no number of its type", got=str(error)) from None
+        raise CorruptData(f"array {name} contains a value that is not a number of its type", got=str(error)) from None
 
 
 def _values(numbers: list[str], dtype: np.dtype) -> AnyArray:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from gss.catalogue_tools.formats.layout import BankFormat
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.pairs import DistanceTable
 
 NORM_TOLERANCE = 1e-5
 
@@ -21,7 +22,7 @@ def check_stars(fmt: BankFormat, stars: StarTable) -> None:
             hint="a brighter magnitude limit or a smaller envelope",
         )
     if len(stars) and not np.all(np.abs(np.linalg.norm(stars.icrs, axis=1) - 1) < NORM_TOLERANCE):
-        raise BadInput("a star's direction is no unit vector", expected="length 1", got=f"row {_worst(stars.icrs)}")
+        raise BadInput("a star's direction is not a unit vector", expected="length 1", got=f"row {_worst(stars.icrs)}")
 
 
 def check_pairs(fmt: BankFormat, stars: int, distances: DistanceTable) -> None:
@@ -45,7 +46,7 @@ def check_content(icrs: NDArray[np.floating], distances: DistanceTable, stars: i
     """Raise CorruptData if decoded directions or pairs are not valid; a correct CRC does not guarantee this."""
     norm = np.linalg.norm(icrs.astype(float), axis=1)
     if not np.all(np.abs(norm - 1) < NORM_TOLERANCE):
-        raise CorruptData("a star's direction is no unit vector", expected="length 1", got=f"row {_worst(icrs)}")
+        raise CorruptData("a star's direction is not a unit vector", expected="length 1", got=f"row {_worst(icrs)}")
     ends = np.stack([distances.first, distances.second])
     if ends.size and (ends.min() < 0 or ends.max() >= stars or np.any(ends[0] == ends[1])):
         raise CorruptData("a pair names a star that is not in the list", expected=f"0 to {stars - 1}, two different")

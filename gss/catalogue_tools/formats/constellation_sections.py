@@ -9,7 +9,7 @@ import numpy as np
 
 from gss.catalogue_tools.formats.blocks import Block, Columns, to_columns
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.triplets import MOST_ANGLE, MOST_DISTANCE, Constellations, TripletClasses
+from gss.skytables.triplets import MOST_ANGLE, MOST_DISTANCE, Constellations, TripletClasses
 
 CONSTELLATION_KINDS = {"TCER": 0, "TMAY": 1, "TEXC": 2}
 NAMES = ("certain", "maybe", "exchanged")

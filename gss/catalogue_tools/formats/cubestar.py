@@ -9,27 +9,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.blocks import BlockField, Columns, Rows
 from gss.catalogue_tools.formats.header import BankHeader
 from gss.catalogue_tools.formats.layout import BankFormat, Content
 from gss.domain.errors import CorruptData
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.pairs import DistanceTable
 
 STARS = Rows(
     "stars",
     (
-        Field("id", "<i2", "", "number of the row, from 0"),
-        Field("x", "<f4", "", "ICRS unit vector"),
-        Field("y", "<f4", "", "ICRS unit vector"),
-        Field("z", "<f4", "", "ICRS unit vector"),
+        BlockField("id", "<i2", "", "number of the row, from 0"),
+        BlockField("x", "<f4", "", "ICRS unit vector"),
+        BlockField("y", "<f4", "", "ICRS unit vector"),
+        BlockField("z", "<f4", "", "ICRS unit vector"),
     ),
 )
 PAIRS = Rows(
     "pairs",
     (
-        Field("first", "<i2", "", "row of the one star"),
-        Field("second", "<i2", "", "row of the other, higher"),
-        Field("distance_rad", "<f4", "rad", "angular distance, ascending"),
+        BlockField("first", "<i2", "", "row of the one star"),
+        BlockField("second", "<i2", "", "row of the other, higher"),
+        BlockField("distance_rad", "<f4", "rad", "angular distance, ascending"),
     ),
 )
 

@@ -11,18 +11,19 @@ from __future__ import annotations
 import numpy as np
 
 from gss.catalogue_tools.formats import vector_list
-from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.blocks import BlockField, Columns, Rows
 from gss.catalogue_tools.formats.header import BankHeader
 from gss.catalogue_tools.formats.layout import BankFormat, Content, check_range
-from gss.domain.bank_tables import BankTables
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.bank import BankTables
+from gss.skytables.pairs import DistanceTable
 
 PAIRS = Rows(
     "pairs",
     (
-        Field("first", "<u2", "", "row of the one star"),
-        Field("second", "<u2", "", "row of the other, higher"),
-        Field("sin2", "<f4", "", "sin² of the angular distance, ascending"),
+        BlockField("first", "<u2", "", "row of the one star"),
+        BlockField("second", "<u2", "", "row of the other, higher"),
+        BlockField("sin2", "<f4", "", "sin² of the angular distance, ascending"),
     ),
 )
 

@@ -80,10 +80,10 @@ def unpack_header(image: bytes, names: dict[int, str]) -> BankHeader:
     if magic != MAGIC:
         raise CorruptData("not a bank image", expected=f"magic {MAGIC!r}", got=repr(magic))
     (header_crc,) = struct.unpack_from("<I", image, HEADER.size)
-    found = zlib.crc32(image[: HEADER.size])
-    if header_crc != found:
+    computed_crc = zlib.crc32(image[: HEADER.size])
+    if header_crc != computed_crc:
         raise CorruptData(
-            "the header of the bank image is damaged", expected=f"CRC-32 {found:08x}", got=f"{header_crc:08x}"
+            "the header of the bank image is damaged", expected=f"CRC-32 {computed_crc:08x}", got=f"{header_crc:08x}"
         )
     if version not in (HEADER_VERSION, SECTIONS_VERSION) or length != HEADER_BYTES or number not in names:
         raise CorruptData(

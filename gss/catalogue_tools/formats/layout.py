@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from gss.catalogue_tools.formats.blocks import Block, Columns, Rows
 from gss.catalogue_tools.formats.header import BankHeader
-from gss.domain.bank_tables import NO_TABLES, BankTables
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.bank import NO_TABLES, BankTables
+from gss.skytables.pairs import DistanceTable
 
 
 @dataclass(frozen=True)
@@ -80,9 +81,9 @@ NO_MAGNITUDE = -(1 << 15)
 
 def to_millimag(v_mag: NDArray[np.floating]) -> NDArray[np.int16]:
     """i16, thousandths of a magnitude."""
-    known = np.isfinite(v_mag)
-    steps = whole_numbers("a magnitude", np.where(known, v_mag, 0.0), 1e-3, NO_MAGNITUDE + 1, -NO_MAGNITUDE - 1)
-    return np.where(known, steps, NO_MAGNITUDE).astype(np.int16)
+    finite = np.isfinite(v_mag)
+    steps = whole_numbers("a magnitude", np.where(finite, v_mag, 0.0), 1e-3, NO_MAGNITUDE + 1, -NO_MAGNITUDE - 1)
+    return np.where(finite, steps, NO_MAGNITUDE).astype(np.int16)
 
 
 def from_millimag(steps: NDArray[np.int16]) -> NDArray[np.float32]:

@@ -16,7 +16,8 @@ from gss.catalogue_tools.formats import vector_list
 from gss.catalogue_tools.formats.blocks import Columns
 from gss.catalogue_tools.formats.header import BankHeader
 from gss.catalogue_tools.formats.layout import BankFormat, Content
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.pairs import DistanceTable
 
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:

@@ -11,15 +11,16 @@ from gss.catalogue_tools.formats.blocks import Columns
 from gss.catalogue_tools.formats.layout import BankFormat
 from gss.catalogue_tools.formats.section_contents import line_index
 from gss.catalogue_tools.selection.uniform_density import reduce_catalogue, survey_attitudes
-from gss.domain.bank_tables import BankTables, ReducedCatalogue, ReducedFrame
 from gss.domain.camera import Camera
-from gss.domain.neighbours import neighbour_links
-from gss.domain.stars import DistanceTable, StarTable
-from gss.domain.triplets import Constellations, TripletClasses, faintest_mag, find_constellations
+from gss.domain.stars import StarTable
+from gss.skytables.bank import BankTables, ReducedCatalogue, ReducedFrame
+from gss.skytables.neighbours import neighbour_links
+from gss.skytables.pairs import DistanceTable
+from gss.skytables.triplets import Constellations, TripletClasses, faintest_mag, find_constellations
 
-# Liebe 1992: 3′ (1.39 px of its camera), 5° and 25 %; the blend distance of three pixels is chosen.
+# Liebe 1992: 3′ (1.08 px of its camera), 5° and 25 %; the blend distance of three pixels is chosen.
 DOCUMENT_UNCERTAINTY_RAD = float(np.radians(0.05))
-UNCERTAINTY_PX = DOCUMENT_UNCERTAINTY_RAD / 6.287e-4
+UNCERTAINTY_PX = DOCUMENT_UNCERTAINTY_RAD / 8.073e-4
 ANGLE_CLASS_RAD = float(np.radians(5.0))
 BRIGHTNESS_ERROR = 0.25
 BLEND_PX = 3.0
@@ -55,9 +56,9 @@ def tables_for(
     tables = BankTables()
     frame = reduced if reduced is not None or format_name != "far-mst" else frame_of(camera)
     if frame is not None:
-        kept = frame if isinstance(frame, ReducedCatalogue) else reduced_catalogue(stars, frame)
-        tables = replace(tables, reduced=kept)
-        distances = pairs_among(distances, kept)
+        catalogue = frame if isinstance(frame, ReducedCatalogue) else reduced_catalogue(stars, frame)
+        tables = replace(tables, reduced=catalogue)
+        distances = pairs_among(distances, catalogue)
     if format_name in ("oersted", "aim"):
         none = np.empty(0, np.int32)
         distances = DistanceTable(none, none, np.empty(0), distances.min_rad, distances.max_rad)
@@ -78,9 +79,9 @@ def constellations_of(
 
     ``limit_mag`` None: as faint as the list allows, which must reach 25 % below the limit in brightness.
     """
-    known = stars.v_mag[np.isfinite(stars.v_mag)]
+    finite_mag = stars.v_mag[np.isfinite(stars.v_mag)]
     if limit_mag is None:
-        limit_mag = (float(known.max()) if len(known) else 99.0) - faintest_mag(0.0, BRIGHTNESS_ERROR)
+        limit_mag = (float(finite_mag.max()) if len(finite_mag) else 99.0) - faintest_mag(0.0, BRIGHTNESS_ERROR)
     return find_constellations(
         stars.icrs,
         stars.v_mag,
@@ -101,8 +102,8 @@ def frame_of(camera: Camera, step_rad: float = float(np.radians(1.0))) -> Reduce
 def reduced_catalogue(stars: StarTable, frame: ReducedFrame) -> ReducedCatalogue:
     """Select the brightest stars of every upright frame."""
     shape = FieldShape(frame_camera(frame))
-    kept = reduce_catalogue(stars, shape, survey_attitudes(frame.step_rad), frame.brightest).kept
-    return ReducedCatalogue(kept, frame)
+    rows = reduce_catalogue(stars, shape, survey_attitudes(frame.step_rad), frame.brightest).kept
+    return ReducedCatalogue(rows, frame)
 
 
 def frame_camera(frame: ReducedFrame) -> Camera:

@@ -20,9 +20,10 @@ from gss.catalogue_tools.formats.layout import BankFormat
 from gss.catalogue_tools.formats.own_tables import completed
 from gss.catalogue_tools.formats.sections import read_sections, section_blocks, sections_end, walk, write_sections
 from gss.domain.angles import separation_rad
-from gss.domain.bank_tables import NO_TABLES, BankTables
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.stars import DistanceTable, Ids, OnboardCatalogue, StarTable
+from gss.domain.stars import Ids, StarTable
+from gss.skytables.bank import NO_TABLES, BankTables, OnboardCatalogue
+from gss.skytables.pairs import DistanceTable
 
 BY_NAME: dict[str, BankFormat] = {m.FORMAT.name: m.FORMAT for m in (cubestar, sunsat, sunsat_5, far_mst, oersted, aim)}
 FORMATS = {name: f.number for name, f in BY_NAME.items()}
@@ -60,12 +61,6 @@ def base_format(name: str) -> str:
     """Return the binary format that a C format writes as source: "cubestar-c" is cubestar; other names are returned
     unchanged."""
     return check_format(name.removesuffix(C_SUFFIX))
-
-
-def own_format(profile_name: str) -> str:
-    """Return the format of a profile's native system; CubeStar's if it has none."""
-    name = profile_name.replace("_", "-")
-    return name if name in BY_NAME else cubestar.FORMAT.name
 
 
 def core_bytes(format_name: str, stars: int, pairs: int) -> int:
@@ -179,10 +174,10 @@ def decode(image: bytes, hip: Ids | None = None) -> OnboardCatalogue:
 
 def _checked_end(image: bytes, header: BankHeader) -> int:
     total = image_end(image, header)
-    found = zlib.crc32(memoryview(image)[HEADER_BYTES:total])
-    if found != header.body_crc32:
+    crc = zlib.crc32(memoryview(image)[HEADER_BYTES:total])
+    if crc != header.body_crc32:
         raise CorruptData(
-            "the body of the bank image is damaged", expected=f"CRC-32 {header.body_crc32:08x}", got=f"{found:08x}"
+            "the body of the bank image is damaged", expected=f"CRC-32 {header.body_crc32:08x}", got=f"{crc:08x}"
         )
     return total
 
@@ -240,10 +235,10 @@ def stars_of(catalogue: OnboardCatalogue, epoch_jyear: float) -> StarTable:
 
 def encoded_again(image: bytes) -> bytes:
     """Encode the decoded content of an image; returns the same bytes."""
-    header, found = read_header(image), decode(image)
-    stars = stars_of(found, header.epoch_jyear)
-    tables = replace(found.tables, flags=None)
-    return encode(stars, found.distances, header.format_name, header.profile_name, header.profile_hash, tables)
+    header, decoded = read_header(image), decode(image)
+    stars = stars_of(decoded, header.epoch_jyear)
+    tables = replace(decoded.tables, flags=None)
+    return encode(stars, decoded.distances, header.format_name, header.profile_name, header.profile_hash, tables)
 
 
 def quantisation_error(stars: StarTable, distances: DistanceTable, image: bytes) -> QuantisationError:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.formats.blocks import Block, to_bytes, to_columns
-from gss.catalogue_tools.tables.kvector import k_vector
-from gss.domain.bank_tables import BankTables, LineIndex, ReducedCatalogue, ReducedFrame
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.neighbours import NeighbourLinks
+from gss.skytables.bank import BankTables, ReducedCatalogue, ReducedFrame
+from gss.skytables.kvector import KVector, k_vector
+from gss.skytables.neighbours import NeighbourLinks
 
 WIDE = 1 << 16
 FRAME = [("width_rad", "<f4"), ("height_rad", "<f4"), ("step_rad", "<f4"), ("brightest", "<u4")]
@@ -20,12 +20,11 @@ LINE = [("start", "<f8"), ("step", "<f8")]
 # --- k-vector: f64 start, f64 step, then one count per pair: u16 if the number of pairs fits, else u32 ---
 
 
-def line_index(values: NDArray[np.floating]) -> LineIndex | None:
+def line_index(values: NDArray[np.floating]) -> KVector | None:
     """Return the k-vector of ascending values; None if there are fewer than two different ones."""
     if len(values) < 2 or not values[-1] > values[0]:
         return None
-    made = k_vector(np.asarray(values, float))
-    return LineIndex(made.k, made.intercept_rad, made.slope_rad)
+    return k_vector(values)
 
 
 def k_blocks(size: int, stars: int, pairs: int) -> tuple[Block, ...]:
@@ -45,7 +44,7 @@ def write_k(tables: BankTables, stars: int, pairs: int) -> bytes | None:
 
 def read_k(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankTables:
     c = to_columns(k_blocks(len(data), stars, pairs), data)
-    return replace(tables, index=LineIndex(c["k"].astype(np.int32), float(c["start"][0]), float(c["step"][0])))
+    return replace(tables, index=KVector(c["k"].astype(np.int32), float(c["start"][0]), float(c["step"][0])))
 
 
 # --- reduced catalogue: its frame, then one bit per star, the first in the lowest bit of the first byte ---
@@ -58,11 +57,11 @@ def reduced_blocks(size: int, stars: int, pairs: int) -> tuple[Block, ...]:
 def write_reduced(tables: BankTables, stars: int, pairs: int) -> bytes | None:
     if tables.reduced is None:
         return None
-    kept, frame = tables.reduced.kept, tables.reduced.frame
-    if len(kept) != stars:
-        raise BadInput("the reduced catalogue is of another list", expected=f"{stars} stars", got=str(len(kept)))
+    rows, frame = tables.reduced.kept, tables.reduced.frame
+    if len(rows) != stars:
+        raise BadInput("the reduced catalogue is of another list", expected=f"{stars} stars", got=str(len(rows)))
     columns = {name: np.array([getattr(frame, name)]) for name, _ in FRAME}
-    return to_bytes(reduced_blocks(0, stars, pairs), columns | {"kept_bits": np.packbits(kept, bitorder="little")})
+    return to_bytes(reduced_blocks(0, stars, pairs), columns | {"kept_bits": np.packbits(rows, bitorder="little")})
 
 
 def read_reduced(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankTables:
@@ -103,7 +102,7 @@ def read_links(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankT
     if start[-1] != len(near) or not np.array_equal(pointer, start[:-1]):
         raise CorruptData("the pointers of the linked list do not fit its counts", expected=f"{len(near)} neighbours")
     owner = np.repeat(np.arange(stars), count)
-    there, back = owner * stars + near, np.sort(near * stars + owner)
-    if len(near) and (near.max() >= stars or np.any(there[1:] <= there[:-1]) or not np.array_equal(there, back)):
+    forward, back = owner * stars + near, np.sort(near * stars + owner)
+    if len(near) and (near.max() >= stars or np.any(forward[1:] <= forward[:-1]) or not np.array_equal(forward, back)):
         raise CorruptData("a link has no other end", expected="every neighbour once at both stars, ascending")
     return replace(tables, links=NeighbourLinks(start, near))

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gss.catalogue_tools.formats.blocks import Block, Field, padding, raw, to_bytes, u32
+from gss.catalogue_tools.formats.blocks import Block, BlockField, padding, raw, to_bytes, u32
 from gss.catalogue_tools.formats.constellation_sections import (
     CONSTELLATION_KINDS,
     class_blocks,
@@ -37,9 +37,9 @@ from gss.catalogue_tools.formats.section_contents import (
     write_links,
     write_reduced,
 )
-from gss.domain.bank_tables import BankTables
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.stars import DistanceTable
+from gss.skytables.bank import BankTables
+from gss.skytables.pairs import DistanceTable
 
 MAGIC = b"GSSX"
 HEAD_BYTES = 8
@@ -64,7 +64,7 @@ def _write_classes(tables: BankTables, stars: int, pairs: int) -> bytes | None:
 
 
 @dataclass(frozen=True)
-class Section:
+class SectionType:
     """One kind of section. ``write``: (tables, stars, pairs) to content, None if there is none. ``blocks``: from
     (bytes of content, stars, pairs)."""
 
@@ -72,73 +72,73 @@ class Section:
     title: str
     write: Callable[[BankTables, int, int], bytes | None]
     blocks: Callable[[int, int, int], tuple[Block, ...]]
-    fields: tuple[Field, ...]
+    fields: tuple[BlockField, ...]
 
 
-def _kind_section(tag: str, title: str, kind: int) -> Section:
+def _kind_section(tag: str, title: str, kind: int) -> SectionType:
     fields = (
-        Field("star", "<u2", "", "row of the star"),
-        Field("first", "<u2", "", "class of the distance to the nearest neighbour"),
-        Field("second", "<u2", "", "class of the distance to the second nearest"),
-        Field("angle_low", "<u1", "", "lowest class of the angle between them"),
-        Field("angle_high", "<u1", "", "highest class"),
+        BlockField("star", "<u2", "", "row of the star"),
+        BlockField("first", "<u2", "", "class of the distance to the nearest neighbour"),
+        BlockField("second", "<u2", "", "class of the distance to the second nearest"),
+        BlockField("angle_low", "<u1", "", "lowest class of the angle between them"),
+        BlockField("angle_high", "<u1", "", "highest class"),
     )
-    return Section(tag, title, _write_kind(kind), lambda size, n, m: constellation_blocks(kind, size // 8), fields)
+    return SectionType(tag, title, _write_kind(kind), lambda size, n, m: constellation_blocks(kind, size // 8), fields)
 
 
-SECTIONS: dict[str, Section] = {
+SECTIONS: dict[str, SectionType] = {
     s.tag: s
     for s in (
-        Section(
+        SectionType(
             "KVEC",
             "k-vector of the pairs",
             write_k,
             k_blocks,
             (
-                Field("start", "<f8", "", "the line's value at 0 (rad, or sin² in far-mst)"),
-                Field("step", "<f8", "", "its rise from one entry to the next"),
-                Field("k", "<u2 or <u4", "", "m counts: pairs not above the line; u32 from 65 536 pairs"),
+                BlockField("start", "<f8", "", "the line's value at 0 (rad, or sin² in far-mst)"),
+                BlockField("step", "<f8", "", "its rise from one entry to the next"),
+                BlockField("k", "<u2 or <u4", "", "m counts: pairs not above the line; u32 from 65 536 pairs"),
             ),
         ),
-        Section(
+        SectionType(
             "REDU",
             "reduced catalogue and its frame (Huffman 2006 §5.5.4)",
             write_reduced,
             reduced_blocks,
             (
-                Field("width_rad", "<f4", "rad", "width of the frame"),
-                Field("height_rad", "<f4", "rad", "height of the frame"),
-                Field("step_rad", "<f4", "rad", "between pointings"),
-                Field("brightest", "<u4", "", "stars taken of each frame"),
-                Field("kept_bits", "<u1", "", "⌈n/8⌉ bytes, a bit per star, lowest first"),
+                BlockField("width_rad", "<f4", "rad", "width of the frame"),
+                BlockField("height_rad", "<f4", "rad", "height of the frame"),
+                BlockField("step_rad", "<f4", "rad", "between pointings"),
+                BlockField("brightest", "<u4", "", "stars taken of each frame"),
+                BlockField("kept_bits", "<u1", "", "⌈n/8⌉ bytes, a bit per star, lowest first"),
             ),
         ),
-        Section(
+        SectionType(
             "TCLS",
             "classes of the triplets (Liebe 1992)",
             _write_classes,
             lambda size, n, m: class_blocks(),
             (
-                Field("distance_rad", "<f8", "rad", "width of a class of distances"),
-                Field("angle_rad", "<f8", "rad", "width of a class of angles"),
-                Field("uncertainty_rad", "<f8", "rad", "largest error of one star's position"),
-                Field("limit_mag", "<f8", "mag", "magnitude at which a star is seen every second time"),
-                Field("brightness_error", "<f8", "", "uncertainty of brightness, share"),
-                Field("max_rad", "<f8", "rad", "largest distance of a neighbour"),
+                BlockField("distance_rad", "<f8", "rad", "width of a class of distances"),
+                BlockField("angle_rad", "<f8", "rad", "width of a class of angles"),
+                BlockField("uncertainty_rad", "<f8", "rad", "largest error of one star's position"),
+                BlockField("limit_mag", "<f8", "mag", "magnitude at which a star is seen every second time"),
+                BlockField("brightness_error", "<f8", "", "uncertainty of brightness, share"),
+                BlockField("max_rad", "<f8", "rad", "largest distance of a neighbour"),
             ),
         ),
         _kind_section("TCER", "triplets of stars that are always seen", 0),
         _kind_section("TMAY", "triplets with a neighbour that may be missed or blends", 1),
         _kind_section("TEXC", "triplets that an error of position brings about", 2),
-        Section(
+        SectionType(
             "LINK",
             "linked list of neighbours (Moniteq 1983 §6.1)",
             write_links,
             link_blocks,
             (
-                Field("count", "<u2", "", "n counts of neighbours"),
-                Field("pointer", "<u2", "", "n places of the first neighbour"),
-                Field("neighbour", "<u2", "", "rows of the neighbours, ascending for each star"),
+                BlockField("count", "<u2", "", "n counts of neighbours"),
+                BlockField("pointer", "<u2", "", "n places of the first neighbour"),
+                BlockField("neighbour", "<u2", "", "rows of the neighbours, ascending for each star"),
             ),
         ),
     )

@@ -9,28 +9,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.blocks import BlockField, Columns, Rows
 from gss.catalogue_tools.formats.cubestar import distances_of
 from gss.catalogue_tools.formats.header import BankHeader
 from gss.catalogue_tools.formats.layout import BankFormat, Content, check_range
 from gss.domain.angles import ra_dec_from_unit, unit_from_ra_dec
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.pairs import DistanceTable
 
 STARS = Rows(
     "stars",
     (
-        Field("ra_rad", "<f4", "rad", "right ascension, ICRS, 0 to 2π"),
-        Field("dec_rad", "<f4", "rad", "declination"),
-        Field("v_mag", "<f4", "mag", "magnitude V, NaN where unknown"),
+        BlockField("ra_rad", "<f4", "rad", "right ascension, ICRS, 0 to 2π"),
+        BlockField("dec_rad", "<f4", "rad", "declination"),
+        BlockField("v_mag", "<f4", "mag", "magnitude V, NaN where unknown"),
     ),
     records=True,
 )
 PAIRS = Rows(
     "pairs",
     (
-        Field("first", "<u2", "", "row of the one star"),
-        Field("second", "<u2", "", "row of the other, higher"),
-        Field("distance_rad", "<f4", "rad", "angular distance, ascending"),
+        BlockField("first", "<u2", "", "row of the one star"),
+        BlockField("second", "<u2", "", "row of the other, higher"),
+        BlockField("distance_rad", "<f4", "rad", "angular distance, ascending"),
     ),
     records=True,
 )

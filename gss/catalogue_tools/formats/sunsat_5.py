@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.formats import sunsat
-from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.blocks import BlockField, Columns, Rows
 from gss.catalogue_tools.formats.header import BankHeader
 from gss.catalogue_tools.formats.layout import BankFormat, Content, whole_numbers
 from gss.domain.errors import CorruptData
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.pairs import DistanceTable
 
 STEP_RAD = 50e-6
 BITS = 13
@@ -26,10 +27,10 @@ MOST_STEPS = (1 << BITS) - 1
 PAIRS = Rows(
     "pairs",
     (
-        Field("first", "u13", "", "row of the one star"),
-        Field("second", "u13", "", "row of the other, higher"),
-        Field("steps", "u13", "50 µrad", "angular distance, ascending"),
-        Field("zero", "u1", "", "always 0"),
+        BlockField("first", "u13", "", "row of the one star"),
+        BlockField("second", "u13", "", "row of the other, higher"),
+        BlockField("steps", "u13", "50 µrad", "angular distance, ascending"),
+        BlockField("zero", "u1", "", "always 0"),
     ),
     bits=(BITS, BITS, BITS, 1),
 )

@@ -8,17 +8,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.formats.blocks import Columns, Field, Rows
+from gss.catalogue_tools.formats.blocks import BlockField, Columns, Rows
 from gss.catalogue_tools.formats.layout import from_millimag, to_millimag
 from gss.domain.stars import StarTable
 
 STARS = Rows(
     "stars",
     (
-        Field("x", "<f4", "", "ICRS unit vector"),
-        Field("y", "<f4", "", "ICRS unit vector"),
-        Field("z", "<f4", "", "ICRS unit vector"),
-        Field("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
+        BlockField("x", "<f4", "", "ICRS unit vector"),
+        BlockField("y", "<f4", "", "ICRS unit vector"),
+        BlockField("z", "<f4", "", "ICRS unit vector"),
+        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
     ),
 )
 

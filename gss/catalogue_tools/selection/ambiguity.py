@@ -22,6 +22,7 @@ from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.catalogue_tools.envelope.healpix import centres
 from gss.domain.angles import Array, separation_rad
 from gss.domain.errors import BadInput
+from gss.skytables.pairs import distance_table_of_units, expanded
 
 BRIGHTEST = 6
 BLOCK = 4096
@@ -101,9 +102,9 @@ def ambiguity_map(
     if not len(inside) or not len(unit):
         stars[inside], triangles[inside] = 0, np.inf
         return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
-    found = cKDTree(unit).query_ball_point(places[inside], 2 * np.sin(radius_rad / 2), return_sorted=True)
-    stars[inside] = [len(f) for f in found]
-    trios = [list(combinations(f[:brightest], 3)) for f in found]
+    near = cKDTree(unit).query_ball_point(places[inside], 2 * np.sin(radius_rad / 2), return_sorted=True)
+    stars[inside] = [len(f) for f in near]
+    trios = [list(combinations(f[:brightest], 3)) for f in near]
     owner = np.repeat(inside, [len(t) for t in trios])
     triangles[inside] = np.inf
     if not len(owner):
@@ -152,49 +153,32 @@ class _Neighbours:
     """Neighbours of every star by distance, in one list sorted by star number and distance."""
 
     def __init__(self, unit: Array, max_rad: float) -> None:
-        near = cKDTree(unit).query_pairs(2 * np.sin(min(max_rad, np.pi) / 2), output_type="ndarray")
-        one, two = near.T if len(near) else np.empty((2, 0), np.intp)
-        distance = separation_rad(unit[one], unit[two]) if len(near) else np.empty(0)
-        self.by_distance = np.sort(distance)
-        order = np.argsort(distance)
-        self.first, self.second = one[order], two[order]
-        whole = np.concatenate([one, two]) * 4.0 + np.concatenate([distance, distance])
+        self.pairs = distance_table_of_units(unit, 0.0, min(max_rad, np.pi))
+        first, second, distance = self.pairs.first, self.pairs.second, self.pairs.distance_rad
+        whole = np.concatenate([first, second]) * 4.0 + np.concatenate([distance, distance])
         sort = np.argsort(whole)
-        self.key, self.neighbour = whole[sort], np.concatenate([two, one])[sort]
-
-    def range_like(self, side: Array, tolerance_rad: float) -> tuple[Rows, Rows]:
-        """(m,) first and past-the-end index in the table of the pairs with that length, within the tolerance."""
-        low = np.searchsorted(self.by_distance, side - tolerance_rad, "left")
-        return low, np.searchsorted(self.by_distance, side + tolerance_rad, "right")
+        self.key, self.neighbour = whole[sort], np.concatenate([second, first])[sort]
 
     def pairs_like(self, side: Array, tolerance_rad: float) -> Array:
         """(m,) number of pairs with that length, within the tolerance."""
-        low, high = self.range_like(side, tolerance_rad)
+        low, high = self.pairs.ranges(side - tolerance_rad, side + tolerance_rad)
         return np.asarray(high - low, float)
 
 
 def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Array], tolerance_rad: float) -> Array:
     """(m,) number of other triangles that match each one: find pairs that match the first side, in both directions,
     then third stars by the second side, then check the third side."""
-    low, high = table.range_like(sides[0], tolerance_rad)
-    who, row = _expanded(low, high)
+    who, row = expanded(*table.pairs.ranges(sides[0] - tolerance_rad, sides[0] + tolerance_rad))
     who = np.concatenate([who, who])
-    i = np.concatenate([table.first[row], table.second[row]])
-    j = np.concatenate([table.second[row], table.first[row]])
-    wanted = i * 4.0 + sides[1][who]
-    step, at = _expanded(
-        np.searchsorted(table.key, wanted - tolerance_rad), np.searchsorted(table.key, wanted + tolerance_rad)
+    i = np.concatenate([table.pairs.first[row], table.pairs.second[row]])
+    j = np.concatenate([table.pairs.second[row], table.pairs.first[row]])
+    keys = i * 4.0 + sides[1][who]
+    step, at = expanded(
+        np.searchsorted(table.key, keys - tolerance_rad), np.searchsorted(table.key, keys + tolerance_rad)
     )
     who, i, j, k = who[step], i[step], j[step], table.neighbour[at]
     like = (np.abs(separation_rad(unit[j], unit[k]) - sides[2][who]) <= tolerance_rad) & (j != k)
-    who, found = who[like], np.stack([i[like], j[like], k[like]], axis=-1)
-    other = (np.sort(found, axis=1) != np.sort(trios[who], axis=1)).any(axis=1)
-    named = np.unique(np.column_stack([who[other], np.sort(found[other], axis=1)]), axis=0)
+    who, triangles = who[like], np.stack([i[like], j[like], k[like]], axis=-1)
+    other = (np.sort(triangles, axis=1) != np.sort(trios[who], axis=1)).any(axis=1)
+    named = np.unique(np.column_stack([who[other], np.sort(triangles[other], axis=1)]), axis=0)
     return np.bincount(named[:, 0], minlength=len(trios)).astype(float)
-
-
-def _expanded(low: Rows, high: Rows) -> tuple[Rows, Rows]:
-    """Index of every element of (m,) ranges, and the range that each belongs to. Returned as (range, index)."""
-    count = np.maximum(high - low, 0)
-    who = np.repeat(np.arange(len(low)), count)
-    return who, np.arange(len(who)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(low, count)

@@ -1,4 +1,4 @@
-"""Assess a catalogue before it goes on board: stars per field, ambiguity, lifetime, map, planets in the envelope."""
+"""Assess a catalogue before upload: stars per field, ambiguity, lifetime, map, planets in the envelope."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.catalogue_tools.envelope.healpix import centres
 from gss.catalogue_tools.envelope.lifetime import Lifetime
 from gss.catalogue_tools.envelope.occultation import OccultedEnvelope
-from gss.catalogue_tools.plan import Plan
+from gss.catalogue_tools.plan import BuildPlan
 from gss.catalogue_tools.selection.ambiguity import AmbiguityMap, ambiguity_map
 from gss.catalogue_tools.selection.quality import Quality, assess
 from gss.domain.angles import Array, ra_dec_from_unit
-from gss.domain.stars import DistanceTable, StarTable
+from gss.domain.stars import StarTable
+from gss.skytables.pairs import DistanceTable
 
 MAP_NSIDE = 32
 AMBIGUITY_NSIDE = 16
@@ -38,7 +39,7 @@ class EnvelopeMap:
 
 
 @dataclass(frozen=True)
-class Wanderer:
+class MovingBody:
     """The Sun, or a body that is in the envelope at some time.
 
     ``track``: (k, 3) ICRS from first to last day. ``share``: fraction of the days on which it is in the envelope.
@@ -60,7 +61,7 @@ class Assessment:
     ambiguity: AmbiguityMap | None
     lifetime: Lifetime
     blinded: dict[str, float]
-    wanderers: tuple[Wanderer, ...]
+    wanderers: tuple[MovingBody, ...]
 
     def facts(self) -> dict[str, Any]:
         """Plain values for the manifest."""
@@ -75,24 +76,24 @@ class Assessment:
 
 
 def assess_catalogue(
-    p: Plan, kept: StarTable, distances: DistanceTable, directory: StarTable | None = None
+    p: BuildPlan, stars: StarTable, distances: DistanceTable, directory: StarTable | None = None
 ) -> Assessment:
     """Assess the stars in ICRS axes and their distances over the whole envelope of the plan.
 
     ``directory``: the stars that the device searches, among which confusion is possible; None: all.
     """
     rng = np.random.default_rng(p.request.seed)
-    quality = assess(kept.icrs, p.envelope, p.shape, p.request.pointings, rng, distances, _tolerance_rad(p))
-    mistakes = ambiguity(p, p.envelope, kept if directory is None else directory, AMBIGUITY_NSIDE)
+    quality = assess(stars.icrs, p.envelope, p.shape, p.request.pointings, rng, distances, _tolerance_rad(p))
+    mistakes = ambiguity(p, p.envelope, stars if directory is None else directory, AMBIGUITY_NSIDE)
     return Assessment(quality, envelope_map(p.envelope), mistakes, p.lifetime(), _blinded(p), wanderers(p))
 
 
-def ambiguity(p: Plan, envelope: Envelope, kept: StarTable, nside: int) -> AmbiguityMap | None:
+def ambiguity(p: BuildPlan, envelope: Envelope, stars: StarTable, nside: int) -> AmbiguityMap | None:
     """Map of where kept stars can be confused with others; None for fewer than three stars."""
-    if len(kept) < 3:
+    if len(stars) < 3:
         return None
     radius, longest = p.shape.equal_circle_rad, p.pair_max_rad
-    return ambiguity_map(kept.icrs, envelope, radius, _tolerance_rad(p), longest, nside=nside)
+    return ambiguity_map(stars.icrs, envelope, radius, _tolerance_rad(p), longest, nside=nside)
 
 
 def envelope_map(envelope: Envelope, nside: int = MAP_NSIDE) -> EnvelopeMap:
@@ -101,33 +102,33 @@ def envelope_map(envelope: Envelope, nside: int = MAP_NSIDE) -> EnvelopeMap:
     return EnvelopeMap(nside, fraction, tuple(envelope.edges(at_end=False)), tuple(envelope.edges(at_end=True)))
 
 
-def wanderers(p: Plan) -> tuple[Wanderer, ...]:
+def wanderers(p: BuildPlan) -> tuple[MovingBody, ...]:
     """Return the Sun and all other bodies brighter than V 6 that cross the envelope; their images look like stars
     but are in no catalogue."""
     request = p.request
     if request.start is None:
         return ()
     step_days = max(1.0, request.days / WAY_POINTS)
-    found = exclusions(request.start, request.days, limit_mag=PLANET_MAG, step_days=step_days)
-    inside = within(found, p.base.contains)
+    tracks = exclusions(request.start, request.days, limit_mag=PLANET_MAG, step_days=step_days)
+    inside = within(tracks, p.base.contains)
     return tuple(
-        Wanderer(track.name, track.icrs, track.brightest_mag, float(inside[track.name].mean()))
-        for track in found.tracks
+        MovingBody(track.name, track.icrs, track.brightest_mag, float(inside[track.name].mean()))
+        for track in tracks.tracks
         if track.name == SUN or inside[track.name].any()
     )
 
 
-def way_deg(body: Wanderer) -> list[tuple[float, float]]:
+def way_deg(body: MovingBody) -> list[tuple[float, float]]:
     """(RA, Dec) along a body's track in degrees, for a page."""
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(body.track))
     return [(round(float(a), 3), round(float(d), 3)) for a, d in zip(ra, dec, strict=True)]
 
 
-def _tolerance_rad(p: Plan) -> float:
+def _tolerance_rad(p: BuildPlan) -> float:
     return p.request.query_tolerance_px * p.profile.camera.pixel_rad
 
 
-def _blinded(p: Plan) -> dict[str, float]:
+def _blinded(p: BuildPlan) -> dict[str, float]:
     if not isinstance(p.envelope, OccultedEnvelope):
         return {}
     b = p.envelope.blinded

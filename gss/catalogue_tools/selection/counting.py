@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.catalogue_tools.envelope.field import Disc, FieldShape
+from gss.catalogue_tools.envelope.field import CircularField, FieldShape
 from gss.catalogue_tools.envelope.healpix import centres, pixel_of, pixel_radius_rad
 from gss.domain.angles import Array
 
@@ -35,7 +35,7 @@ class Shadow:
 def stars_per_field(
     unit: Array,
     attitudes: Array,
-    shape: FieldShape | Disc,
+    shape: FieldShape | CircularField,
     each: Callable[..., Iterable[Counts]] = map,
     shadow: Shadow | None = None,
 ) -> Counts:
@@ -52,12 +52,14 @@ def stars_per_field(
     def work(group: Group) -> Counts:
         return np.asarray(np.count_nonzero(_seen(unit, attitudes, shape, shadow, group), axis=1), np.int64)
 
-    for (rows, _), found in zip(groups, each(work, groups), strict=True):
-        counts[rows] = found
+    for (rows, _), group_counts in zip(groups, each(work, groups), strict=True):
+        counts[rows] = group_counts
     return counts
 
 
-def fields_per_star(unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None = None) -> Counts:
+def fields_per_star(
+    unit: Array, attitudes: Array, shape: FieldShape | CircularField, shadow: Shadow | None = None
+) -> Counts:
     """(n,) number of the fields of (m, 3, 3) cam_from_icrs that contain each of (n, 3) ICRS directions."""
     counts = np.zeros(len(unit), np.int64)
     if len(unit) and len(attitudes):
@@ -66,7 +68,7 @@ def fields_per_star(unit: Array, attitudes: Array, shape: FieldShape | Disc, sha
     return counts
 
 
-def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[Group]:
+def _groups(unit: Array, boresight: Array, shape: FieldShape | CircularField) -> list[Group]:
     """(rows of fields, rows of stars that they may contain) per pixel of the sky; the resolution is as fine as the
     number of fields justifies."""
     nside = 1
@@ -91,7 +93,7 @@ def _groups(unit: Array, boresight: Array, shape: FieldShape | Disc) -> list[Gro
 
 
 def _seen(
-    unit: Array, attitudes: Array, shape: FieldShape | Disc, shadow: Shadow | None, group: Group
+    unit: Array, attitudes: Array, shape: FieldShape | CircularField, shadow: Shadow | None, group: Group
 ) -> NDArray[np.bool_]:
     """(fields of the group, stars of the group) mask: True if the field contains the star."""
     rows, stars = group

@@ -15,7 +15,7 @@ from gss.catalogue_tools.selection.counting import Counts, stars_per_field
 from gss.catalogue_tools.selection.poorest import search_poorest
 from gss.domain.angles import Array
 from gss.domain.frames import ra_dec_roll_rad
-from gss.domain.stars import DistanceTable
+from gss.skytables.pairs import DistanceTable
 
 __all__ = ["Counts", "Quality", "assess", "candidates_per_query", "stars_per_field"]
 
@@ -72,15 +72,17 @@ def assess(
     else:
         attitudes, shadow, blinded = envelope.attitudes(rng, pointings), None, 0.0
     counts = stars_per_field(unit, attitudes, shape, each, shadow)
-    found = search_poorest(unit, envelope, shape)
+    poorest = search_poorest(unit, envelope, shape)
     first = int(np.argmin(counts))
     worst, stars = (
-        (found.cam_from_icrs, found.stars) if found.stars < counts[first] else (attitudes[first], counts[first])
+        (poorest.cam_from_icrs, poorest.stars) if poorest.stars < counts[first] else (attitudes[first], counts[first])
     )
     ra, dec, roll = ra_dec_roll_rad(worst)
     query = float("nan") if distances is None else candidates_per_query(distances, tolerance_rad)
     per_star = candidates_per_star(len(unit), query, float(counts.mean()))
-    return Quality(pointings, np.bincount(counts), int(stars), ra, dec, roll, query, per_star, blinded, found.searched)
+    return Quality(
+        pointings, np.bincount(counts), int(stars), ra, dec, roll, query, per_star, blinded, poorest.searched
+    )
 
 
 def candidates_per_star(stars: int, per_query: float, per_field: float) -> float:
@@ -99,6 +101,5 @@ def candidates_per_query(distances: DistanceTable, tolerance_rad: float) -> floa
     if not len(distances):
         return 0.0
     d = np.asarray(distances.distance_rad, float)
-    return float(
-        np.mean(np.searchsorted(d, d + tolerance_rad, "right") - np.searchsorted(d, d - tolerance_rad, "left"))
-    )
+    low, high = distances.ranges(d - tolerance_rad, d + tolerance_rad)
+    return float(np.mean(high - low))

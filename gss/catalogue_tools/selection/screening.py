@@ -82,10 +82,10 @@ def companions(
 ) -> Array:
     """(n,) actual number of stars within ± ``tolerance_mag`` of ``at_mag`` in the ring around each of (n, 3) stars.
     :func:`false_matches` assumes the same density everywhere."""
-    wanted = unit[np.abs(np.asarray(v_mag) - at_mag) <= tolerance_mag]
-    if not len(wanted) or not len(unit):
+    similar = unit[np.abs(np.asarray(v_mag) - at_mag) <= tolerance_mag]
+    if not len(similar) or not len(unit):
         return np.zeros(len(unit))
-    tree = cKDTree(wanted)
+    tree = cKDTree(similar)
     near, far = (2 * np.sin(np.clip(arc_rad + s * tolerance_rad, 0, np.pi) / 2) for s in (-1, 1))
     outer, inner = (tree.query_ball_point(unit, radius, return_length=True) for radius in (far, near))
     return np.asarray(outer - inner, float)
@@ -127,7 +127,7 @@ class ScreeningRules:
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenedStars:
     """(n,) masks by reason and (n,) figures of the screened stars; ``third``: see :class:`FalseMatches`."""
 
     reasons: dict[str, NDArray[np.bool_]]
@@ -146,10 +146,10 @@ class Screened:
         return named | {"any": int(np.count_nonzero(self.marked))}
 
 
-def screened(stars: StarTable, on_board: NDArray[np.bool_], rules: ScreeningRules) -> Screened:
+def screened(stars: StarTable, on_board: NDArray[np.bool_], rules: ScreeningRules) -> ScreenedStars:
     """Screen (n,) stars.
 
-    ``on_board``: mask of the stars that may go on board, which are those that can be confused. The chance of a third
+    ``on_board``: mask of the stars allowed on board, which are those that can be confused. The chance of a third
     star follows from the number of all stars over the sphere.
     """
     marks = screen(stars, rules.double_rad, rules.fast_rad_yr)
@@ -164,7 +164,7 @@ def screened(stars: StarTable, on_board: NDArray[np.bool_], rules: ScreeningRule
         reasons["companions"] = ring > rules.most_companions
     if rules.most_false is not None:
         reasons["false matches"] = ring * third > rules.most_false
-    return Screened(reasons or {"none": np.zeros(len(stars), bool)}, ring, third)
+    return ScreenedStars(reasons or {"none": np.zeros(len(stars), bool)}, ring, third)
 
 
 @dataclass(frozen=True)

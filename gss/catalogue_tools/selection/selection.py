@@ -14,10 +14,11 @@ from scipy.spatial import cKDTree
 from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.envelope.healpix import centres
-from gss.catalogue_tools.selection.screening import Screened, ScreeningRules, screened
+from gss.catalogue_tools.selection.screening import ScreenedStars, ScreeningRules, screened
 from gss.catalogue_tools.selection.uniform_density import looks, reduce_catalogue, survey_attitudes
 from gss.catalogue_tools.sources.hipparcos import HIP2_STARS
 from gss.domain.angles import Array
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_VARIABLE, StarTable
 
@@ -49,7 +50,7 @@ class Fate(IntEnum):
 
 
 @dataclass(frozen=True)
-class Rules:
+class SelectionRules:
     """Selection rules: limits in V; smallest separation of two usable stars; number of the brightest per field (0 = all).
 
     ``thinning``: the fields used. circles: as large as the camera's field, densely over the envelope. frames: upright
@@ -100,11 +101,11 @@ class Selection:
 
     candidates: StarTable
     fate: NDArray[np.int8]
-    rules: Rules
+    rules: SelectionRules
     source: str = "Hipparcos"
     source_stars: int = HIP2_STARS
     blends: int = 0
-    screened: Screened | None = None
+    screened: ScreenedStars | None = None
 
     def from_source(self, source: str, stars: int, blends: int) -> Selection:
         """Return the same selection with the name and size of its source catalogue."""
@@ -129,8 +130,8 @@ class Selection:
         if screening is not None and screening.action == "drop":
             dropped = (FunnelStep("on the screening list", self.count(Fate.SCREENED), True),)
         elif self.screened is not None:
-            kept = int(np.count_nonzero(self.screened.marked & (self.fate == Fate.KEPT)))
-            listed = (FunnelStep("of these on the screening list", kept, False),)
+            kept_marked = int(np.count_nonzero(self.screened.marked & (self.fate == Fate.KEPT)))
+            listed = (FunnelStep("of these on the screening list", kept_marked, False),)
         thinned = f"beyond {rules.brightest_per_field} per {THINNINGS[rules.thinning]}"
         blends = (FunnelStep("blends rejected", self.blends, True),) if self.blends else ()
         return (
@@ -151,23 +152,23 @@ class Selection:
 def screening_facts(selection: Selection) -> dict[str, Any] | None:
     """Counts by reason over the stars in the envelope, and the listed stars, brightest first, as plain values; None
     without a screening list."""
-    rules, found = selection.rules.screening, selection.screened
-    if rules is None or found is None:
+    rules, screened = selection.rules.screening, selection.screened
+    if rules is None or screened is None:
         return None
     seen = selection.fate != Fate.OUTSIDE
-    listed = np.flatnonzero(found.marked & seen)
-    inside = {name: int(np.count_nonzero(mask & seen)) for name, mask in found.reasons.items()}
+    listed = np.flatnonzero(screened.marked & seen)
+    inside = {name: int(np.count_nonzero(mask & seen)) for name, mask in screened.reasons.items()}
     return {
         "action": rules.action,
         "counts": inside | {"any": len(listed)},
-        "mean_companions": float(found.companions[seen].mean()) if seen.any() else 0.0,
-        "most_companions": float(found.companions[seen].max(initial=0.0)),
-        "third": found.third,
+        "mean_companions": float(screened.companions[seen].mean()) if seen.any() else 0.0,
+        "most_companions": float(screened.companions[seen].max(initial=0.0)),
+        "third": screened.third,
         "stars": [
             {
                 "hip": int(selection.candidates.hip[k]),
-                "reasons": [name for name, mask in found.reasons.items() if mask[k]],
-                "companions": int(found.companions[k]),
+                "reasons": [name for name, mask in screened.reasons.items() if mask[k]],
+                "companions": int(screened.companions[k]),
                 "kept": bool(selection.fate[k] == Fate.KEPT),
             }
             for k in listed[:MOST_LISTED]
@@ -178,13 +179,13 @@ def screening_facts(selection: Selection) -> dict[str, Any] | None:
 def select(
     stars: StarTable,
     envelope: Envelope,
-    rules: Rules,
+    rules: SelectionRules,
     shape: FieldShape,
-    tell: Callable[[float], None] = lambda share: None,
+    report: Callable[[float], None] = no_progress,
 ) -> Selection:
     """Apply the rules to ``stars``; BadInput if the star table is not valid or no star is within the limit.
 
-    ``shape``: field of view, for the thinning. ``tell`` is called with the fraction of frames done during a thinning by
+    ``shape``: field of view, for the thinning. ``report`` is called with the fraction of frames done during a thinning by
     frames, and may raise to cancel.
     """
     _check_stars(stars)
@@ -201,19 +202,19 @@ def select(
     if rules.drop_variables:
         _mark(fate, (candidates.flags & FLAG_VARIABLE) > 0, Fate.VARIABLE)
     _mark(fate, candidates.v_mag < rules.bright_mag, Fate.TOO_BRIGHT)
-    found = None
+    screening = None
     if rules.screening is not None:
-        found = screened(candidates, fate != Fate.OUTSIDE, rules.screening)
+        screening = screened(candidates, fate != Fate.OUTSIDE, rules.screening)
         if rules.screening.action == "drop":
-            _mark(fate, found.marked, Fate.SCREENED)
+            _mark(fate, screening.marked, Fate.SCREENED)
     if rules.brightest_per_field:
         usable = np.flatnonzero(fate == Fate.KEPT)
         if rules.thinning == "frames":
-            kept = _in_frames(candidates.take(usable), envelope, rules.brightest_per_field, shape, tell)
+            in_frames = _in_frames(candidates.take(usable), envelope, rules.brightest_per_field, shape, report)
         else:
-            kept = _brightest(candidates.icrs[usable], envelope, rules.brightest_per_field, shape.equal_circle_rad)
-        fate[usable[~kept]] = Fate.THINNED
-    return Selection(candidates, fate, rules, screened=found)
+            in_frames = _brightest(candidates.icrs[usable], envelope, rules.brightest_per_field, shape.equal_circle_rad)
+        fate[usable[~in_frames]] = Fate.THINNED
+    return Selection(candidates, fate, rules, screened=screening)
 
 
 def _mark(fate: NDArray[np.int8], which: NDArray[np.bool_], value: Fate) -> None:
@@ -249,9 +250,9 @@ def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -
     depth = int(4 * count / circle_share)
     while len(pointings) and len(unit):
         tree = cKDTree(unit[:depth])
-        found = tree.query_ball_point(pointings, 2 * np.sin(radius_rad / 2), return_sorted=True)
-        filled = np.array([len(inside) >= count for inside in found])
-        for inside in found:
+        in_field = tree.query_ball_point(pointings, 2 * np.sin(radius_rad / 2), return_sorted=True)
+        filled = np.array([len(inside) >= count for inside in in_field])
+        for inside in in_field:
             chosen[inside[:count]] = True
         if depth >= len(unit):
             break
@@ -259,7 +260,7 @@ def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -
     return chosen
 
 
-def frame_looks(stars: int, rules: Rules, shape: FieldShape) -> float:
+def frame_looks(stars: int, rules: SelectionRules, shape: FieldShape) -> float:
     """Estimate how many times a thinning by frames over the whole sky tests a star; 0 for other thinnings."""
     if rules.thinning != "frames" or not rules.brightest_per_field:
         return 0.0
@@ -271,7 +272,7 @@ def _frame_step_rad(shape: FieldShape) -> float:
 
 
 def _in_frames(
-    stars: StarTable, envelope: Envelope, count: int, shape: FieldShape, tell: Callable[[float], None]
+    stars: StarTable, envelope: Envelope, count: int, shape: FieldShape, report: Callable[[float], None]
 ) -> NDArray[np.bool_]:
     """(n,) mask of stars that are among the ``count`` brightest of some upright frame of the field's shape with its
     boresight in the envelope (Huffman 2006 §5.5.4, where the steps are 1° for a frame of about 36°)."""
@@ -279,13 +280,13 @@ def _in_frames(
     inside = attitudes[envelope.contains(attitudes[:, 2])]
     if not len(inside) or not len(stars):
         return np.zeros(len(stars), bool)
-    return reduce_catalogue(stars, shape, inside, count, tell).kept
+    return reduce_catalogue(stars, shape, inside, count, report).kept
 
 
 def _grid_nside(radius_rad: float) -> int:
     """HEALPix resolution with pixels no larger than half the radius of a field, within limits."""
-    wanted = np.sqrt(np.pi / 3) / (radius_rad / 2)
-    return int(np.clip(2 ** np.ceil(np.log2(wanted)), 4, 64))
+    min_nside = np.sqrt(np.pi / 3) / (radius_rad / 2)
+    return int(np.clip(2 ** np.ceil(np.log2(min_nside)), 4, 64))
 
 
 def _check_stars(stars: StarTable) -> None:

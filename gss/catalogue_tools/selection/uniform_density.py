@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from gss.catalogue_tools.corrections.doubles import Doubles, merge
-from gss.catalogue_tools.envelope.field import Disc, FieldShape
+from gss.catalogue_tools.envelope.field import CircularField, FieldShape
 from gss.domain.angles import Array, unit_from_ra_dec
+from gss.domain.callbacks import no_progress
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
@@ -32,10 +32,6 @@ class Reduced:
     kept: NDArray[np.bool_]
     per_field: NDArray[np.int64]
     pointings: int
-
-    def share_below(self, stars: int) -> float:
-        """Fraction of the fields with fewer than ``stars`` kept stars."""
-        return float(np.mean(self.per_field < stars))
 
 
 def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
@@ -70,64 +66,66 @@ def square_field(side_rad: float) -> FieldShape:
 
 def reduce_catalogue(
     stars: StarTable,
-    shape: FieldShape | Disc,
+    shape: FieldShape | CircularField,
     attitudes: Array,
     brightest: int = 8,
-    tell: Callable[[float], None] = lambda share: None,
+    report: Callable[[float], None] = no_progress,
 ) -> Reduced:
     """Keep the stars that are among the ``brightest`` of some field, and count the kept stars per field.
 
-    ``tell`` is called with the fraction of the fields done after each block, and may raise to cancel.
+    ``report`` is called with the fraction of the fields done after each block, and may raise to cancel.
     """
     order = np.argsort(stars.v_mag, kind="stable")
     unit = stars.icrs[order]
-    kept = np.zeros(len(stars), bool)
+    selected = np.zeros(len(stars), bool)
     # The brightest stars of the sky are tried first, and more of them for the fields that these do not fill.
     pending, depth = attitudes, _depth(shape, brightest)
     while len(pending):
         short = []
         for field, star, n in _blocks(unit[:depth], shape, pending):
             rank = np.arange(len(field)) - np.searchsorted(field, field)
-            kept[order[star[rank < brightest]]] = True
+            selected[order[star[rank < brightest]]] = True
             short.append(np.bincount(field, minlength=n) < brightest)
-            tell(1 - (len(pending) - sum(map(len, short))) / len(attitudes))
+            report(1 - (len(pending) - sum(map(len, short))) / len(attitudes))
         if depth >= len(unit):
             break
         pending, depth = pending[np.concatenate(short)], 3 * depth
     counts = []
-    for field, _, n in _blocks(stars.icrs[kept], shape, attitudes):
+    for field, _, n in _blocks(stars.icrs[selected], shape, attitudes):
         counts.append(np.bincount(field, minlength=n))
-        tell(1.0)
-    return Reduced(kept, np.concatenate(counts), len(attitudes))
+        report(1.0)
+    return Reduced(selected, np.concatenate(counts), len(attitudes))
 
 
-def looks(stars: int, shape: FieldShape | Disc, fields: int, brightest: int) -> float:
+def looks(stars: int, shape: FieldShape | CircularField, fields: int, brightest: int) -> float:
     """Estimate how many times :func:`reduce_catalogue` tests a star against a field, with ``stars`` uniform over the
     sky."""
     return fields * min(2.0 * brightest / _share(shape), float(stars)) * _reach_share(shape)
 
 
-def _depth(shape: FieldShape | Disc, brightest: int) -> int:
+def _depth(shape: FieldShape | CircularField, brightest: int) -> int:
     """Number of stars over the whole sky that gives 2 × ``brightest`` per average field."""
     return int(2 * brightest / _share(shape)) + 1
 
 
-def _share(shape: FieldShape | Disc) -> float:
+def _share(shape: FieldShape | CircularField) -> float:
     """Fraction of the sky in one field."""
-    return float((1 - np.cos(shape.radius_rad)) / 2 if isinstance(shape, Disc) else shape.area_sr / (4 * np.pi))
+    return float(
+        (1 - np.cos(shape.radius_rad)) / 2 if isinstance(shape, CircularField) else shape.area_sr / (4 * np.pi)
+    )
 
 
-def _reach(shape: FieldShape | Disc) -> float:
+def _reach(shape: FieldShape | CircularField) -> float:
     return float(min(shape.half_diagonal_rad if isinstance(shape, FieldShape) else shape.radius_rad, np.pi))
 
 
-def _reach_share(shape: FieldShape | Disc) -> float:
+def _reach_share(shape: FieldShape | CircularField) -> float:
     """Fraction of the sky in the circle around a field."""
     return float((1 - np.cos(_reach(shape))) / 2)
 
 
 def _blocks(
-    unit: Array, shape: FieldShape | Disc, attitudes: Array
+    unit: Array, shape: FieldShape | CircularField, attitudes: Array
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
     """Per block of attitudes: field numbers, ascending; the rows of ``unit`` inside, ascending in each field; and
     the number of fields."""
@@ -142,13 +140,3 @@ def _blocks(
         field, star = field[seen], star[seen]
         sort = np.lexsort((star, field))
         yield field[sort], star[sort], len(block)
-
-
-def merge_doubles(stars: StarTable, separation_rad: float) -> StarTable:
-    """Merge stars closer than the lens resolves: fluxes add, and directions are weighted by flux (eqs. 6.1 and 6.2 with
-    base 10 throughout, which is what the mixed logarithms in print mean).
-
-    Groups grow over chains of close stars. A merged star has the name, motion and colour of its brightest member, and
-    is flagged as multiple.
-    """
-    return merge(stars, Doubles("huffman", separation_rad)).stars if separation_rad > 0 else stars

@@ -95,12 +95,12 @@ def _figure(row: str, by_name: dict[str, int]) -> Figure:
     short, name = head.split(" ", 1)
 
     def star(word: str) -> int:
-        found = by_name.get(f"{word} {short}") or by_name.get(word)
-        if found is None:
+        row = by_name.get(f"{word} {short}") or by_name.get(word)
+        if row is None:
             raise CorruptData(
                 "a figure joins a star that the table does not name", expected=f"{word} {short}", got=name
             )
-        return found
+        return row
 
     return Figure(
         short, name, tuple(tuple(star(word.strip()) for word in line.split(",")) for line in lines.split(";"))

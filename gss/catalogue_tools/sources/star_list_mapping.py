@@ -95,10 +95,10 @@ class ListMapping:
 
     def __post_init__(self) -> None:
         self._check_types()
-        for name, known in (("columns", FIELDS), ("units", tuple(UNITS_OF))):
-            if unknown := set(getattr(self, name)) - set(known):
+        for name, allowed in (("columns", FIELDS), ("units", tuple(UNITS_OF))):
+            if unknown := set(getattr(self, name)) - set(allowed):
                 raise BadInput(
-                    f"unknown field in the {name}", expected=" | ".join(known), got=", ".join(sorted(unknown))
+                    f"unknown field in the {name}", expected=" | ".join(allowed), got=", ".join(sorted(unknown))
                 )
         for name, unit in self.units.items():
             plain_unit(name, unit)
@@ -154,23 +154,23 @@ def factor_of(name: str, unit: str) -> float:
 
 def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
     """Map our fields to the file's columns; BadInput if a required column is missing or a field is ambiguous."""
-    found: dict[str, str] = {}
+    columns: dict[str, str] = {}
     for ours, theirs in mapping.columns.items():
         if theirs not in names:
             raise BadInput(
                 f"the star list has no column {theirs!r}", expected=" | ".join(names), got=f"{ours} = {theirs}"
             )
-        found[ours] = theirs
+        columns[ours] = theirs
     plain: dict[str, list[str]] = {}
     for name in names:
         plain.setdefault(_plain(name), []).append(name)
     for ours, usual in USUAL_NAMES.items():
-        if ours not in found:
+        if ours not in columns:
             hit = next((plain[name] for name in usual if name in plain), None)
             if hit is not None:
-                found[ours] = _only(ours, hit)
-    _each_once(found)
-    missing = [name for name in REQUIRED if name not in found]
+                columns[ours] = _only(ours, hit)
+    _each_once(columns)
+    missing = [name for name in REQUIRED if name not in columns]
     if missing:
         raise BadInput(
             f"the star list has no column for {', '.join(missing)}",
@@ -178,13 +178,13 @@ def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
             got=", ".join(names) or "no columns",
             hint="name them: columns = {" + ", ".join(f'"{name}": "…"' for name in missing) + "}",
         )
-    return found
+    return columns
 
 
-def _each_once(found: Mapping[str, str]) -> None:
+def _each_once(columns: Mapping[str, str]) -> None:
     """Raise BadInput if a column is used for two fields, unless one of them is the name."""
-    for ours, theirs in found.items():
-        others = [name for name, column in found.items() if column == theirs and "name" not in (name, ours)]
+    for ours, theirs in columns.items():
+        others = [name for name, column in columns.items() if column == theirs and "name" not in (name, ours)]
         if len(others) > 1:
             raise BadInput(
                 f"column {theirs!r} is used twice",

@@ -33,7 +33,7 @@ LARGEST_NUMBER = 2**31 - 1
 LONGEST_NUMBER = 100
 """Characters; the regular expression NUMBERS may backtrack on long blank text."""
 # With fewer rows than this the unit cannot be guessed.
-TELLING_ROWS = 20
+MIN_INFORMATIVE_ROWS = 20
 NUMBERS = re.compile(
     r"^\s*([+-]?)\s*(\d+(?:\.\d*)?)(?:[\s:hd°]+(\d+(?:\.\d*)?))?(?:[\s:m'′]+(\d+(?:\.\d*)?))?[\s\"″s]*$"
 )
@@ -71,12 +71,12 @@ class BadRows:
 
     def report(self, most: int) -> tuple[DroppedRow, ...]:
         """Return the first bad rows in the order of the file, at most ``most``."""
-        found = [DroppedRow(row, "", reason, text) for row, reason, text in self._raw.broken]
+        dropped = [DroppedRow(row, "", reason, text) for row, reason, text in self._raw.broken]
         for i in np.flatnonzero(self._reason)[:most]:
             name, reason = self._reasons[self._reason[i] - 1]
             column = self._columns[name]
-            found.append(DroppedRow(int(self._raw.rows[i]), column, reason, str(self._raw.columns[column][i])[:60]))
-        return tuple(sorted(found, key=lambda row: row.row)[:most])
+            dropped.append(DroppedRow(int(self._raw.rows[i]), column, reason, str(self._raw.columns[column][i])[:60]))
+        return tuple(sorted(dropped, key=lambda row: row.row)[:most])
 
 
 def require_numbers(raw: RawList, columns: dict[str, str]) -> None:
@@ -94,9 +94,9 @@ def require_numbers(raw: RawList, columns: dict[str, str]) -> None:
 def unit_of(name: str, column: str, raw: RawList, mapping: ListMapping) -> str:
     """Unit of a field: as given by the caller, otherwise as stated in the file, as in the column's name, or the
     usual one."""
-    told = mapping.units.get(name) or raw.units.get(column)
-    if told is not None:
-        return plain_unit(name, told)
+    unit = mapping.units.get(name) or raw.units.get(column)
+    if unit is not None:
+        return plain_unit(name, unit)
     if name in ("ra", "dec") and _is_text(raw.columns[column]) and _looks_sexagesimal(raw.columns[column]):
         return SEXAGESIMAL
     return unit_in_name(name, column) or USUAL_UNITS[name]
@@ -159,7 +159,7 @@ def ask_for_unit(
     if units["ra"] != "deg" or "ra" in mapping.units or columns["ra"] in raw.units or unit_in_name("ra", columns["ra"]):
         return
     ra, dec = np.degrees(values["ra"]), np.degrees(values["dec"])
-    if np.count_nonzero(np.isfinite(ra)) < TELLING_ROWS:
+    if np.count_nonzero(np.isfinite(ra)) < MIN_INFORMATIVE_ROWS:
         return
     low, high, dec_end = float(np.nanmin(ra)), float(np.nanmax(ra)), float(np.nanmax(np.abs(dec)))
     # Accept only ranges that look like a whole circle in hours or radians, not a small field in degrees.
@@ -225,11 +225,13 @@ def numbering_of(
         return serial, names
     bad.mark(~whole, "id", "not a number of a star")
     bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
-    kept = np.where(whole, numbers, 0).astype(np.int32)
+    whole_numbers = np.where(whole, numbers, 0).astype(np.int32)
     if not columns["id"].lower().startswith("hip"):
         # A number from another list must not be displayed as one of Hipparcos or Gaia.
-        names = [name or f"{columns['id']} {number}" for name, number in zip(names, kept.tolist(), strict=True)]
-    return kept, names
+        names = [
+            name or f"{columns['id']} {number}" for name, number in zip(names, whole_numbers.tolist(), strict=True)
+        ]
+    return whole_numbers, names
 
 
 def _text(value: object) -> str:

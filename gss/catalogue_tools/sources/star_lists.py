@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,10 +27,10 @@ from gss.catalogue_tools.sources.star_list_values import (
 )
 from gss.domain.angles import Array, unit_from_ra_dec
 from gss.domain.errors import BadInput
-from gss.domain.profiles import PROFILES
 from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
 
 REPORTED_ROWS = 100
+LONGEST_CAMERA = 40
 LONGEST_EPOCH = 100
 """Largest number of characters of a file's epoch or frame."""
 
@@ -40,8 +41,7 @@ class ImportedList:
 
     ``stars``: ICRS at ``epoch_jyear``, in the order of the file. ``dropped``: the first hundred dropped rows;
     ``dropped_count``: all. ``columns``, ``units``: how each field was read. ``frame``: of the file. ``notes``: remarks
-    for the user. ``camera``: the profile for which the file was made, "" if it states none; an unknown profile is only
-    noted.
+    for the user. ``camera``: the camera for which the file says it was made, "" if it names none.
     """
 
     stars: StarTable
@@ -53,6 +53,14 @@ class ImportedList:
     frame: str
     notes: tuple[str, ...]
     camera: str = ""
+
+
+def for_known_cameras(read: ImportedList, cameras: Collection[str]) -> ImportedList:
+    """Return the list without the name of its camera if that is not among ``cameras``, with a note."""
+    if not read.camera or read.camera in cameras:
+        return read
+    note = f"made for {read.camera}, which is not a camera profile here"
+    return replace(read, camera="", notes=(*read.notes, note))
 
 
 def require_camera(camera: str, profile_name: str) -> None:
@@ -115,10 +123,7 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
         )
     if "pm_ra" not in values or "pm_dec" not in values:
         notes.append(f"no proper motions: places stay those of J{epoch:g}")
-    camera = (raw.camera or "").strip()
-    if camera and camera not in PROFILES:
-        notes.append(f"made for {camera[:40]}, which is no camera profile here")
-        camera = ""
+    camera = (raw.camera or "").strip()[:LONGEST_CAMERA]
     return ImportedList(
         stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes), camera
     )
@@ -135,18 +140,18 @@ def _epoch(raw: RawList, mapping: ListMapping) -> float:
         stated = float(match[2])
         if match[1]:  # a Besselian year (Lieske 1979)
             stated = 2000.0 + (2415020.31352 + (stated - 1900.0) * 365.242198781 - 2451545.0) / 365.25
-    told = mapping.epoch_jyear
-    if stated is None and told is None:
+    mapped = mapping.epoch_jyear
+    if stated is None and mapped is None:
         raise BadInput(
             "the star list does not state its epoch",
             expected="the year of the places",
             hint="say it with the list: --list-epoch 2000 in the shell, Epoch on the page",
         )
-    if stated is not None and told is not None and not abs(stated - told) < 0.01:
+    if stated is not None and mapped is not None and not abs(stated - mapped) < 0.01:
         raise BadInput(
-            "the star list is of another epoch", expected=f"J{stated:g} (stated in the file)", got=f"J{told:g}"
+            "the star list has another epoch", expected=f"J{stated:g} (stated in the file)", got=f"J{mapped:g}"
         )
-    epoch = stated if stated is not None else told
+    epoch = stated if stated is not None else mapped
     assert epoch is not None  # noqa: S101  # checked above: one of the two is set
     low, high = EPOCH_RANGE_JYEAR
     if not low <= epoch <= high:

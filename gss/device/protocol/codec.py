@@ -1,4 +1,7 @@
-"""Encode values to payload bytes and decode them, using the dictionary's layouts. Big-endian; both directions check every value."""
+"""Encode values to payload bytes and decode them, using the dictionary's layouts. Both directions check every value.
+
+Big-endian unless ``order`` is ``<`` (little-endian), as some sensors of other makers need it.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,12 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from gss.device.dictionary import (
+from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.definitions import (
     FLOATS,
     INTEGER_RANGES,
     Argument,
-    Command,
+    CommandDefinition,
     Group,
     Item,
     Layout,
@@ -19,23 +23,23 @@ from gss.device.dictionary import (
     Value,
     Values,
 )
-from gss.domain.errors import BadInput, CorruptData
 
-STRUCT = {
-    name: struct.Struct(">" + code)
-    for name, code in {
-        "u8": "B",
-        "u16": "H",
-        "u32": "I",
-        "i8": "b",
-        "i16": "h",
-        "i32": "i",
-        "f32": "f",
-        "f64": "d",
-        "bool": "B",
-        "enum": "B",
-    }.items()
+BIG, LITTLE = ">", "<"
+CODES = {
+    "u8": "B",
+    "u16": "H",
+    "u32": "I",
+    "u64": "Q",
+    "i8": "b",
+    "i16": "h",
+    "i32": "i",
+    "f32": "f",
+    "f64": "d",
+    "bool": "B",
+    "enum": "B",
 }
+STRUCTS = {order: {name: struct.Struct(order + code) for name, code in CODES.items()} for order in (BIG, LITTLE)}
+STRUCT = STRUCTS[BIG]
 F32_MAX = struct.unpack(">f", b"\x7f\x7f\xff\xff")[0]
 MAX_LIST = 255
 Lists = Mapping[str, Sequence[Values]]
@@ -50,7 +54,26 @@ class Decoded:
     lists: dict[str, tuple[dict[str, Value], ...]] = field(default_factory=dict)
 
 
-def check_arguments(command: Command, arguments: Values) -> dict[str, Value]:
+@dataclass(frozen=True)
+class EncodedCommand:
+    """A command with its arguments validated and encoded. ``groups``: (argument, bytes) in the order of the payload."""
+
+    command: CommandDefinition
+    groups: tuple[tuple[str, bytes], ...]
+
+    @property
+    def payload(self) -> bytes:
+        """The encoded arguments."""
+        return b"".join(data for _, data in self.groups)
+
+
+def encode_command(command: CommandDefinition, arguments: Values, order: str = BIG) -> EncodedCommand:
+    """Validate the arguments of a command, fill in defaults, and encode them. Raises BadInput naming the wrong argument."""
+    values = check_arguments(command, arguments)
+    return EncodedCommand(command, tuple((a.name, _bytes_of(a, values[a.name], order)) for a in command.arguments))
+
+
+def check_arguments(command: CommandDefinition, arguments: Values) -> dict[str, Value]:
     """Return all arguments of a command in its order, with defaults filled in and exact types.
 
     Raises BadInput naming the argument that is wrong.
@@ -151,33 +174,39 @@ def fixed_bytes(layout: Layout | Sequence[Item]) -> int:
     return sum(STRUCT[e.type].size if e.type in STRUCT else e.size for e in layout if isinstance(e, Item))
 
 
-def encode_item(item: Item, value: Value) -> bytes:
-    """Return the bytes of one value."""
-    value = coerce(item, value)
+def encode_item(item: Item, value: Value, order: str = BIG) -> bytes:
+    """Return the bytes of one value. Raises BadInput if it does not fit."""
+    return _bytes_of(item, coerce(item, value), order)
+
+
+def _bytes_of(item: Item, value: Value, order: str) -> bytes:
+    """Return the bytes of a value that has the item's type."""
     if item.type == "enum":
         return bytes([item.choice(str(value)).value])
     if item.type in STRUCT:
-        return STRUCT[item.type].pack(value)
+        return STRUCTS[order][item.type].pack(value)
     if isinstance(value, str):
         data = value.encode()
         return bytes([len(data)]) + data if item.type == "text" else data.ljust(item.size, b"\0")
     return bytes(value)  # type: ignore[arg-type]  # a number or bytes by the tests above
 
 
-def encode(layout: Layout | Sequence[Item], values: Values, lists: Lists | None = None) -> bytes:
+def encode(layout: Layout | Sequence[Item], values: Values, lists: Lists | None = None, order: str = BIG) -> bytes:
     """Return the payload of a layout. Raises BadInput if a value is missing or does not fit."""
     parts: list[bytes] = []
     for entry in layout:
         if isinstance(entry, Group):
             rows = (lists or {}).get(entry.name, ())
-            if len(rows) > MAX_LIST:
-                raise BadInput(f"list {entry.name} is too long", expected=f"at most {MAX_LIST}", got=str(len(rows)))
-            parts.append(bytes([len(rows)]))
-            parts += [encode_item(item, row[item.name]) for row in rows for item in entry.items]
+            most = entry.slots or MAX_LIST
+            if len(rows) > most:
+                raise BadInput(f"list {entry.name} is too long", expected=f"at most {most}", got=str(len(rows)))
+            parts.append(STRUCTS[order][entry.count].pack(len(rows)))
+            parts += [encode_item(item, row[item.name], order) for row in rows for item in entry.items]
+            parts.append(bytes((entry.slots - len(rows)) * fixed_bytes(entry.items) if entry.slots else 0))
         else:
             if entry.name not in values:
                 raise BadInput(f"{entry.name} is missing")
-            parts.append(encode_item(entry, values[entry.name]))
+            parts.append(encode_item(entry, values[entry.name], order))
     return b"".join(parts)
 
 
@@ -202,30 +231,35 @@ class _Reader:
             raise CorruptData("payload is too long", expected=f"{self._at} B", got=f"{len(self._data)} B")
 
 
-def decode(layout: Layout | Sequence[Item], payload: bytes) -> Decoded:
+def decode(layout: Layout | Sequence[Item], payload: bytes, order: str = BIG) -> Decoded:
     """Return the values of a payload. Raises CorruptData unless it fits the layout exactly."""
     reader, result = _Reader(payload), Decoded()
     for entry in layout:
         if isinstance(entry, Group):
-            count = reader.take(1)[0]
+            width = STRUCTS[order][entry.count]
+            count = width.unpack(reader.take(width.size))[0]
+            rows = entry.slots or count
+            if count > rows:
+                raise CorruptData(f"list {entry.name} is too long", expected=f"at most {rows}", got=str(count))
             result.lists[entry.name] = tuple(
-                {item.name: _named(item, _take(item, reader)) for item in entry.items} for _ in range(count)
+                {item.name: _named(item, _take(item, reader, order)) for item in entry.items} for _ in range(count)
             )
+            reader.take((rows - count) * fixed_bytes(entry.items))
         else:
-            raw = _take(entry, reader)
+            raw = _take(entry, reader, order)
             result.raw[entry.name] = raw
             result.values[entry.name] = _named(entry, raw)
     reader.end()
     return result
 
 
-def _take(item: Item, reader: _Reader) -> Value:
+def _take(item: Item, reader: _Reader, order: str) -> Value:
     kind = item.type
     if kind in STRUCT:
-        value: Value = STRUCT[kind].unpack(reader.take(STRUCT[kind].size))[0]
+        value: Value = STRUCTS[order][kind].unpack(reader.take(STRUCT[kind].size))[0]
         if kind == "bool":
             if value not in (0, 1):
-                raise CorruptData(f"{item.name} is no bool", expected="0 or 1", got=str(value))
+                raise CorruptData(f"{item.name} is not a valid bool", expected="0 or 1", got=str(value))
             return bool(value)
         return value
     if kind == "rest":
@@ -236,7 +270,7 @@ def _take(item: Item, reader: _Reader) -> Value:
     try:
         return data.decode()
     except UnicodeDecodeError:
-        raise CorruptData(f"{item.name} is no UTF-8") from None
+        raise CorruptData(f"{item.name} is not valid UTF-8") from None
 
 
 def _named(item: Item, raw: Value) -> Value:
@@ -248,4 +282,10 @@ def _named(item: Item, raw: Value) -> Value:
                 f"{item.name} has no such choice", expected=" | ".join(c.name for c in item.choices), got=str(raw)
             )
         return name
-    return item.conversion.engineering(raw) if isinstance(item, TelemetryField) else raw
+    if not isinstance(item, TelemetryField):
+        return raw
+    value = item.conversion.engineering(raw)
+    if item.valid is not None and not (isinstance(value, int | float) and item.valid[0] <= value <= item.valid[1]):
+        low, high = item.valid
+        raise CorruptData(f"{item.name} is out of its valid range", expected=f"{low:g} – {high:g}", got=str(value))
+    return value

@@ -12,8 +12,8 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from gss.device.dictionary import Value
 from gss.device.protocol.codec import Decoded
+from gss.instruments.dictionary.definitions import Value
 
 PAGE_RANGES = 16
 REQUEST_BACKOFF = 1.6
@@ -128,17 +128,17 @@ class ChunkSet:
 
     def ranges(self, start: int = 0, limit: int | None = None) -> tuple[tuple[tuple[int, int], ...], int]:
         """Return held ranges from ``start`` on, at most ``limit``, and the chunk number up to which they are complete."""
-        found: list[tuple[int, int]] = []
+        ranges: list[tuple[int, int]] = []
         at, count = start, len(self._flags)
         while True:
             first = self._flags.find(1, at)
             if first < 0:
-                return tuple(found), count
-            if limit is not None and len(found) == limit:
-                return tuple(found), first
+                return tuple(ranges), count
+            if limit is not None and len(ranges) == limit:
+                return tuple(ranges), first
             gap = self._flags.find(0, first)
             at = count if gap < 0 else gap
-            found.append((first, at - 1))
+            ranges.append((first, at - 1))
 
     def stored_bytes(self, size: int, chunk_bytes: int) -> int:
         """Return the bytes in the held chunks; the last chunk may be short."""
@@ -163,8 +163,8 @@ class ChunkSender:
         self.lost = 0
         self._request_base_s = request_after_s
         self._request_after_s = request_after_s
-        self._heard_s: float | None = None
-        self._asked_at_end = -1
+        self._received_s: float | None = None
+        self._requested_at_end = -1
         self.silent_requests = 0
 
     @property
@@ -191,7 +191,7 @@ class ChunkSender:
             return None
         self.serial += 1
         if not self._flight:
-            self._heard_s = now_s
+            self._received_s = now_s
         self._flight[self.serial] = index
         return index, self.serial
 
@@ -214,27 +214,27 @@ class ChunkSender:
         """
         if self.complete:
             return None
-        if self._heard_s is None:
-            self._heard_s = now_s - self._request_after_s
-        if now_s - self._heard_s < self._request_after_s and not self._at_the_end():
+        if self._received_s is None:
+            self._received_s = now_s - self._request_after_s
+        if now_s - self._received_s < self._request_after_s and not self._at_the_end():
             return None
         if self._known_to >= len(self.stored) and not self._flight and (self._again or self._next < len(self.stored)):
             return None
         if self._at_the_end():
             # No further chunk follows that would trigger a report, so request one at once instead of waiting.
-            self._asked_at_end = self.serial
+            self._requested_at_end = self.serial
         else:
             longest_s = max(LONGEST_REQUEST_S, self._request_base_s)
             self._request_after_s = min(self._request_after_s * REQUEST_BACKOFF, longest_s)
             self.silent_requests += 1
-        self._heard_s = now_s
+        self._received_s = now_s
         return self.serial, self._ask_from()
 
     def _at_the_end(self) -> bool:
         """True if every chunk has been sent, some are unacknowledged, and no status request is outstanding."""
         return (
             bool(self._flight)
-            and self._asked_at_end != self.serial
+            and self._requested_at_end != self.serial
             and not self._again
             and self._next >= len(self.stored)
         )
@@ -246,13 +246,13 @@ class ChunkSender:
 
     def on_status(self, page: StatusPage, now_s: float) -> None:
         """Process a status page; lost chunks are sent again before new ones."""
-        self._heard_s, self.silent_requests = now_s, 0
+        self._received_s, self.silent_requests = now_s, 0
         self._request_after_s = self._request_base_s
         for first, last in page.ranges:
             self.stored.add_range(first, last)
         if self._known_to < len(self.stored) and page.from_index <= self._known_to:
             self._known_to = max(self._known_to, page.to_index)
-            self._heard_s = now_s - self._request_after_s
+            self._received_s = now_s - self._request_after_s
         # Only chunks inside the page can be judged lost; the others stay in flight until a page covers them.
         for serial in [s for s in self._flight if s <= page.serial]:
             index = self._flight[serial]
@@ -269,7 +269,7 @@ class ChunkSender:
 class ChunkReceiver:
     """Tracks the chunks received.
 
-    ``asked_again``: chunks that were sent, did not arrive intact and were reported as missing. Each chunk sent has a
+    ``requested_again``: chunks that were sent, did not arrive intact and were reported as missing. Each chunk sent has a
     separate serial and the line keeps order, so a missing serial is a lost chunk.
     """
 
@@ -280,11 +280,11 @@ class ChunkReceiver:
         self._since = 0
         self._serial = 0
         self._arrived = 0
-        self.asked_again = 0
+        self.requested_again = 0
 
     @property
     def settled(self) -> int:
-        """Number of chunks known to have been sent; ``asked_again`` of them did not arrive intact."""
+        """Number of chunks known to have been sent; ``requested_again`` of them did not arrive intact."""
         return self._serial
 
     def expected_bytes(self, index: int) -> int:
@@ -309,7 +309,7 @@ class ChunkReceiver:
         ``serial``: of the status request. Because the line keeps order, every chunk up to it has arrived or is lost.
         """
         self._serial = max(self._serial, serial)
-        self.asked_again = self._serial - self._arrived
+        self.requested_again = self._serial - self._arrived
         self._since = 0
         start = self.held.first_missing if from_index is None else min(from_index, len(self.held))
         if from_index is None and start:

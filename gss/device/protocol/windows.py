@@ -44,13 +44,13 @@ def windows_round(centres: Sequence[tuple[float, float]], side_px: int, columns:
     if side_px % 2 == 0 or not low <= side_px <= high:
         raise BadInput("side of star windows", expected=f"odd, {low} – {high}", got=str(side_px))
     half = side_px // 2
-    found: list[Window] = []
+    windows: list[Window] = []
     for col, row in centres[:MOST_WINDOWS]:
         first_col, first_row = max(0, round(col) - half), max(0, round(row) - half)
         past_col, past_row = min(columns, round(col) + half + 1), min(rows, round(row) + half + 1)
         if first_col < past_col and first_row < past_row:
-            found.append(Window(first_col, first_row, past_col - first_col, past_row - first_row))
-    return tuple(found)
+            windows.append(Window(first_col, first_row, past_col - first_col, past_row - first_row))
+    return tuple(windows)
 
 
 def encode_windows(pixels: Pixels, windows: Sequence[Window]) -> bytes:

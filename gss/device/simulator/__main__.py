@@ -13,49 +13,76 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from gss.device.dictionary_file import load_dictionary
-from gss.device.golden import build_golden
+from gss.device.link_keys import read_link_keys
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.firmware import StarTracker
-from gss.device.simulator.machine import Device, Identity
+from gss.device.simulator.machine import Identity, SimulatedDevice
 from gss.device.simulator.memory import GOLDEN, Memory
-from gss.device.simulator.options import add_arguments, make_environment
+from gss.device.simulator.options import add_arguments, instrument_of, make_environment
+from gss.device.simulator.other_makers import SimulatedUnit, check_dialects, make_unit
 from gss.device.simulator.own_lens import own_lens
-from gss.device.simulator.refusal import Refusal
-from gss.device.simulator.simulated_time import SimulatedClock, TimeDesk
-from gss.device.simulator.sky import Sky
-from gss.device.simulator.terminal import Line, PtyLine, TcpLine, Terminal
-from gss.domain.errors import GssError
-from gss.domain.profiles import profile
+from gss.device.simulator.power import Power
+from gss.device.simulator.rejection import Rejection
+from gss.device.simulator.simulated_time import SimulatedClock, TimeControl
+from gss.device.simulator.sky import SimulatedSky
+from gss.device.simulator.terminal import DeviceLine, PtyLine, TcpLine, Terminal
+from gss.domain.errors import BadInput, GssError
+from gss.instruments.golden import build_golden
+from gss.instruments.package_files import SimulatorFile
 
 IDLE_S = 0.01
 BUSY_S = 0.001
 
 
-def make_terminal(arguments: argparse.Namespace, line: Line) -> tuple[Terminal, Device, SimulatedClock]:
+def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Terminal, SimulatedUnit, SimulatedClock]:
     """Return the device connected to its line."""
-    camera = profile(arguments.profile)
-    memory = Memory.in_directory(arguments.state_dir) if arguments.state_dir else Memory.in_ram()
+    instrument = instrument_of(arguments)
+    camera, link, behaviour = instrument.profile, instrument.link, instrument.simulator or SimulatorFile()
+    if behaviour.program:
+        world = make_environment(arguments, camera, instrument)
+        unit = make_unit(behaviour.program, instrument, world, arguments)
+        clock = SimulatedClock(arguments.speed, held=arguments.stepped)
+        rate = (link.baud if arguments.baud is None else arguments.baud) / 10
+        return Terminal(line, unit, clock, rate, world.line), unit, clock
+    check_dialects(frozenset(arguments.dialect), ())
+    if instrument.catalogue is None:
+        raise BadInput("an instrument without catalogue.yaml cannot be simulated", got=instrument.name)
+    baud = link.baud if arguments.baud is None else arguments.baud
+    bank_bytes = instrument.catalogue.bank_bytes
+    in_files = arguments.state_dir is not None
+    memory = Memory.in_directory(arguments.state_dir, bank_bytes) if in_files else Memory.in_ram(bank_bytes)
     held = memory.record.banks[GOLDEN]
     if held.profile != camera.name or not memory.intact(GOLDEN):
         burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     real = own_lens(camera, arguments.lens_off, arguments.seed)
-    world = make_environment(arguments, real)
-    sky = Sky(real, world.motion, world.epoch_jyear, arguments.seed, world)
+    world = make_environment(arguments, real, instrument)
+    sky = SimulatedSky(real, world.motion, world.epoch_jyear, arguments.seed, world)
     clock = SimulatedClock(arguments.speed, held=arguments.stepped)
     serial = f"SIM-{arguments.seed:04d}"
-    identity = Identity(serial=serial, line_baud=arguments.baud)
-    tracker = StarTracker(camera, sky, memory)
-    with contextlib.suppress(Refusal):  # an unusable bank is reported when it is used
+    identity = Identity(serial=serial, line_baud=baud)
+    tracker = StarTracker(camera, sky, memory, behaviour.timing)
+    with contextlib.suppress(Rejection):  # an unusable bank is reported when it is used
         tracker.warm()
-    period_s = 1.0 / min(1000.0, max(0.001, arguments.housekeeping_hz))
-    device = Device(
-        load_dictionary(), identity, memory, tracker, clock(), framing=arguments.framing, housekeeping_s=period_s
+    rate_hz = arguments.housekeeping_hz
+    timing = behaviour.timing
+    if rate_hz is not None:
+        timing = timing.model_copy(update={"housekeeping_s": 1.0 / min(1000.0, max(0.001, rate_hz))})
+    framing = arguments.framing or link.framing
+    device = SimulatedDevice(
+        instrument.dictionary,
+        identity,
+        memory,
+        tracker,
+        clock(),
+        framing=framing,
+        timing=timing,
+        power=Power(behaviour.power),
+        keys=read_link_keys(arguments.keys) if arguments.keys else None,
     )
-    return Terminal(line, device, clock, arguments.baud / 10, world.line), device, clock
+    return Terminal(line, device, clock, baud / 10, world.line), device, clock
 
 
-def serve(terminal: Terminal, device: Device, clock: SimulatedClock, url: str, *, watch_stdin: bool) -> None:
+def serve(terminal: Terminal, device: SimulatedUnit, clock: SimulatedClock, url: str, *, watch_stdin: bool) -> None:
     """Run until stopped. If ``watch_stdin``, time commands are read from standard input."""
     stopping = False
 
@@ -66,7 +93,7 @@ def serve(terminal: Terminal, device: Device, clock: SimulatedClock, url: str, *
     signal.signal(signal.SIGTERM, stop)
     signal.signal(signal.SIGINT, stop)
     _say(f"READY {url}")
-    desk = TimeDesk(clock, terminal, lambda: stopping)
+    time_control = TimeControl(clock, terminal, lambda: stopping)
     terminal.paced = not clock.held
     handles = [sys.stdin.fileno()] if watch_stdin else []
     try:
@@ -75,7 +102,7 @@ def serve(terminal: Terminal, device: Device, clock: SimulatedClock, url: str, *
             if ready:
                 data = os.read(ready[0], 4096)
                 stopping = stopping or not data
-                for answer in desk.feed(data):
+                for answer in time_control.feed(data):
                     _say(answer)
     finally:
         device.shut_down(clock())
@@ -92,7 +119,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="gss.device.simulator", description="A simulated star tracker on a line.")
     add_arguments(parser)
     arguments = parser.parse_args(argv)
-    line: Line | None = None
+    line: DeviceLine | None = None
     try:
         line = TcpLine(arguments.tcp) if arguments.tcp is not None else PtyLine(arguments.symlink)
         terminal, device, clock = make_terminal(arguments, line)

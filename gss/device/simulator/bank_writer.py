@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from gss.catalogue_tools.formats import triplet_table as triplets
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
-from gss.catalogue_tools.tables import triplets
-from gss.device.dictionary import Dictionary, Value
-from gss.device.golden import bank_formats
 from gss.device.protocol.chunk_size import regrid
 from gss.device.protocol.transfer import ChunkReceiver, chunk_count
 from gss.device.simulator.memory import (
@@ -21,13 +19,15 @@ from gss.device.simulator.memory import (
     SuspendedUpload,
 )
 from gss.device.simulator.record import area_name
-from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Session
 from gss.device.table_use import calibrated, check_parameters
 from gss.device.tables import TABLE_FORMAT, decode_table
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.profiles import CameraProfile
+from gss.instruments.dictionary.definitions import Dictionary, Value
 
+EPOCHS_JYEAR = (1800.0, 2300.0)
 FLASH_KINDS = ("catalogue", *TABLES)
 
 
@@ -48,11 +48,11 @@ class BankWriter:
         """Return the name of the flash area for a kind of content and a target number. Raises Refusal."""
         if kind == "catalogue":
             if target >= len(BANKS):
-                raise Refusal("not_found", f"banks are 0 – {len(BANKS) - 1}, got {target}")
+                raise Rejection("not_found", f"banks are 0 – {len(BANKS) - 1}, got {target}")
             return BANKS[target]
         bank = self._table_banks.get(target)
         if bank not in TABLE_BANKS:
-            raise Refusal("not_found", f"tables are in 0 A, 1 B, 3 factory; got {target}")
+            raise Rejection("not_found", f"tables are in 0 A, 1 B, 3 factory; got {target}")
         return area_name(kind, bank)
 
     def check(self, v: Mapping[str, Value], target: int, size: int) -> str:
@@ -60,29 +60,42 @@ class BankWriter:
         kind = str(v["kind"])
         area = self.area(kind, target)
         if area == GOLDEN or area.endswith(FACTORY):
-            raise Refusal("write_protected", f"{area} cannot be written")
+            raise Rejection("write_protected", f"{area} cannot be written")
         if area in self._in_use(kind):
-            raise Refusal("bank_active", f"{area} is in use")
+            raise Rejection("bank_active", f"{area} is in use")
         capacity = self._memory.capacity(area)
-        if not 0 < size <= capacity:
-            raise Refusal("too_large", f"{area} has {capacity} B, got {size}")
+        if size > capacity:
+            raise Rejection("too_large", f"{area} has {capacity} B, got {size}")
+        if not size:
+            raise Rejection("bad_length", "0 B to write")
+        epoch_jyear = float(v["epoch_jyear"])
+        if epoch_jyear and not EPOCHS_JYEAR[0] <= epoch_jyear <= EPOCHS_JYEAR[1]:
+            low, high = EPOCHS_JYEAR
+            raise Rejection("out_of_range", f"epoch_jyear: 0 or {low:g} – {high:g}, got {epoch_jyear:g}")
         own: dict[str, Value] = {
             "device_model": self._dictionary.device_model,
             "profile": self._profile.name,
             "dictionary_hash": self._dictionary.hash,
         }
-        for name, wanted in own.items():
-            if v[name] != wanted:
-                raise Refusal("incompatible", f"{name}: expected {_short(wanted)}, got {_short(v[name])}")
+        for name, own_value in own.items():
+            if v[name] != own_value:
+                raise Rejection("incompatible", f"{name}: expected {_short(own_value)}, got {_short(v[name])}")
         if int(v["format_version"]) not in self.formats(kind):
             expected = " or ".join(map(str, self.formats(kind)))
-            raise Refusal("incompatible", f"format_version: expected {expected}, got {int(v['format_version'])}")
+            raise Rejection("incompatible", f"format_version: expected {expected}, got {int(v['format_version'])}")
         return area
+
+    @staticmethod
+    def offered(v: Mapping[str, Value]) -> dict[str, float]:
+        """Return what the ground stated about a catalogue; zeros state nothing."""
+        if v["kind"] != "catalogue":
+            return {}
+        return {name: float(v[name]) for name in ("stars", "pairs", "epoch_jyear") if v[name]}
 
     def formats(self, kind: str) -> tuple[int, ...]:
         """Return the format versions that the unit reads for a kind of content."""
         if kind == "catalogue":
-            return tuple(FORMATS[name] for name in bank_formats(self._profile.name))
+            return tuple(FORMATS[name] for name in self._profile.formats)
         return (triplets.HEADER_VERSION,) if kind == "triplets" else (TABLE_FORMAT,)
 
     def _in_use(self, kind: str) -> tuple[str, ...]:
@@ -133,8 +146,8 @@ class BankWriter:
         upload = self._memory.record.uploads.get(session.area)
         if session.receiver is not None and upload is not None:
             held = session.receiver.held.ranges()[0]
-            kept = SuspendedUpload(session.size, session.chunk_bytes, session.sha256.hex(), held)
-            self._memory.record.uploads[session.area] = kept
+            suspended = SuspendedUpload(session.size, session.chunk_bytes, session.sha256.hex(), held)
+            self._memory.record.uploads[session.area] = suspended
             self._memory.save()
 
     # --- commit -------------------------------------------------------------------------------------------------
@@ -144,7 +157,12 @@ class BankWriter:
         try:
             record = self._catalogue(content) if session.kind == "catalogue" else self._table(session.kind, content)
         except (CorruptData, BadInput) as error:
-            raise Refusal("incompatible", str(error)) from error
+            raise Rejection("incompatible", str(error)) from error
+        for name, stated in session.offered.items():
+            if float(getattr(record, name)) != stated:
+                raise Rejection(
+                    "incompatible", f"{name}: {stated:g} were announced, the content has {getattr(record, name):g}"
+                )
         self._memory.record.uploads.pop(session.area, None)
         self._memory.record.banks[session.area] = BankRecord(
             "committed",
@@ -163,7 +181,7 @@ class BankWriter:
         self._own(header.profile_name, "catalogue")
         version = FORMATS[header.format_name]
         if version not in self.formats("catalogue"):
-            raise Refusal("incompatible", f"this unit does not read the {header.format_name} format")
+            raise Rejection("incompatible", f"this unit does not read the {header.format_name} format")
         return BankRecord(
             stars=len(catalogue),
             pairs=len(catalogue.distances),
@@ -187,4 +205,4 @@ class BankWriter:
 
     def _own(self, name: str, kind: str) -> None:
         if name != self._profile.name:
-            raise Refusal("incompatible", f"{kind} is for {name}, this is {self._profile.name}")
+            raise Rejection("incompatible", f"{kind} is for {name}, this is {self._profile.name}")

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gss.catalogue_tools.onboard import HEADER_BYTES, core_bytes, read_header
-from gss.device.dictionary import Value
 from gss.device.protocol.windows import encode_windows, windows_round
 from gss.device.simulator.bank_writer import FLASH_KINDS, BankWriter
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.images import StoredFrame, frame_bytes, thumbnail
 from gss.device.simulator.memory import Memory
-from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.rejection import Rejection
 from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.definitions import Value
 
 SECTIONS = ("star_list", "distance_table")
 
 
-class Downloads:
+class DownloadSource:
     """Content by kind and target."""
 
     def __init__(self, memory: Memory, tracker: StarTracker, writer: BankWriter) -> None:
@@ -39,7 +39,7 @@ class Downloads:
 
     def _flash(self, area: str) -> bytes:
         if self._memory.record.banks[area].state not in ("committed", "corrupt"):
-            raise Refusal("bank_empty", f"{area} is {self._memory.record.banks[area].state}")
+            raise Rejection("bank_empty", f"{area} is {self._memory.record.banks[area].state}")
         return self._memory.content(area)
 
     def _section(self, kind: str, image: bytes) -> bytes:
@@ -47,11 +47,11 @@ class Downloads:
         try:
             header = read_header(image)
         except CorruptData as error:
-            raise Refusal("bank_corrupt", str(error)) from error
+            raise Rejection("bank_corrupt", str(error)) from error
         end = core_bytes(header.format_name, header.stars, 0)
         total = core_bytes(header.format_name, header.stars, header.pairs)
         if kind == "distance_table" and total == end:
-            raise Refusal("not_found", f"the bank has no distance table, its format is {header.format_name}")
+            raise Rejection("not_found", f"the bank has no distance table, its format is {header.format_name}")
         return image[HEADER_BYTES:end] if kind == "star_list" else image[end:total]
 
     @staticmethod
@@ -60,18 +60,18 @@ class Downloads:
         height, width = frame.pixels.shape
         if not (columns and rows and col + columns <= width and row + rows <= height):
             got = f"{columns} x {rows} from ({col}, {row})"
-            raise Refusal("out_of_range", f"the image has {width} x {height} px, asked for {got}")
+            raise Rejection("out_of_range", f"the image has {width} x {height} px, requested {got}")
         return frame_bytes(frame.pixels[row : row + rows, col : col + columns])
 
     def _windows(self, frame: StoredFrame, side_px: int) -> bytes:
         """Return windows around the centroids of that image, which is searched first if necessary."""
         tracker = self._tracker
         if tracker.frame is not frame or tracker.detection is None:
-            tracker.find_centroids(frame.slot)
+            tracker.keep(frame, *tracker.detect(frame))
         assert tracker.detection is not None  # noqa: S101 - just found
         height, width = frame.pixels.shape
         centres = [(float(c), float(r)) for c, r in tracker.detection.centroids.pixels]
         try:
             return encode_windows(frame.pixels, windows_round(centres, side_px, width, height))
         except BadInput as error:
-            raise Refusal("out_of_range", str(error)) from error
+            raise Rejection("out_of_range", str(error)) from error

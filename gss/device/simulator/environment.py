@@ -21,9 +21,9 @@ from gss.device.simulator.orbit import (
     Zenith,
 )
 from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import CameraProfile
 from gss.domain.sensor import NO_DEFECTS, Defects
 from gss.pipeline.chip import Chip, make_chip
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from gss.catalogue_tools.formats.triplet_table import HEADER_VERSION, encode_triplets
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
-from gss.catalogue_tools.tables.triplets import HEADER_VERSION, encode_triplets
-from gss.device.golden import Golden
 from gss.device.simulator.memory import FACTORY, GOLDEN, BankRecord, Memory
 from gss.device.simulator.record import area_name
 from gss.device.table_use import calibration_values, chain_of, parameter_values
 from gss.device.tables import TABLE_FORMAT, encode_table
-from gss.domain.profiles import CameraProfile
+from gss.domain.camera_profile import CameraProfile
+from gss.instruments.golden import Golden
 
 
 def burn_golden(memory: Memory, profile: CameraProfile, golden: Golden) -> None:

@@ -66,6 +66,7 @@ class FaultCounts:
     stalls: int = 0
     bytes_delayed: int = 0
     bytes_lost_disconnected: int = 0
+    bytes_lost_unread: int = 0
 
 
 class LineFaults:
@@ -83,7 +84,7 @@ class LineFaults:
         """Return the data with all faults except delay."""
         if not data or not self.rates.spoil:
             return data
-        r, kept = self.rates, []
+        r, delivered = self.rates, []
         for start in range(0, len(data), PIECE_BYTES):
             piece, luck = data[start : start + PIECE_BYTES], self._rng.random()
             if luck < r.drop_rate:
@@ -94,8 +95,8 @@ class LineFaults:
             if luck > 1 - r.duplicate_rate:
                 self.counts.pieces_doubled += 1
                 piece = piece * 2
-            kept.append(piece)
-        return self._flip(b"".join(kept))
+            delivered.append(piece)
+        return self._flip(b"".join(delivered))
 
     def _burst(self, piece: bytes) -> bytes:
         """Replace a part of the piece by noise."""
@@ -159,9 +160,9 @@ class LineControl:
 
     def set(self, direction: str = "both", **rates: float) -> None:
         """Change the named rates of "up", "down" or "both". A wrong name or value raises BadInput and changes nothing."""
-        known = {f.name for f in fields(FaultRates)}
-        for name in rates.keys() - known:
-            raise BadInput("unknown line fault", expected=" | ".join(sorted(known)), got=name)
+        rate_names = {f.name for f in fields(FaultRates)}
+        for name in rates.keys() - rate_names:
+            raise BadInput("unknown line fault", expected=" | ".join(sorted(rate_names)), got=name)
         chosen = self._lines(direction)
         changed = [replace(line.rates, **rates) for line in chosen]
         for line, new in zip(chosen, changed, strict=True):

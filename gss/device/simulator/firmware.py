@@ -6,66 +6,72 @@ document's figures, scaled by the work done.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.onboard import decode
-from gss.device.dictionary import Value
 from gss.device.simulator import reports
+from gss.device.simulator.clock import DeviceClock
 from gss.device.simulator.imager import Imager
 from gss.device.simulator.images import StoredFrame
 from gss.device.simulator.memory import Memory
-from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.reports import Report, Timing
-from gss.device.simulator.sky import Sky
+from gss.device.simulator.sky import SimulatedSky
 from gss.device.simulator.tables_on_board import Tables
-from gss.device.simulator.vectors import vector_report
+from gss.device.simulator.vectors import no_vectors, vector_report
 from gss.device.table_use import parameters_with
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import CameraProfile
 from gss.domain.rotation import quaternion_from_matrix
-from gss.domain.stars import OnboardCatalogue
-from gss.pipeline.chains.apriori import Known
+from gss.instruments.dictionary.definitions import Value
+from gss.instruments.package_files import TYPICAL, UnitTiming
+from gss.pipeline.chains.apriori import PriorState
 from gss.pipeline.chains.modes import Mode
-from gss.pipeline.chains.onboard import Commanded, Detection, OnboardChain, Solution, Work
+from gss.pipeline.chains.onboard import Commanded, Detection, OnboardChain, OnboardSolution, Work
+from gss.skytables.bank import OnboardCatalogue
 
 STANDBY = "standby"
 NEED_STARS = ("oersted",)
 """Chains whose detection needs the magnitude limit of the prepared catalogue."""
 STALE = "the attitude is not renewed"
 
-__all__ = ["STANDBY", "Refusal", "StarTracker"]
+T = TypeVar("T")
+Stage = Generator[float, None, T]
+"""A task that yields seconds of simulated time and returns its result."""
+
+__all__ = ["STANDBY", "Rejection", "StarTracker"]
 
 
 class StarTracker:
     """Settings and results. Methods raise Refusal if they cannot do their work.
 
-    ``device_time``: converts simulated time to the device's clock; set by the owner.
+    ``clock``: of the device, which stamps frames.
     """
 
-    def __init__(self, profile: CameraProfile, sky: Sky, memory: Memory) -> None:
+    def __init__(self, profile: CameraProfile, sky: SimulatedSky, memory: Memory, timing: UnitTiming = TYPICAL) -> None:
         self.profile, self.sky, self._memory = profile, sky, memory
-        self.imager = Imager(profile, sky, memory)
+        self.imager = Imager(profile, sky, memory, timing)
         self.tables = Tables(profile, memory)
-        self.device_time: Callable[[float], float] = lambda simulated_s: simulated_s
+        self.clock = DeviceClock(memory, memory.record.time_base_s)
         self.stale = False
         self.restart()
 
     def restart(self) -> None:
         """Reset to power-on: settings from profile and tables, no attitude knowledge, catalogue from the active bank."""
         self.imager.restart()
-        self.mode, self.used_mode = "lost_in_space", "lost_in_space"
+        self.mode = "lost_in_space"
         self.exposure_ms = round(self.profile.sensor.exposure_s * 1000)
-        self.known = Known()
+        self.known = PriorState()
         self.frame: StoredFrame | None = None
         self.detection: Detection | None = None
         self.matching: Any = None
-        self.solution: Solution | None = None
+        self.solution: OnboardSolution | None = None
         self.work: Work | None = None
         self.sigma_rad = (float("nan"), float("nan"))
         self.attitude_time_s: float | None = None
@@ -122,22 +128,21 @@ class StarTracker:
     def _catalogue_at_work(self) -> Any:
         """Return the chain's prepared catalogue, prepared again if bank or tables have changed. Raises Refusal."""
         if self.catalogue is None:
-            raise Refusal("bank_corrupt", self.catalogue_problem)
+            raise Rejection("bank_corrupt", self.catalogue_problem)
         record = self._memory.record
         key = (record.active, record.banks[record.active].sha256, self.tables.key)
         if self._prepared is None or self._prepared[0] != key:
             try:
                 self._prepared = key, self.tables.prepare(self.catalogue)
             except (BadInput, CorruptData) as error:
-                raise Refusal("incompatible", str(error)) from error
+                raise Rejection("incompatible", str(error)) from error
         return self._prepared[1]
 
     # --- settings -----------------------------------------------------------------------------------------------
 
-    @property
-    def commanded(self) -> Commanded:
+    def _commanded(self, mode: Mode) -> Commanded:
         """Settings of the operator."""
-        radius_rad = self.known.radius_rad(Mode(self.used_mode))
+        radius_rad = self.known.radius_rad(mode)
         threshold_dn = float(self.threshold_dn) if self.threshold_dn else None
         return Commanded(threshold_dn, self.min_pixels, max(self.max_pixels, self.min_pixels), radius_rad)
 
@@ -165,7 +170,7 @@ class StarTracker:
     def capture(self, slot: int, exposure_ms: int, start_s: float) -> StoredFrame:
         """Expose into an image memory; ``start_s``: simulated time of the command."""
         mid_s = self.imager.middle_s(start_s, exposure_ms)
-        frame = self.imager.capture(slot, exposure_ms, mid_s, self.device_time(mid_s), self.mode)
+        frame = self.imager.capture(slot, exposure_ms, mid_s, self.clock.at(mid_s), self.mode)
         self.timing.capture_ms, self.timing.transfer_ms = self.imager.capture_ms(exposure_ms), self.imager.transfer_ms
         return frame
 
@@ -183,84 +188,97 @@ class StarTracker:
 
     def _work(self, frame: StoredFrame, catalogue: Any) -> Work:
         """Return the task for a frame from the current knowledge."""
-        wanted = Mode.LOST_IN_SPACE if self.mode == STANDBY else Mode(self.mode)
-        mode = self.known.usable(wanted)
-        self.used_mode = mode.value
-        parameters = self._parameters(frame.exposure_ms, self.commanded, mode)
+        requested_mode = Mode.LOST_IN_SPACE if self.mode == STANDBY else Mode(self.mode)
+        mode = self.known.usable(requested_mode, frame.time_s, self.chain.oldest_attitude_s)
+        parameters = self._parameters(frame.exposure_ms, self._commanded(mode), mode)
         return Work(self.tables.profile.camera, catalogue, parameters, mode, self.known.hint(mode, frame.time_s))
 
-    def find_centroids(self, slot: int) -> Detection:
-        """Detect centroids (FIND_CENTROIDS); discards the last matches."""
-        frame = self.imager.stored(slot)
+    def detect(self, frame: StoredFrame) -> tuple[Work, Detection]:
+        """Detect centroids, without keeping them."""
         try:
             catalogue = self._catalogue_at_work()
-        except Refusal:
+        except Rejection:
             catalogue = None
         work = self._work(frame, catalogue)
         if catalogue is None and work.mode is Mode.TRACKING:
             # Windows are predicted from the catalogue; without one the whole frame is searched.
             work = replace(work, mode=Mode.LOST_IN_SPACE, hint=None)
         if catalogue is None and self.chain.name in NEED_STARS:
-            raise Refusal("bank_corrupt", self.catalogue_problem)
-        self.frame, self.work = frame, work
+            raise Rejection("bank_corrupt", self.catalogue_problem)
+        return work, self.chain.find_centroids(frame.pixels, work)
+
+    # Each stage is a task: it yields the time that it takes, and only then are its results visible. Between stages a command may
+    # change the kept results, so a stage is given those of the stage before.
+
+    def find_centroids(self, frame: StoredFrame) -> Stage[tuple[Work, Detection]]:
+        """Detect centroids (FIND_CENTROIDS); discards the last matches."""
+        work, detection = self.detect(frame)
+        spent_ms = self.chain.detect_ms(frame.pixels.size, detection)
+        yield spent_ms / 1000
+        self.keep(frame, work, detection)
+        self.timing.detect_ms = spent_ms
+        return work, detection
+
+    def keep(self, frame: StoredFrame, work: Work, detection: Detection) -> None:
+        """Keep centroids as the last result."""
+        self.frame, self.work, self.detection = frame, work, detection
         self.matching = self.solution = None
-        self.detection = self.chain.find_centroids(frame.pixels, work)
-        self.timing.detect_ms = self.chain.detect_ms(frame.pixels.size, self.detection)
-        return self.detection
 
-    def match_stars(self) -> Any:
-        """Match the last centroids (MATCH_STARS). Reads the bank again, so that the current flash content is used."""
-        if self.detection is None or self.frame is None:
-            raise Refusal("no_image", "no centroids: FIND_CENTROIDS comes first")
+    def match_stars(self, frame: StoredFrame, detection: Detection) -> Stage[tuple[Work, Any]]:
+        """Match centroids (MATCH_STARS). Reads the bank again, so that the current flash content is used."""
         self.load_catalogue()
-        self.solution = None
-        self.work = self._work(self.frame, self._catalogue_at_work())
-        self.matching = self.chain.match_stars(self.detection.centroids, self.work)
-        self.timing.match_ms = self.chain.match_ms(self.matching)
-        return self.matching
+        work = self._work(frame, self._catalogue_at_work())
+        matching = self.chain.match_stars(detection.centroids, work)
+        spent_ms = self.chain.match_ms(matching)
+        yield spent_ms / 1000
+        self.frame, self.work, self.detection = frame, work, detection
+        self.matching, self.solution = matching, None
+        self.timing.match_ms = spent_ms
+        return work, matching
 
-    def calculate_attitude(self) -> Solution:
-        """Calculate the attitude from the last matches (CALCULATE_ATTITUDE) and set the mode of the next iteration."""
-        if self.matching is None or self.detection is None or self.frame is None or self.work is None:
-            raise Refusal("no_image", "no matches: MATCH_STARS comes first")
-        solution = self.chain.calculate_attitude(self.matching, self.detection.centroids, self.work)
+    def calculate_attitude(
+        self, frame: StoredFrame, work: Work, detection: Detection, matching: Any
+    ) -> Stage[OnboardSolution]:
+        """Calculate the attitude from matches (CALCULATE_ATTITUDE) and set the mode of the next iteration."""
+        spent_ms = self.chain.attitude_ms(matching)
+        yield spent_ms / 1000
+        solution = self.chain.calculate_attitude(matching, detection.centroids, work)
         if self.stale and solution.attitude is not None:
-            solution = Solution(None, None, solution.false_match_probability, STALE)
+            solution = OnboardSolution(None, None, solution.false_match_probability, STALE)
+        self.frame, self.work, self.detection, self.matching = frame, work, detection, matching
         self.solution = solution
-        self.timing.attitude_ms = self.chain.attitude_ms(self.matching)
-        found = None if solution.attitude is None else np.asarray(solution.attitude.quaternion, float)
-        self.known = self.known.after(found)
+        self.timing.attitude_ms = spent_ms
+        quaternion = None if solution.attitude is None else np.asarray(solution.attitude.quaternion, float)
+        self.known = self.known.after(quaternion, frame.time_s)
         if solution.attitude is not None:
             self.sigma_rad = solution.attitude.sigma_rad
-            self.attitude_time_s = self.frame.time_s
+            self.attitude_time_s = frame.time_s
         if self.mode != STANDBY:
-            self.mode = self.chain.next_mode(Mode(self.mode), found is not None).value
+            self.mode = self.chain.next_mode(Mode(self.mode), quaternion is not None).value
         return solution
 
-    def process(self, slot: int) -> list[Report]:
-        """Process the image in a slot: one iteration. Returns its telemetry."""
+    def process(self, slot: int, send: Callable[[Report], None]) -> Stage[None]:
+        """Process the image in a slot: one iteration. Each stage's telemetry is passed to ``send`` when the stage is finished."""
         self.iteration += 1
         frame = self.imager.stored(slot)
-        self.timing.match_ms = self.timing.attitude_ms = 0.0
         self.load_catalogue()
-        self.detection = self.matching = self.solution = None
-        self.frame = frame
-        told: list[Report] = []
+        problem = ""
         try:
-            self.find_centroids(slot)
-            told.append(self.centroid_report())
-            self.match_stars()
-            self.calculate_attitude()
-            told += [self.match_report(), self.attitude_report()]
-        except Refusal as refusal:
+            work, detection = yield from self.find_centroids(frame)
+            self.timing.match_ms = self.timing.attitude_ms = 0.0
+            send(self.centroid_report())
+            work, matching = yield from self.match_stars(frame, detection)
+            yield from self.calculate_attitude(frame, work, detection, matching)
+            send(self.match_report())
+        except Rejection as refusal:
             # Without a catalogue nothing is solved, which ends the series of attitudes like an unsolved frame.
+            problem, self.frame = refusal.detail, frame
             self.matching = self.solution = None
-            self.known = self.known.after(None)
-            told.append(self.attitude_report(refusal.detail))
-        told += [*self.vector_reports(), self.timing_report()]
+            self.known = self.known.after(None, frame.time_s)
+        for report in (self.attitude_report(problem), *self.vector_reports(), self.timing_report()):
+            send(report)
         if frame.truth is not None:
-            told.append(reports.truth_report(frame.number, frame.truth))
-        return told
+            send(reports.truth_report(frame.number, frame.truth))
 
     # --- reports ------------------------------------------------------------------------------------------------
 
@@ -285,34 +303,35 @@ class StarTracker:
         return reports.match_report(self.frame_number, self.matching)
 
     def vector_reports(self) -> list[Report]:
-        """Return the packet "matched_vectors" if orbit, time and attitude are known, otherwise an empty list."""
+        """Return the packet "matched_vectors", with no vectors if there is no attitude, or nothing before orbit and time are
+        known."""
         orbit, offset_s = self.known.orbit, self._memory.record.utc_offset_s
-        if (
-            orbit is None
-            or offset_s is None
-            or not self.frame
-            or not self.work
-            or not self.detection
-            or not self.solution
-        ):
+        if orbit is None or offset_s is None or not self.frame:
             return []
+        if not self.solved or not self.work or not self.detection or not self.solution:
+            return [no_vectors(self.frame)]
         utc_s, row = self.frame.time_s + offset_s, self.matching.row
-        told = vector_report(self.frame, self.work, self.detection, self.solution, row, orbit, utc_s)
-        return [told] if told else []
+        return [vector_report(self.frame, self.work, self.detection, self.solution, row, orbit, utc_s)]
+
+    def late_reports(self, slot: int) -> list[Report]:
+        """Return what the attitude control gets when an iteration is not finished in its period: no vectors (Jacobs 1995
+        §4.3)."""
+        known = self.known.orbit is not None and self._memory.record.utc_offset_s is not None
+        return [no_vectors(self.imager.stored(slot))] if known else []
 
     def attitude_report(self, problem: str = "") -> Report:
         """Return the packet "attitude"; ``problem``: why there is no attitude."""
         solution = self.solution
-        found: dict[str, Value] = {
+        values: dict[str, Value] = {
             "frame_number": self.frame_number,
             "frame_time_s": self.frame.time_s if self.frame else 0.0,
-            "mode": self.used_mode,
+            "mode": (self.work.mode if self.work else Mode.LOST_IN_SPACE).value,
             "centroids": min(255, len(self.detection.centroids)) if self.detection else 0,
             "matched": self.matched,
             "match_confidence": 100.0 * self.matching.confidence if self.matching is not None else 0.0,
         }
         reason = problem or (solution.reason if solution else "")
-        return reports.attitude_report(found, solution.attitude if solution else None, reason)
+        return reports.attitude_report(values, solution.attitude if solution else None, reason)
 
     @property
     def matched(self) -> int:

@@ -6,16 +6,16 @@ import math
 
 import numpy as np
 
-from gss.device.protocol.line import LineReceiver
-from gss.device.simulator.bank_orders import BankOrders
-from gss.device.simulator.command_desk import CommandDesk, Returns
+from gss.device.protocol.receiver import LineReceiver
+from gss.device.simulator.bank_handlers import BankHandlers
+from gss.device.simulator.command_processor import CommandProcessor, Returns
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.loader import Loader
 from gss.device.simulator.memory import TABLES, Memory
-from gss.device.simulator.power import Power
+from gss.device.simulator.power import Activity, Power
 from gss.device.simulator.reports import pose_values, timing_values
 from gss.device.simulator.schedule import Schedule
-from gss.device.simulator.tracker_orders import TrackerOrders
+from gss.device.simulator.tracker_handlers import TrackerHandlers
 from gss.domain.angles import ARCSEC_RAD
 
 UNKNOWN = float("nan")
@@ -29,14 +29,20 @@ class Housekeeper:
         tracker: StarTracker,
         memory: Memory,
         power: Power,
-        desk: CommandDesk,
+        processor: CommandProcessor,
         receiver: LineReceiver,
         loader: Loader,
-        cycle: TrackerOrders,
-        banks: BankOrders,
+        cycle: TrackerHandlers,
+        banks: BankHandlers,
         schedule: Schedule,
     ) -> None:
-        self._tracker, self._memory, self._power, self._desk, self._receiver = tracker, memory, power, desk, receiver
+        self._tracker, self._memory, self._power, self._processor, self._receiver = (
+            tracker,
+            memory,
+            power,
+            processor,
+            receiver,
+        )
         self._loader, self._cycle, self._banks, self._schedule = loader, cycle, banks, schedule
 
     def values(self, sky_s: float, time_s: float, uptime_s: float) -> Returns:
@@ -44,14 +50,14 @@ class Housekeeper:
 
         ``sky_s``: simulated time, ``time_s``: device time.
         """
-        busy = self._cycle.cycle_running or self._desk.busy
+        activity = Activity.BUSY if self._processor.busy else self._cycle.activity
         sensor_c = self._tracker.sky.environment.sensor_temperature_c(sky_s)
         return (
             self._attitude(sky_s, time_s)
             | self._settings()
             | self._unit(uptime_s)
             | self._flash()
-            | self._power.values(sky_s, busy, sensor_c)
+            | self._power.values(sky_s, activity, sensor_c)
         )
 
     def _attitude(self, sky_s: float, time_s: float) -> Returns:
@@ -68,7 +74,7 @@ class Housekeeper:
             "match_confidence": 100.0 * t.matching.confidence if t.matching is not None else 0.0,
             "sigma_cross_arcsec": t.sigma_rad[0] / ARCSEC_RAD,
             "sigma_roll_arcsec": t.sigma_rad[1] / ARCSEC_RAD,
-            "rate_deg_s": float(np.degrees(t.sky.rate_rad_s(sky_s))),
+            "rate_deg_s": float(np.degrees(t.known.rate_rad_s)),
             "background_dn": float(t.detection.black_dn) if t.detection else 0.0,
             "orbit_known": t.known.orbit is not None,
         }
@@ -95,8 +101,8 @@ class Housekeeper:
             "time_set": record.utc_offset_s is not None,
             "scheduled": len(waiting),
             "next_scheduled_s": waiting[0].at_s if waiting else UNKNOWN,
-            "commands_accepted": self._desk.accepted & 0xFFFF,
-            "commands_rejected": self._desk.rejected & 0xFFFF,
+            "commands_accepted": self._processor.accepted & 0xFFFF,
+            "commands_rejected": self._processor.rejected & 0xFFFF,
             "frames_good": self._receiver.good,
             "frames_bad": self._receiver.bad_total,
             "transfer_sessions": self._loader.open_sessions,

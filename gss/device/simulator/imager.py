@@ -8,14 +8,13 @@ import numpy as np
 
 from gss.device.simulator.images import Pixels, StoredFrame
 from gss.device.simulator.memory import Memory
-from gss.device.simulator.refusal import Refusal
-from gss.device.simulator.sky import Sky
-from gss.domain.profiles import CameraProfile
+from gss.device.simulator.rejection import Rejection
+from gss.device.simulator.sky import SimulatedSky
+from gss.domain.camera_profile import CameraProfile
+from gss.instruments.package_files import UnitTiming
 
-SENSOR_START_MS = 70.0
-SENSOR_BYTES_PER_MS = 10_000.0
-COPY_BYTES_PER_MS = 1_000.0
 GLARE = 1.0
+SHARED_PERIOD = 0.5
 DOT_SIGMA_PX = 1.2
 
 
@@ -31,10 +30,11 @@ class ImagerFaults:
 class Imager:
     """Image memories filled from the simulated sky.
 
-    Durations: 70 ms start, 10 MB/s out of the sensor, 1 MB/s to the processor (Erlank 2013 §5.3.3).
+    ``timing``: start of the sensor, reading it out, and copying to the processor.
     """
 
-    def __init__(self, profile: CameraProfile, sky: Sky, memory: Memory) -> None:
+    def __init__(self, profile: CameraProfile, sky: SimulatedSky, memory: Memory, timing: UnitTiming) -> None:
+        self._timing = timing
         self.profile, self._sky, self._memory = profile, sky, memory
         self.faults = ImagerFaults()
         self._last: Pixels | None = None
@@ -52,21 +52,54 @@ class Imager:
         camera = self.profile.camera
         return camera.columns * camera.rows * (1 if self.profile.sensor.bits <= 8 else 2)
 
+    @property
+    def start_ms(self) -> float:
+        """Time to start the sensor, part of the time to capture an image."""
+        return self._timing.sensor_start_ms
+
+    @property
+    def readout_ms(self) -> float:
+        """Time to read an image out of the sensor."""
+        return self.frame_size / self._timing.readout_bytes_ms
+
     def capture_ms(self, exposure_ms: int) -> float:
         """Return the time from the start of the sensor until the image is in the FPGA's memory."""
-        return SENSOR_START_MS + exposure_ms + self.frame_size / SENSOR_BYTES_PER_MS
+        return self._exposed_ms(exposure_ms) + self.readout_ms
+
+    def _exposed_ms(self, exposure_ms: int) -> float:
+        """Time from the start of the sensor until the readout begins. A rolling-shutter imager first clocks out an image of
+        undefined exposure for a frame period, in the end of which the rows are exposed (Erlank 2013 app. D)."""
+        if not self._timing.frame_ms:
+            return self._timing.sensor_start_ms + exposure_ms
+        return min((t for t in self._timing.frame_ms if t >= exposure_ms), default=float(exposure_ms))
+
+    def occupied_ms(self, exposure_ms: int) -> float:
+        """Return the time until the next exposure can begin: the readout may overlap with it."""
+        return self._exposed_ms(exposure_ms) if self._timing.readout_overlaps else self.capture_ms(exposure_ms)
+
+    @property
+    def overlapped_ms(self) -> float:
+        """Part of the readout that takes place in the next period."""
+        return self.readout_ms if self._timing.readout_overlaps else 0.0
 
     @property
     def transfer_ms(self) -> float:
-        """Time to copy an image from the FPGA's memory to the processor's."""
-        return self.frame_size / COPY_BYTES_PER_MS
+        """Time to copy an image from the FPGA's memory to the processor's; 0 if the processor reads it where it is."""
+        return self.frame_size / self._timing.copy_bytes_ms if self._timing.copy_bytes_ms else 0.0
+
+    def longest_ms(self, period_ms: int) -> int:
+        """Return the longest exposure in a cycle. Start, exposure and readout share the period with the copy, which needs half of
+        it in CubeStar (Erlank 2013 §5.3.6), or have it to themselves (Jacobs 1995 §4.2)."""
+        share = SHARED_PERIOD if self._timing.copy_bytes_ms else 1.0
+        if self._timing.frame_ms:
+            fitting = [t for t in self._timing.frame_ms if t <= share * period_ms - self.readout_ms]
+            return int(max(fitting, default=min(self._timing.frame_ms)))
+        return max(1, int(share * period_ms - self.occupied_ms(0)))
 
     def middle_s(self, start_s: float, exposure_ms: int) -> float:
-        """Return the time of mid-exposure of an image commanded at ``start_s``.
-
-        The exposure begins 70 ms later, because the first image is discarded.
-        """
-        return start_s + SENSOR_START_MS / 1000 + exposure_ms / 2000
+        """Return the time of mid-exposure of an image commanded at ``start_s``; with a rolling shutter that of the middle row."""
+        rolled_ms = self.readout_ms / 2 if self._timing.frame_ms else 0.0
+        return start_s + (self._exposed_ms(exposure_ms) - exposure_ms / 2 + rolled_ms) / 1000
 
     def capture(self, slot: int, exposure_ms: int, mid_s: float, device_s: float, mode: str) -> StoredFrame:
         """Expose into an image memory. ``mid_s``: middle in simulated time, ``device_s``: the same by the device's clock."""
@@ -130,7 +163,7 @@ class Imager:
     def stored(self, slot: int) -> StoredFrame:
         """Return the image in a slot. Raises Refusal if it is empty."""
         if slot not in self.slots:
-            raise Refusal("no_image", f"slot {slot} holds no image")
+            raise Rejection("no_image", f"slot {slot} holds no image")
         return self.slots[slot]
 
     def sram(self, address: int, length: int) -> bytes:

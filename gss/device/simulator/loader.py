@@ -6,15 +6,15 @@ import hashlib
 from collections import deque
 from collections.abc import Callable, Mapping
 
-from gss.device.dictionary import Dictionary, Value
 from gss.device.protocol.codec import Decoded
 from gss.device.protocol.transfer import StatusPage
 from gss.device.simulator.bank_writer import BankWriter
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.memory import FlashError, Memory
 from gss.device.simulator.openings import Openings
-from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Outgoing, Session
+from gss.instruments.dictionary.definitions import Dictionary, Value
 
 SILENT_S = 15.0
 SILENT_REQUESTS = 8
@@ -28,16 +28,24 @@ class Loader:
     ``news``: (event name, text) for the device to send. ``device_time``: converts line time to the device's clock.
     """
 
-    def __init__(self, dictionary: Dictionary, memory: Memory, tracker: StarTracker, bytes_per_s: float) -> None:
+    def __init__(
+        self,
+        dictionary: Dictionary,
+        memory: Memory,
+        tracker: StarTracker,
+        bytes_per_s: float,
+        device_time: Callable[[float], float],
+        image_memory: Callable[[], bool],
+    ) -> None:
         self._memory, self._tracker = memory, tracker
         self._writer = BankWriter(dictionary, memory, tracker.profile)
-        self.openings = Openings(memory, tracker, self._writer, bytes_per_s)
+        self.openings = Openings(memory, tracker, self._writer, bytes_per_s, image_memory)
         self._sessions: dict[int, Session] = {}
         self._out: deque[Outgoing] = deque()
         self._turn = 0
         self._refused_s: dict[int, float] = {}
         self.news: list[tuple[str, str]] = []
-        self.device_time: Callable[[float], float] = lambda now_s: now_s
+        self._device_time = device_time
 
     @property
     def open_sessions(self) -> int:
@@ -87,7 +95,7 @@ class Loader:
         if session is None:
             self._no_session(int(message.values["session"]), request_id, now_s)
             return
-        session.heard_s = now_s
+        session.received_s = now_s
         if service == "CHUNK" and session.receiver:
             self._chunk(session, message.values)
         elif service == "STATUS_REQUEST" and session.receiver:
@@ -101,6 +109,10 @@ class Loader:
             self._commit(session, now_s)
         elif service in ("CLOSE", "PAUSE", "ABORT_TRANSFER"):
             self._end(session, service)
+
+    def refuse(self, request_id: int, reason: str, detail: str) -> None:
+        """Refuse an OPEN."""
+        self._abort(0, request_id, reason, detail)
 
     def _no_session(self, session_id: int, request_id: int, now_s: float) -> None:
         """Report an unknown session, but not for every chunk of a window."""
@@ -118,13 +130,13 @@ class Loader:
             try:
                 make = self.openings.upload if service == "OPEN_UPLOAD" else self.openings.download
                 session = make(request_id, values, now_s)
-            except Refusal as refusal:
-                self._abort(0, request_id, refusal.reason, refusal.detail)
+            except Rejection as refusal:
+                self.refuse(request_id, refusal.reason, refusal.detail)
                 return
             self._supersede(session)
             self._sessions[session.id] = session
             self._forget_oldest()
-        session.heard_s = now_s
+        session.received_s = now_s
         self._out.append(
             Outgoing(
                 "OPENED",
@@ -214,12 +226,12 @@ class Loader:
             if session.area:
                 try:
                     self._writer.commit(session, content)
-                except Refusal as refusal:
+                except Rejection as refusal:
                     self._abort(session.id, session.request_id, refusal.reason, refusal.detail)
                     return
             else:
                 t = self._tracker
-                frame = t.imager.put_image(session.target, content, t.exposure_ms, self.device_time(now_s), t.mode)
+                frame = t.imager.put_image(session.target, content, t.exposure_ms, self._device_time(now_s), t.mode)
                 self.openings.parts.pop(("image", session.target), None)
                 session.frame_number = frame.number
             session.committed = True
@@ -256,7 +268,7 @@ class Loader:
                 if due is not None and session.sender.silent_requests <= SILENT_REQUESTS:
                     values = {"session": session.id, "serial": due[0], "from_index": due[1]}
                     self._out.append(Outgoing("STATUS_REQUEST", session.request_id, values))
-            if now_s - session.heard_s > SILENT_S:
+            if now_s - session.received_s > SILENT_S:
                 if not session.committed and not (session.sender and session.sender.complete):
                     self._end(session, "silence")
                     self.news.append(("TRANSFER_SUSPENDED", f"{session.name} went silent"))

@@ -8,16 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from gss import __version__
-from gss.device.dictionary import Dictionary
-from gss.device.protocol.codec import decode, encode
-from gss.device.protocol.line import LineReceiver
+from gss.device.protocol.authentication import LinkKeys, PacketVerifier
+from gss.device.protocol.codec import decode, encode, fixed_bytes
 from gss.device.protocol.packet import Packet, PacketType
-from gss.device.simulator.bank_orders import BankOrders
-from gss.device.simulator.clock import DeviceClock
-from gss.device.simulator.command_desk import Arguments, CommandDesk, Handler, Returns
+from gss.device.protocol.receiver import LineReceiver
+from gss.device.simulator.bank_handlers import BankHandlers
+from gss.device.simulator.command_processor import Arguments, CommandProcessor, Handler, Returns
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.housekeeping import Housekeeper
 from gss.device.simulator.images import SLOTS
@@ -29,16 +26,18 @@ from gss.device.simulator.power import Power
 from gss.device.simulator.reports import frame_report
 from gss.device.simulator.schedule import Schedule
 from gss.device.simulator.sessions import WINDOW_CHUNKS
-from gss.device.simulator.setting_orders import SettingOrders
-from gss.device.simulator.table_orders import TableOrders
-from gss.device.simulator.tracker_orders import TrackerOrders
+from gss.device.simulator.setting_handlers import SettingHandlers
+from gss.device.simulator.table_handlers import TableHandlers
+from gss.device.simulator.tracker_handlers import TrackerHandlers
 from gss.device.simulator.training import Training
-from gss.device.simulator.unit_orders import UnitOrders
+from gss.device.simulator.unit_handlers import UnitHandlers
 from gss.domain.errors import CorruptData
+from gss.instruments.dictionary.definitions import Dictionary
+from gss.instruments.package_files import TYPICAL, PowerRow, UnitTiming
 
-HOUSEKEEPING_S = 1.0
-BOOT_S = 0.3
 LAST_WORDS_S = 0.2
+MOST_OVERDUE = 30
+"""Housekeeping packets that are sent late after the simulator's process did not run."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +49,9 @@ class Identity:
     line_baud: int = 0
 
 
-class Device:
-    """A star tracker on a line. ``training``: fault injection of a simulated one, also for tests."""
+class SimulatedDevice:
+    """A star tracker on a line. ``timing``, ``power``: of the instrument's simulator.yaml. ``training``: fault
+    injection, also for tests."""
 
     def __init__(
         self,
@@ -62,47 +62,69 @@ class Device:
         now_s: float,
         *,
         framing: str = "cobs",
-        housekeeping_s: float = HOUSEKEEPING_S,
+        timing: UnitTiming = TYPICAL,
+        power: Power | None = None,
+        keys: LinkKeys | None = None,
     ) -> None:
-        self._housekeeping_s = housekeeping_s
+        self._timing, self._housekeeping_s = timing, timing.housekeeping_s
         self._dictionary, self._identity, self._memory, self._tracker = dictionary, identity, memory, tracker
         self._now_s = now_s
         self._origin_s = now_s - memory.record.time_base_s
-        self.clock = DeviceClock(memory, memory.record.time_base_s)
-        self.power = Power()
-        self._receiver = LineReceiver(from_device=False, framing=framing)
+        self.clock = tracker.clock
+        self.power = power or Power(PowerRow())
+        self._verifier = PacketVerifier(keys, memory.record.accepted_counter) if keys else None
+        self._receiver = LineReceiver(from_device=False, framing=framing, verifier=self._verifier)
         self._outbox = Outbox(dictionary, framing)
-        self._loader = Loader(dictionary, memory, tracker, identity.line_baud / 10)
-        self._loader.device_time = lambda at_s: self.clock.at(at_s - self._origin_s)
-        self._loader.openings.image_memory = lambda: self.power.on("sram")
-        tracker.device_time = self.clock.at
-        self._desk = CommandDesk(dictionary, memory, self._outbox, self.housekeeping)
+        self._loader = Loader(
+            dictionary,
+            memory,
+            tracker,
+            identity.line_baud / 10,
+            lambda at_s: self.clock.at(at_s - self._origin_s),
+            lambda: self.power.on("sram"),
+        )
+        self._processor = CommandProcessor(dictionary, memory, self._outbox, self.housekeeping, self._command_completed)
         self._make_rooms()
         self._boot("power_on", now_s)
 
     def _make_rooms(self) -> None:
         """Create the handlers by subject, all with the same tracker, memory and outbox."""
-        tracker, memory, outbox, loader, desk = self._tracker, self._memory, self._outbox, self._loader, self._desk
-        self._orders = TrackerOrders(tracker, outbox, desk, self.power, lambda: (self._now_s, self.sky_s))
-        self._banks = BankOrders(memory, tracker, loader, outbox)
-        self._tables = TableOrders(memory, tracker, loader, outbox)
-        self._schedule = Schedule(self._dictionary, memory, outbox, desk, lambda: self.time_s)
-        self._unit = UnitOrders(self.power, tracker, self._orders, loader, memory, outbox, self._registers)
-        settings = SettingOrders(tracker, self._orders, self.clock, outbox, lambda: self.sky_s)
+        tracker, memory, outbox, loader, processor = (
+            self._tracker,
+            self._memory,
+            self._outbox,
+            self._loader,
+            self._processor,
+        )
+        self._tracker_handlers = TrackerHandlers(
+            tracker, outbox, processor, self.power, lambda: (self._now_s, self.sky_s), self._timing.cycle_ms
+        )
+        self._banks = BankHandlers(memory, tracker, loader, outbox, self._timing)
+        self._tables = TableHandlers(memory, tracker, loader, outbox, self._timing)
+        self._schedule = Schedule(self._dictionary, memory, outbox, processor, lambda: self.time_s)
+        self._unit = UnitHandlers(self.power, tracker, self._tracker_handlers, loader, memory, outbox, self._registers)
+        settings = SettingHandlers(tracker, self._tracker_handlers, self.clock, outbox, lambda: self.sky_s)
         self.training = Training(
             tracker, memory, self.power, self.clock, outbox, lambda: self.sky_s, self._ask_watchdog_reset
         )
         self._housekeeper = Housekeeper(
-            tracker, memory, self.power, desk, self._receiver, loader, self._orders, self._banks, self._schedule
+            tracker,
+            memory,
+            self.power,
+            processor,
+            self._receiver,
+            loader,
+            self._tracker_handlers,
+            self._banks,
+            self._schedule,
         )
-        rooms = (self._orders, self._banks, self._tables, self._schedule, self._unit, settings)
-        desk.handlers = self._own_handlers()
+        rooms = (self._tracker_handlers, self._banks, self._tables, self._schedule, self._unit, settings)
+        processor.handlers = self._own_handlers()
         for room in rooms:
-            desk.handlers |= room.handlers()
+            processor.handlers |= room.handlers()
         if self._identity.simulated:
-            desk.handlers |= self.training.handlers()
-        desk.guards = self._orders.guards()
-        desk.on_completed = self._command_completed
+            processor.handlers |= self.training.handlers()
+        processor.guards = self._tracker_handlers.guards()
 
     # --- boot and time ------------------------------------------------------------------------------------------
 
@@ -112,7 +134,7 @@ class Device:
         record.resets += cause != "power_on"
         record.reset_cause = cause
         self._now_s = self._booted_s = now_s
-        self._asleep_until_s = self._housekeeping_due_s = now_s + BOOT_S
+        self._asleep_until_s = self._housekeeping_due_s = now_s + self._timing.boot_s
         self._reset: tuple[str, float] | None = None
         self._outbox.time_s = self.time_s
         if cause == "power_on":
@@ -120,10 +142,10 @@ class Device:
             record.utc_offset_s = None
         self._loader.restart()
         self._receiver.restart()
-        self._orders.reset()
+        self._tracker_handlers.reset()
         self.power.restart()
         self._outbox.event("BOOT", f"{cause}, boot {record.boots}")
-        self._desk.restart()
+        self._processor.restart()
         self._tables.restart()
         self._banks.restart()
         for problem in self._tracker.tables.load():
@@ -168,9 +190,14 @@ class Device:
         self.advance(now_s)
         if now_s < self._asleep_until_s:
             return
-        for packet in self._receiver.feed(data):
+        packets = self._receiver.feed(data)
+        if self._verifier is not None and any(p.type is PacketType.COMMAND for p in packets):
+            # Before a command runs: after a restart its packet must not be accepted again.
+            self._memory.record.accepted_counter = self._verifier.accepted
+            self._memory.save()
+        for packet in packets:
             if packet.type is PacketType.COMMAND:
-                self._desk.receive(packet, self._now_s)
+                self._processor.receive(packet, self._now_s)
             elif packet.type is PacketType.TRANSFER:
                 self._transfer(packet)
 
@@ -186,6 +213,7 @@ class Device:
 
     def advance(self, now_s: float) -> None:
         """Advance the time: running command, cycle, bank trials, transfers, housekeeping."""
+        self._send_overdue_housekeeping(now_s)
         self._now_s = max(now_s, self._now_s)
         self._outbox.time_s = self.time_s
         if now_s < self._asleep_until_s:
@@ -199,15 +227,29 @@ class Device:
         self._banks.advance(self._now_s)
         self._tables.advance(self._now_s)
         self._schedule.advance()
-        self._desk.run(self._now_s)
-        self._orders.run_cycle()
+        self._processor.run(self._now_s)
+        self._tracker_handlers.run_cycle()
         self._loader.step(self._now_s)
         self._flush_loader()
         if now_s >= self._housekeeping_due_s:
-            missed = np.ceil((now_s - self._housekeeping_due_s) / self._housekeeping_s)
-            self._housekeeping_due_s += self._housekeeping_s * max(1.0, missed)
+            self._housekeeping_due_s += self._housekeeping_s
             self._send_housekeeping(0)
             self._flush_loader()
+
+    def _send_overdue_housekeeping(self, now_s: float) -> None:
+        """Send the housekeeping of periods in which this process did not run, with the time at which it was due.
+
+        A unit's processor never waits for others. At most ``MOST_OVERDUE`` packets; older periods are skipped.
+        """
+        if now_s < self._asleep_until_s:
+            return
+        overdue = int(max(0.0, now_s - self._housekeeping_due_s) // self._housekeeping_s)
+        self._housekeeping_due_s += self._housekeeping_s * max(0, overdue - MOST_OVERDUE)
+        for _ in range(min(overdue, MOST_OVERDUE)):
+            self._now_s = max(self._housekeeping_due_s, self._now_s)
+            self._outbox.time_s = self.time_s
+            self._send_housekeeping(0)
+            self._housekeeping_due_s += self._housekeeping_s
 
     def _flush_loader(self) -> None:
         for name, text in self.power.news:
@@ -225,9 +267,13 @@ class Device:
             return
         try:
             message = decode(service.fields, packet.payload)
-        except CorruptData:
+        except CorruptData as error:
+            if service.name in ("OPEN_UPLOAD", "OPEN_DOWNLOAD"):
+                right_length = len(packet.payload) == fixed_bytes(service.fields)
+                self._loader.refuse(packet.request_id, "out_of_range" if right_length else "bad_length", str(error))
+                self._flush_loader()
             return
-        self._desk.note_id(packet.request_id)
+        self._processor.note_id(packet.request_id)
         frames_before = self._tracker.slots.copy()
         self._loader.receive(service.name, packet.request_id, message, self._now_s)
         for slot, frame in self._tracker.slots.items():
@@ -271,7 +317,11 @@ class Device:
         return {}
 
     def _abort(self, _: Arguments, request_id: int) -> Returns:
-        commands, cycle, transfers = self._desk.abort_all(), self._orders.restart(), self._loader.abort_all()
+        commands, cycle, transfers = (
+            self._processor.abort_all(),
+            self._tracker_handlers.restart(),
+            self._loader.abort_all(),
+        )
         text = f"{commands} commands, {transfers} transfers, cycle {'stopped' if cycle else 'was off'}"
         self._outbox.event("ABORTED", text, request_id)
         self._flush_loader()

@@ -21,7 +21,7 @@ from gss.device.simulator.record import (
     TRIPLET_BYTES,
     BankRecord,
     InUse,
-    Record,
+    NonVolatileRecord,
     StoredRequest,
     SuspendedUpload,
     area_name,
@@ -54,11 +54,11 @@ def _layout(bank_bytes: int) -> dict[str, tuple[int, int]]:
     """Return offset and capacity of every bank: catalogues, then triplets, calibrations, parameters."""
     room = {**dict.fromkeys(BANKS, bank_bytes)}
     room |= {area_name(t, b): TRIPLET_BYTES if t == "triplets" else TABLE_BYTES for t in TABLES for b in TABLE_BANKS}
-    found, at = {}, 0
+    offsets, at = {}, 0
     for name, size in room.items():
-        found[name] = (at, size)
+        offsets[name] = (at, size)
         at += -(-size // SECTOR_BYTES) * SECTOR_BYTES
-    return found
+    return offsets
 
 
 def flash_bytes(bank_bytes: int) -> int:
@@ -69,13 +69,17 @@ def flash_bytes(bank_bytes: int) -> int:
 class Memory:
     """Banks and record in flash. ``save``: stores the record's JSON text persistently."""
 
-    def __init__(self, flash: Flash, record: Record, save: Callable[[str], None], bank_bytes: int = BANK_BYTES) -> None:
+    def __init__(
+        self, flash: Flash, record: NonVolatileRecord, save: Callable[[str], None], bank_bytes: int = BANK_BYTES
+    ) -> None:
         self.flash, self.record, self._save, self.bank_bytes = flash, record, save, bank_bytes
 
     @classmethod
     def in_ram(cls, bank_bytes: int = BANK_BYTES) -> Memory:
         """Return a new memory in RAM."""
-        return cls(Flash(bytearray(b"\xff" * (flash_bytes(bank_bytes)))), Record(), lambda _: None, bank_bytes)
+        return cls(
+            Flash(bytearray(b"\xff" * (flash_bytes(bank_bytes)))), NonVolatileRecord(), lambda _: None, bank_bytes
+        )
 
     @classmethod
     def in_directory(cls, directory: Path, bank_bytes: int = BANK_BYTES) -> Memory:
@@ -88,7 +92,7 @@ class Memory:
             notes.unlink(missing_ok=True)
         with image.open("r+b") as file:
             cells = mmap.mmap(file.fileno(), size)
-        record = record_from_json(notes.read_text()) if notes.exists() else Record()
+        record = record_from_json(notes.read_text()) if notes.exists() else NonVolatileRecord()
 
         def save(text: str) -> None:
             part = notes.with_suffix(".part")
@@ -179,9 +183,13 @@ class Memory:
         return bank
 
     def remember(self, request: StoredRequest) -> None:
-        """Store a request with its report; only the last ``KEPT_REQUESTS`` are kept."""
-        kept = [r for r in self.record.requests if r.request_id != request.request_id]
-        self.record.requests = [*kept, request][-KEPT_REQUESTS:]
+        """Store a request with its report; only the ``KEPT_REQUESTS`` with the highest ids are kept."""
+        record = self.record
+        requests = [r for r in record.requests if r.request_id != request.request_id]
+        requests = sorted([*requests, request], key=lambda r: r.request_id)
+        dropped, record.requests = requests[:-KEPT_REQUESTS], requests[-KEPT_REQUESTS:]
+        if dropped:
+            record.forgotten_request_id = max(record.forgotten_request_id, dropped[-1].request_id)
 
     def request(self, request_id: int) -> StoredRequest | None:
         """Return a stored request, or None."""

@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 
-from gss.device.dictionary import Value
 from gss.device.protocol.chunk_size import regrid
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender, chunk_count, request_patience_s
 from gss.device.simulator.bank_writer import FLASH_KINDS, BankWriter
-from gss.device.simulator.downloads import Downloads
+from gss.device.simulator.downloads import DownloadSource
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.images import SLOTS
 from gss.device.simulator.memory import Memory
-from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Session
+from gss.instruments.dictionary.definitions import Value
 
 CHUNK_RANGE = (16, 1536)
 
@@ -25,12 +25,19 @@ class Openings:
     ``parts``: unfinished images by kind and slot. ``image_memory``: returns True if image memory has power.
     """
 
-    def __init__(self, memory: Memory, tracker: StarTracker, writer: BankWriter, bytes_per_s: float) -> None:
+    def __init__(
+        self,
+        memory: Memory,
+        tracker: StarTracker,
+        writer: BankWriter,
+        bytes_per_s: float,
+        image_memory: Callable[[], bool],
+    ) -> None:
         self._memory, self._tracker, self._writer = memory, tracker, writer
-        self._downloads = Downloads(memory, tracker, writer)
+        self._downloads = DownloadSource(memory, tracker, writer)
         self._bytes_per_s = bytes_per_s
         self.parts: dict[tuple[str, int], Session] = {}
-        self.image_memory: Callable[[], bool] = lambda: True
+        self._image_memory = image_memory
 
     def _new_id(self) -> int:
         record = self._memory.record
@@ -43,7 +50,7 @@ class Openings:
         low, high = CHUNK_RANGE
         size = int(values["chunk_bytes"])
         if not low <= size <= high:
-            raise Refusal("out_of_range", f"chunk size {low} – {high}, got {size}")
+            raise Rejection("out_of_range", f"chunk size {low} – {high}, got {size}")
         return size
 
     def upload(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
@@ -52,17 +59,20 @@ class Openings:
         chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]  # bytes decode to bytes
         if kind in FLASH_KINDS:
             area = self._writer.check(v, target, size)
-            return self._open_area(request_id, kind, target, area, size, chunk_bytes, digest, now_s)
+            session = self._open_area(request_id, kind, target, area, size, chunk_bytes, digest, now_s)
+            session.offered = self._writer.offered(v)
+            return session
         if kind != "image" or target >= SLOTS:
-            raise Refusal("not_found", f"nothing to write: {kind} {target}")
+            raise Rejection("not_found", f"nothing to write: {kind} {target}")
         self._need_image_memory()
         if size != self._tracker.imager.frame_size:
-            raise Refusal("too_large", f"an image has {self._tracker.imager.frame_size} B, got {size}")
+            reason = "too_large" if size > self._tracker.imager.frame_size else "bad_length"
+            raise Rejection(reason, f"an image has {self._tracker.imager.frame_size} B, got {size}")
         return self._open_image(request_id, target, size, chunk_bytes, digest, now_s)
 
     def _need_image_memory(self) -> None:
-        if not self.image_memory():
-            raise Refusal("powered_off", "sram has no power")
+        if not self._image_memory():
+            raise Rejection("powered_off", "sram has no power")
 
     def _open_area(
         self,
@@ -86,14 +96,18 @@ class Openings:
     def _open_image(
         self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
     ) -> Session:
-        part, there = self.parts.get(("image", target)), self._tracker.slots.get(target)
+        part, stored_frame = self.parts.get(("image", target)), self._tracker.slots.get(target)
         data, held, resumed, number = bytearray(size), [], False, 0
         if part is not None and part.sha256 == digest and part.size == size and part.receiver is not None:
             data, resumed = part.data, True
             held = regrid(part.receiver.held.ranges()[0], size, part.chunk_bytes, chunk_bytes)
-        elif there is not None and there.source == "uploaded" and hashlib.sha256(there.data).digest() == digest:
+        elif (
+            stored_frame is not None
+            and stored_frame.source == "uploaded"
+            and hashlib.sha256(stored_frame.data).digest() == digest
+        ):
             # The image was committed before, but the ground has not received COMMITTED.
-            data, resumed, number = bytearray(there.data), True, there.number
+            data, resumed, number = bytearray(stored_frame.data), True, stored_frame.number
             held = list(range(chunk_count(size, chunk_bytes)))
         session = Session(self._new_id(), request_id, "image", target, size, chunk_bytes, digest, data, now_s, resumed)
         session.receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)

@@ -8,27 +8,46 @@ from pathlib import Path
 import numpy as np
 
 from gss.catalogue_tools.envelope.attitude import BODY_FROM_CAM, ORBIT_LAWS
-from gss.device.protocol.frame import FRAMINGS
+from gss.device.protocol.framing import FRAMINGS
 from gss.device.simulator.environment import Environment, on_the_ground
 from gss.device.simulator.faults import FaultRates, LineControl
 from gss.device.simulator.motion import EarthPointing, Tumble
-from gss.device.simulator.orbit import CircularOrbit, Inertial, Motion, Orbit, TleOrbit, Zenith
+from gss.device.simulator.orbit import CircularOrbit, Inertial, Motion, Orbit, Sgp4Orbit, Zenith
 from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import PROFILES, CameraProfile
+from gss.instruments.package import Instrument, load_instrument
+from gss.instruments.package_files import Mounting, SimulatorFile
+from gss.instruments.package_source import read_package_files
+from gss.instruments.registry import shipped_registry
 
 DEFAULT_EPOCH_JYEAR = 2026.0
-MOTION_WORDS = "zenith (default) and nadir: on an orbit, camera to the zenith; the others begin at --attitude"
+MOTION_WORDS = (
+    "zenith, nadir: on an orbit, camera to the zenith; the others begin at --attitude (default: as the instrument says)"
+)
 FAULT_WORDS = "share of 64-byte pieces"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add all options to the parser."""
     add = parser.add_argument
-    add("--profile", default="cubestar", choices=sorted(PROFILES), help="camera (default cubestar)")
+    add(
+        "--instrument",
+        "--profile",
+        required=True,
+        metavar="NAME",
+        help="shipped instrument, or the folder or .zip of a package (gss simulate: default GSS_INSTRUMENT)",
+    )
     add("--state-dir", type=Path, metavar="DIR", help="flash and record live here; without it they last for one run")
     add("--seed", type=int, default=1, help="noise, detector and faults (default 1)")
+    add(
+        "--dialect",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="copy a documented deviation of a unit of another maker; may be repeated (docs/instruments.md)",
+    )
     _add_sky(parser.add_argument_group("sky and motion"))
     _add_line(parser.add_argument_group("line"))
     _add_time(parser.add_argument_group("time"))
@@ -57,7 +76,6 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
     add("--epoch", type=float, metavar="JYEAR", help="Julian year of the sky (default 2026.0, or the TLE's)")
     add(
         "--motion",
-        default="zenith",
         choices=("zenith", "nadir", "inertial", "slew", "tumble", "ground"),
         help=MOTION_WORDS,
     )
@@ -71,10 +89,12 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
     add(
         "--mounting",
         choices=ORBIT_LAWS,
-        help="how the camera sits in the body (default zenith; sunsat for that camera)",
+        help="how the camera sits in the body (default: as the instrument says)",
     )
     add(
-        "--roll-pitch-yaw", metavar="R,P,Y", help="body against the orbit axes, degrees (default 0,0,0; sunsat 0,0,135)"
+        "--roll-pitch-yaw",
+        metavar="R,P,Y",
+        help="body against the orbit axes, degrees (default: as the instrument says)",
     )
 
 
@@ -84,8 +104,9 @@ def _add_line(group: argparse._ArgumentGroup) -> None:
     place.add_argument("--pty", action="store_true", help="pseudo-terminal (default)")
     place.add_argument("--tcp", type=int, metavar="PORT", help="TCP port on 127.0.0.1; 0 = a free one")
     add("--symlink", type=Path, metavar="PATH", help="name for the pseudo-terminal")
-    add("--baud", type=int, default=115_200, help="rate of the line, 8N1; 0 = not paced (default 115200)")
-    add("--framing", default="cobs", choices=sorted(FRAMINGS), help="of the packets (default cobs)")
+    add("--baud", type=int, help="rate of the line, 8N1; 0 = not paced (default: the instrument's)")
+    add("--keys", type=Path, default=None, metavar="FILE", help="accept only packets signed with these link keys")
+    add("--framing", choices=sorted(FRAMINGS), help="of the packets (default: the instrument's)")
     add("--bit-error-rate", type=float, default=0.0, metavar="X", help="both directions, as all faults (default 0)")
     add("--burst-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} with up to 16 bytes of noise")
     add("--drop-rate", type=float, default=0.0, metavar="X", help=f"{FAULT_WORDS} lost (default 0)")
@@ -100,22 +121,33 @@ def _add_time(group: argparse._ArgumentGroup) -> None:
     add(
         "--stepped",
         action="store_true",
-        help="time stands still until standard input says: step SECONDS | run [X] | pause",
+        help="time is stopped until standard input receives: step SECONDS | run [X] | pause",
     )
     add(
         "--housekeeping-hz",
         type=float,
-        default=1.0,
         metavar="X",
-        help="housekeeping packets per second, to load a ground system (default 1)",
+        help="housekeeping packets per second, to load a ground system (default: the instrument's)",
     )
     add("--exit-with-stdin", action="store_true", help="end when standard input closes")
 
 
-def make_environment(arguments: argparse.Namespace, camera: CameraProfile) -> Environment:
-    """Return the environment that the options define."""
+def instrument_of(arguments: argparse.Namespace) -> Instrument:
+    """Return the instrument to simulate. Raises NotFound or BadInput."""
+    name: str = arguments.instrument
+    if name in shipped_registry().names():
+        return shipped_registry().get(name)
+    if not Path(name).exists():
+        raise NotFound(
+            "unknown instrument", expected=" | ".join(shipped_registry().names()) + ", or a package", got=name
+        )
+    return load_instrument(read_package_files(Path(name)))
+
+
+def make_environment(arguments: argparse.Namespace, camera: CameraProfile, instrument: Instrument) -> Environment:
+    """Return the environment that the options define. ``instrument``: gives mounting and motion where the options name none."""
     orbit, epoch_jyear = _orbit(arguments)
-    motion, orbit = make_motion(arguments, orbit, epoch_jyear)
+    motion, orbit = make_motion(arguments, instrument, orbit, epoch_jyear)
     line = LineControl(make_rates(arguments), arguments.seed)
     world = Environment(camera, motion, epoch_jyear, arguments.seed, orbit=orbit, line=line)
     if arguments.sky == "real":
@@ -144,7 +176,7 @@ def _orbit(arguments: argparse.Namespace) -> tuple[Orbit, float]:
             text = arguments.tle.read_text("utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise NotFound("the TLE file cannot be read", expected="two lines of text", got=str(error)) from None
-        flown = TleOrbit(text, arguments.epoch)
+        flown = Sgp4Orbit(text, arguments.epoch)
         return flown, flown.epoch_jyear
     epoch_jyear = DEFAULT_EPOCH_JYEAR if arguments.epoch is None else arguments.epoch
     if not 100 <= arguments.altitude_km <= 400_000:
@@ -156,11 +188,13 @@ def _orbit(arguments: argparse.Namespace) -> tuple[Orbit, float]:
     return CircularOrbit(arguments.altitude_km, inclination, node, place), float(epoch_jyear)
 
 
-def make_motion(arguments: argparse.Namespace, orbit: Orbit, epoch_jyear: float) -> tuple[Motion, Orbit]:
+def make_motion(
+    arguments: argparse.Namespace, instrument: Instrument, orbit: Orbit, epoch_jyear: float
+) -> tuple[Motion, Orbit]:
     """Return attitude motion and position; a camera on the ground replaces the orbit by its site."""
-    kind = arguments.motion
+    kind = arguments.motion or (instrument.simulator or SimulatorFile()).motion
     if kind in ("zenith", "nadir") and arguments.attitude is None:
-        return _earth_pointing(arguments, orbit), orbit
+        return _earth_pointing(arguments, instrument.about.mounting, orbit), orbit
     ra, dec, roll = _angles(arguments.attitude or "84,5,0", "RA,DEC,ROLL")
     if not -90 <= dec <= 90:
         raise BadInput("declination is out of range", expected="−90 – 90", got=f"{dec:g}")
@@ -173,15 +207,12 @@ def make_motion(arguments: argparse.Namespace, orbit: Orbit, epoch_jyear: float)
     return Inertial(start, np.array([0.0, rate_rad_s if kind == "slew" else 0.0, 0.0])), orbit
 
 
-OWN_MOUNTING = {"sunsat": ("sunsat", "0,0,135")}
-"""Mounting of a system's camera in its satellite, and its nominal roll, pitch and yaw (Jacobs 1995 §1.3, Table 5-2)."""
-
-
-def _earth_pointing(arguments: argparse.Namespace, orbit: Orbit) -> Motion:
-    mounting, at_rest = OWN_MOUNTING.get(arguments.profile, ("zenith", "0,0,0"))
+def _earth_pointing(arguments: argparse.Namespace, own: Mounting, orbit: Orbit) -> Motion:
+    mounting, body = own.camera, own.at_rest_deg
     if arguments.mounting not in (None, mounting):
-        mounting, at_rest = arguments.mounting, "0,0,0"
-    body = _angles(arguments.roll_pitch_yaw or at_rest, "ROLL,PITCH,YAW")
+        mounting, body = arguments.mounting, (0.0, 0.0, 0.0)
+    if arguments.roll_pitch_yaw:
+        body = _angles(arguments.roll_pitch_yaw, "ROLL,PITCH,YAW")
     roll, pitch, yaw = (float(np.radians(angle)) for angle in body)
     if isinstance(orbit, CircularOrbit) and mounting == "zenith" and not any(body):
         return Zenith(orbit.altitude_km, orbit.inclination_rad, orbit.raan_rad, orbit.start_rad)

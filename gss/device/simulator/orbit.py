@@ -71,7 +71,7 @@ class CircularOrbit:
         return -axes[2] * radius_km, axes[0] * radius_km * rate
 
 
-class TleOrbit:
+class Sgp4Orbit:
     """A satellite propagated by SGP4; ``epoch_jyear`` (Terrestrial Time) is time zero."""
 
     grounded = False

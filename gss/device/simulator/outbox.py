@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 
-from gss.device.dictionary import Dictionary
 from gss.device.protocol.codec import encode
-from gss.device.protocol.line import LineSender
 from gss.device.protocol.packet import PacketType
+from gss.device.protocol.sender import LineSender
 from gss.device.simulator.reports import Report
 from gss.device.simulator.sessions import Outgoing
+from gss.instruments.dictionary.definitions import Dictionary
 
 MOST_WAITING = 400
 LONGEST_TEXT = 200

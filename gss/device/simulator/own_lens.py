@@ -7,8 +7,8 @@ from dataclasses import fields, replace
 import numpy as np
 
 from gss.domain.camera import Brown, BrownUndistort, Camera, Distortion, RadialTilt
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 
 LARGEST_PERCENT = 10.0
 CENTRE_PX = 4.0

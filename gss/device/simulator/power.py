@@ -1,27 +1,33 @@
 """Power of the unit: three rails that can be switched and can latch up, their currents, temperatures.
 
-A latch-up raises a rail's current at once; after ``TRIP_S`` the protection switches the rail off, and it stays off
+A latch-up raises a rail's current at once; after ``trip_s`` the protection switches the rail off, and it stays off
 until CLEAR_LATCHUP. Values are those of a healthy unit with a slow variation over the orbit's day and night.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
-from gss.device.dictionary import Value
+from gss.instruments.dictionary.definitions import Value
+from gss.instruments.package_files import Currents, PowerRow
 
 RAILS = ("imager", "fpga", "sram")
-TRIP_S = 1.5
 DAY_AND_NIGHT_S = 5700.0
-# (idle, busy, latched up) in tenths of a milliampere.
-CURRENTS = {"imager": (20, 540, 2400), "fpga": (30, 210, 1400), "sram": (40, 100, 1100)}
-LEAK = 2
-PROCESSOR = (285, 415)
 SENSOR_C_PER_LSB, SENSOR_ZERO_C = 0.0625, -50.0
 SENSOR_HOT_C, PROCESSOR_HOT_C, HYSTERESIS_C = 55.0, 75.0, 3.0
 PROCESSOR_C_PER_LSB, PROCESSOR_MEAN, PROCESSOR_SWING, PROCESSOR_BUSY = 0.05, 1650, 90, 40
+
+
+class Activity(StrEnum):
+    """What the unit does; the modes of Erlank 2013 Table 6.2."""
+
+    IDLE = "idle"
+    STARTING = "starting"
+    BUSY = "busy"
+    COPYING = "copying"
 
 
 @dataclass
@@ -37,9 +43,13 @@ class Rail:
 
 
 class Power:
-    """State of the rails at simulated times. ``news``: (event, text) for the device to send."""
+    """State of the rails at simulated times. ``row``: currents and reaction time of the instrument.
 
-    def __init__(self) -> None:
+    ``news``: (event, text) for the device to send."""
+
+    def __init__(self, row: PowerRow) -> None:
+        self._row = row
+        self._currents = {"imager": row.imager, "fpga": row.fpga, "sram": row.sram}
         self.rails = {name: Rail() for name in RAILS}
         self.latchups = 0
         self.offset_c = 0.0
@@ -78,11 +88,11 @@ class Power:
         """Advance the time. Returns the rails that the protection has just switched off."""
         tripped = []
         for name, rail in self.rails.items():
-            if rail.short_since_s is not None and now_s - rail.short_since_s >= TRIP_S:
+            if rail.short_since_s is not None and now_s - rail.short_since_s >= self._row.trip_s:
                 rail.on, rail.latched, rail.short_since_s = False, True, None
                 self.latchups += 1
                 tripped.append(name)
-                drew = CURRENTS[name][2] / 10
+                drew = self._currents[name].latched / 10
                 self.news.append(("LATCHUP", f"{name} drew {drew:.0f} mA and was switched off"))
         return tripped
 
@@ -95,8 +105,9 @@ class Power:
         """Number of rails waiting for CLEAR_LATCHUP."""
         return sum(rail.latched for rail in self.rails.values())
 
-    def values(self, now_s: float, busy: bool, sensor_c: float) -> dict[str, Value]:
+    def values(self, now_s: float, activity: Activity, sensor_c: float) -> dict[str, Value]:
         """Return raw converter values for housekeeping. ``sensor_c``: the detector's temperature."""
+        busy = activity is not Activity.IDLE
         swing = float(np.sin(2 * np.pi * now_s / DAY_AND_NIGHT_S))
         processor = (
             PROCESSOR_MEAN + PROCESSOR_SWING * swing + PROCESSOR_BUSY * busy + self.offset_c / PROCESSOR_C_PER_LSB
@@ -106,13 +117,19 @@ class Power:
             "sensor_temperature_c": _raw((sensor_c - SENSOR_ZERO_C) / SENSOR_C_PER_LSB),
             "processor_temperature_c": _raw(processor),
             "supply_3v3_v": 3302 - 8 * busy - 25 * sum(r.short_since_s is not None for r in self.rails.values()),
-            "current_processor_ma": PROCESSOR[busy],
+            "current_processor_ma": _drawn(self._row.processor, activity),
         }
         for name, rail in self.rails.items():
-            current = CURRENTS[name][2 if rail.short_since_s is not None else int(busy)] if rail.on else LEAK
-            values[f"current_{name}_ma"] = current
+            values[f"current_{name}_ma"] = self._current(name, rail, activity)
             values[f"{name}_on"] = rail.on
         return values | {"latchups": self.latchups & 0xFFFF, "latched_rails": self.latched}
+
+    def _current(self, name: str, rail: Rail, activity: Activity) -> int:
+        """Current of a rail in tenths of a milliampere."""
+        own = self._currents[name]
+        if not rail.on:
+            return round(self._row.off)
+        return round(own.latched) if rail.short_since_s is not None else _drawn(own, activity)
 
     def _watch_heat(self, sensor_c: float, processor_raw: float) -> None:
         """Report overheating once, and again only after cooling down."""
@@ -123,6 +140,12 @@ class Power:
             self.news.append(("OVERHEAT", f"sensor {sensor_c:.0f} °C, processor {processor_c:.0f} °C"))
         elif over_c < -HYSTERESIS_C:
             self._hot = False
+
+
+def _drawn(own: Currents, activity: Activity) -> int:
+    """Current of a healthy rail in tenths of a milliampere."""
+    drawn = {Activity.BUSY: own.busy, Activity.STARTING: own.starting, Activity.COPYING: own.copying}.get(activity)
+    return round(own.idle if drawn is None else drawn)
 
 
 def _raw(value: float) -> int:

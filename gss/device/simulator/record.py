@@ -11,7 +11,7 @@ GOLDEN = "golden"
 TABLES = ("triplets", "calibration", "parameters")
 TABLE_BANKS = ("A", "B", "factory")
 FACTORY = "factory"
-TRIPLET_BYTES = 768 * 1024
+TRIPLET_BYTES = 1536 * 1024
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ TABLE_AREAS = tuple(area_name(t, b) for t in TABLES for b in TABLE_BANKS)
 
 
 @dataclass
-class Record:
+class NonVolatileRecord:
     """Non-volatile record; survives resets and restarts."""
 
     boots: int = 0
@@ -92,6 +92,10 @@ class Record:
     frames: int = 0
     next_session: int = 1
     last_request_id: int = 0
+    accepted_counter: int = 0
+    """Highest counter of an authenticated command."""
+    forgotten_request_id: int = 0
+    """Highest request id whose report is no longer stored; ids up to it are refused."""
     active: str = GOLDEN
     previous: str = GOLDEN
     unconfirmed: bool = False
@@ -104,7 +108,7 @@ class Record:
     requests: list[StoredRequest] = field(default_factory=list)
 
 
-def record_from_json(text: str) -> Record:
+def record_from_json(text: str) -> NonVolatileRecord:
     """Return the record that :meth:`Memory.save` wrote."""
     raw = json.loads(text)
     raw["banks"] = {name: BankRecord(**value) for name, value in raw["banks"].items()}
@@ -115,4 +119,4 @@ def record_from_json(text: str) -> Record:
     raw["tables"] = {name: InUse(**value) for name, value in raw["tables"].items()}
     raw["schedule"] = [ScheduleEntry(**value) for value in raw["schedule"]]
     raw["requests"] = [StoredRequest(**value) for value in raw["requests"]]
-    return Record(**raw)
+    return NonVolatileRecord(**raw)

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.device.dictionary import Value
 from gss.device.simulator.images import StoredFrame
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.frames import ra_dec_roll_rad
 from gss.domain.results import Attitude, Centroids, Truth
 from gss.domain.rotation import matrix_from_quaternion
+from gss.instruments.dictionary.definitions import Value
 from gss.pipeline.chains.onboard import Detection, Matched
 
 Row = Mapping[str, Value]
@@ -65,9 +65,9 @@ def match_report(frame_number: int, matching: Matched) -> Report:
     return "matches", {"frame_number": frame_number}, {"items": rows}
 
 
-def attitude_report(found: Mapping[str, Value], attitude: Attitude | None, reason: str) -> Report:
-    """Return the packet "attitude". ``found``: frame, mode and counts."""
-    values = dict(found)
+def attitude_report(frame_values: Mapping[str, Value], attitude: Attitude | None, reason: str) -> Report:
+    """Return the packet "attitude". ``frame_values``: frame, mode and counts."""
+    values = dict(frame_values)
     values["outcome"] = "solved" if attitude else "none"
     values["reason"] = reason.encode()[:200].decode(errors="ignore")
     sigma_rad = attitude.sigma_rad if attitude else (float("nan"), float("nan"))

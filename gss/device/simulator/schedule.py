@@ -6,15 +6,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from gss.device.dictionary import Dictionary
 from gss.device.protocol.codec import check_arguments, decode, fixed_bytes
-from gss.device.simulator.command_desk import Arguments, CommandDesk, Handler, Returns
+from gss.device.simulator.command_processor import Arguments, CommandProcessor, Handler, Returns
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.outbox import Outbox
 from gss.device.simulator.record import ScheduleEntry
-from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.reports import Report
 from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.definitions import Dictionary
 
 MOST_WAITING = 16
 MOST_ENDED = 16
@@ -26,13 +26,18 @@ class Schedule:
     """Handlers and execution of the schedule. ``time_s``: returns the device's clock."""
 
     def __init__(
-        self, dictionary: Dictionary, memory: Memory, outbox: Outbox, desk: CommandDesk, time_s: Callable[[], float]
+        self,
+        dictionary: Dictionary,
+        memory: Memory,
+        outbox: Outbox,
+        processor: CommandProcessor,
+        time_s: Callable[[], float],
     ) -> None:
-        self._dictionary, self._memory, self._outbox, self._desk, self._time_s = (
+        self._dictionary, self._memory, self._outbox, self._processor, self._time_s = (
             dictionary,
             memory,
             outbox,
-            desk,
+            processor,
             time_s,
         )
 
@@ -52,9 +57,9 @@ class Schedule:
         at_s, length, payload = float(a["at_s"]), int(a["length"]), bytes(a["payload"])  # type: ignore[arg-type]  # bytes decode to bytes
         self._check(int(a["command_code"]), payload[:length])
         if at_s <= self._time_s():
-            raise Refusal("out_of_range", f"it is {self._time_s():.1f} s already, asked for {at_s:.1f} s")
+            raise Rejection("out_of_range", f"it is {self._time_s():.1f} s already, requested {at_s:.1f} s")
         if len(self.waiting) >= MOST_WAITING:
-            raise Refusal("schedule_full", f"{MOST_WAITING} commands wait already")
+            raise Rejection("schedule_full", f"{MOST_WAITING} commands wait already")
         record = self._memory.record
         entry = ScheduleEntry(record.next_schedule, at_s, int(a["command_code"]), payload[:length].hex(), request_id)
         record.next_schedule += 1
@@ -66,16 +71,16 @@ class Schedule:
     def _check(self, code: int, payload: bytes) -> None:
         """Check that the bytes are a valid command; its preconditions are checked when it runs. Raises Refusal."""
         command = self._dictionary.command_of_code(code)
-        if command is None or command.name not in self._desk.handlers:
-            raise Refusal("unknown_command", f"code {code}")
+        if command is None or command.name not in self._processor.handlers:
+            raise Rejection("unknown_command", f"code {code}")
         if command.name in NEVER:
-            raise Refusal("wrong_state", f"{command.name} cannot be scheduled")
+            raise Rejection("wrong_state", f"{command.name} cannot be scheduled")
         if len(payload) != fixed_bytes(command.arguments):
-            raise Refusal("bad_length", f"{command.name} has {fixed_bytes(command.arguments)} B, got {len(payload)}")
+            raise Rejection("bad_length", f"{command.name} has {fixed_bytes(command.arguments)} B, got {len(payload)}")
         try:
             check_arguments(command, decode(command.arguments, payload).values)
         except (BadInput, CorruptData) as error:
-            raise Refusal("out_of_range", error.message) from error
+            raise Rejection("out_of_range", error.message) from error
 
     def list_schedule(self, _: Arguments, request_id: int) -> Returns:
         entries = self._memory.record.schedule
@@ -84,10 +89,10 @@ class Schedule:
         return {"count": len(entries)}
 
     def cancel(self, a: Arguments, request_id: int) -> Returns:
-        wanted = int(a["schedule_id"])
-        chosen = [e for e in self.waiting if wanted in (0, e.schedule_id)]
-        if wanted and not chosen:
-            raise Refusal("not_found", f"nothing waits with number {wanted}")
+        schedule_id = int(a["schedule_id"])
+        chosen = [e for e in self.waiting if schedule_id in (0, e.schedule_id)]
+        if schedule_id and not chosen:
+            raise Rejection("not_found", f"nothing waits with number {schedule_id}")
         for entry in chosen:
             self._put(replace(entry, state="cancelled"), request_id)
         return {"count": len(chosen)}
@@ -107,8 +112,8 @@ class Schedule:
             if entry.at_s > self._time_s():
                 return
             # Marked as failed before it runs, so that a reset leaves it failed and nothing runs twice.
-            self._put(replace(entry, state="failed", reason="reset"), 0, tell=False)
-            self._desk.run_scheduled(
+            self._put(replace(entry, state="failed", reason="reset"), 0, report=False)
+            self._processor.run_scheduled(
                 entry.request_id,
                 entry.command_code,
                 bytes.fromhex(entry.payload),
@@ -128,7 +133,7 @@ class Schedule:
         command = self._dictionary.command_of_code(entry.command_code)
         return f"{command.name if command else entry.command_code} (schedule {entry.schedule_id})"
 
-    def _put(self, entry: ScheduleEntry, request_id: int, *, tell: bool = True) -> None:
+    def _put(self, entry: ScheduleEntry, request_id: int, *, report: bool = True) -> None:
         """Replace an entry; only the last ``MOST_ENDED`` ended entries are kept."""
         record = self._memory.record
         entries = [entry if e.schedule_id == entry.schedule_id else e for e in record.schedule]
@@ -136,7 +141,7 @@ class Schedule:
         forgotten = set(ended[: max(0, len(ended) - MOST_ENDED)])
         record.schedule = [e for e in entries if e.schedule_id not in forgotten]
         self._memory.save()
-        if tell:
+        if report:
             self._outbox.telemetry(_report(entry), request_id)
 
 

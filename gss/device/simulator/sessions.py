@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from gss.device.dictionary import Value
 from gss.device.protocol.transfer import ChunkReceiver, ChunkSender
+from gss.instruments.dictionary.definitions import Value
 
 WINDOW_CHUNKS = 16
 
@@ -25,7 +25,8 @@ class Outgoing:
 class Session:
     """One open transfer. Exactly one of ``receiver`` (upload) and ``sender`` (download) is set.
 
-    ``area``: the flash area that an upload writes, "" for images.
+    ``area``: the flash area that an upload writes, "" for images. ``offered``: stars, pairs and epoch that the ground
+    stated for a catalogue, by name; those it did not state are absent.
     """
 
     id: int
@@ -36,13 +37,14 @@ class Session:
     chunk_bytes: int
     sha256: bytes
     data: bytearray
-    heard_s: float
+    received_s: float
     resumed: bool
     frame_number: int = 0
     receiver: ChunkReceiver | None = None
     sender: ChunkSender | None = None
     committed: bool = False
     area: str = ""
+    offered: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

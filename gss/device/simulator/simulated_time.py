@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
+from gss.domain.callbacks import never
 from gss.domain.errors import BadInput
 
 FASTEST = 1000.0
@@ -50,7 +51,7 @@ class Paced(Protocol):
     def turn(self, wait_s: float, also: list[int] | None = None) -> list[int]: ...
 
 
-class TimeDesk:
+class TimeControl:
     """Time commands, one per line: ``step SECONDS``, ``run [SPEED]``, ``pause``, ``time``.
 
     Each is answered by one line: ``time T``, ``running``, ``paused T`` or ``error …``. A step advances in ticks of 10
@@ -58,7 +59,7 @@ class TimeDesk:
     produce the same bytes.
     """
 
-    def __init__(self, clock: SimulatedClock, terminal: Paced, stopping: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, clock: SimulatedClock, terminal: Paced, stopping: Callable[[], bool] = never) -> None:
         self._clock, self._terminal, self._stopping = clock, terminal, stopping
         self._rest = b""
 

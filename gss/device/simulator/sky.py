@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.corrections.corrections import aberrate
-from gss.catalogue_tools.corrections.ephemeris import Bodies, Disc
+from gss.catalogue_tools.corrections.ephemeris import Bodies, BodyDisc
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.device.simulator.environment import Environment
 from gss.device.simulator.orbit import Motion, Pose
 from gss.domain.angles import Array
-from gss.domain.profiles import CameraProfile
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import Truth
 from gss.domain.stars import StarTable
 from gss.pipeline.render import STAMP_SIGMAS, Lights, longest_trail_s, render, stars_near
@@ -33,14 +33,14 @@ NEAR_FIELD_RAD = float(np.radians(1.0))
 
 
 @dataclass(frozen=True)
-class Exposure:
+class SimulatedExposure:
     """One image and the ground truth at mid-exposure."""
 
     pixels: NDArray[np.uint8] | NDArray[np.uint16]
     truth: Truth
 
 
-class Sky:
+class SimulatedSky:
     """Renders exposures. Seed and frame number determine the noise; time and environment determine the scene."""
 
     def __init__(
@@ -56,7 +56,7 @@ class Sky:
         faintest = min(profile.sensor.faint_limit_mag + FAINTER_MAG, DEEPEST_MAG)
         self._stars = propagate(load_stars(faintest), epoch_jyear)
 
-    def expose(self, mid_time_s: float, exposure_s: float, frame_number: int) -> Exposure:
+    def expose(self, mid_time_s: float, exposure_s: float, frame_number: int) -> SimulatedExposure:
         """Return the image whose mid-exposure is at ``mid_time_s`` (simulated time)."""
         world, profile = self.environment, self._profile
         pose = world.motion.at(mid_time_s)
@@ -77,11 +77,7 @@ class Sky:
             chip=world.chip,
             dark_factor=world.dark_factor,
         )
-        return Exposure(drawn.pixels, drawn.truth)
-
-    def rate_rad_s(self, time_s: float) -> float:
-        """Return the camera's angular speed."""
-        return self.environment.rate_rad_s(time_s)
+        return SimulatedExposure(drawn.pixels, drawn.truth)
 
     def _apparent(self, pose: Pose, time_s: float, exposure_s: float) -> StarTable:
         if not self.environment.aberration:
@@ -168,7 +164,7 @@ def moon_points(bodies: Bodies, pixel_rad: float, smear: float = 1.0) -> tuple[A
     return points / np.linalg.norm(points, axis=1, keepdims=True), moon.v_mag + 2.5 * float(np.log10(lit.sum()))
 
 
-def _across(disc: Disc) -> tuple[Array, Array]:
+def _across(disc: BodyDisc) -> tuple[Array, Array]:
     """Return two directions perpendicular to that of a body and to each other."""
     helper = np.eye(3)[int(np.argmin(np.abs(disc.icrs)))]
     east = np.cross(helper, disc.icrs)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from gss.catalogue_tools.tables.triplets import bank_crc32_of, decode_triplets
+from gss.catalogue_tools.formats.triplet_table import bank_crc32_of, decode_triplets
 from gss.device.simulator.memory import FACTORY, TABLES, Memory
 from gss.device.simulator.record import area_name
 from gss.device.table_use import calibrated, chain_of, check_parameters
 from gss.device.tables import Scalar, decode_table
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.profiles import CameraProfile
-from gss.domain.stars import OnboardCatalogue
-from gss.domain.triplets import TripletTable
 from gss.pipeline.chains.oersted_match import prepare as prepare_with_triplets
 from gss.pipeline.chains.onboard import OnboardChain
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.triplets import TripletTable
 
 
 class Tables:

@@ -16,15 +16,16 @@ from pathlib import Path
 from typing import Protocol
 
 from gss.device.simulator.faults import LineControl
-from gss.device.simulator.machine import Device
+from gss.device.simulator.other_makers import SimulatedUnit
 from gss.domain.errors import BadInput, Conflict
 
 READ_BYTES = 4096
-GIVE_UP_S = 1.0
+GIVE_UP_S = 5.0
+"""A reader on a busy machine can pause for seconds; bytes that no program reads for longer are lost."""
 BURST_S = 0.02
 
 
-class Line(Protocol):
+class DeviceLine(Protocol):
     """The device's end of a line; never blocks."""
 
     url: str
@@ -202,7 +203,12 @@ class Terminal:
     """
 
     def __init__(
-        self, line: Line, device: Device, clock: Callable[[], float], bytes_per_s: float, control: LineControl
+        self,
+        line: DeviceLine,
+        device: SimulatedUnit,
+        clock: Callable[[], float],
+        bytes_per_s: float,
+        control: LineControl,
     ) -> None:
         self._line, self._device, self._clock, self._rate = line, device, clock, bytes_per_s
         self._control, self._connected = control, True
@@ -306,6 +312,7 @@ class Terminal:
         if taken or self._blocked_s is None:
             self._blocked_s = now_s
         elif now_s - self._blocked_s > GIVE_UP_S:
+            self._control.down.counts.bytes_lost_unread += len(self._out)
             self._out = b""
         return False
 

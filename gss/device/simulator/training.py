@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from gss.device.simulator.clock import DeviceClock
-from gss.device.simulator.command_desk import Arguments, Handler, Returns
+from gss.device.simulator.command_processor import Arguments, Handler, Returns
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.memory import BANKS, Memory
 from gss.device.simulator.orbit import Inertial
 from gss.device.simulator.outbox import Outbox
 from gss.device.simulator.power import Power
-from gss.device.simulator.refusal import Refusal
+from gss.device.simulator.rejection import Rejection
 from gss.domain.errors import BadInput
 
 LASTING = ("stuck_sensor", "overheat", "stale_attitude", "clock_drift", "blinded", "false_stars")
@@ -41,24 +41,6 @@ class PlannedFault:
     fault: str
     value: float = 0.0
     duration_s: float = 0.0
-
-
-def seeded_plan(seed: int, seconds: float, faults: tuple[str, ...], every_s: float) -> tuple[PlannedFault, ...]:
-    """Return faults at random times, on average one in ``every_s``, with values inside the limits.
-
-    A seed gives the same plan on any machine.
-    """
-    rng = np.random.default_rng(seed)
-    plan, at_s = [], float(rng.exponential(every_s))
-    while at_s < seconds:
-        fault = faults[int(rng.integers(len(faults)))]
-        low, high = {"overheat": (20.0, 60.0), "clock_jump": (-30.0, 30.0), "false_stars": (5, 60)}.get(
-            fault, LIMITS.get(fault, (0.0, 0.0))
-        )
-        value = float(rng.integers(int(low), int(high) + 1))
-        plan.append(PlannedFault(at_s, fault, value, float(rng.uniform(5.0, 30.0)) if fault in LASTING else 0.0))
-        at_s += float(rng.exponential(every_s))
-    return tuple(plan)
 
 
 class Training:
@@ -106,7 +88,7 @@ class Training:
             planned = self._plan.pop(0)
             try:
                 self.inject(planned.fault, planned.value, planned.duration_s)
-            except Refusal as refusal:
+            except Rejection as refusal:
                 self._outbox.event("TRAINING", f"{planned.fault} did not strike: {refusal.detail}")
         for fault in [f for f, until_s in self._until_s.items() if until_s is not None and now_s >= until_s]:
             self._end(fault)
@@ -121,7 +103,7 @@ class Training:
         if fault in LIMITS:
             low, high = LIMITS[fault]
             if not low <= value <= high:
-                raise Refusal("out_of_range", f"{fault}: {low:g} – {high:g}, got {value:g}")
+                raise Rejection("out_of_range", f"{fault}: {low:g} – {high:g}, got {value:g}")
         self._outbox.event("TRAINING", _sentence(fault, value, duration_s), request_id)
         if fault == "none":
             for lasting in list(self._until_s):
@@ -149,7 +131,7 @@ class Training:
     def _corrupt(self, bank: str) -> None:
         size = self._memory.record.banks[bank].size
         if not size:
-            raise Refusal("bank_empty", f"bank {bank} holds nothing")
+            raise Rejection("bank_empty", f"bank {bank} holds nothing")
         rng = np.random.default_rng([self._memory.record.frames, size])
         for at in rng.choice(size, FLIPPED_BITS, replace=False):
             self._memory.flash.flip(self._memory.offset(bank) + int(at), int(rng.integers(8)))
@@ -202,7 +184,7 @@ class Training:
         try:
             line.set(direction=str(a["direction"]), delay_s=float(a["delay_ms"]) / 1000, stall_s=STALL_S, **rates)
         except BadInput as error:
-            raise Refusal("out_of_range", str(error)) from error
+            raise Rejection("out_of_range", str(error)) from error
         self._outbox.event(
             "TRAINING", f"line {a['direction']!s}: bit error rate {rates['bit_error_rate']:g}", request_id
         )
@@ -213,7 +195,7 @@ class Training:
         try:
             self._tracker.sky.environment.line.disconnect(seconds)
         except BadInput as error:
-            raise Refusal("out_of_range", str(error)) from error
+            raise Rejection("out_of_range", str(error)) from error
         self._outbox.event("TRAINING", f"the port vanishes for {seconds:.1f} s", request_id)
         return {}
 
@@ -226,7 +208,7 @@ class Training:
         try:
             world.set_motion(CONTROL[kind], now_s, rate_rad_s=float(np.radians(float(a["rate_deg_s"]))))
         except BadInput as error:
-            raise Refusal("out_of_range", str(error)) from error
+            raise Rejection("out_of_range", str(error)) from error
         self._outbox.event("TRAINING", f"motion: {kind}", request_id)
         return {}
 

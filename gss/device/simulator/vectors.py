@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.device.dictionary import Value
 from gss.device.simulator.images import StoredFrame
 from gss.device.simulator.reports import Report, Row
 from gss.domain.results import Outcome, SolveResult
+from gss.instruments.dictionary.definitions import Value
 from gss.pipeline.chains.apriori import KnownOrbit
-from gss.pipeline.chains.onboard import Detection, Solution, Work
+from gss.pipeline.chains.onboard import Detection, OnboardSolution, Work
 from gss.pipeline.chains.sunsat_frames import attitude_angles_rad
 from gss.pipeline.chains.sunsat_vectors import matched_vectors
 
@@ -19,21 +19,28 @@ J2000_UTC_S, DAY_S = 946_728_000.0, 86_400.0
 MOST_VECTORS = 255
 
 
+def no_vectors(frame: StoredFrame) -> Report:
+    """Return the packet "matched_vectors" without vectors, the answer to the attitude control if there is no attitude (Jacobs
+    1995 §4.1.7)."""
+    angles: dict[str, Value] = dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), float("nan"))
+    return "matched_vectors", {"frame_number": frame.number, "frame_time_s": frame.time_s} | angles, {"items": []}
+
+
 def vector_report(
     frame: StoredFrame,
     work: Work,
     detection: Detection,
-    solution: Solution,
+    solution: OnboardSolution,
     row: NDArray[np.integer],
     orbit: KnownOrbit,
     utc_s: float,
-) -> Report | None:
-    """Return the packet "matched_vectors" of a solution, None without an attitude.
+) -> Report:
+    """Return the packet "matched_vectors" of a solution with an attitude.
 
     ``row``: (n,) catalogue row per centroid. Roll, pitch and yaw are those of the attitude found.
     """
     if solution.attitude is None or solution.matches is None:
-        return None
+        return no_vectors(frame)
     result = SolveResult(
         "",
         Outcome.SOLVED,
@@ -49,7 +56,9 @@ def vector_report(
     angles_rad = attitude_angles_rad(solution.attitude.cam_from_icrs, elements)
     days = (utc_s - J2000_UTC_S) / DAY_S
     vectors = matched_vectors(result, elements, angles_rad, days, orbit.speed_m_s)
-    stars = row[solution.matches.centroid]
+    # Stars that only confirm the match can be beyond the brightest ones that it used; they have no row and are not sent.
+    named = np.concatenate([row, np.full(len(detection.centroids) - len(row), -1)])
+    stars = named[solution.matches.centroid]
     items: list[Row] = [
         {
             "star": int(stars[i]),

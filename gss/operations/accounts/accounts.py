@@ -10,7 +10,8 @@ from typing import Protocol
 
 from gss.domain.errors import NotFound, StoreDown
 from gss.operations.accounts.attempts import BY_TOKEN_ADDRESS, Attempts
-from gss.operations.accounts.identity import TOKEN_PREFIX, Who
+from gss.operations.accounts.forward_clock import ForwardClock, time_floor
+from gss.operations.accounts.identity import TOKEN_PREFIX, CallerIdentity
 from gss.operations.accounts.passwords import Passwords
 from gss.operations.accounts.permissions import not_permitted, permissions_of
 from gss.operations.accounts.secrets import key_hash
@@ -37,10 +38,11 @@ class Rules(Protocol):
 
 
 def open_accounts(database: Database, rules: Rules, now: Now, monotonic_s: Monotonic) -> AccountService:
-    """Create the service as configured."""
+    """Create the service as configured, with a clock that never goes back."""
     passwords = Passwords(rules.password_passes, rules.password_memory_kib)
     lifetimes = Lifetimes(timedelta(minutes=rules.session_idle_minutes), timedelta(hours=rules.session_hours))
-    return AccountService(database, now, monotonic_s, passwords, lifetimes)
+    forward = ForwardClock(now, monotonic_s, time_floor(database))
+    return AccountService(database, forward, monotonic_s, passwords, lifetimes)
 
 
 class AccountService:
@@ -54,15 +56,19 @@ class AccountService:
         passwords: Passwords,
         lifetimes: Lifetimes | None = None,
     ) -> None:
-        self._monotonic_s = monotonic_s
+        self._database, self._monotonic_s = database, monotonic_s
         self.attempts = Attempts(monotonic_s)
         self.passwords = passwords
         self.users = UserService(database, passwords, now, self._forget)
         self.sessions = SignInService(database, passwords, self.attempts, now, lifetimes or Lifetimes(), self._forget)
         self.tokens = TokenService(database, now, self._forget)
-        self._remembered: OrderedDict[str, tuple[float, Who]] = OrderedDict()
+        self._remembered: OrderedDict[str, tuple[float, CallerIdentity]] = OrderedDict()
         self._changes = 0
         self._lock = threading.Lock()
+
+    def close(self) -> None:
+        """Close the database, which may be another one than that of the unit."""
+        self._database.close()
 
     def _forget(self) -> None:
         """Clear the cached identities, because users, sessions or tokens changed."""
@@ -70,19 +76,19 @@ class AccountService:
             self._changes += 1
             self._remembered.clear()
 
-    def who_has_cookie(self, key: str, *, touch: bool = True) -> Who | None:
+    def who_has_cookie(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
         """Return the owner of a session; None if the session is invalid. Without ``touch`` the request does not extend an
         idle session, and writes nothing."""
         return self._recall(f"session {key_hash(key)}", lambda: self.sessions.who(key, touch=touch))
 
-    def remembered(self, kind: str, key: str) -> Who | None:
+    def remembered(self, kind: str, key: str) -> CallerIdentity | None:
         """Return an identity (session or token) from the cache, without a database query; None if it is not cached."""
         with self._lock:
             at_s, known = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
             return known if self._monotonic_s() - at_s < REMEMBERED_S else None
 
-    def who_has_token(self, key: str, address: str, *, touch: bool = True) -> Who | None:
-        """Return the identity of the token, or None if it is not valid. Raises TooOften after too many invalid tokens from that
+    def who_has_token(self, key: str, address: str, *, touch: bool = True) -> CallerIdentity | None:
+        """Return the identity of the token, or None if it is not valid. Raises RateLimited after too many invalid tokens from that
         address. Without ``touch`` nothing is written."""
         hashed = f"token {key_hash(key)}"
         who = self._recall(hashed, lambda: self.tokens.who(key, touch=touch))
@@ -90,11 +96,15 @@ class AccountService:
             self.attempts.begin([(f"token {address}", BY_TOKEN_ADDRESS)])
         return who
 
-    def why_over(self, who: Who) -> str:
+    def ended_reason(self, who: CallerIdentity) -> str:
         """Return why a session or token is no longer valid; "" while it is. Long-lived connections call this every few
         seconds."""
         try:
-            over = self.sessions.why_over(who.key_id) if who.kind == "session" else self.tokens.why_over(who.key_id)
+            over = (
+                self.sessions.ended_reason(who.key_id)
+                if who.kind == "session"
+                else self.tokens.ended_reason(who.key_id)
+            )
         except NotFound:
             return "it was removed"
         return over
@@ -115,7 +125,7 @@ class AccountService:
             return "", frozenset()
         return user.role, permissions_of(user.role)
 
-    def _recall(self, hashed: str, look: Callable[[], Who | None]) -> Who | None:
+    def _recall(self, hashed: str, look: Callable[[], CallerIdentity | None]) -> CallerIdentity | None:
         with self._lock:
             at_s, known = self._remembered.get(hashed, (0.0, None))
             if known is not None and self._monotonic_s() - at_s < REMEMBERED_S:

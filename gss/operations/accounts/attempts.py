@@ -11,7 +11,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gss.domain.errors import TooOften
+from gss.domain.errors import RateLimited
 from gss.operations.clock import Monotonic
 
 MOST_KEYS = 10_000
@@ -41,15 +41,15 @@ class Attempts:
         self._lock = threading.Lock()
 
     def begin(self, keys: Sequence[tuple[str, Brake]]) -> None:
-        """Start an attempt. Raises TooOften during a wait. The attempt counts as failed until ``passed``, so that concurrent
+        """Start an attempt. Raises RateLimited during a wait. The attempt counts as failed until ``passed``, so that concurrent
         attempts cannot bypass the limit."""
         with self._lock:
             wait_s = max((self._wait_s(key, brake) for key, brake in keys), default=0.0)
             if wait_s > 0:
-                raise TooOften(
-                    "too many tries failed",
-                    expected=f"the next try in {wait_s:.0f} s",
-                    hint="wait; a forgotten password is set anew by an admin, or in the shell: gss user password NAME",
+                raise RateLimited(
+                    "too many failed sign-in attempts",
+                    expected=f"retry in {wait_s:.0f} s",
+                    hint="wait. If you forgot the password, ask an admin to reset it, or run: gss user password NAME",
                     retry_after_s=wait_s,
                 )
             for key, brake in keys:

@@ -1,5 +1,6 @@
 """Audit log: records every user action with time, address and result. It is append-only: the database rejects changing or
-removing a row, and each row contains the hash of the previous one, so that tampering is detected."""
+removing a row, each row contains the hash of the previous one, and every hash is also appended to a file outside the database
+(``audit_anchor``), so that tampering is detected."""
 
 from __future__ import annotations
 
@@ -7,42 +8,71 @@ import csv
 import hashlib
 import io
 import json
+import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from gss.domain.errors import StoreDown
+from gss.operations.accounts.audit_anchor import Anchor, AnchorFile
 from gss.operations.clock import Now, iso_z
 from gss.store import audit as store
+from gss.store import choices
 from gss.store.audit import AuditFilter
 from gss.store.engine import Database
 from gss.store.models import AuditRow
 
-Result = Literal["done", "denied", "failed"]
+Result = Literal["done", "denied", "failed", "unknown"]
+"""``unknown``: the server ended before it recorded the result."""
 FIRST = "0" * 64
 """The previous hash of the first row."""
 ONCE = "milliseconds"
 """Time resolution of hashes in older rows, which are still valid."""
 TRIES = 50
+HINT = "compare the log with a backup; if the database was replaced on purpose, run gss audit accept"
 FIELDS = ("seq", "at", "who", "role", "action", "target", "result", "detail", "address", "previous", "hash")
 FORMATS = {"jsonl": "application/x-ndjson", "csv": "text/csv"}
+log = logging.getLogger("gss.audit")
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result of verifying the log. ``problem`` is "" if it is intact; ``last_hash`` should be noted elsewhere, because a log
-    truncated at its end is consistent in itself."""
+    """Result of verifying the log. ``problem`` is "" if it is intact; ``anchors``: what the anchor file confirms; ``last_hash``
+    should also be noted elsewhere, in case that file is changed together with the database."""
 
     rows: int
     last_hash: str
     problem: str
+    anchors: str = ""
 
 
 class AuditService:
     """Writes and reads the log; several processes may write concurrently."""
 
-    def __init__(self, database: Database, now: Now) -> None:
-        self._database, self._now = database, now
+    def __init__(self, database: Database, now: Now, anchors: AnchorFile) -> None:
+        self._database, self._now, self._anchors = database, now, anchors
+
+    def begin_anchors(self) -> None:
+        """Create the anchor file of a log that never had one. Later a missing file is a problem, which ``verify`` reports."""
+        with self._database.unit_of_work() as session:
+            if choices.has(session, choices.AUDIT_ANCHOR):
+                return
+            self._anchors.create()
+            choices.write(session, choices.AUDIT_ANCHOR, {"file": str(self._anchors.path)}, self._now(), "gss")
+        with self._database.unit_of_work() as session:
+            last = store.last(session)
+        if last is not None:  # the chain up to here is that of an older version
+            self._anchor(Anchor(last.seq, last.hash, iso_z(self._now())))
+
+    def accept(self, who: str, reason: str) -> None:
+        """Accept the log as it is: compare only later anchors with it. For a database that was replaced on purpose. Raises
+        StoreDown if the anchor file cannot be created."""
+        self._anchors.create()
+        self.begin_anchors()
+        seq = self.record(who, "audit.accept", "anchor file", "done", reason, role="shell")
+        with self._database.unit_of_work() as session:
+            stored = store.hashes(session, [seq])[seq]
+        self._anchors.append(Anchor(seq, stored, iso_z(self._now()), f"{_fit(who, 80)}: {_fit(reason, 200)}"))
 
     def record(
         self, who: str, action: str, target: str, result: Result, detail: str = "", *, role: str = "", address: str = ""
@@ -51,12 +81,14 @@ class AuditService:
         words = (_fit(who, 80), _fit(role, 20), _fit(action, 60), _fit(target, 200), result, _fit(detail, 2000))
         for _ in range(TRIES):
             try:
-                return self._append(*words, _fit(address, 60))
+                added = self._append(*words, _fit(address, 60))
             except store.PlaceTaken:
                 continue  # another process appended a row meanwhile: try again after it
-        raise StoreDown("the audit record cannot be written now", hint="look at disk space and locks")
+            self._anchor(added)
+            return added.seq
+        raise StoreDown("the audit log cannot be written", hint="check disk space and file locks")
 
-    def _append(self, who: str, role: str, action: str, target: str, result: str, detail: str, address: str) -> int:
+    def _append(self, who: str, role: str, action: str, target: str, result: str, detail: str, address: str) -> Anchor:
         with self._database.unit_of_work() as session:
             before = store.last(session)
             row = AuditRow(
@@ -74,7 +106,13 @@ class AuditService:
             )
             row.hash = hash_of(row)
             store.add(session, row)
-            return row.seq
+            return Anchor(row.seq, row.hash, iso_z(row.at))
+
+    def _anchor(self, anchor: Anchor) -> None:
+        try:
+            self._anchors.append(anchor)
+        except OSError as error:  # a full disk must not undo a change; a missing file is reported by ``compare``
+            log.warning("row %d, hash %s, was not appended to the anchor file: %s", anchor.seq, anchor.hash, error)
 
     def page(self, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
         """Return a page of rows, newest first, with numbers below ``before``."""
@@ -94,7 +132,51 @@ class AuditService:
                     yield json.dumps(values, ensure_ascii=False) + "\n"
 
     def verify(self, known_hash: str = "") -> Verdict:
-        """Read the whole log and verify every hash. ``known_hash``: of a row noted earlier, which must be present."""
+        """Read the whole log, verify every hash, and compare it with the anchor file. ``known_hash``: of a row noted earlier,
+        which must be present."""
+        chain = self._verify_chain(known_hash)
+        problem, anchors = self._verify_anchors()
+        return replace(chain, problem=chain.problem or problem or self._verify_guards(), anchors=anchors)
+
+    def compare(self) -> str:
+        """Compare the log with its newest anchor. Return the problem, "" if there is none."""
+        try:
+            newest = self._anchors.newest()
+        except OSError as error:
+            return self._missing(error)
+        return self._difference([newest]) if newest else ""
+
+    def _verify_anchors(self) -> tuple[str, str]:
+        """Return the first contradiction between log and anchor file, and what the file confirms."""
+        lowest, highest, problem = 0, 0, ""
+        try:
+            for batch in self._anchors.batches():
+                problem = problem or self._difference(batch)
+                numbers = [anchor.seq for anchor in batch]
+                lowest, highest = min(lowest or numbers[0], *numbers), max(highest, *numbers)
+            accepted = self._anchors.accepted()
+        except OSError as error:
+            return self._missing(error), ""
+        since = f"; accepted {accepted.at} by {accepted.accepted}" if accepted else ""
+        agrees = f"{self._anchors.path.name} confirms rows {lowest} to {highest}" if highest and not problem else ""
+        return problem, agrees + since
+
+    def _difference(self, anchors: list[Anchor]) -> str:
+        with self._database.unit_of_work() as session:
+            stored = store.hashes(session, {anchor.seq for anchor in anchors})
+        for anchor in anchors:
+            if anchor.seq not in stored:
+                return f"row {anchor.seq}, anchored {anchor.at}, is missing: the log was truncated or replaced; {HINT}"
+            if stored[anchor.seq] != anchor.hash:
+                return f"row {anchor.seq} differs from its anchor of {anchor.at}: the log was rewritten or replaced; {HINT}"
+        return ""
+
+    def _missing(self, error: OSError) -> str:
+        with self._database.unit_of_work() as session:
+            began = choices.has(session, choices.AUDIT_ANCHOR)
+        return f"the anchor file cannot be read: {error}; {HINT}" if began else ""
+
+    def _verify_chain(self, known_hash: str) -> Verdict:
         seq, previous, seen = 0, FIRST, not known_hash
         with self._database.unit_of_work() as session:
             try:
@@ -108,14 +190,18 @@ class AuditService:
                     seq, previous = row.seq, row.hash
                     seen = seen or row.hash == known_hash
             except ValueError as error:  # an invalid time
-                return Verdict(seq, previous, f"a row after row {seq} cannot be read: {error}")
-            gone, strays = store.missing_guards(session), store.before_the_first(session)
+                return Verdict(seq, previous, f"a row after row {seq} is unreadable: {error}")
+            strays = store.before_the_first(session)
         if strays:
-            return Verdict(seq, previous, f"rows before the first one: {strays}")
+            return Verdict(seq, previous, f"{strays} rows precede the first row")
         if not seen:
-            return Verdict(seq, previous, "no row has the hash that was noted: the end was cut off")
-        words = f"the database does not refuse changes of the record any more: {', '.join(gone)}"
-        return Verdict(seq, previous, words if gone else "")
+            return Verdict(seq, previous, "no row has the noted hash: the end was truncated")
+        return Verdict(seq, previous, "")
+
+    def _verify_guards(self) -> str:
+        with self._database.unit_of_work() as session:
+            gone = store.missing_guards(session)
+        return f"the database no longer rejects changes of the audit log: {', '.join(gone)}" if gone else ""
 
 
 def hash_of(row: AuditRow, timespec: str = "microseconds") -> str:

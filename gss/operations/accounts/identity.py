@@ -6,13 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 
+from gss.domain.errors import BadInput
 from gss.operations.accounts.permissions import permissions_of, permitted, require
 
+LONGEST_NAME = 60
 TOKEN_PREFIX = "token:"  # noqa: S105 - the beginning of a name
 
 
 @dataclass(frozen=True)
-class Who:
+class CallerIdentity:
     """An authenticated caller. ``kind``: session or token, ``key_id`` its row. ``csrf``: the CSRF token that a page must
     send with a change; "" for an API token, which browsers never send automatically. ``expires``: end of the session or
     token."""
@@ -44,3 +46,10 @@ class Who:
     def handed_out_until(self) -> datetime | None:
         """Latest expiry of keys and links that the caller may create: a token's own expiry; None for a session."""
         return self.expires if self.kind == "token" else None
+
+
+def checked_user(user: str) -> str:
+    """Return the user name if it can be shown and stored; raise BadInput otherwise."""
+    if not 0 < len(user) <= LONGEST_NAME or not user.isprintable() or user.strip() != user:
+        raise BadInput("not a user name", expected=f"1 – {LONGEST_NAME} printable characters", got=repr(user[:80]))
+    return user

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import threading
-import unicodedata
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 import argon2
 
-from gss.domain.errors import BadInput, TooOften
+from gss.domain.errors import BadInput, RateLimited
+from gss.operations.accounts.guessable import LONGEST, normalized, why_guessable
 
-SHORTEST, LONGEST = 10, 200
+SHORTEST = 10
 AT_ONCE = 2
 """Maximum number of concurrent hash computations; each needs tens of megabytes, so more would let anonymous clients exhaust
 the memory."""
 MOST_WAITING = 20
 """Maximum number of waiting sign-ins; more are rejected at once, so that a flood does not delay others for minutes."""
 Done = TypeVar("Done")
-KNOWN = frozenset(
-    """password password1 password12 password123 passw0rd123 1234567890 12345678910 123456789a qwertyuiop qwerty1234
-    qwerty12345 1q2w3e4r5t administrator changeme123 letmein1234 iloveyou12 welcome123 startracker star-tracker
-    groundstation adminadmin""".split()  # noqa: SIM905 - a list to read
-)
 
 
 class Turns:
@@ -34,11 +29,9 @@ class Turns:
         self._places = threading.BoundedSemaphore(at_once + most_waiting)
 
     def take(self, work: Callable[[], Done]) -> Future[Done]:
-        """Queue ``work`` and return its future. Raises TooOften if too many are waiting."""
+        """Queue ``work`` and return its future. Raises RateLimited if too many are waiting."""
         if not self._places.acquire(blocking=False):
-            raise TooOften(
-                "too many are signing in now", expected="the next try in 2 s", hint="wait", retry_after_s=2.0
-            )
+            raise RateLimited("too many sign-ins in progress", expected="retry in 2 s", hint="wait", retry_after_s=2.0)
         turn = self._threads.submit(work)
         turn.add_done_callback(lambda _: self._places.release())
         return turn
@@ -52,23 +45,23 @@ class Passwords:
             time_cost=passes, memory_cost=max(memory_kib, 8 * lanes), parallelism=lanes
         )
         self._gate = threading.BoundedSemaphore(AT_ONCE)
-        self._nobody = ""
+        self._dummy_hash = ""
         self.turns = Turns()
         self.verified = 0
 
     def hash(self, password: str) -> str:
         """Return the hash to store."""
         with self._gate:
-            return self._hasher.hash(_normal(password))
+            return self._hasher.hash(normalized(password))
 
     def verify(self, stored: str, password: str) -> bool:
         """True if the password matches. Without a stored hash one is still computed, so that an unknown name does not answer
         sooner."""
-        self._nobody = self._nobody or self.hash("the password of nobody")
+        self._dummy_hash = self._dummy_hash or self.hash("password of an unknown user")
         with self._gate:
             self.verified += 1
             try:
-                self._hasher.verify(stored or self._nobody, _normal(password))
+                self._hasher.verify(stored or self._dummy_hash, normalized(password))
             except (argon2.exceptions.VerificationError, argon2.exceptions.InvalidHashError):
                 return False
         return bool(stored)
@@ -80,22 +73,19 @@ class Passwords:
     @staticmethod
     def check_new(password: str, name: str) -> None:
         """Raise BadInput unless the password is acceptable. Messages never contain the password."""
-        words = _normal(password)
+        words = normalized(password)
         if not SHORTEST <= len(words) <= LONGEST:
             raise BadInput(
-                "the password has not the right length",
+                "invalid password length",
                 expected=f"{SHORTEST} – {LONGEST} characters",
                 got=f"{len(words)} characters",
-                hint="four or five words that have nothing to do with each other",
+                hint="use four or five unrelated words",
             )
-        if len(set(words)) < 5 or words.lower() in KNOWN or name.lower() in (words.lower(), words[::-1].lower()):
+        reason = why_guessable(words, name)
+        if reason:
             raise BadInput(
-                "this password would be guessed first",
-                expected="none of the usual ones, not the name, not one character repeated",
-                hint="four or five words that have nothing to do with each other",
+                "this password is too easy to guess",
+                expected="a password without common words, names, sequences or repetition",
+                got=reason,
+                hint="use four or five unrelated words",
             )
-
-
-def _normal(password: str) -> str:
-    """Normalize to one form (NFKC); input far beyond the length limit is cut, because it will be rejected anyway."""
-    return unicodedata.normalize("NFKC", password[: 2 * LONGEST])

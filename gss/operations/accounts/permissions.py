@@ -34,8 +34,11 @@ OPERATOR = (
     "link.open",
     "alarms",
     "limits",
+    "derived",
     "stacks",
+    "procedures",
     "schedule",
+    "passes",
     "authority.take",
     "authority.break",
     "frames.transfer",
@@ -46,14 +49,19 @@ OPERATOR = (
     "replay",
     "jobs.cancel",
 )
-MANAGER = ("command.catalogue", "authority.take", *CATALOGUES, "tables", "jobs.cancel")
+INSTRUMENTS = "instruments"
+"""Checking and installing instrument packages."""
+MANAGER = ("command.catalogue", "authority.take", *CATALOGUES, "tables", INSTRUMENTS, "jobs.cancel")
 ENGINEER = (
     *FRAMES,
     "frames.pin",
     "calibrate",
     "analyse",
+    "derived",
+    "procedures",
     "campaigns",
     "tables",
+    INSTRUMENTS,
     "command.imager",
     "authority.take",
     "replay",
@@ -79,7 +87,7 @@ def permissions_of(role: str, scopes: Iterable[str] = ()) -> frozenset[str]:
 def checked_role(role: str) -> str:
     """Return the role's name. Raises BadInput if there is no such role."""
     if role not in ROLES:
-        raise BadInput("no such role", expected=", ".join(ROLES), got=role[:40])
+        raise BadInput("unknown role", expected=", ".join(ROLES), got=role[:40])
     return role
 
 
@@ -107,8 +115,8 @@ def not_permitted(wanted: str, role: str) -> NotPermitted:
     """Return the error for a missing permission, naming the roles that have it."""
     having = roles_with(wanted)
     return NotPermitted(
-        f"this needs the permission {wanted.replace('|', ' or ')}",
-        expected=f"the role {' or '.join(having)}" if having else "nobody has it",
-        got=f"the role {role}" if role else "nobody signed in",
-        hint="ask somebody who has that role, or an admin to change yours",
+        f"permission required: {wanted.replace('|', ' or ')}",
+        expected=f"the role {' or '.join(having)}" if having else "a permission that no role has",
+        got=f"the role {role}" if role else "not signed in",
+        hint="ask a user with that role, or ask an admin to change your role",
     )

@@ -9,19 +9,19 @@ from datetime import datetime, timedelta
 
 from gss.domain.errors import NotPermitted, NotSignedIn, StoreDown
 from gss.operations.accounts.attempts import BY_ADDRESS, BY_NAME, Attempts, Brake
-from gss.operations.accounts.identity import Who
+from gss.operations.accounts.identity import CallerIdentity
 from gss.operations.accounts.passwords import Passwords
 from gss.operations.accounts.permissions import permissions_of
 from gss.operations.accounts.secrets import csrf_of, key_hash, new_key
-from gss.operations.clock import Now
+from gss.operations.clock import CLOCK_AHEAD, Now
 from gss.store import accounts as store
 from gss.store.engine import Database
 from gss.store.models import SignIn, User
 
 SEEN_EVERY = timedelta(minutes=1)
 """Minimum interval between updates of ``last_seen``."""
-KNOWN_FOR = timedelta(days=90)
-"""From an address from which the user signed in within this time, failed attempts by others do not delay the user."""
+DEVICE_LASTS = timedelta(days=90)
+"""In a browser in which the user signed in within this time, failed attempts by others do not delay the user."""
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,12 @@ class Lifetimes:
 
 @dataclass(frozen=True)
 class NewSession:
-    """A session's key for the cookie, which is returned only once, and its user."""
+    """A session's key for the cookie, which is returned only once, and its user. ``device``: value of the cookie that
+    recognizes this browser at the next sign-in."""
 
     key: str
-    who: Who
+    who: CallerIdentity
+    device: str
 
 
 class SignInService:
@@ -55,15 +57,18 @@ class SignInService:
         self._database, self._passwords, self._attempts, self._now = database, passwords, attempts, now
         self._lifetimes, self._changed = lifetimes, changed
 
-    def sign_in(self, name: str, password: str, *, address: str, agent: str = "", old_key: str = "") -> NewSession:
+    def sign_in(
+        self, name: str, password: str, *, address: str, agent: str = "", old_key: str = "", device: str = ""
+    ) -> NewSession:
         """Start a session. The NotSignedIn error reveals neither whether the name exists nor what was wrong. ``old_key``:
-        key of the browser's previous session, which is ended to prevent session fixation. Raises TooOften during a wait."""
+        key of the browser's previous session, which is ended to prevent session fixation. ``device``: its device cookie.
+        Raises RateLimited during a wait."""
         row = self._named(name)
-        keys = self._brakes(name, row, address)
+        keys = self._brakes(name, row, address, device)
         self._attempts.begin(keys)
         fits = self._passwords.verify(row.password_hash if row and row.enabled else "", password)
         if row is None or not row.enabled or not fits:
-            raise NotSignedIn("name and password do not fit", hint="try again; an admin can give you a new link")
+            raise NotSignedIn("wrong name or password", hint="try again, or ask an admin for a password link")
         self._attempts.passed(keys)
         self._attempts.forget(_name_key(name))
         if self._passwords.outdated(row.password_hash):
@@ -72,18 +77,18 @@ class SignInService:
             self.sign_out(old_key)
         return self.begin(row.id, address=address, agent=agent)
 
-    def check_password(self, who: Who, password: str, *, address: str) -> None:
-        """Raise NotPermitted unless it is the user's password; with the same rate limits as signing in."""
+    def check_password(self, who: CallerIdentity, password: str) -> None:
+        """Raise NotPermitted unless it is the user's password; attempts are limited per user."""
         row = self._named(who.name)
-        keys = self._brakes(who.name, row, address)
+        keys = [(f"own password of {who.user_id}", BY_NAME)]
         self._attempts.begin(keys)
         if not self._passwords.verify(row.password_hash if row else "", password):
-            raise NotPermitted("the old password does not fit", hint="try again, or ask an admin for a link")
+            raise NotPermitted("wrong current password", hint="try again, or ask an admin for a password link")
         self._attempts.passed(keys)
 
     def begin(self, user_id: int, *, address: str, agent: str = "") -> NewSession:
         """Start a session with a new key for a user who was just authenticated."""
-        now, key = self._now(), new_key()
+        now, key, device = self._now(), new_key(), new_key()
         with self._database.unit_of_work() as session:
             user = store.user(session, user_id)
             user.last_sign_in = now
@@ -97,10 +102,11 @@ class SignInService:
                 end_reason="",
                 address=address[:60],
                 agent="".join(c for c in agent if c.isprintable())[:200],
+                device_hash=key_hash(device),
             )
             session.add(row)
             session.flush()
-            return NewSession(key, self._who(row, user, key))
+            return NewSession(key, self._who(row, user, key), device)
 
     def sign_out(self, key: str) -> None:
         """End the session of that key, if there is one."""
@@ -118,19 +124,19 @@ class SignInService:
                 row.ended, row.end_reason = self._now(), f"ended by {by}"[:60]
         self._changed()
 
-    def living(self) -> list[tuple[SignIn, User]]:
+    def active(self) -> list[tuple[SignIn, User]]:
         """Return open sessions with their users."""
         now = self._now()
         with self._database.unit_of_work() as session:
-            return [(s, u) for s, u in store.open_sign_ins(session, now) if not self._why_over(s, u, now)]
+            return [(s, u) for s, u in store.open_sign_ins(session, now) if not self._ended_reason(s, u, now)]
 
-    def who(self, key: str, *, touch: bool = True) -> Who | None:
+    def who(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
         """Return the user of a session; None if it has ended or never existed. Only with ``touch`` does the call count as a
         request."""
         now = self._now()
         with self._database.unit_of_work() as session:
             found = store.sign_in_of(session, key_hash(key))
-            if found is None or self._why_over(*found, now):
+            if found is None or self._ended_reason(*found, now):
                 return None
         row, user = found
         if touch and now - row.last_seen >= SEEN_EVERY:
@@ -139,41 +145,48 @@ class SignInService:
                 store.seen(session, row.id, now)  # a full disk must not lock users out
         return self._who(row, user, key)
 
-    def why_over(self, sign_in_id: int) -> str:
+    def ended_reason(self, sign_in_id: int) -> str:
         """Return why a session has ended; "" while it is valid."""
         with self._database.unit_of_work() as session:
-            return self._why_over(*store.sign_in(session, sign_in_id), self._now())
+            return self._ended_reason(*store.sign_in(session, sign_in_id), self._now())
 
-    def _why_over(self, row: SignIn, user: User, now: datetime) -> str:
+    def _ended_reason(self, row: SignIn, user: User, now: datetime) -> str:
         if row.ended is not None:
             return row.end_reason or "ended"
         if not user.enabled:
-            return "the user was switched off"
+            return "the user was deactivated"
         if now >= row.expires:
-            return "signed in too long ago"
-        return "nothing was asked for too long" if now - row.last_seen >= self._lifetimes.idle else ""
+            return "session lifetime exceeded"
+        if row.created > now + CLOCK_AHEAD:
+            return "signed in while the server's clock was ahead"
+        return "no request within the idle timeout" if now - row.last_seen >= self._lifetimes.idle else ""
 
     def _named(self, name: str) -> User | None:
         with self._database.unit_of_work() as session:
             return store.user_named(session, name)
 
-    def _brakes(self, name: str, row: User | None, address: str) -> list[tuple[str, Brake]]:
-        """Return the rate-limit keys of an attempt: always name and address together; also each alone, unless this user is
-        known to sign in from there. Otherwise anyone could make the only admin wait forever by failing under that name or
-        from that address."""
-        pair = (f"pair {store.name_key(name)} {address}", BY_NAME)
-        with self._database.unit_of_work() as session:
-            known = row is not None and store.signed_in_from(session, row.id, address, self._now() - KNOWN_FOR)
-        return [pair] if known else [pair, (f"address {address}", BY_ADDRESS), (_name_key(name), BY_NAME)]
+    def _brakes(self, name: str, row: User | None, address: str, device: str) -> list[tuple[str, Brake]]:
+        """Return the rate-limit keys of an attempt: address and name, or the device alone if this user has signed in with it.
+        Without that exception anyone could make the only admin wait forever by failing under that name or from that address.
+        The keys of all other attempts do not depend on whether the name exists or was used at that address."""
+        if device:
+            hashed = key_hash(device)
+            with self._database.unit_of_work() as session:
+                known_id = store.user_of_device(session, hashed, self._now() - DEVICE_LASTS)
+            if row is not None and known_id == row.id:
+                return [(f"device {hashed}", BY_NAME)]
+        return [(f"address {address}", BY_ADDRESS), (_name_key(name), BY_NAME)]
 
     def _rehash(self, user_id: int, password: str) -> None:
         hashed = self._passwords.hash(password)
         with self._database.unit_of_work() as session:
             store.user(session, user_id).password_hash = hashed
 
-    def _who(self, row: SignIn, user: User, key: str) -> Who:
+    def _who(self, row: SignIn, user: User, key: str) -> CallerIdentity:
         ends = min(row.expires, row.last_seen + self._lifetimes.idle)
-        return Who(user.name, user.role, permissions_of(user.role), "session", row.id, user.id, csrf_of(key), ends)
+        return CallerIdentity(
+            user.name, user.role, permissions_of(user.role), "session", row.id, user.id, csrf_of(key), ends
+        )
 
 
 def _name_key(name: str) -> str:

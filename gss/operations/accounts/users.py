@@ -9,17 +9,18 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from gss.domain.errors import BadInput, Conflict, NotPermitted
-from gss.operations.accounts.identity import TOKEN_PREFIX
+from gss.operations.accounts.identity import TOKEN_PREFIX, checked_user
+from gss.operations.accounts.look_alikes import check_script, check_unlike
 from gss.operations.accounts.passwords import Passwords
 from gss.operations.accounts.permissions import checked_role
 from gss.operations.accounts.secrets import key_hash, new_key
+from gss.operations.accounts.voiding import PASSWORD, Voided, Voiding
 from gss.operations.clock import Now
-from gss.operations.commanding.authority import checked_user
 from gss.store import accounts as store
 from gss.store.engine import Database
 from gss.store.models import OneTimeLink, User
 
-SETUP, PASSWORD = "setup", "password"
+SETUP = "setup"
 SETUP_LASTS = timedelta(hours=1)
 PASSWORD_LASTS = timedelta(hours=24)
 OF_SOFTWARE = ("gss", "server", "system", "nobody", "shell", "unknown", "unknown name", "set-up link")
@@ -36,6 +37,14 @@ class Link:
 
     key: str
     expires: datetime
+
+
+@dataclass(frozen=True)
+class Changed:
+    """A changed user, and what was withdrawn with the change."""
+
+    user: User
+    voided: Voided
 
 
 class UserService:
@@ -88,9 +97,10 @@ class UserService:
             return self._add(session, name, "admin", hashed, "set-up link")
 
     def _add(self, session: Any, name: str, role: str, hashed: str, by: str) -> User:
-        now = self._now()
+        now, name = self._now(), checked_name(name)
+        check_unlike(name, [row.name for row in store.users(session)])
         row = User(
-            name=checked_name(name),
+            name=name,
             role=role,
             enabled=True,
             password_hash=hashed,
@@ -98,6 +108,7 @@ class UserService:
             created_by=by,
             password_changed=now if hashed else None,
             last_sign_in=None,
+            disabled_reason="",
         )
         return store.add_user(session, row)
 
@@ -107,8 +118,18 @@ class UserService:
 
     # --- changes ------------------------------------------------------------------------------------------------
 
-    def change(self, user_id: int, *, role: str | None = None, enabled: bool | None = None) -> User:
-        """Change role or enabled state. Disabling ends all sessions. Raises Conflict for the last enabled admin."""
+    def change(
+        self,
+        user_id: int,
+        *,
+        role: str | None = None,
+        enabled: bool | None = None,
+        keep_created: bool = False,
+        caller_id: int | None = None,
+    ) -> Changed:
+        """Change role or enabled state. Disabling ends all sessions. An admin who is demoted or disabled loses the links
+        that were not used yet, and the users that this admin created are disabled, except ``caller_id``; ``keep_created``
+        leaves both. Raises Conflict for the last enabled admin."""
         if role is not None:
             checked_role(role)
         with self._database.unit_of_work() as session:
@@ -116,14 +137,20 @@ class UserService:
             was_admin = row.role == "admin" and row.enabled
             row.role = row.role if role is None else role
             row.enabled = row.enabled if enabled is None else enabled
+            row.disabled_reason = "" if row.enabled else row.disabled_reason
             session.flush()
-            if was_admin and store.enabled_admins(session) == 0:
-                raise Conflict("the last admin must stay one", hint="make another user an admin first")
+            voiding = Voiding(session, self._now(), caller_id)
             if not row.enabled:
-                store.end_sign_ins(session, row.id, self._now(), "the user was switched off")
-                store.void_links(session, PASSWORD, row.id, self._now())
+                voiding.disable(row, row.disabled_reason)
+            if was_admin and not (row.enabled and row.role == "admin") and not keep_created:
+                voiding.withdraw(row, "is not an admin any more" if row.enabled else "was disabled")
+            if was_admin and store.enabled_admins(session) == 0:
+                raise Conflict(
+                    "the last admin must keep the role",
+                    hint="make another user an admin first; users that this admin created are disabled too, unless they are kept",
+                )
         self._changed()
-        return row
+        return Changed(row, voiding.voided)
 
     def set_password(self, user_id: int, password: str) -> User:
         """Set another password; all sessions of this user end, and links become invalid."""
@@ -173,40 +200,42 @@ class UserService:
         with self._database.unit_of_work() as session:
             if store.any_user(session):
                 return None
-            return self._link(session, SETUP, None, SETUP_LASTS)
+            return self._link(session, SETUP, None, SETUP_LASTS, by="")
 
-    def password_link(self, user_id: int, until: datetime | None = None) -> Link:
+    def password_link(self, user_id: int, until: datetime | None = None, *, by: str) -> Link:
         """Create a password link that replaces earlier ones, valid until ``until`` at the latest. Raises Conflict if the
         user is disabled."""
         with self._database.unit_of_work() as session:
             if not store.user(session, user_id).enabled:
-                raise Conflict("this user is switched off", hint="switch it on first")
-            return self._link(session, PASSWORD, user_id, PASSWORD_LASTS, until)
+                raise Conflict("this user is deactivated", hint="activate the user first")
+            return self._link(session, PASSWORD, user_id, PASSWORD_LASTS, until, by=by)
 
     def _link(
-        self, session: Any, kind: str, user_id: int | None, lasts: timedelta, until: datetime | None = None
+        self, session: Any, kind: str, user_id: int | None, lasts: timedelta, until: datetime | None = None, *, by: str
     ) -> Link:
         now, key = self._now(), new_key()
         end = now + lasts if until is None else min(now + lasts, until)
         store.void_links(session, kind, user_id, now)
-        store.add_link(session, kind, user_id, key_hash(key), now, end)
+        row = OneTimeLink(kind=kind, user_id=user_id, key_hash=key_hash(key), created=now, expires=end, created_by=by)
+        store.add_link(session, row)
         return Link(key, end)
 
 
 def checked_name(name: str) -> str:
-    """Return a person's name in normalized form (NFKC). Raises BadInput for invisible characters or names reserved for
-    software."""
+    """Return a person's name in normalized form (NFKC). Raises BadInput for invisible characters, mixed scripts, or names
+    reserved for software."""
     name = checked_user(unicodedata.normalize("NFKC", name))
     if any(c in UNSEEN or unicodedata.name(c, "").startswith(VARIATION) for c in name) or "  " in name:
-        raise BadInput("not a user name", expected="characters that show, single spaces", got=ascii(name))
+        raise BadInput("not a user name", expected="printable characters, single spaces", got=ascii(name))
+    check_script(name)
     if store.name_key(name) in OF_SOFTWARE or store.name_key(name).startswith(BEGIN_OF_SOFTWARE):
-        raise BadInput("this name belongs to software", expected="another name", got=name)
+        raise BadInput("this name is reserved", expected="a different name", got=name)
     return name
 
 
 def _used_link() -> NotPermitted:
     return NotPermitted(
-        "this link cannot be used",
-        expected="a link that is fresh and was not used",
-        hint="ask an admin for a new one; before the first user is made, start the server again: it prints a new link",
+        "this link is invalid, expired or already used",
+        expected="an unused link that has not expired",
+        hint="ask an admin for a new link. Before the first user exists, restart the server to print a new link",
     )

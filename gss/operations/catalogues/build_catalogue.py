@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any, Literal
@@ -18,23 +17,25 @@ from gss.catalogue_tools.formats.registry import base_format
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
 from gss.catalogue_tools.plan import plan
 from gss.catalogue_tools.request import BuildRequest
-from gss.catalogue_tools.sources.sources import Source
-from gss.device.dictionary import Dictionary
-from gss.device.golden import matching_formats
+from gss.catalogue_tools.sources.sources import StarSource
 from gss.device.session import Compatibility
 from gss.device.session_events import HelloReceived
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, Conflict
-from gss.domain.profiles import profile
-from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.domain.stars import StarTable
+from gss.instruments.registry import Registry
 from gss.operations.catalogues.catalogue_files import ExportFile, export_file
 from gss.operations.catalogues.catalogue_report import preview_report, report_of
+from gss.operations.catalogues.catalogue_request import CatalogueRequest, build_request, with_camera
 from gss.operations.catalogues.star_lists import StarListService
 from gss.operations.clock import Now
-from gss.operations.jobs import JobService, Keep, Resumable, Run
+from gss.operations.jobs import JobKind, JobRequest, JobService, Keep, Run, Work
 from gss.operations.line.link import LinkService
-from gss.operations.transfers.banks import BankService
-from gss.operations.transfers.transfer_rows import TransferView
+from gss.operations.requests import as_stored
+from gss.operations.transfers.flash_banks import CATALOGUE, FlashBanks
+from gss.operations.transfers.transfer_progress import TransferView
 from gss.operations.transfers.transfers import TransferService
+from gss.skytables.bank import OnboardCatalogue
 from gss.store import catalogues as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
@@ -43,13 +44,21 @@ from gss.store.models import Catalogue, Job
 STEPS = 100
 
 BankSource = Literal["asked", "sensor", "usual"]
-Words = Callable[[Mapping[str, Any], str, datetime], BuildRequest]
-"""Converts (request as sent by the page, user, time of the request) to a build request."""
+
+
+@dataclass(frozen=True)
+class BuildJob(JobRequest):
+    """A catalogue to build. ``at``: time of the request, when the days of use begin if it names no start. ``bank_bytes``: size of
+    the bank as it was then."""
+
+    asked: CatalogueRequest
+    at: datetime
+    bank_bytes: int | None = None
 
 
 @dataclass(frozen=True)
 class TimedPreview:
-    """A preview's report and how long it took. ``bank_source``: where the bank size comes from: asked, sensor or usual."""
+    """A preview's report and how long it took. ``bank_source``: where the bank size comes from: spec, sensor or usual."""
 
     stars: int
     pairs: int
@@ -82,23 +91,24 @@ class CatalogueService:
         blobs: BlobStore,
         jobs: JobService,
         transfers: TransferService,
-        banks: BankService,
+        flash: FlashBanks,
         link: LinkService,
         lists: StarListService,
         stars: StarTable,
         now: Now,
+        instruments: Registry,
+        unit: str,
     ) -> None:
+        self._instruments, self._unit = instruments, unit
         self._database, self._blobs, self._jobs = database, blobs, jobs
-        self._transfers, self._banks, self._link, self._lists = transfers, banks, link, lists
+        self._transfers, self._flash, self._link, self._lists = transfers, flash, link, lists
         self._stars, self._now = stars, now
-        self.words: Words | None = None
-        """Parses a request as sent by the builder's page; set by the API."""
-        jobs.resumable("catalogue", self._again)
+        jobs.register(JobKind("catalogue", BuildJob, self._build))
 
-    def preview(self, request: BuildRequest, *, mistakes: bool = False) -> TimedPreview:
+    def preview(self, spec: CatalogueRequest, *, user: str, mistakes: bool = False) -> TimedPreview:
         """Return a quick preview for interactive changes of parameters."""
         start_s = time.perf_counter()
-        request, source = self._with_bank(request)
+        request, source = self._with_bank(build_request(spec, self._camera(spec), user, self._now()))
         quick = preview(request, self._source(request), mistakes=mistakes)
         report = preview_report(quick)
         elapsed_s = time.perf_counter() - start_s
@@ -106,23 +116,23 @@ class CatalogueService:
             len(quick.selection.kept), quick.pairs, quick.bytes, quick.plan.bank_bytes, report, elapsed_s, source
         )
 
-    def build(self, request: BuildRequest, asked: Mapping[str, Any], *, user: str) -> Job:
-        """Build a catalogue as a job; ``asked`` is the request as sent by the builder's page, stored so that it can be
-        reopened. An impossible request is rejected at once."""
-        request, _ = self._with_bank(request)
-        work = self._work(request, asked, user)
-        kept = {"asked": dict(asked), "user": user, "at": self._now().isoformat(), "bank_bytes": request.bank_bytes}
-        return self._jobs.begin("catalogue", f"build {request.name or 'catalogue'}", kept, work)
+    def build(self, spec: CatalogueRequest, *, user: str) -> Job:
+        """Build a catalogue as a job. The request is stored with the catalogue, so that it can be reopened. An impossible
+        request is rejected at once."""
+        at, camera = self._now(), self._camera(spec)
+        spec = with_camera(spec, camera)
+        request, _ = self._with_bank(build_request(spec, camera, user, at))
+        job = BuildJob(spec, at, request.bank_bytes, user=user)
+        return self._jobs.begin("catalogue", f"build {spec.name or 'catalogue'}", job, self._work(request, job))
 
-    def _again(self, run: Run) -> dict[str, Any]:
-        asked, user = run.request["asked"], run.request["user"]
-        if self.words is None:
-            raise BadInput("nobody here reads the builder's words", hint="build it again on the Catalogues page")
-        request = self.words(asked, user, datetime.fromisoformat(run.request["at"]))
-        request = replace(request, bank_bytes=run.request.get("bank_bytes", request.bank_bytes))
-        return self._work(request, asked, user)(run)
+    def _build(self, job: BuildJob, run: Run) -> dict[str, Any]:
+        request = build_request(job.asked, self._camera(job.asked), job.user, job.at)
+        return self._work(replace(request, bank_bytes=job.bank_bytes or request.bank_bytes), job)(run)
 
-    def _work(self, request: BuildRequest, asked: Mapping[str, Any], user: str) -> Resumable:
+    def _camera(self, spec: CatalogueRequest) -> CameraProfile:
+        return self._instruments.camera(spec.profile or self._unit)
+
+    def _work(self, request: BuildRequest, job: BuildJob) -> Work:
         source = self._source(request)
         # Long preparations run inside the job, where they report progress and can be cancelled.
         ready = None if too_heavy(plan(request), source) else prepare(request, source)
@@ -131,11 +141,11 @@ class CatalogueService:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
 
-            def tell(stage: str, share: float) -> None:
+            def report(stage: str, share: float) -> None:
                 run.progress(round(share * STEPS), STEPS, stage)
 
-            built = finish(prepare(request, source, tell) if ready is None else ready, tell)
-            row = self._keep(built, asked, user, run.keep)
+            built = finish(prepare(request, source, report) if ready is None else ready, report)
+            row = self._keep(built, job, run.keep)
             return {"catalogue_id": row.id}
 
         return work
@@ -150,12 +160,12 @@ class CatalogueService:
             return request, "usual"
         return replace(request, bank_bytes=hello.bank_bytes), "sensor"
 
-    def _source(self, request: BuildRequest) -> Source | StarTable:
+    def _source(self, request: BuildRequest) -> StarSource | StarTable:
         if request.source == "hipparcos":
             return self._stars
         return self._lists.source(request.source, request.star_list, request.depth_mag, request.profile_name)
 
-    def _keep(self, built: BuiltCatalogue, asked: Mapping[str, Any], user: str, keep: Keep) -> Catalogue:
+    def _keep(self, built: BuiltCatalogue, job: BuildJob, keep: Keep) -> Catalogue:
         self._blobs.put(built.image)
         p = built.plan
         row = Catalogue(
@@ -163,16 +173,17 @@ class CatalogueService:
             profile=p.profile.name,
             format=p.request.format_name,
             created=self._now(),
-            author=user,
+            author=job.user,
             stars=len(built.stars),
             pairs=len(built.distances),
             size=len(built.image),
             sha256=built.sha256,
             valid_from=p.valid_from,
             valid_to=p.valid_to,
-            request=dict(asked),
+            request=as_stored(job.asked),
             manifest=json.loads(built.manifest.as_json()),
             report=report_of(built),
+            instrument_version=self._instruments.version_of(p.profile.name),
         )
         with self._database.unit_of_work() as session:
             store.add(session, row)
@@ -198,7 +209,7 @@ class CatalogueService:
         field of view."""
         old, new = self.get(old_id), self.get(new_id)
         before, after = self._decoded(old), self._decoded(new)
-        radius_rad = FieldShape(profile(new.profile).camera).equal_circle_rad
+        radius_rad = FieldShape(self._instruments.camera(new.profile).camera).equal_circle_rad
         coverage = coverage_change(before, after, radius_rad)
         return StoredDiff(old, new, before, after, compare(before, after), coverage, old.profile == new.profile)
 
@@ -213,19 +224,13 @@ class CatalogueService:
     def upload(self, catalogue_id: int, bank: str) -> TransferView:
         """Upload a catalogue to an inactive bank; read-back verification and commit follow automatically. Raises Conflict or
         BadInput."""
-        row, hello = self.get(catalogue_id), self._link.hello
-        if hello is None:
-            raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the line first")
-        target = bank_number(self._link.dictionary, bank)
-        if any(view.bank == bank and view.active for view in self._banks.views()):
-            raise Conflict(
-                f"bank {bank} is active", expected="an inactive bank", got=bank, hint="the sensor matches from it now"
-            )
+        row = self.get(catalogue_id)
+        target, hello = self._flash.target(CATALOGUE, bank)
         image = self._blobs.get(row.sha256)
         compatibility = compatibility_of(image, hello)
-        check_matching(row.format, hello.profile)
+        check_matching(row.format, self._instruments.camera(hello.profile))
         return self._transfers.upload(
-            "catalogue",
+            CATALOGUE,
             target,
             image,
             compatibility,
@@ -258,18 +263,13 @@ def compatibility_of(image: bytes, hello: HelloReceived) -> Compatibility:
     )
 
 
-def check_matching(format_name: str, profile_name: str) -> None:
+def check_matching(format_name: str, camera: CameraProfile) -> None:
     """Raise Conflict for a catalogue that the unit would accept but could not match from."""
-    matched = matching_formats(profile_name)
+    matched = camera.matching_formats
     if base_format(format_name) not in matched:
         raise Conflict(
-            "the sensor cannot match from this catalogue: it needs what the format lacks",
+            "the sensor cannot match with this catalogue: the format lacks required content",
             expected=" | ".join(matched),
             got=format_name,
-            hint="build it again in the camera's own format; the activation of this one would be refused",
+            hint="rebuild it in the camera's own format; the sensor would reject activation of this one",
         )
-
-
-def bank_number(dictionary: Dictionary, bank: str) -> int:
-    """Return the number of a bank in the protocol. Raises BadInput with the list of banks."""
-    return dictionary.command("VERIFY_BANK").argument("bank").choice(bank).value

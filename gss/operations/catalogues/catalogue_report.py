@@ -10,15 +10,16 @@ import numpy as np
 from gss.catalogue_tools.build import BuiltCatalogue, Preview, build
 from gss.catalogue_tools.envelope.lifetime import Lifetime
 from gss.catalogue_tools.envelope.sweep import outlines, sweep
-from gss.catalogue_tools.manifest import Manifest
-from gss.catalogue_tools.plan import Plan
+from gss.catalogue_tools.manifest import BuildManifest
+from gss.catalogue_tools.plan import BuildPlan
 from gss.catalogue_tools.request import request_from
 from gss.catalogue_tools.selection.ambiguity import AmbiguityMap
 from gss.catalogue_tools.selection.assessment import Assessment, EnvelopeMap, way_deg
 from gss.catalogue_tools.selection.quality import Quality
 from gss.catalogue_tools.selection.selection import Fate, Selection, screening_facts
-from gss.catalogue_tools.sources.sources import Source
+from gss.catalogue_tools.sources.sources import StarSource
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import CorruptData
 from gss.domain.frames import cam_from_icrs
 from gss.domain.stars import StarTable
@@ -52,20 +53,22 @@ def report_of(built: BuiltCatalogue) -> dict[str, Any]:
     }
 
 
-def report_again(manifest: Manifest, source: Source | StarTable) -> dict[str, Any]:
-    """Return the report of a catalogue from its manifest, by repeating the build. Raises CorruptData if the image differs."""
-    built = build(request_from(manifest.parameters), source)
+def report_again(manifest: BuildManifest, camera: CameraProfile, source: StarSource | StarTable) -> dict[str, Any]:
+    """Return the report of a catalogue from its manifest, by repeating the build for its camera.
+
+    Raises CorruptData if the image differs."""
+    built = build(request_from(manifest.parameters, camera), source)
     if built.sha256 != manifest.image_sha256:
         raise CorruptData(
-            "the same request does not give this image again",
+            "the same request does not reproduce this image",
             expected=manifest.image_sha256,
             got=built.sha256,
-            hint=f"it was built by {manifest.tool}; take that version, or the same star list",
+            hint=f"use {manifest.tool}, which built it, or the same star list",
         )
     return report_of(built)
 
 
-def _choice(selection: Selection, envelope: EnvelopeMap, plan: Plan) -> dict[str, Any]:
+def _choice(selection: Selection, envelope: EnvelopeMap, plan: BuildPlan) -> dict[str, Any]:
     way = sweep(plan.base, plan.shape)
     return {
         "funnel": [
@@ -142,7 +145,7 @@ def _sky(selection: Selection) -> list[dict[str, Any]]:
     ]
 
 
-def _worst(plan: Plan, q: Quality) -> list[tuple[float, float]]:
+def _worst(plan: BuildPlan, q: Quality) -> list[tuple[float, float]]:
     """Return the outline on the sky of the field with the fewest stars."""
     attitude = cam_from_icrs(q.worst_ra_rad, q.worst_dec_rad, q.worst_roll_rad)
     return _line(outlines(plan.shape, attitude[None])[0], 2)

@@ -2,97 +2,129 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, Literal
 
-import numpy as np
+from pydantic import Field
 
-from gss.catalogue_tools.design.camera import DesignCamera, design_camera, document_cameras
+from gss.catalogue_tools.design.camera import DesignCamera
 from gss.catalogue_tools.design.report import EXCLUSION_RAD, FULL, QUICK, DesignRequest, camera_row, design
 from gss.catalogue_tools.design.trade import TradeRow
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, AttitudeLimits
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope
 from gss.catalogue_tools.envelope.orbits import Range, from_elements
+from gss.domain.callbacks import no_progress
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
+from gss.instruments.registry import Registry
 from gss.operations.catalogues.design_curves import short
 from gss.operations.catalogues.design_record import record_of
-from gss.operations.jobs import JobService, Progress, Resumable, Run
+from gss.operations.jobs import JobKind, JobRequest, JobService, Progress, Run, nested_request
+from gss.operations.requests import Request
 from gss.store.models import Job
 
 STEPS = 100
 WORKERS = 2
-FEWEST, MOST = 1_000, 10_000_000
 CAMERA_LOOKS, CAMERA_PAIRS = 1500, 3e4
+EDITABLE = tuple(f.name for f in fields(DesignCamera) if f.name != "name")
+"""Values of a camera that a design may change."""
+Number = Annotated[float | None, Field(allow_inf_nan=False)]
+Two = Annotated[list[float], Field(min_length=2, max_length=2)]
+"""Smallest and largest value, degrees."""
+
+
+class DesignQuestion(Request):
+    """Documented camera and changes to it; null keeps the profile's value. ``mag_limit`` null: derived from the
+    radiometry. ``sky``: whole, or along an orbit with a pointing law and its limits in degrees. ``pointings``: of
+    the full count."""
+
+    profile: str = Field(default="", max_length=40, description="Instrument; empty: that of the unit on the line.")
+    columns: int | None = None
+    rows: int | None = None
+    pitch_col_um: Number = None
+    pitch_row_um: Number = None
+    focal_mm: Number = None
+    f_number: Number = None
+    transmission: Number = None
+    efficiency: Number = None
+    bandwidth_nm: Number = None
+    exposure_s: Number = None
+    psf_sigma_px: Number = None
+    bits: int | None = None
+    gain_e_per_dn: Number = None
+    bias_dn: Number = None
+    full_well_e: Number = None
+    read_noise_e: Number = None
+    dark_current_e_s: Number = None
+    background_e_s: Number = None
+    response_sigma: Number = None
+    threshold_snr: Number = None
+    mag_limit: Number = None
+    exclusion_deg: Number = None
+    spare_mm: float = Field(default=0.0, ge=0, le=1000)
+    sky: Literal["whole", "orbit"] = "whole"
+    inclination_deg: float = Field(default=97.6, ge=0, le=180)
+    raan_deg: Two = Field(default=[0.0, 360.0])
+    pointing: str = Field(default="zenith", max_length=20)
+    roll_deg: Two = Field(default=[-5.0, 5.0])
+    pitch_deg: Two = Field(default=[-5.0, 5.0])
+    yaw_deg: Two = Field(default=[-5.0, 5.0])
+    seed: int = Field(default=1, ge=0, le=2**31 - 1)
+    pointings: int = Field(default=1_000_000, ge=1_000, le=10_000_000)
+
+    @property
+    def changes(self) -> dict[str, float]:
+        """The camera's values that differ from the profile's."""
+        fields = self.model_dump(include=set(EDITABLE), exclude_none=True)
+        return {name: fields[name] for name in EDITABLE if name in fields}
 
 
 @dataclass(frozen=True)
-class Along:
-    """An orbit and a pointing law with its limits, instead of the whole sky."""
+class DesignJob(JobRequest):
+    """A full evaluation of a design as a job."""
 
-    inclination_rad: Range
-    raan_rad: Range
-    pointing: str
-    roll_rad: Range = (0.0, 0.0)
-    pitch_rad: Range = (0.0, 0.0)
-    yaw_rad: Range = (0.0, 0.0)
+    asked: DesignQuestion
 
 
-@dataclass(frozen=True)
-class Question:
-    """A design request. ``profile``: the initial camera; ``changes``: changed fields of :class:`DesignCamera`.
-    ``exclusion_rad`` None: 40°. ``along`` None: the whole sky. ``pointings``: of the full evaluation."""
-
-    profile: str
-    changes: Mapping[str, float]
-    exclusion_rad: float | None = None
-    spare_mm: float = 0.0
-    along: Along | None = None
-    seed: int = 1
-    pointings: int = FULL.pointings
+def request_of(question: DesignQuestion, base: DesignCamera) -> DesignRequest:
+    """Return the camera ``base`` as edited, and its pointing envelope, in radians. Raises BadInput if they are impossible."""
+    camera = base.edited(**question.changes)
+    exclusion_rad = EXCLUSION_RAD if question.exclusion_deg is None else math.radians(question.exclusion_deg)
+    return DesignRequest(camera, _envelope(camera, question), exclusion_rad, question.spare_mm, question.seed)
 
 
-def request_of(question: Question) -> DesignRequest:
-    """Return the edited camera and its pointing envelope. Raises BadInput if they are impossible."""
-    camera = design_camera(question.profile).edited(**question.changes)
-    exclusion = EXCLUSION_RAD if question.exclusion_rad is None else question.exclusion_rad
-    if not FEWEST <= question.pointings <= MOST:
-        raise BadInput("pointings are out of range", expected=f"{FEWEST} to {MOST}", got=str(question.pointings))
-    if not 0 <= question.spare_mm <= 1000:
-        raise BadInput(
-            "the baffle's spare width is out of range", expected="0 to 1000 mm", got=f"{question.spare_mm:g}"
-        )
-    return DesignRequest(
-        camera, _envelope(camera, question.along), float(exclusion), float(question.spare_mm), question.seed
-    )
-
-
-def _envelope(camera: DesignCamera, along: Along | None) -> Envelope | None:
-    if along is None:
+def _envelope(camera: DesignCamera, question: DesignQuestion) -> Envelope | None:
+    if question.sky == "whole":
         return None
-    if along.pointing not in ORBIT_LAWS:
+    if question.pointing not in ORBIT_LAWS:
         raise BadInput(
-            "this pointing law does not follow an orbit", expected=" | ".join(ORBIT_LAWS), got=along.pointing
+            "this pointing law does not follow an orbit", expected=" | ".join(ORBIT_LAWS), got=question.pointing
         )
-    limits = AttitudeLimits(along.pointing, along.roll_rad, along.pitch_rad, along.yaw_rad)
-    return BandEnvelope(camera.shape, limits, from_elements(along.inclination_rad, along.raan_rad))
+    roll, pitch, yaw = radians(question.roll_deg), radians(question.pitch_deg), radians(question.yaw_deg)
+    limits = AttitudeLimits(question.pointing, roll, pitch, yaw)
+    inclination_rad = math.radians(question.inclination_deg)
+    orbits = from_elements((inclination_rad, inclination_rad), radians(question.raan_deg))
+    return BandEnvelope(camera.shape, limits, orbits)
 
 
 def answer(
-    question: Question,
+    question: DesignQuestion,
+    base: DesignCamera,
     stars: StarTable,
     *,
     quick: bool = False,
-    documents: tuple[TradeRow, ...] | None = None,
-    progress: Progress = lambda *_: None,
+    documents: tuple[TradeRow, ...],
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Return the record of one design: quick, or with full pointings and the lens trade. ``documents``: rows of the
-    documents' cameras, if already computed."""
+    documented cameras, for comparison."""
     start_s = time.perf_counter()
-    request = request_of(question)
+    request = request_of(question, base)
     if quick:
         report = design(request, stars, QUICK)
     else:
@@ -103,15 +135,14 @@ def answer(
         finally:
             # After a cancel, queued work must not be run first.
             pool.shutdown(wait=True, cancel_futures=True)
-    fixed = document_rows(stars) if documents is None else documents
-    mine = () if request.camera in [r.camera for r in fixed] else (_row(request.camera, stars),)
-    record = record_of(report, question.profile, (*mine, *fixed))
+    mine = () if request.camera in [r.camera for r in documents] else (_row(request.camera, stars),)
+    record = record_of(report, base, (*mine, *documents))
     return record | {"elapsed_ms": short(1000 * (time.perf_counter() - start_s))}
 
 
-def document_rows(stars: StarTable) -> tuple[TradeRow, ...]:
-    """Return the rows of the documents' cameras, as in their profiles."""
-    return tuple(_row(c, stars) for c in document_cameras())
+def document_rows(cameras: Iterable[CameraProfile], stars: StarTable) -> tuple[TradeRow, ...]:
+    """Return the rows of documented cameras."""
+    return tuple(_row(DesignCamera.from_profile(c), stars) for c in cameras)
 
 
 def _row(camera: DesignCamera, stars: StarTable) -> TradeRow:
@@ -119,56 +150,52 @@ def _row(camera: DesignCamera, stars: StarTable) -> TradeRow:
 
 
 class DesignService:
-    """Evaluates designs; the rows of the documents' cameras are computed once."""
+    """Evaluates designs; the rows of the documented cameras are computed when they change."""
 
-    def __init__(self, jobs: JobService, stars: StarTable) -> None:
-        self._jobs, self._stars = jobs, stars
-        self._rows: tuple[TradeRow, ...] = ()
-        self.words: Callable[[Mapping[str, Any]], Question] | None = None
-        """Parses a request as sent by the page; set by the API."""
-        jobs.resumable("design", self._again)
+    def __init__(self, jobs: JobService, stars: StarTable, instruments: Registry, unit: str) -> None:
+        self._jobs, self._stars, self._instruments, self._unit = jobs, stars, instruments, unit
+        self._rows: tuple[dict[str, CameraProfile], tuple[TradeRow, ...]] = {}, ()
+        jobs.register(JobKind("design", DesignJob, self._evaluate, older=nested_request))
 
     def document_rows(self) -> tuple[TradeRow, ...]:
-        """Return the rows of the documents' cameras, as in their profiles."""
-        self._rows = self._rows or document_rows(self._stars)
-        return self._rows
+        """Return the rows of the documented cameras."""
+        cameras = self._instruments.cameras()
+        if self._rows[0] != cameras:
+            self._rows = cameras, document_rows(cameras.values(), self._stars)
+        return self._rows[1]
 
-    def quick(self, question: Question) -> dict[str, Any]:
+    def quick(self, question: DesignQuestion) -> dict[str, Any]:
         """Return the quick evaluation: fewer pointings and no lens trade."""
-        return answer(question, self._stars, quick=True, documents=self.document_rows())
+        return answer(question, self._base(question), self._stars, quick=True, documents=self.document_rows())
 
-    def start(self, question: Question, asked: Mapping[str, Any]) -> Job:
+    def start(self, question: DesignQuestion, *, user: str) -> Job:
         """Start the full evaluation as a job; its result is the record. An impossible camera is rejected at once."""
-        request_of(question)
+        base = self._base(question)
+        request_of(question, base)
+        return self._jobs.begin("design", f"design {base.name}", DesignJob(question, user=user))
 
-        return self._jobs.begin("design", f"design {question.profile}", dict(asked), self._work(question))
+    def _evaluate(self, job: DesignJob, run: Run) -> dict[str, Any]:
+        base, rows = self._base(job.asked), self.document_rows()
+        return {"design": answer(job.asked, base, self._stars, documents=rows, progress=run.progress)}
 
-    def _again(self, run: Run) -> dict[str, Any]:
-        if self.words is None:
-            raise BadInput("nobody here reads the page's words", hint="ask again on the Design page")
-        return self._work(self.words(run.request))(run)
-
-    def _work(self, question: Question) -> Resumable:
-        def work(run: Run) -> dict[str, Any]:
-            return {"design": answer(question, self._stars, documents=self.document_rows(), progress=run.progress)}
-
-        return work
+    def _base(self, question: DesignQuestion) -> DesignCamera:
+        return DesignCamera.from_profile(self._instruments.camera(question.profile or self._unit))
 
 
 def _by_percent(progress: Progress) -> Callable[[float], None]:
     """Report progress only when another percent is complete, because each report is a row in the store."""
-    told = -1
+    reported = -1
 
-    def tell(share: float) -> None:
-        nonlocal told
+    def report_progress(share: float) -> None:
+        nonlocal reported
         done = int(share * STEPS)
-        if done > told:
-            told = done
+        if done > reported:
+            reported = done
             progress(done, STEPS, "counting stars in fields")
 
-    return tell
+    return report_progress
 
 
-def radians(limits: tuple[float, float] | list[float]) -> Range:
+def radians(limits: Sequence[float]) -> Range:
     """Convert two values in degrees to radians."""
-    return float(np.radians(limits[0])), float(np.radians(limits[1]))
+    return math.radians(limits[0]), math.radians(limits[1])

@@ -10,27 +10,36 @@ from typing import Any
 import numpy as np
 
 from gss.catalogue_tools.design.accuracy import Accuracy
-from gss.catalogue_tools.design.baffle import Baffle
-from gss.catalogue_tools.design.camera import LIMITS, DesignCamera, design_camera
+from gss.catalogue_tools.design.baffle import BaffleGeometry
+from gss.catalogue_tools.design.camera import LIMITS, DesignCamera
 from gss.catalogue_tools.design.limits_erlank import equal_circle_rad
 from gss.catalogue_tools.design.papers import values_for
 from gss.catalogue_tools.design.radiometry import brightest_pixel_share, energy_window
 from gss.catalogue_tools.design.report import DesignReport
-from gss.catalogue_tools.design.stray_light import EARTH, MOON, SUN, imaged_e_s, pixel_etendue_cm2_sr
+from gss.catalogue_tools.design.stray_light import (
+    EARTH,
+    MOON,
+    SUN,
+    effective_area_cm2,
+    imaged_e_s,
+    pixel_etendue_cm2_sr,
+    stray_e_s,
+)
 from gss.catalogue_tools.design.trade import TradeRow
 from gss.domain.angles import ARCSEC_RAD
 from gss.operations.catalogues.design_curves import curves_of, short
 
 OURS = "our radiometry"
+STRAY_BEYOND_DEG = (0.0, 1.0, 7.0, 17.0, 38.0)
+"""Rows of Moniteq 1983 Table 5.3, from the angle of its shade."""
 
 
-def record_of(report: DesignReport, profile: str, cameras: tuple[TradeRow, ...]) -> dict[str, Any]:
+def record_of(report: DesignReport, base: DesignCamera, cameras: tuple[TradeRow, ...]) -> dict[str, Any]:
     """Return all values of a design page."""
     c, seen = report.request.camera, report.in_view
-    papers = values_for(profile)
-    base = design_camera(profile)
+    papers = values_for(base.name)
     return {
-        "profile": profile,
+        "profile": base.name,
         "camera": camera_of(c),
         "base": camera_of(base),
         "changed": [name for name in c.changed_from(base) if name != "name"],
@@ -194,7 +203,7 @@ def _shade(r: DesignReport) -> list[dict[str, Any]]:
     c, g = r.request.camera, "Baffle and stray light"
     etendue = pixel_etendue_cm2_sr(c.pitch_col_um, c.pitch_row_um, c.f_number)
     result = [
-        _figure(g, "exclusion_deg", "sources kept out from", math.degrees(r.request.exclusion_rad), "°", "asked for")
+        _figure(g, "exclusion_deg", "sources kept out from", math.degrees(r.request.exclusion_rad), "°", "requested")
     ]
     if r.one_stage is not None:
         one, source = r.one_stage, "Jacobs 1995 §7.6"
@@ -216,10 +225,18 @@ def _shade(r: DesignReport) -> list[dict[str, Any]]:
         result.append(
             _figure(g, key, f"{body.name} in the field", imaged_e_s(body, etendue), "e/s", "Moniteq 1983 Table 5.2")
         )
+    # The table is for 20 µm pixels behind f/1.4; light through the baffle is spread over the field, so that a pixel's share is
+    # proportional to its etendue.
+    share = etendue / pixel_etendue_cm2_sr(20, 20, 1.4)
+    for beyond_deg in STRAY_BEYOND_DEG:
+        area_cm2 = effective_area_cm2(r.request.exclusion_rad + math.radians(beyond_deg), r.request.exclusion_rad)
+        stray = share * stray_e_s(SUN, area_cm2)
+        title = f"Sun {beyond_deg:g}° outside the excluded angle"
+        result.append(_figure(g, f"sun_stray_{beyond_deg:g}_e_s", title, stray, "e/s", "Moniteq 1983 Table 5.3"))
     return result
 
 
-def _baffle(b: Baffle) -> dict[str, Any]:
+def _baffle(b: BaffleGeometry) -> dict[str, Any]:
     return {
         "kind": b.kind,
         "lens_radius_mm": b.lens_radius_mm,

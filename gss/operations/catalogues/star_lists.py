@@ -6,13 +6,13 @@ import threading
 from dataclasses import asdict
 from typing import Any
 
-from gss.catalogue_tools.sources.sources import Source, load_source, of_list
+from gss.catalogue_tools.sources.sources import StarSource, load_source, of_list
 from gss.catalogue_tools.sources.star_list_mapping import KINDS, ListMapping
 from gss.catalogue_tools.sources.star_list_values import DroppedRow
-from gss.catalogue_tools.sources.star_lists import ImportedList, read_star_list, require_camera
+from gss.catalogue_tools.sources.star_lists import ImportedList, for_known_cameras, read_star_list, require_camera
 from gss.domain.errors import BadInput
-from gss.domain.profiles import profile as profile_named
 from gss.domain.stars import StarTable
+from gss.instruments.registry import Registry
 from gss.operations.clock import Now
 from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.store import star_lists as store
@@ -37,9 +37,12 @@ SHOWN_ROWS = 20
 class StarListService:
     """Stores star lists, and returns every source by name."""
 
-    def __init__(self, database: Database, blobs: BlobStore, now: Now, parsing: ParseProcesses) -> None:
+    def __init__(
+        self, database: Database, blobs: BlobStore, now: Now, parsing: ParseProcesses, instruments: Registry
+    ) -> None:
+        self._instruments = instruments
         self._database, self._blobs, self._now, self._parsing = database, blobs, now, parsing
-        self._read: dict[int, Source] = {}
+        self._read: dict[int, StarSource] = {}
         self._lock = threading.Lock()
 
     def add(
@@ -52,9 +55,9 @@ class StarListService:
                 "the star list is too large", expected=f"at most {LARGEST_BYTES} bytes", got=f"{len(data)} bytes"
             )
         if profile:
-            profile_named(profile)
+            self._instruments.get(profile)
         kind = kind_of(filename)
-        read = parse_star_list(self._parsing, data, kind, mapping)
+        read = for_known_cameras(parse_star_list(self._parsing, data, kind, mapping), self._instruments.names())
         if profile:
             require_camera(read.camera, profile)
         row = StarList(
@@ -90,12 +93,12 @@ class StarListService:
         with self._database.unit_of_work() as session:
             return store.get(session, list_id)
 
-    def source(self, name: str, list_id: int | None, v_max: float | None, profile: str) -> Source:
+    def source(self, name: str, list_id: int | None, v_max: float | None, profile: str) -> StarSource:
         """Return a source by name; a list by its id. Raises BadInput if the list is intended for another camera."""
         if name != "list":
             return load_source(name, v_max)
         if list_id is None:
-            raise BadInput("no star list is named", expected="the id of a list", hint="upload one first")
+            raise BadInput("no star list given", expected="the id of a list", hint="upload a star list first")
         row = self.get(list_id)
         require_camera(row.profile, profile)
         with self._lock:
@@ -107,7 +110,7 @@ class StarListService:
                 self._keep(list_id, held)
         return held
 
-    def _keep(self, list_id: int, source: Source) -> None:
+    def _keep(self, list_id: int, source: StarSource) -> None:
         self._read.pop(list_id, None)
         while len(self._read) >= KEPT_LISTS:
             del self._read[next(iter(self._read))]
@@ -132,7 +135,7 @@ def kind_of(filename: str) -> str:
         raise BadInput(
             "unknown kind of star list",
             expected=" | ".join(KINDS),
-            got=filename or "a file without a name",
+            got=filename or "the file has no name",
             hint="a name that ends in " + ", ".join(SUFFIXES),
         )
     return SUFFIXES[suffix]

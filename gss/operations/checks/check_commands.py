@@ -5,15 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from gss.device.dictionary import FLOATS, INTEGER_RANGES, Argument, Command, Hazard, Precondition, Value
 from gss.device.protocol.codec import STRUCT, encode_item
+from gss.instruments.dictionary.definitions import (
+    FLOATS,
+    INTEGER_RANGES,
+    Argument,
+    CommandDefinition,
+    Hazard,
+    Precondition,
+    Value,
+)
 from gss.operations.checks.check_findings import Findings, shown
 from gss.operations.checks.probe import FINAL, Answer, Probe
 
 ORDER = {"accepted": 0, "started": 1, "progress": 2, "completed": 3, "failed": 3}
 APART = ("HELLO", "ABORT")
 """Commands covered by separate clauses."""
-NO_HAZARD_ONLY = "has a hazard: not carried out"
+NO_HAZARD_ONLY = "hazardous: not executed"
 Orders = tuple[tuple[str, dict[str, Value]], ...]
 BREAK: dict[tuple[str, str], Orders] = {
     ("mode", "ne"): (("STOP_CYCLE", {}), ("SET_MODE", {"mode": "standby"})),
@@ -23,8 +31,8 @@ BREAK: dict[tuple[str, str], Orders] = {
 RESTORE: Orders = (("STOP_CYCLE", {}), ("SET_MODE", {"mode": "lost_in_space"}))
 HARD = (Hazard.WARNING, Hazard.CRITICAL)
 NOT_CARRIED_OUT: dict[str, str] = {
-    "SET_TIME": "would set the clock, which cannot be read back where it was not set",
-    "CANCEL": "would take back what somebody has scheduled",
+    "SET_TIME": "would set the clock; whether it was set before cannot be read back",
+    "CANCEL": "would cancel commands that a user scheduled",
     "SCHEDULE": "would stay in the schedule",
 }
 """Commands whose range limits are not tried, because separate clauses cover them or the ground could not restore the state."""
@@ -78,6 +86,13 @@ def check_repeats(probe: Probe, findings: Findings) -> None:
     findings.check("4.9", "HELLO, again: carried out", fresh, again.text)
 
 
+def check_old_ids(probe: Probe, findings: Findings, oldest: int) -> None:
+    """Check clause 4.21. ``oldest``: request id of a command sent before at least 64 others."""
+    for subject, request_id in (("id 0", 0), ("an id from before the last 64", oldest)):
+        answer = probe.order("TAKE_IMAGE", {"slot": 0}, request_id=request_id)
+        findings.check("4.21", subject, answer.is_("rejected", "id_reused"), answer.text)
+
+
 def check_boundaries(probe: Probe, findings: Findings, *, write: bool) -> None:
     """Check clauses 4.3 and 4.4, and with every answer 4.1, 4.2 and 2.4. ``write``: also try hazardous commands outside
     their ranges, where a conforming device does nothing."""
@@ -93,7 +108,7 @@ def check_boundaries(probe: Probe, findings: Findings, *, write: bool) -> None:
             findings.check("4.4", subject, answer.is_("rejected", "out_of_range"), answer.text)
         left_out = NO_HAZARD_ONLY if command.hazard in HARD else NOT_CARRIED_OUT.get(command.name, "")
         if command.simulator_only:
-            left_out = "makes something go wrong"
+            left_out = "injects a fault"
         if left_out:
             findings.skip("4.3", command.name, left_out)
             continue
@@ -111,7 +126,7 @@ def check_boundaries(probe: Probe, findings: Findings, *, write: bool) -> None:
             probe.order(name, values)
 
 
-def _ends(command: Command) -> Iterator[tuple[str, dict[str, Value]]]:
+def _ends(command: CommandDefinition) -> Iterator[tuple[str, dict[str, Value]]]:
     """Yield arguments with each one at its minimum and maximum, the others at their defaults."""
     if not command.arguments:
         yield command.name, {}
@@ -125,7 +140,7 @@ def _ends(command: Command) -> Iterator[tuple[str, dict[str, Value]]]:
                 yield f"{command.name} {a.name} = {shown(value)}", {a.name: value}
 
 
-def _outside(probe: Probe, command: Command) -> Iterator[tuple[Argument, Value, bytes]]:
+def _outside(probe: Probe, command: CommandDefinition) -> Iterator[tuple[Argument, Value, bytes]]:
     """Yield each argument with values beyond its limits, as far as its type can represent them."""
     for a in command.arguments:
         for value in _beyond(a):
@@ -145,7 +160,7 @@ def _beyond(a: Argument) -> list[float]:
     return [int(v) for v in found if low <= v <= high]
 
 
-def _raw(a: Argument, value: float | None, probe: Probe, command: Command) -> bytes:
+def _raw(a: Argument, value: float | None, probe: Probe, command: CommandDefinition) -> bytes:
     """Encode a value without a range check; None encodes the default."""
     if value is None:
         default = a.default if a.default is not None else a.minimum
@@ -153,7 +168,7 @@ def _raw(a: Argument, value: float | None, probe: Probe, command: Command) -> by
     return STRUCT[a.type].pack(value)
 
 
-def _check_life(findings: Findings, subject: str, command: Command, answer: Answer) -> None:
+def _check_life(findings: Findings, subject: str, command: CommandDefinition, answer: Answer) -> None:
     """Check the order of stages, the codes and ids of reports, and that a final report arrives in time."""
     stages = [r.stage for r in answer.reports]
     ranks = [ORDER.get(s, -1) for s in stages]
@@ -165,7 +180,7 @@ def _check_life(findings: Findings, subject: str, command: Command, answer: Answ
     findings.check("2.4", f"{subject}: code of the reports", all(r.code == command.code for r in answer.reports))
 
 
-def _make_ready(probe: Probe, command: Command) -> None:
+def _make_ready(probe: Probe, command: CommandDefinition) -> None:
     """Restore the preconditions and stop the cycle, so that it does not disturb timing."""
     if command.preconditions or command.name in ("SET_MODE", "START_CYCLE"):
         for name, arguments in RESTORE:
@@ -180,18 +195,20 @@ def check_conditions(probe: Probe, findings: Findings) -> None:
             if command.hazard in HARD:
                 findings.skip("4.8", subject, NO_HAZARD_ONLY)
             elif (condition.field, condition.op) not in BREAK:
-                findings.skip("4.8", subject, "no command is known that makes it fail")
+                findings.skip("4.8", subject, "no known command makes it fail")
             else:
                 _check_condition(probe, findings, subject, command, condition)
     for name, arguments in RESTORE:
         probe.order(name, arguments)
 
 
-def _check_condition(probe: Probe, findings: Findings, subject: str, command: Command, condition: Precondition) -> None:
+def _check_condition(
+    probe: Probe, findings: Findings, subject: str, command: CommandDefinition, condition: Precondition
+) -> None:
     for name, arguments in BREAK[condition.field, condition.op]:
         probe.order(name, arguments)
     if condition.met(probe.status()) is not False:
-        findings.check("4.8", subject, False, "the condition could not be made to fail")
+        findings.check("4.8", subject, False, "could not make the condition fail")
         return
     answer = probe.order(command.name)
     findings.check("4.8", subject, answer.is_("rejected", "wrong_state"), answer.text)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from gss.catalogue_tools.onboard import HEADER_BYTES, SECTIONS_VERSION, read_header
-from gss.device.dictionary import Value
 from gss.device.protocol.codec import Decoded, decode
 from gss.device.protocol.packet import Packet
 from gss.device.protocol.windows import decode_windows
@@ -15,9 +14,10 @@ from gss.device.session_events import TransferUpdate
 from gss.device.session_transfer import Part
 from gss.device.tables import decode_table
 from gss.domain.errors import CorruptData
-from gss.operations.catalogues.build_catalogue import bank_number
+from gss.instruments.dictionary.definitions import Value
 from gss.operations.checks.check_findings import Findings, shown
 from gss.operations.checks.probe import Probe
+from gss.operations.transfers.flash_banks import CATALOGUES
 
 SIDE_PX = 9
 PIECE_BYTES = 240
@@ -48,8 +48,8 @@ def check_parts(probe: Probe, findings: Findings) -> None:
         shape = (hello.rows, hello.columns)
         findings.check("7.2", "star windows: frame", pixels.shape == shape, f"{pixels.shape}")
         answer = probe.order("GET_CENTROIDS")
-        told = probe.telemetry(answer.packets, "centroids")
-        stars = told[-1].lists["items"] if told else ()
+        reported = probe.telemetry(answer.packets, "centroids")
+        stars = reported[-1].lists["items"] if reported else ()
         findings.check("6.11", "star windows: one per centroid", len(windows) == len(stars), f"{len(windows)}")
         for window in windows[:1]:
             part = Part(window.col_px, window.row_px, window.columns, window.rows)
@@ -58,9 +58,9 @@ def check_parts(probe: Probe, findings: Findings) -> None:
             same = cut.astype(np.uint8 if pixel_bytes == 1 else ">u2").tobytes() == piece
             findings.check("6.11", "star windows: the pixels of the region", same)
     cases: tuple[tuple[str, dict[str, Value]], ...] = (
-        ("a region of no pixel", {"kind": "region", "columns": 0, "rows": 0}),
+        ("a region of zero pixels", {"kind": "region", "columns": 0, "rows": 0}),
         ("a region beyond the edge", {"kind": "region", "columns": hello.columns, "rows": 1, "col_px": 1}),
-        ("windows of an even side", {"kind": "star_windows", "columns": SIDE_PX + 1}),
+        ("windows with an even side", {"kind": "star_windows", "columns": SIDE_PX + 1}),
         ("windows too large", {"kind": "star_windows", "columns": 33}),
     )
     for subject, values in cases:
@@ -79,7 +79,7 @@ def check_sections(probe: Probe, findings: Findings) -> None:
     """Check clauses 6.12 and 7.4: the active bank's image begins with header, star list and distance table; sections of its
     format may follow."""
     active = next(b for b in probe.banks() if b["active"])
-    number = bank_number(probe.dictionary, str(active["bank"]))
+    number = CATALOGUES.number(probe.operations, str(active["bank"]))
     with findings.trying("6.12", "sections"):
         image = probe.device.download("catalogue", number, _silent).data
         kinds = ("star_list", "distance_table") if int(active["pairs"]) else ("star_list",)
@@ -106,12 +106,12 @@ def table_number(probe: Probe, bank: str) -> int:
 
 def check_tables(probe: Probe, findings: Findings) -> None:
     """Check clauses 5.8, 6.13 and 7.3: the table list, the active content as bytes, and write protection."""
-    told = tables(probe)
-    names = {(str(t["table"]), str(t["bank"])) for t in told}
+    reported = tables(probe)
+    names = {(str(t["table"]), str(t["bank"])) for t in reported}
     argument = probe.dictionary.command("VERIFY_TABLE").argument
     expected = {(t.name, b.name) for t in argument("table").choices for b in argument("bank").choices}
-    findings.check("5.8", "LIST_TABLES: all", names == expected and len(told) == len(expected), f"{len(told)}")
-    for info in told:
+    findings.check("5.8", "LIST_TABLES: all", names == expected and len(reported) == len(expected), f"{len(reported)}")
+    for info in reported:
         table, bank = str(info["table"]), str(info["bank"])
         if info["active"] and info["state"] == "committed" and table != "triplets":
             with findings.trying("7.3", table):
@@ -155,14 +155,14 @@ def check_results(probe: Probe, findings: Findings) -> None:
         fields = probe.dictionary.packet("housekeeping").fields
         status = probe.order("GET_STATUS")
         code = probe.dictionary.packet("housekeeping").code
-        told = [p for p in status.packets if p.code == code and p.request_id == status.request_id]
-        if not told:
+        reported = [p for p in status.packets if p.code == code and p.request_id == status.request_id]
+        if not reported:
             raise CorruptData("GET_STATUS brought no housekeeping packet under its id", got=status.text)
-        size = len(told[-1].payload)
+        size = len(reported[-1].payload)
         pieces = [(at, min(PIECE_BYTES, size - at)) for at in range(0, size, PIECE_BYTES)]
         came = [_memory(probe, "registers", at, length) for at, length in pieces]
         fits = [len(c) for c in came] == [length for _, length in pieces]
-        findings.check("5.7", "registers: as many bytes as asked for", fits, f"{sum(map(len, came))} B")
+        findings.check("5.7", "registers: number of bytes as requested", fits, f"{sum(map(len, came))} B")
         values = decode(fields, b"".join(came)).values
         findings.check("7.5", "registers: a housekeeping packet", "mode" in values, f"{size} B")
         beyond = probe.order("READ_MEMORY", {"area": "registers", "address": size, "length": 1})

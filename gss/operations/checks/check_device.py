@@ -11,12 +11,20 @@ from collections.abc import Callable, Mapping
 from itertools import pairwise
 from statistics import median
 
-from gss.device.dictionary import Value
 from gss.device.protocol.codec import decode
-from gss.device.protocol.frame import MAX_PACKET_BYTES, encode_frame
-from gss.device.protocol.packet import Packet, PacketType, encode_packet
+from gss.device.protocol.framing import MAX_PACKET_BYTES
+from gss.device.protocol.packet import Packet, PacketType
+from gss.device.protocol.sender import encode_frame, encode_packet
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import Conflict, CorruptData
-from gss.operations.checks.check_commands import check_boundaries, check_conditions, check_refusals, check_repeats
+from gss.instruments.dictionary.definitions import Value
+from gss.operations.checks.check_commands import (
+    check_boundaries,
+    check_conditions,
+    check_old_ids,
+    check_refusals,
+    check_repeats,
+)
 from gss.operations.checks.check_contents import check_parts, check_results, check_sections, check_tables
 from gss.operations.checks.check_findings import Findings, shown
 from gss.operations.checks.check_schedule import check_power, check_schedule, check_training
@@ -32,19 +40,22 @@ from gss.operations.checks.probe import QUIET_S, Probe
 
 HOUSEKEEPING_PACKETS = 5
 RATE_TOLERANCE_S = 0.1
+REJECTED = b"\2"
+"""First byte of a rejecting report; the one to a command with request id 0 carries 0."""
 SETTINGS = ("exposure_ms", "threshold_dn", "min_pixels", "max_pixels", "gain", "period_ms")
 DETECTION = SETTINGS[1:4]
 
-Told = Callable[[str], None]
+OnPart = Callable[[str], None]
 
 
-def check_device(probe: Probe, *, write: bool, told: Told = lambda _: None) -> Findings:
-    """Test every clause. ``write``: also upload into an inactive bank. ``told``: called with the name of each part."""
+def check_device(probe: Probe, *, write: bool, on_part: OnPart = no_progress) -> Findings:
+    """Test every clause. ``write``: also upload into an inactive bank. ``on_part``: called with the name of each part."""
     findings = Findings()
-    told("identity")
+    on_part("identity")
     check_identity(probe, findings)
     if not probe.device.hello.dictionary_match:
         return findings
+    oldest = probe.order("GET_STATUS").request_id
     before = _ready(probe)
     parts: dict[str, Callable[[], None]] = {
         "housekeeping": lambda: check_housekeeping(probe, findings),
@@ -52,6 +63,8 @@ def check_device(probe: Probe, *, write: bool, told: Told = lambda _: None) -> F
         "refusals": lambda: check_refusals(probe, findings),
         "repeated ids": lambda: check_repeats(probe, findings),
         "ranges": lambda: check_boundaries(probe, findings, write=write),
+        "settings": lambda: _restore_settings(probe, before),
+        "old ids": lambda: check_old_ids(probe, findings, oldest),
         "conditions": lambda: check_conditions(probe, findings),
         "downloads": lambda: check_downloads(probe, findings),
         "parts of images": lambda: check_parts(probe, findings),
@@ -69,11 +82,11 @@ def check_device(probe: Probe, *, write: bool, told: Told = lambda _: None) -> F
         parts["power"] = lambda: check_power(probe, findings)
     try:
         for name, part in parts.items():
-            told(name)
+            on_part(name)
             with findings.trying("4.1", name):
                 part()
     finally:
-        told("giving back")
+        on_part("giving back")
         _give_back(probe, before, findings)
     check_record(probe, findings)
     return findings
@@ -85,7 +98,7 @@ def _ready(probe: Probe) -> Mapping[str, Value]:
     if int(status["confirm_left_s"]):
         raise Conflict(
             f"bank {shown(status['active_bank'])} is on trial",
-            expected="no bank that waits for CONFIRM_BANK",
+            expected="no bank awaiting CONFIRM_BANK",
             hint="confirm it or roll it back first",
         )
     if status["cycle_running"]:
@@ -93,14 +106,20 @@ def _ready(probe: Probe) -> Mapping[str, Value]:
     return status
 
 
+def _restore_settings(probe: Probe, before: Mapping[str, Value]) -> None:
+    """Restore exposure, detection, gain and period. The ranges that are tried leave extremes behind, with which matching may
+    take longer than the dictionary allows."""
+    probe.order("SET_EXPOSURE", {"exposure_ms": before["exposure_ms"]})
+    probe.order("SET_DETECTION", {name: before[name] for name in DETECTION})
+    probe.order("SET_GAIN", {"gain": before["gain"]})
+    probe.order("SET_FRAME_RATE", {"period_ms": before["period_ms"]})
+
+
 def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) -> None:
     """Restore settings, mode and cycle; what could not be restored is noted in ``findings.left``."""
     try:
         probe.order("ABORT")
-        probe.order("SET_EXPOSURE", {"exposure_ms": before["exposure_ms"]})
-        probe.order("SET_DETECTION", {name: before[name] for name in DETECTION})
-        probe.order("SET_GAIN", {"gain": before["gain"]})
-        probe.order("SET_FRAME_RATE", {"period_ms": before["period_ms"]})
+        _restore_settings(probe, before)
         probe.order("SET_MODE", {"mode": before["mode"]})
         if before["cycle_running"]:
             probe.order("START_CYCLE")
@@ -129,8 +148,8 @@ def check_identity(probe: Probe, findings: Findings) -> None:
         least = {"columns": 1, "rows": 1, "bits": 1, "image_slots": 1, "bank_bytes": 1, "boot_count": 1}
         for name, minimum in (least | {"window_chunks": 1, "max_chunk_bytes": 1}).items():
             findings.check("3.1", name, int(v[name]) >= minimum, shown(v[name]))
-        told, own = hello.dictionary_hash, d.hash_hex
-        findings.check("3.2", "dictionary_hash", told == own, f"device {told[:12]}, ground {own[:12]}")
+        reported, own = hello.dictionary_hash, d.hash_hex
+        findings.check("3.2", "dictionary_hash", reported == own, f"device {reported[:12]}, ground {own[:12]}")
         findings.check(
             "3.3", "last_request_id", int(v["last_request_id"]) >= used, f"{shown(v['last_request_id'])}, used {used}"
         )
@@ -202,12 +221,14 @@ def check_record(probe: Probe, findings: Findings) -> None:
     if receiver.bad_total:
         findings.skip("2.2", "sequence", f"{receiver.bad_total} packets came damaged")
     else:
-        off = receiver.gaps + receiver.duplicates
-        findings.check("2.2", "sequence", off == 0, f"{receiver.gaps} missing, {receiver.duplicates} twice")
+        off = receiver.sequence.gaps + receiver.sequence.duplicates
+        findings.check(
+            "2.2", "sequence", off == 0, f"{receiver.sequence.gaps} missing, {receiver.sequence.duplicates} twice"
+        )
     strange = sum(p.prefix != d.prefix for p in packets)
     findings.check("2.3", "prefix", strange == 0, f"{strange} of {len(packets)} packets carry another")
     reports = [p for p in packets if p.type is PacketType.REPORT]
-    findings.check("2.4", "reports", bool(reports) and all(p.request_id for p in reports))
+    findings.check("2.4", "reports", bool(reports) and all(p.request_id or p.payload[:1] == REJECTED for p in reports))
     for row in d.telemetry:
         mine = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
         if not mine:

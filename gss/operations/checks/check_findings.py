@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gss.device.clauses import CLAUSES, Clause, clause
-from gss.device.dictionary import Value
 from gss.device.session_events import HelloReceived
 from gss.domain.errors import BadInput, Conflict, CorruptData
+from gss.instruments.dictionary.definitions import Value
 
 PASS, FAIL, NOT_CHECKED = "pass", "fail", "not checked"
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from gss.device.dictionary import Value
 from gss.device.protocol.codec import decode
 from gss.device.protocol.packet import Packet, PacketType
+from gss.instruments.dictionary.definitions import Value
 from gss.operations.checks.check_findings import Findings
 from gss.operations.checks.probe import Answer, Probe
 
 SOON_S, FAR_S = 2.0, 1.0e6
+HEADER_STEP_S = 1e-3
+"""Resolution of the device time in a packet's header."""
 IMAGE_COMMANDS = ("TAKE_IMAGE", "RUN_ITERATION")
 
 
@@ -16,6 +18,11 @@ def device_time_s(probe: Probe) -> float:
     """Return the device's clock from its newest packet."""
     answer = probe.order("GET_STATUS")
     return answer.packets[-1].time_s if answer.packets else 0.0
+
+
+def is_due(late_s: float) -> bool:
+    """True unless a packet was sent ``late_s`` before its time, beyond the resolution of the header's time."""
+    return late_s > -HEADER_STEP_S
 
 
 def schedule(probe: Probe, at_s: float, code: int, payload: bytes = b"") -> Answer:
@@ -37,9 +44,9 @@ def check_schedule(probe: Probe, findings: Findings) -> None:
         return p.type is PacketType.EVENT and p.code == event and p.request_id == kept.request_id
 
     came = probe.wait(ran, SOON_S + 3.0)
-    if findings.check("4.15", "it runs and says so", bool(came) and ran(came[-1])):
-        early_s = now_s + SOON_S - came[-1].time_s
-        findings.check("4.15", "not before its time", early_s <= 0, f"{-early_s:.3f} s after it")
+    if findings.check("4.15", "it runs and is reported", bool(came) and ran(came[-1])):
+        late_s = came[-1].time_s - (now_s + SOON_S)
+        findings.check("4.15", "not before its time", is_due(late_s), f"{late_s:.3f} s after it")
         housekeeping = d.packet("housekeeping").code
         caused = [p for p in came if p.type is PacketType.TELEMETRY and p.request_id == kept.request_id]
         findings.check("4.15", "its packets carry SCHEDULE's id", any(p.code == housekeeping for p in caused))
@@ -56,14 +63,14 @@ def check_schedule(probe: Probe, findings: Findings) -> None:
         refused = schedule(probe, now_s + FAR_S, code, payload)
         findings.check("4.16", subject, refused.is_("failed", reason), refused.text)
     past = schedule(probe, 0.0, status)
-    findings.check("4.16", "a time that is over", past.is_("failed", "out_of_range"), past.text)
+    findings.check("4.16", "a time in the past", past.is_("failed", "out_of_range"), past.text)
     far = schedule(probe, now_s + FAR_S, status)
     number = far.last.values.get("schedule_id", 0) if far.last else 0
     taken = probe.order("CANCEL", {"schedule_id": number})
     findings.check("4.19", "CANCEL of one", taken.is_("completed"), taken.text)
     row = d.packet("schedule_entry")
-    told = [decode(row.fields, p.payload).values for p in taken.packets if p.code == row.code]
-    findings.check("4.19", "the entry says cancelled", any(t.get("state") == "cancelled" for t in told))
+    reported = [decode(row.fields, p.payload).values for p in taken.packets if p.code == row.code]
+    findings.check("4.19", "the entry is cancelled", any(t.get("state") == "cancelled" for t in reported))
     again = probe.order("CANCEL", {"schedule_id": number})
     findings.check("4.19", "CANCEL of it again", again.is_("failed", "not_found"), again.text)
 
@@ -85,7 +92,7 @@ def check_power(probe: Probe, findings: Findings) -> None:
     off = probe.order("POWER", {"rail": "imager", "state": "off"})
     try:
         findings.check("4.14", "POWER imager off", off.is_("completed"), off.text)
-        findings.check("4.14", "housekeeping says so", probe.status()["imager_on"] is False)
+        findings.check("4.14", "housekeeping confirms it", probe.status()["imager_on"] is False)
         for name in IMAGE_COMMANDS:
             answer = probe.order(name)
             findings.check("4.14", name, answer.is_("rejected", "powered_off"), answer.text)

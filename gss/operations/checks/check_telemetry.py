@@ -4,10 +4,14 @@ not violate the interface."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from gss.device.dictionary import Packet, TelemetryField, Value
+import numpy as np
+
 from gss.device.protocol.codec import Decoded
+from gss.domain.frames import cam_from_icrs
+from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
+from gss.instruments.dictionary.definitions import PacketDefinition, TelemetryField, Value
 
 BY_NAME: tuple[tuple[str, tuple[float, float]], ...] = (
     ("quaternion_", (-1.000001, 1.000001)),
@@ -17,6 +21,8 @@ BY_NAME: tuple[tuple[str, tuple[float, float]], ...] = (
 )
 BY_UNIT = {"%": (0.0, 100.0), "s": (0.0, math.inf), "arcsec": (0.0, math.inf), "DN": (0.0, 65535.0)}
 UNIT_NORM_WITHIN = 1e-4
+SAME_WITHIN_RAD = 2e-4
+"""Largest rotation between a quaternion and the angles beside it."""
 
 
 def possible_range(field: TelemetryField) -> tuple[float, float]:
@@ -30,7 +36,7 @@ def possible_range(field: TelemetryField) -> tuple[float, float]:
     return BY_UNIT.get(field.unit, (-math.inf, math.inf))
 
 
-def problems(row: Packet, message: Decoded) -> Iterator[str]:
+def problems(row: PacketDefinition, message: Decoded) -> Iterator[str]:
     """Yield the impossible values of a packet. NaN is accepted as unknown."""
     for field in row.values:
         value = message.values[field.name]
@@ -41,7 +47,23 @@ def problems(row: Packet, message: Decoded) -> Iterator[str]:
             yield f"{field.name}: {low:g} – {high:g}, got {value:g}"
     quaternion = [message.values[n] for n in (f"quaternion_{c}" for c in "xyzw") if n in message.values]
     if len(quaternion) == 4 and not _unit_or_unknown(quaternion):
-        yield f"quaternion is no rotation: {quaternion}"
+        yield f"quaternion is not a rotation: {quaternion}"
+    elif len(quaternion) == 4:
+        yield from _other_angles(message.values)
+
+
+def _other_angles(values: Mapping[str, Value]) -> Iterator[str]:
+    """Yield a text if boresight and roll are not those of the quaternion (docs/conventions.md)."""
+    names = ("quaternion_x", "quaternion_y", "quaternion_z", "quaternion_w", "ra_deg", "dec_deg", "roll_deg")
+    if not all(name in values for name in names):
+        return
+    numbers = np.array([float(values[name]) for name in names])
+    if np.isnan(numbers).any():
+        return
+    stated = cam_from_icrs(*np.radians(numbers[4:]))
+    error_rad = rotation_angle_rad(matrix_from_quaternion(numbers[:4]), stated)
+    if error_rad > SAME_WITHIN_RAD:
+        yield f"quaternion and ra_deg, dec_deg, roll_deg differ by {np.degrees(error_rad):.3g}°"
 
 
 def _unit_or_unknown(parts: list[Value]) -> bool:

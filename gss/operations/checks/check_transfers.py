@@ -6,13 +6,14 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 
-from gss.device.dictionary import Value
+from gss.device.protocol.codec import encode
 from gss.device.protocol.packet import PacketType
 from gss.device.session_events import TransferUpdate
 from gss.domain.errors import Conflict, CorruptData
-from gss.operations.catalogues.build_catalogue import bank_number
+from gss.instruments.dictionary.definitions import Value
 from gss.operations.checks.check_findings import Findings, shown
 from gss.operations.checks.probe import FINAL, Probe
+from gss.operations.transfers.flash_banks import CATALOGUES
 
 LONG_EXPOSURE_MS = 1000
 WHOLE: Mapping[str, Value] = {"held_sha256": bytes(32), "col_px": 0, "row_px": 0, "columns": 0, "rows": 0}
@@ -35,24 +36,32 @@ def check_downloads(probe: Probe, findings: Findings) -> None:
     with findings.trying("6.5", "thumbnail"):
         done = probe.device.download("thumbnail", 0, _silent)
         right = hashlib.sha256(done.data).hexdigest() == done.sha256
-        findings.check("6.5", "thumbnail: hash as told", right, f"{len(done.data)} B")
+        findings.check("6.5", "thumbnail: hash as announced", right, f"{len(done.data)} B")
         number = taken.last.values.get("frame_number") if taken.last else None
         findings.check("6.5", "thumbnail: frame number", done.frame_number == number, f"{done.frame_number}")
     with findings.trying("6.5", "catalogue"):
         active = next(b for b in probe.banks() if b["active"])
-        done = probe.device.download("catalogue", bank_number(probe.dictionary, str(active["bank"])), _silent)
-        told = bytes(active["sha256"])  # type: ignore[arg-type]  # bytes fields decode to bytes
-        right = hashlib.sha256(done.data).digest() == told and len(done.data) == active["size_bytes"]
+        done = probe.device.download("catalogue", CATALOGUES.number(probe.operations, str(active["bank"])), _silent)
+        reported = bytes(active["sha256"])  # type: ignore[arg-type]  # bytes fields decode to bytes
+        right = hashlib.sha256(done.data).digest() == reported and len(done.data) == active["size_bytes"]
         findings.check("6.5", "active catalogue: hash as in bank_info", right, f"{len(done.data)} B")
     refusals: tuple[tuple[str, dict[str, Value]], ...] = (
         ("a slot that does not exist", {"kind": "frame", "target": 255, "chunk_bytes": 256}),
-        ("chunks of no byte", {"kind": "thumbnail", "target": 0, "chunk_bytes": 0}),
+        ("chunks of zero bytes", {"kind": "thumbnail", "target": 0, "chunk_bytes": 0}),
     )
     for subject, values in refusals:
         request_id = probe.transfer("OPEN_DOWNLOAD", {**values, **WHOLE})
         name, reply = probe.transfer_reply(request_id)
         refused = name == "ABORT_TRANSFER" and reply["session"] == 0
         findings.check("6.1", subject, refused, _said(name, reply))
+    code = probe.dictionary.service("OPEN_DOWNLOAD").code
+    unknown_kind = bytes([255]) + encode(probe.dictionary.service("OPEN_DOWNLOAD").fields, THUMBNAIL)[1:]
+    for subject, payload, reason in (
+        ("an unknown kind", unknown_kind, "out_of_range"),
+        ("an empty OPEN", b"", "bad_length"),
+    ):
+        name, reply = probe.transfer_reply(probe.send(PacketType.TRANSFER, code, payload))
+        findings.check("6.1", subject, name == "ABORT_TRANSFER" and reply["reason"] == reason, _said(name, reply))
     request_id = probe.transfer("OPEN_DOWNLOAD", THUMBNAIL)
     name, reply = probe.transfer_reply(request_id)
     if findings.check("6.1", "a thumbnail", name == "OPENED", name or "no answer"):
@@ -85,7 +94,7 @@ def _offer(probe: Probe, bank: Mapping[str, Value]) -> dict[str, Value]:
     same = ("size_bytes", "sha256", "profile", "format_version", "epoch_jyear", "stars", "pairs")
     return {name: bank[name] for name in same} | {
         "kind": "catalogue",
-        "target": bank_number(d, str(bank["bank"])),
+        "target": CATALOGUES.number(probe.operations, str(bank["bank"])),
         "chunk_bytes": 256,
         "device_model": hello.device_model,
         "dictionary_hash": d.hash,
@@ -104,7 +113,7 @@ def check_aborts(probe: Probe, findings: Findings) -> None:
     probe.order("TAKE_IMAGE", {"slot": 0})
     request_id = probe.transfer("OPEN_DOWNLOAD", THUMBNAIL)
     name, _ = probe.transfer_reply(request_id)
-    probe.device.send(PacketType.COMMAND, probe.dictionary.command("ABORT").code, b"")
+    probe.send(PacketType.COMMAND, probe.dictionary.command("ABORT").code, b"")
     ended, reply = probe.transfer_reply(request_id)
     fits = name == "OPENED" and ended == "ABORT_TRANSFER" and reply["reason"] == "aborted"
     findings.check("4.13", "transfer", fits, f"{name or 'no answer'}, then {ended or 'no answer'}")
@@ -115,7 +124,7 @@ def _check_running_command(probe: Probe, findings: Findings) -> None:
     command = probe.dictionary.command("TAKE_IMAGE")
     payload = probe.payload(command, {"slot": 0, "exposure_ms": LONG_EXPOSURE_MS})
     start = len(probe.tap.packets)
-    request_id = probe.device.send(PacketType.COMMAND, command.code, payload)
+    request_id = probe.send(PacketType.COMMAND, command.code, payload)
     probe.order("ABORT")
     last = next((r for r in reversed(probe.reports(request_id, start)) if r.stage in FINAL), None)
     fits = last is not None and (last.stage, last.reason) == ("failed", "aborted")
@@ -132,9 +141,11 @@ def check_writing(probe: Probe, findings: Findings) -> None:
         return
     free.sort(key=lambda b: b["state"] != "empty")
     bank = free[0]
-    name, number = str(bank["bank"]), bank_number(probe.dictionary, str(bank["bank"]))
+    name, number = str(bank["bank"]), CATALOGUES.number(probe.operations, str(bank["bank"]))
     with findings.trying("6.7", f"bank {name}"):
-        image = probe.device.download("catalogue", bank_number(probe.dictionary, str(active["bank"])), _silent).data
+        image = probe.device.download(
+            "catalogue", CATALOGUES.number(probe.operations, str(active["bank"])), _silent
+        ).data
         kept = probe.device.download("catalogue", number, _silent).data if bank["state"] == "committed" else b""
         if bank["sha256"] == active["sha256"]:
             # The device would already have this content and write nothing.
@@ -158,7 +169,7 @@ def _check_upload(probe: Probe, findings: Findings, name: str, image: bytes) -> 
     held = next(b for b in probe.banks() if b["bank"] == name)
     fits = held["state"] == "committed" and held["sha256"] == bytes.fromhex(sha256) and not held["active"]
     findings.check("6.7", f"bank {name}: bank_info", fits, shown(held["state"]))
-    back = probe.device.download("catalogue", bank_number(probe.dictionary, name), _silent).data
+    back = probe.device.download("catalogue", CATALOGUES.number(probe.operations, name), _silent).data
     findings.check("6.7", f"bank {name}: the same bytes come back", back == image, f"{len(back)} B")
 
 
@@ -176,9 +187,9 @@ def _put_back(probe: Probe, findings: Findings, name: str, kept: bytes) -> None:
 def check_table_writing(probe: Probe, findings: Findings) -> None:
     """Check clause 6.17: upload the active calibration into an empty bank, read it back, and erase the bank."""
     answer = probe.order("LIST_TABLES")
-    told = [t.values for t in probe.telemetry(answer.packets, "table_info") if t.values["table"] == "calibration"]
-    active = next((t for t in told if t["active"] and t["state"] == "committed"), None)
-    free = next((t for t in told if t["state"] == "empty" and t["bank"] != "factory"), None)
+    reported = [t.values for t in probe.telemetry(answer.packets, "table_info") if t.values["table"] == "calibration"]
+    active = next((t for t in reported if t["active"] and t["state"] == "committed"), None)
+    free = next((t for t in reported if t["state"] == "empty" and t["bank"] != "factory"), None)
     if active is None or free is None:
         findings.skip("6.17", "calibration", "no empty bank, or no active calibration")
         return

@@ -6,14 +6,17 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from gss.device.dictionary import Command, Dictionary, Value
+from gss.device.protocol.authentication import PacketSigner
 from gss.device.protocol.codec import Decoded, decode, encode
-from gss.device.protocol.line import LineReceiver
 from gss.device.protocol.packet import Packet, PacketType
+from gss.device.protocol.receiver import LineReceiver
+from gss.device.session import HostSession
 from gss.device.transport import ByteStream, open_stream
 from gss.domain.errors import Conflict, CorruptData
+from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary, Value
+from gss.instruments.roles import default_roles
+from gss.operations.checks.direct import DirectDevice
 from gss.operations.clock import Monotonic
-from gss.operations.line.direct import DirectDevice
 
 FINAL = ("rejected", "completed", "failed")
 UNREADABLE = "unreadable"
@@ -91,16 +94,28 @@ class Answer:
 class Probe:
     """A device with a tap on its line. ``monotonic_s``: the ground's monotonic clock."""
 
-    def __init__(self, stream: ByteStream, dictionary: Dictionary, monotonic_s: Monotonic) -> None:
+    def __init__(
+        self, stream: ByteStream, dictionary: Dictionary, monotonic_s: Monotonic, signer: PacketSigner | None = None
+    ) -> None:
         self.dictionary, self._now_s = dictionary, monotonic_s
+        self.operations = default_roles(dictionary).operations
         self.tap = Tap(stream, dictionary.service("CHUNK").code)
-        self.device = DirectDevice(self.tap, dictionary, monotonic_s)
+        self._session = HostSession(dictionary, signer=signer)
+        self.device = DirectDevice(self.tap, self._session, dictionary, monotonic_s)
 
     # --- bytes and packets --------------------------------------------------------------------------------------
 
     def write(self, data: bytes) -> None:
         """Write bytes unchanged."""
         self.tap.write(data)
+
+    def send(
+        self, kind: PacketType, code: int, payload: bytes, *, request_id: int | None = None, prefix: int | None = None
+    ) -> int:
+        """Send a packet built by the caller, without any checks. Return its request id."""
+        used, frame = self._session.craft(kind, code, payload, request_id=request_id, prefix=prefix)
+        self.tap.write(frame)
+        return used
 
     def wait(self, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
         """Return the packets received until ``done`` is True for one, which is then the last, or until the time is over."""
@@ -126,7 +141,7 @@ class Probe:
         command = self.dictionary.command(name)
         return self.raw(command.code, self.payload(command, arguments or {}), command=command, request_id=request_id)
 
-    def payload(self, command: Command, arguments: Mapping[str, Value]) -> bytes:
+    def payload(self, command: CommandDefinition, arguments: Mapping[str, Value]) -> bytes:
         """Encode a command's arguments."""
         defaults = {a.name: a.default for a in command.arguments if a.default is not None}
         return encode(command.arguments, defaults | dict(arguments))
@@ -136,14 +151,14 @@ class Probe:
         code: int,
         payload: bytes,
         *,
-        command: Command | None = None,
+        command: CommandDefinition | None = None,
         request_id: int | None = None,
         prefix: int | None = None,
     ) -> Answer:
         """Send a command packet and collect its answer. ``command`` gives the timeouts."""
         accept_s, complete_s = (command.accept_s, command.complete_s) if command else (2.0, 2.0)
         start, before_s = len(self.tap.packets), self._now_s()
-        used = self.device.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
+        used = self.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
         reports: list[Report] = []
         window_s = accept_s
         while not reports or reports[-1].stage not in (*FINAL, UNREADABLE):
@@ -205,7 +220,7 @@ class Probe:
     def transfer(self, service: str, values: Mapping[str, Value], request_id: int | None = None) -> int:
         """Send a transfer message and return its request id."""
         row = self.dictionary.service(service)
-        return self.device.send(PacketType.TRANSFER, row.code, encode(row.fields, values), request_id=request_id)
+        return self.send(PacketType.TRANSFER, row.code, encode(row.fields, values), request_id=request_id)
 
     def transfer_reply(self, request_id: int, within_s: float = 3.0) -> tuple[str, Mapping[str, Value]]:
         """Return name and values of the next OPENED or ABORT_TRANSFER for a request; "" if none arrives."""
@@ -222,10 +237,12 @@ class Probe:
 
 
 @contextmanager
-def probing(url: str, dictionary: Dictionary, monotonic_s: Monotonic) -> Iterator[Probe]:
+def probing(
+    url: str, dictionary: Dictionary, monotonic_s: Monotonic, signer: PacketSigner | None = None
+) -> Iterator[Probe]:
     """Open a probe on a port and wait until the device has answered."""
     stream = open_stream(url)
     try:
-        yield Probe(stream, dictionary, monotonic_s)
+        yield Probe(stream, dictionary, monotonic_s, signer)
     finally:
         stream.close()

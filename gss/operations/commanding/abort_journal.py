@@ -63,7 +63,7 @@ class AbortJournal:
         try:
             self._path.write_text("".join(json.dumps(asdict(entry)) + "\n" for entry in self._open.values()))
         except OSError as error:
-            log.warning("ABORT could not be noted in %s: %s", self._path.name, error)
+            log.warning("ABORT could not be written to %s: %s", self._path.name, error)
 
     def _read(self) -> list[IssuedAbort]:
         found = []

@@ -8,6 +8,7 @@ from datetime import datetime
 from functools import partial
 
 from gss.domain.errors import Conflict, StoreDown
+from gss.instruments.operations import Operation
 from gss.operations.clock import Now
 from gss.operations.commanding.abort_journal import AbortJournal, IssuedAbort
 from gss.operations.commanding.command_record import CommandRecorder
@@ -35,7 +36,7 @@ class AbortReceipt:
             return self.recorded.result(within_s)
         except TimeoutError:
             raise StoreDown(
-                "ABORT is queued for the line but not recorded yet", hint="look at the database and the disk"
+                "ABORT is queued for sending but not stored yet", hint="check the database and the disk"
             ) from None
 
 
@@ -63,6 +64,7 @@ class Aborts:
         Commands that still wait in the queue are withdrawn: they must not run after everything was stopped. Raises Conflict while
         the line is down; nothing is sent then.
         """
+        self._link.roles.operations.require(Operation.ABORT)
         with self._link.lock:
             if not self._link.line_is_open:  # the session would keep it for the next line
                 raise Conflict(
@@ -81,13 +83,14 @@ class Aborts:
         return request_id < self._newest_id or count not in (None, self.count)
 
     def record(self, issued: AbortIssued) -> None:
-        """Store an ABORT's row; what it withdrew and its event follow as writes of their own."""
+        """Store an ABORT's row; what it withdrew and its event follow as separate writes."""
         contact_id, names = self._link.contact_id, (issued.user, issued.source)
-        row = self._recorder.add(issued.request_id, "ABORT", {}, *names, contact_id, None, issued.at)
+        abort = self._link.roles.operations.command(Operation.ABORT)
+        row = self._recorder.add(issued.request_id, abort, {}, *names, contact_id, None, issued.at)
         self._journal.remove(issued.request_id)
         issued.recorded.set_result(row)
         if issued.withdrawn:
-            self._writes.add(partial(self._recorder.taken_back, issued.withdrawn))
+            self._writes.add(partial(self._recorder.add_withdrawn, issued.withdrawn))
         more = f"; withdrawn unsent: {len(issued.withdrawn)}" if issued.withdrawn else ""
         text = f"ABORT by {issued.user}{more}"
         self._writes.add(partial(self._bus.record, "command", "watch", text, command_id=row.id))

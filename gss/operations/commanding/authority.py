@@ -1,5 +1,8 @@
-"""Command authority: one operator commands at a time. Authority is taken, released, or broken with a reason; each change is
-recorded.
+"""Command authority: one operator commands at a time. Authority is taken, released, handed over, or broken with a reason; each
+change is recorded.
+
+A hand-over needs both sides: one user requests authority and the holder accepts, or the holder offers it and the named user
+accepts. One request or offer waits for an answer at a time.
 
 It survives a restart of the server: the holder remains the holder. Commands that the server sends on its own behalf are exempt,
 and so is ABORT.
@@ -11,16 +14,21 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gss.domain.errors import BadInput, Conflict
+from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.operations.accounts.identity import checked_user
+from gss.operations.accounts.permissions import permissions_of
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.store import accounts
 from gss.store import authority as store
 from gss.store.engine import Database
 from gss.store.models import Authority
 
 HISTORY = 20
-LONGEST_NAME = 60
 LONGEST_REASON = 300
+REQUEST, OFFER = "request", "offer"
+TAKE = "authority.take"
+"""Permission to hold authority."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +73,7 @@ class AuthorityService:
                 raise _held_by(held)
             else:
                 return
-        self._tell("ok", f"{user} took command authority with the first command", user)
+        self._record_event("ok", f"{user} took command authority with the first command", user)
 
     def take(self, user: str) -> AuthorityState:
         """Take authority if there is no holder; no effect if the user already holds it. Raises Conflict if another user
@@ -77,19 +85,81 @@ class AuthorityService:
             if held is None:
                 self._take(user)
         if held is None:
-            self._tell("ok", f"{user} took command authority", user)
+            self._record_event("ok", f"{user} took command authority", user)
         return self.state()
 
     def release(self, user: str) -> AuthorityState:
         """Release authority. Raises Conflict unless the user holds it."""
         with self._lock, self._database.unit_of_work() as session:
-            row = store.holder(session)
-            if row is None or row.holder != user:
-                raise Conflict(
-                    "only the holder can release command authority", expected=user, got=row.holder if row else "nobody"
-                )
+            row = _of_holder(store.holder(session), user, "release")
             store.end(session, row, self._now(), user, "released")
-        self._tell("ok", f"{user} released command authority", user)
+        self._record_event("ok", f"{user} released command authority", user)
+        return self.state()
+
+    def request(self, user: str, note: str) -> AuthorityState:
+        """Request authority from its holder. Raises Conflict if no other user holds it, or another request or offer waits for
+        an answer."""
+        words = _note(note)
+        with self._lock, self._database.unit_of_work() as session:
+            row = _of_another(store.holder(session), user)
+            _check_none_waits(row)
+            store.put_transfer(session, row, REQUEST, checked_user(user), words, self._now())
+            holder = row.holder
+        self._record_event("watch", f"{user} requested command authority from {holder}{_said(words)}", user)
+        return self.state()
+
+    def offer(self, user: str, to: str, note: str) -> AuthorityState:
+        """Offer authority to another user. Raises Conflict unless the user holds it and no request or offer waits for an
+        answer; NotFound unless ``to`` is an enabled user whose role may hold authority."""
+        words = _note(note)
+        with self._lock, self._database.unit_of_work() as session:
+            row = _of_holder(store.holder(session), user, "offer")
+            _check_none_waits(row)
+            other = accounts.user_named(session, to)
+            if other is None or not other.enabled or other.name == user or TAKE not in permissions_of(other.role):
+                raise NotFound(
+                    "command authority cannot be offered to this user",
+                    expected="name of another enabled user whose role may take command authority",
+                    got=to[:60],
+                )
+            store.put_transfer(session, row, OFFER, other.name, words, self._now())
+            name = other.name
+        self._record_event("watch", f"{user} offered command authority to {name}{_said(words)}", user)
+        return self.state()
+
+    def accept(self, user: str, note: str) -> AuthorityState:
+        """Hand authority over: the holder accepts a request, or the named user accepts an offer. Raises Conflict if no
+        request or offer waits for this user's answer."""
+        words = _note(note)
+        with self._lock, self._database.unit_of_work() as session:
+            row = store.holder(session)
+            if (
+                row is None
+                or not row.transfer
+                or user != (row.holder if row.transfer == REQUEST else row.transfer_user)
+            ):
+                raise Conflict("no request or offer of command authority waits for your answer", got=_waiting(row))
+            before, after, said = row.holder, row.transfer_user, words or row.transfer_note
+            store.end(session, row, self._now(), user, f"handed over to {after}{_said(said)}")
+            session.flush()
+            store.take(session, checked_user(after), self._now())
+        self._record_event("ok", f"{before} handed command authority over to {after}{_said(said)}", user)
+        return self.state()
+
+    def decline(self, user: str, note: str) -> AuthorityState:
+        """Refuse or withdraw the request or offer that waits for an answer. Raises Conflict if none concerns this user."""
+        words = _note(note)
+        with self._lock, self._database.unit_of_work() as session:
+            row = store.holder(session)
+            if row is None or not row.transfer or user not in (row.holder, row.transfer_user):
+                raise Conflict("no request or offer of command authority concerns you", got=_waiting(row))
+            maker = row.transfer_user if row.transfer == REQUEST else row.holder
+            other = row.holder if user == row.transfer_user else row.transfer_user
+            whose = "the" if user == maker else f"{other}'s"
+            verb = "withdrew" if user == maker else "refused"
+            kind = row.transfer
+            store.put_transfer(session, row, "", "", "", None)
+        self._record_event("watch", f"{user} {verb} {whose} {kind} of command authority{_said(words)}", user)
         return self.state()
 
     def break_(self, user: str, reason: str) -> AuthorityState:
@@ -103,35 +173,69 @@ class AuthorityService:
                 got=f"{len(words)}",
             )
         with self._lock, self._database.unit_of_work() as session:
-            row = store.holder(session)
-            if row is None or row.holder == user:
-                raise Conflict(
-                    "nobody else holds command authority", got=row.holder if row else "nobody", hint="take it instead"
-                )
+            row = _of_another(store.holder(session), user)
             before = row.holder
             store.end(session, row, self._now(), user, words)
             session.flush()
             store.take(session, checked_user(user), self._now())
-        self._tell("warning", f"{user} broke the command authority of {before}: {words}", user)
+        self._record_event("warning", f"{user} broke the command authority of {before}: {words}", user)
         return self.state()
 
     def _take(self, user: str) -> None:
         with self._database.unit_of_work() as session:
             store.take(session, checked_user(user), self._now())
 
-    def _tell(self, severity: str, text: str, user: str) -> None:
+    def _record_event(self, severity: str, text: str, user: str) -> None:
         self._bus.record("authority", severity, text, user=user)
         self._bus.publish("authority", self.state())
 
 
-def checked_user(user: str) -> str:
-    """Return the user name if it can be shown and stored; raise BadInput otherwise."""
-    if not 0 < len(user) <= LONGEST_NAME or not user.isprintable() or user.strip() != user:
-        raise BadInput("not a user name", expected=f"1 – {LONGEST_NAME} printable characters", got=repr(user[:80]))
-    return user
-
-
 def _held_by(holder: str) -> Conflict:
     return Conflict(
-        f"command authority is held by {holder}", hint="ask for its release, or break it with a reason in the header"
+        f"command authority is held by {holder}",
+        hint="request it from the holder in the header, or break it with a reason",
     )
+
+
+def _of_another(row: Authority | None, user: str) -> Authority:
+    if row is None or row.holder == user:
+        raise Conflict(
+            "no other user holds command authority",
+            got=row.holder if row else "no user",
+            hint="take command authority instead",
+        )
+    return row
+
+
+def _of_holder(row: Authority | None, user: str, what: str) -> Authority:
+    if row is None or row.holder != user:
+        raise Conflict(
+            f"only the holder can {what} command authority", expected=user, got=row.holder if row else "no user"
+        )
+    return row
+
+
+def _check_none_waits(row: Authority) -> None:
+    if row.transfer:
+        raise Conflict(
+            f"another {row.transfer} of command authority waits for an answer",
+            got=_waiting(row),
+            hint="wait until it is answered or withdrawn",
+        )
+
+
+def _waiting(row: Authority | None) -> str:
+    if row is None or not row.transfer:
+        return "none"
+    return f"{row.transfer} by {row.transfer_user}" if row.transfer == REQUEST else f"offer to {row.transfer_user}"
+
+
+def _note(note: str) -> str:
+    words = " ".join(note.split())
+    if len(words) > LONGEST_REASON:
+        raise BadInput("the note is too long", expected=f"at most {LONGEST_REASON} characters", got=f"{len(words)}")
+    return words
+
+
+def _said(words: str) -> str:
+    return f": {words}" if words else ""

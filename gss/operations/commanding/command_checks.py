@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gss.device.dictionary import Command, Dictionary, Hazard, Value
 from gss.device.protocol.codec import decode
 from gss.device.session_events import HelloReceived
 from gss.domain.errors import BadInput, Conflict, GssError
+from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary, Hazard, Value
+from gss.instruments.operations import COMMAND_CODE, LENGTH, PAYLOAD, Operation, StandardOperations
 
 YES = "yes"
-SCHEDULE = "SCHEDULE"
 
 
 @dataclass(frozen=True)
@@ -52,39 +52,52 @@ class Check:
     holder: str | None
 
 
-def risk_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, Any]) -> Risk:
+def risk_of(operations: StandardOperations, command: CommandDefinition, arguments: Mapping[str, Any]) -> Risk:
     """Return the higher of the hazards of the command and of its argument values; for SCHEDULE, also of the command that it
     carries."""
     hazard, reason = command.hazard_for(arguments)
     own = Risk(hazard, reason, command.name)
-    inner = scheduled(dictionary, arguments) if command.name == SCHEDULE else None
+    inner = _carried(operations, command, arguments)
     if inner is None:
         return own
-    carried = risk_of(dictionary, *inner)
+    carried = risk_of(operations, *inner)
     if carried.hazard.rank > own.hazard.rank:
-        return Risk(carried.hazard, f"When its time comes: {carried.reason}", carried.name)
+        return Risk(carried.hazard, f"At execution: {carried.reason}", carried.name)
     return own
 
 
-def subsystems_of(dictionary: Dictionary, command: Command, arguments: Mapping[str, Any]) -> frozenset[str]:
+def subsystems_of(
+    operations: StandardOperations, command: CommandDefinition, arguments: Mapping[str, Any]
+) -> frozenset[str]:
     """Return the subsystems a command belongs to: its own and, for SCHEDULE, that of the command it carries. If the carried
     command cannot be decoded, all subsystems, so that raw bytes cannot bypass permissions."""
-    if command.name != SCHEDULE:
+    if operations.of_command(command.name) is not Operation.SCHEDULE:
         return frozenset({command.subsystem})
-    inner = scheduled(dictionary, arguments)
-    carried = subsystems_of(dictionary, *inner) if inner else frozenset(c.subsystem for c in dictionary.commands)
+    inner = _carried(operations, command, arguments)
+    carried = (
+        subsystems_of(operations, *inner) if inner else frozenset(c.subsystem for c in operations.dictionary.commands)
+    )
     return carried | {command.subsystem}
 
 
-def scheduled(dictionary: Dictionary, arguments: Mapping[str, Any]) -> tuple[Command, dict[str, Value]] | None:
-    """Decode the command that SCHEDULE (or a schedule_entry) carries, with its arguments; None if it cannot be decoded."""
+def _carried(
+    operations: StandardOperations, command: CommandDefinition, arguments: Mapping[str, Any]
+) -> tuple[CommandDefinition, dict[str, Value]] | None:
+    """Return the command that SCHEDULE carries; None for any other command."""
+    if operations.of_command(command.name) is not Operation.SCHEDULE:
+        return None
+    return scheduled(operations.dictionary, operations.given(Operation.SCHEDULE, arguments))
+
+
+def scheduled(dictionary: Dictionary, given: Mapping[str, Any]) -> tuple[CommandDefinition, dict[str, Value]] | None:
+    """Decode the command in the standard arguments of a schedule, with its arguments; None if it cannot be decoded."""
     try:
-        command = dictionary.command_of_code(int(arguments["command_code"]))
-        payload = arguments["payload"]
+        command = dictionary.command_of_code(int(given[COMMAND_CODE]))
+        payload = given[PAYLOAD]
         data = bytes.fromhex(payload) if isinstance(payload, str) else bytes(payload)
         if command is None:
             return None
-        return command, decode(command.arguments, data[: int(arguments["length"])]).values
+        return command, decode(command.arguments, data[: int(given[LENGTH])]).values
     except (GssError, KeyError, ValueError, TypeError):
         return None
 
@@ -94,10 +107,12 @@ def check_confirmation(risk: Risk, confirm: str) -> None:
     if risk.hazard is Hazard.CRITICAL and confirm != risk.name:
         raise BadInput(f"{risk.name} is critical and was not confirmed", expected=f"the name {risk.name} typed")
     if risk.hazard is Hazard.WARNING and confirm not in (YES, risk.name):
-        raise BadInput(f"{risk.name} was not confirmed", expected="a yes: " + risk.reason)
+        raise BadInput(f"{risk.name} was not confirmed", expected="a confirmation: " + risk.reason)
 
 
-def precondition_states(command: Command, housekeeping: Mapping[str, Value] | None) -> tuple[PreconditionState, ...]:
+def precondition_states(
+    command: CommandDefinition, housekeeping: Mapping[str, Value] | None
+) -> tuple[PreconditionState, ...]:
     """Return the current state of each precondition of a command."""
     states = []
     for condition in command.preconditions:
@@ -113,11 +128,11 @@ def _now(field: str, value: Value | None) -> str:
     return words(value)
 
 
-def check_unit(command: Command, hello: HelloReceived | None) -> None:
+def check_unit(command: CommandDefinition, hello: HelloReceived | None) -> None:
     """Raise Conflict if a simulator-only command would go to a device that does not report itself as simulated."""
     if not command.simulator_only or (hello is not None and hello.simulated):
         return
-    got = "no device has answered yet" if hello is None else f"{hello.serial or hello.device_model} is real"
+    got = "no response from a device yet" if hello is None else f"{hello.serial or hello.device_model} is real"
     raise Conflict(f"{command.name} is for simulators only", expected="a simulated device", got=got)
 
 

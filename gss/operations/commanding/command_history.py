@@ -66,7 +66,9 @@ class CommandHistory:
 
 def _check(wanted: Filter) -> None:
     if wanted.start is not None and wanted.end is not None and wanted.end <= wanted.start:
-        raise BadInput("the span is empty", expected="a start before the end", got=f"{wanted.start} … {wanted.end}")
+        raise BadInput(
+            "the time span is empty", expected="a start before the end", got=f"{wanted.start} … {wanted.end}"
+        )
 
 
 def _facts(row: Command) -> dict[str, Any]:

@@ -10,11 +10,12 @@ from functools import partial
 from typing import Any
 
 from gss.device.session_commands import WITHDRAWN
-from gss.device.session_events import FINAL_STAGES, CommandStage, Stage
+from gss.device.session_events import FINAL_STAGES, CommandUpdate, Stage
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.line.deferred_writes import DeferredWrites
-from gss.operations.line.line_events import LineEventQueue, ServiceEvent
+from gss.operations.line.dispatcher import LineEventQueue
+from gss.operations.line.line_events import ServiceEvent
 from gss.store import commands as store
 from gss.store.engine import Database
 from gss.store.models import Command
@@ -102,13 +103,13 @@ class CommandRecorder:
         """Mark a command as rejected, because it could not be queued."""
         return self._end(command_id, "rejected", detail)
 
-    def withdrawn(self, command_id: int, stage: CommandStage) -> Command:
+    def withdrawn(self, command_id: int, stage: CommandUpdate) -> Command:
         """Record a withdrawn command. A withdrawn retry leaves the command unknown, as it was before the retry."""
         if stage.stage is Stage.UNKNOWN:
             return self._change(command_id, self._stage("unknown", stage.detail), result="unknown", detail=stage.detail)
         return self._end(command_id, WITHDRAWN, stage.detail)
 
-    def taken_back(self, events: Sequence[CommandStage]) -> None:
+    def add_withdrawn(self, events: Sequence[CommandUpdate]) -> None:
         """Record several withdrawn commands in one transaction."""
         rows = []
         with self._lock, self._database.unit_of_work() as session:
@@ -123,7 +124,7 @@ class CommandRecorder:
                 row.finished = None if event.stage is Stage.UNKNOWN else stage.at
                 rows.append(row)
         for row in rows:
-            self._told(row)
+            self._publish(row)
 
     def _end(self, command_id: int, result: str, detail: str) -> Command:
         stage = self._stage(result, detail)
@@ -146,7 +147,7 @@ class CommandRecorder:
 
     # --- reports ------------------------------------------------------------------------------------------------
 
-    def follow(self, event: CommandStage, at: datetime) -> None:
+    def follow(self, event: CommandUpdate, at: datetime) -> None:
         """Store a stage that was reached at ``at``. Commands of the session itself, as HELLO, have no row and are ignored."""
         if event.stage is Stage.QUEUED:
             return
@@ -156,7 +157,7 @@ class CommandRecorder:
             if row is not None:
                 self._write(row, event, at)
 
-    def _write(self, found: Command, event: CommandStage, at: datetime) -> None:
+    def _write(self, found: Command, event: CommandUpdate, at: datetime) -> None:
         if event.stage is Stage.UNKNOWN and found.result == "unknown":
             return  # already recorded when the server started
         detail = " ".join(word for word in (event.reason, event.detail) if word)
@@ -177,13 +178,13 @@ class CommandRecorder:
         if event.stage is Stage.COMPLETED:
             values["values"] = {k: v.hex() if isinstance(v, bytes) else v for k, v in event.values.items()}
         row = self._change(found.id, stage, **values)
-        self._tell(row, event)
+        self._record_event(row, event)
 
-    def _tell(self, row: Command, event: CommandStage) -> None:
+    def _record_event(self, row: Command, event: CommandUpdate) -> None:
         if event.stage is Stage.UNKNOWN:
-            self._announce("warning", f"{row.name}: no report in time, fate unknown", row.id)
+            self._announce("warning", f"{row.name}: no report before the timeout, outcome unknown", row.id)
         if row.late and event.stage in FINAL_STAGES:
-            self._announce("watch", f"{row.name}: {event.stage} after all, late", row.id)
+            self._announce("watch", f"{row.name}: {event.stage} reported after the timeout", row.id)
         if event.stage is Stage.COMPLETED:
             self._completed.append(CommandCompleted(row.name, row.arguments, event.values))
 
@@ -204,9 +205,9 @@ class CommandRecorder:
                 setattr(row, name, value)
             if stage is not None:
                 row.stages.append(stage)
-        self._told(row)
+        self._publish(row)
         return row
 
-    def _told(self, row: Command) -> None:
+    def _publish(self, row: Command) -> None:
         self._bus.publish("command", self._view(row))
         self._events.publish([CommandChanged(row.id, row.run_id, row.result)])

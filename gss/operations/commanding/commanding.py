@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from gss.device.dictionary import Command as Definition
-from gss.device.protocol.codec import check_arguments
-from gss.device.session_events import CommandStage, DeviceEvent
+from gss.device.protocol.codec import EncodedCommand
+from gss.device.session_events import CommandUpdate, DeviceEvent
 from gss.domain.errors import BadInput, Conflict, GssError, NotFound, StoreDown
+from gss.instruments.dictionary.definitions import CommandDefinition as Definition
+from gss.instruments.operations import Operation
 from gss.operations.accounts.permissions import STOP
 from gss.operations.clock import Now
 from gss.operations.commanding.abort_journal import AbortJournal
@@ -33,7 +34,7 @@ from gss.store import commands as store
 from gss.store.engine import Database
 from gss.store.models import Command
 
-RESTARTED = "The server restarted while this command was under way; it may have run or not."
+RESTARTED = "The server restarted during this command. It may or may not have been executed."
 NEEDS_OPERATOR = f"Needs operator: {RESTARTED[0].lower()}{RESTARTED[1:]}"
 SOFTWARE = "gss"
 """User name of commands that the server sends on its own behalf."""
@@ -72,25 +73,24 @@ class CommandService:
         """
         for issued in self._journal.entries():  # the last server ended before the database took them
             names = (issued.user, issued.source)
-            self._recorder.add(issued.request_id, "ABORT", {}, *names, None, None, issued.moment)
+            abort = self._link.roles.operations.command(Operation.ABORT)
+            self._recorder.add(issued.request_id, abort, {}, *names, None, None, issued.moment)
             self._journal.remove(issued.request_id)
-        known: list[tuple[int, str, Mapping[str, Any]]] = []
         with self._database.unit_of_work() as session:
             for row in store.left_in_flight(session):
                 CommandRecorder.lose(row, self._now(), RESTARTED if self.idempotent(row.name) else NEEDS_OPERATOR)
             last = store.last_request_id(session)
-            lost = [row for row in store.of_unknown_fate(session, REMEMBERED_IDS) if self._still_fits(row)]
-            known = [(row.request_id, row.name, row.arguments) for row in lost]
+            unknown = [(row.request_id, self._order_of(row)) for row in store.of_unknown_fate(session, REMEMBERED_IDS)]
         with self._link.lock:
-            self._link.session.restore(last + 1, known)
+            in_flight = [(request_id, order) for request_id, order in unknown if order is not None]
+            self._link.session.restore(last + 1, in_flight)
 
-    def _still_fits(self, row: Command) -> bool:
-        """True if the current dictionary still accepts the command."""
+    def _order_of(self, row: Command) -> EncodedCommand | None:
+        """Return a recorded command encoded again; None if the current dictionary does not accept it."""
         try:
-            check_arguments(self._link.dictionary.command(row.name), row.arguments)
+            return self._link.session.encode(row.name, row.arguments)
         except (BadInput, NotFound):
-            return False
-        return True
+            return None
 
     @property
     def aborts(self) -> int:
@@ -121,7 +121,7 @@ class CommandService:
         if not self._link.connected:
             problems.append(f"the line is down: {self._link.reason}")
         trials: list[Callable[[], None]] = [lambda: check_unit(definition, self._link.hello)]
-        if name != "ABORT":
+        if not self._aborts_all(name):
             trials += [
                 lambda: self._check_commander(user, name, arguments),
                 lambda: self._link.session.check_allowed(name),
@@ -133,20 +133,23 @@ class CommandService:
                 problems.append(str(error))
         groups: list[tuple[str, bytes]] = []
         try:
-            groups = self.preview(name, arguments)
+            groups = self.preview(self._link.session.encode(name, arguments))
         except GssError as error:
             problems.append(str(error))
-        risk = risk_of(self._link.dictionary, definition, arguments)
+        risk = risk_of(self._link.roles.operations, definition, arguments)
         held = self._authority.holder()
         return Check(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, held)
+
+    def _aborts_all(self, name: str) -> bool:
+        return self._link.roles.operations.of_command(name) is Operation.ABORT
 
     def check_permitted(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
         """NotPermitted unless this user's role may send it; ABORT needs only the permission to stop."""
         definition = self._link.dictionary.command(name)
-        if name == "ABORT":
+        if self._aborts_all(name):
             self._permits(user, STOP)
             return
-        for subsystem in sorted(subsystems_of(self._link.dictionary, definition, arguments)):
+        for subsystem in sorted(subsystems_of(self._link.roles.operations, definition, arguments)):
             self._permits(user, f"command.{subsystem}")
 
     def _check_commander(self, user: str, name: str, arguments: Mapping[str, Any]) -> None:
@@ -162,10 +165,10 @@ class CommandService:
         """As ``check_user``; if there is no holder, the user takes authority."""
         self._authority.require(user)
 
-    def preview(self, name: str, arguments: Mapping[str, Any]) -> list[tuple[str, bytes]]:
-        """Return (label, bytes) of the packet that the next ``send`` would build."""
+    def preview(self, order: EncodedCommand) -> list[tuple[str, bytes]]:
+        """Return (label, bytes) of the packet in which the next ``send`` would carry this command."""
         with self._link.lock:
-            return self._link.session.preview(name, arguments)
+            return self._link.session.preview(order)
 
     # --- sending ------------------------------------------------------------------------------------------------
 
@@ -186,24 +189,24 @@ class CommandService:
         ``aborts``: value of ``self.aborts`` when the work that this command belongs to began; a later ABORT stops it.
         """
         definition = self._link.dictionary.command(name)
-        if name == "ABORT":
+        if self._aborts_all(name):
             if source != SERVER:
                 self.check_permitted(user, name, arguments)
             return self.abort(user=user, source=source).row()
         if source != SERVER:
             self._check_commander(user, name, arguments)
         check_unit(definition, self._link.hello)
-        self.preview(name, arguments)
-        check_confirmation(risk_of(self._link.dictionary, definition, arguments), confirm)
+        order = self._link.session.encode(name, arguments)
+        check_confirmation(risk_of(self._link.roles.operations, definition, arguments), confirm)
         self._check_line()
         self._link.session.check_allowed(name)
         unmet = [state for state in self.preconditions(definition) if state.met is False]
         if unmet:
             state = unmet[0]
-            raise Conflict(f"{name} is not allowed now", expected=state.text.lower(), got=state.value)
+            raise Conflict(f"{name} is not allowed in the current state", expected=state.text.lower(), got=state.value)
         if source != SERVER:
             self._authority.require(user)
-        return self._submit(name, arguments, user, source, run_id, aborts)
+        return self._submit(order, arguments, user, source, run_id, aborts)
 
     def query(self, *names: str) -> None:
         """Send commands without arguments on the server's own behalf; a refusal is recorded."""
@@ -215,7 +218,7 @@ class CommandService:
 
     def _submit(
         self,
-        name: str,
+        order: EncodedCommand,
         arguments: Mapping[str, Any],
         user: str,
         source: str,
@@ -226,12 +229,13 @@ class CommandService:
         because ABORT may need it."""
         with self._link.lock:
             request_id = self._link.session.reserve()
-        row = self._recorder.add(request_id, name, arguments, user, source, self._link.contact_id, run_id)
+        contact_id, name = self._link.contact_id, order.command.name
+        row = self._recorder.add(request_id, name, arguments, user, source, contact_id, run_id)
         try:
             with self._link.lock:
                 if self._aborts.stops(request_id, aborts):
-                    raise Conflict("ABORT came before it was sent", hint="send it again if it is still wanted")
-                self._link.session.submit(name, arguments, self._link.monotonic_s(), request_id=request_id)
+                    raise Conflict("ABORT was requested before it was sent", hint="send it again if it is still needed")
+                self._link.session.submit(order, request_id=request_id)
         except GssError as error:
             self._recorder.refuse(row.id, str(error))
             raise
@@ -250,10 +254,10 @@ class CommandService:
         self._check_line()
         if row.result == "unknown" and not self.can_retry(row):
             raise Conflict(
-                "the device no longer remembers this id and might run it again",
+                "the device no longer remembers this id and might execute it twice",
                 expected=f"one of its last {REMEMBERED_IDS} ids",
                 got=f"{row.request_id}, the next is {self._link.session.next_request_id}",
-                hint="look at the telemetry, mark it resolved, and send a new one if it did not run",
+                hint="check telemetry, mark the command resolved, and send a new one if it was not executed",
             )
         self._authority.require(user)
         row = self._recorder.requeue(command_id, f"retry by {user}")  # first: what cannot be recorded is not sent
@@ -278,15 +282,15 @@ class CommandService:
         once it was released."""
         row = self.get(command_id)
         self._check_commander(user, row.name, row.arguments)
-        return self.take_back(command_id, user=user)
+        return self.withdraw_queued(command_id, user=user)
 
-    def take_back(self, command_id: int, *, user: str) -> Command:
+    def withdraw_queued(self, command_id: int, *, user: str) -> Command:
         """As ``withdraw``, for a stack run that ends: stopping it needs no authority."""
         row = self.get(command_id)
         if row.result != "queued":
             raise Conflict("only a queued command can be withdrawn", expected="queued", got=row.result)
         with self._link.lock:
-            stage = self._link.session.withdraw(row.request_id, f"taken back by {user}")
+            stage = self._link.session.withdraw(row.request_id, f"withdrawn by {user}")
         try:
             row = self._recorder.withdrawn(command_id, stage)
         except StoreDown:
@@ -321,7 +325,7 @@ class CommandService:
         for event in batch.events:
             if isinstance(event, AbortIssued):
                 self._writes.add(partial(self._aborts.record, event))
-            elif isinstance(event, CommandStage):
+            elif isinstance(event, CommandUpdate):
                 self._writes.add(partial(self._recorder.follow, event, batch.at))
             elif isinstance(event, DeviceEvent):
                 text = f"{event.name}: {event.text}" if event.text else event.name

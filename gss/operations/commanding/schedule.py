@@ -8,18 +8,19 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from gss.device.dictionary import Hazard, Value
 from gss.device.session_events import (
-    CommandStage,
+    CommandUpdate,
     DeviceEvent,
     HelloReceived,
     Stage,
     Telemetry,
 )
-from gss.domain.errors import BadInput, Conflict, GssError, NotFound
+from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.instruments.dictionary.definitions import Hazard, Value
+from gss.instruments.operations import COMMAND_CODE, LENGTH, PAYLOAD, SCHEDULE_ID, Operation
 from gss.operations.clock import Now, iso_z
-from gss.operations.commanding.command_checks import SCHEDULE, risk_of, scheduled
-from gss.operations.commanding.commanding import SERVER, CommandService
+from gss.operations.commanding.command_checks import risk_of, scheduled
+from gss.operations.commanding.commanding import CommandService
 from gss.operations.commanding.schedule_plan import Plan, make_plan, moment_of
 from gss.operations.events import EventBus
 from gss.operations.line.clock_correlation import ClockTracker, Correlation
@@ -27,8 +28,6 @@ from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.store.models import Command
 
-CLOCK_EVENTS = ("BOOT", "TIME_SET", "CLOCK_JUMP")
-TABLE_EVENTS = ("SCHEDULE_RUN", "SCHEDULE_FAILED", "BOOT")
 SOFTWARE = "gss"
 
 
@@ -51,11 +50,11 @@ class Entry:
 
 @dataclass(frozen=True)
 class ScheduleState:
-    """The device's schedule in order of time. ``told``: when the device last listed it; ``complete``: True if no row of that
+    """The device's schedule in order of time. ``listed_at``: when the device last listed it; ``complete``: True if no row of that
     list was lost. ``clock``: correlation of the device's clock with UTC, None while unknown."""
 
     entries: Sequence[Entry]
-    told: datetime | None
+    listed_at: datetime | None
     complete: bool
     clock: Correlation | None
 
@@ -65,10 +64,13 @@ class ScheduleService:
 
     def __init__(self, link: LinkService, commands: CommandService, bus: EventBus, now: Now) -> None:
         self._link, self._commands, self._bus, self._now = link, commands, bus, now
+        events = link.roles.events
+        self._clock_events = (events.boot, events.time_set, events.clock_jump)
+        self._table_events = (events.schedule_run, events.schedule_failed, events.boot)
         self._clock = ClockTracker()
         self._rows: dict[int, Mapping[str, Value]] = {}
         self._listing: dict[int, dict[int, Mapping[str, Value]]] = {}
-        self._told: datetime | None = None
+        self._listed_at: datetime | None = None
         self._complete = False
         self._lock = threading.Lock()
 
@@ -84,31 +86,33 @@ class ScheduleService:
                 self._forget()
                 ask, changed = event.dictionary_match, True
             elif isinstance(event, DeviceEvent):
-                if event.name in CLOCK_EVENTS:
+                if event.name in self._clock_events:
                     with self._lock:
                         self._clock.restart()
-                ask |= event.name in TABLE_EVENTS
-            elif isinstance(event, CommandStage) and event.stage is Stage.COMPLETED:
-                ask |= event.name in (SCHEDULE, "CANCEL")
-                changed |= event.name == "LIST_SCHEDULE" and self._listed(event)
+                ask |= event.name in self._table_events
+            elif isinstance(event, CommandUpdate) and event.stage is Stage.COMPLETED:
+                operation = self._link.roles.operations.of_command(event.name)
+                ask |= operation in (Operation.SCHEDULE, Operation.CANCEL_SCHEDULED)
+                changed |= operation is Operation.LIST_SCHEDULE and self._listed(event)
         if changed:
             self._bus.publish("schedule", self.state())
         if ask:
             self._ask()
 
     def _packet(self, packet: Telemetry, at: datetime) -> bool:
+        roles = self._link.roles.quantities
         with self._lock:
-            if packet.packet == "housekeeping":
+            if packet.packet == roles.status.packet:
                 self._clock.add(at.timestamp(), packet.device_time_s)
-            if packet.packet != "schedule_entry":
+            if packet.packet != roles.schedule_entry.packet:
                 return False
-            number = int(packet.values["schedule_id"])
+            number = int(packet.values[roles.schedule_entry.schedule_id])
             self._rows[number] = packet.values
             if packet.request_id:
                 self._listing.setdefault(packet.request_id, {})[number] = packet.values
             return True
 
-    def _listed(self, event: CommandStage) -> bool:
+    def _listed(self, event: CommandUpdate) -> bool:
         """Replace the schedule by this list, if it is complete; rows that are not in it no longer exist."""
         with self._lock:
             rows = self._listing.get(event.request_id, {})
@@ -116,22 +120,19 @@ class ScheduleService:
             self._complete = len(rows) == int(event.values["count"])
             if self._complete:
                 self._rows = rows
-            self._told = self._now()
+            self._listed_at = self._now()
         return True
 
     def _forget(self) -> None:
         with self._lock:
             self._rows, self._listing = {}, {}
-            self._told, self._complete = None, False
+            self._listed_at, self._complete = None, False
             self._clock.restart()
 
     def _ask(self) -> None:
-        try:
-            self._commands.send("LIST_SCHEDULE", {}, confirm="", user=SOFTWARE, source=SERVER)
-        except NotFound:
-            return  # the dictionary has no schedule
-        except GssError as error:
-            self._bus.record("link", "watch", f"LIST_SCHEDULE was not asked: {error}")
+        operations = self._link.roles.operations
+        if operations.has(Operation.LIST_SCHEDULE):
+            self._commands.query(operations.command(Operation.LIST_SCHEDULE))
 
     def clock_jumped(self, _jump_s: float) -> None:
         """Discard the correlation at once, because the server's clock was set; otherwise it would be wrong until enough
@@ -150,26 +151,29 @@ class ScheduleService:
         """Return the known schedule and clock. Nothing is sent."""
         with self._lock:
             clock, rows = self._clock.estimate(), list(self._rows.values())
-            told, complete = self._told, self._complete
+            listed_at, complete = self._listed_at, self._complete
         entries = sorted((self._entry(row, clock) for row in rows), key=lambda e: (e.at_device_s, e.schedule_id))
-        return ScheduleState(entries, told, complete, clock)
+        return ScheduleState(entries, listed_at, complete, clock)
 
     def _entry(self, row: Mapping[str, Any], clock: Correlation | None) -> Entry:
-        at_device_s = float(row["at_s"])
+        names, operations = self._link.roles.quantities.schedule_entry, self._link.roles.operations
+        at_device_s = float(row[names.at_s])
+        payload, length = row[names.payload], int(row[names.length])
         at, uncertainty_s = moment_of(clock, at_device_s)
-        inner = scheduled(self._link.dictionary, row)
-        risk = risk_of(self._link.dictionary, *inner) if inner else None
+        given = {COMMAND_CODE: row[names.command_code], PAYLOAD: payload, LENGTH: length}
+        inner = scheduled(operations.dictionary, given)
+        risk = risk_of(operations, *inner) if inner else None
         return Entry(
-            schedule_id=int(row["schedule_id"]),
+            schedule_id=int(row[names.schedule_id]),
             at_device_s=at_device_s,
             at=at,
             uncertainty_s=uncertainty_s,
             command=inner[0].name if inner else None,
             arguments=inner[1] if inner else {},
             hazard=risk.hazard if risk else Hazard.NONE,
-            state=str(row["state"]),
-            reason="" if row["reason"] == "none" else str(row["reason"]),
-            payload=bytes(row["payload"])[: int(row["length"])],
+            state=str(row[names.state]),
+            reason="" if row[names.reason] == "none" else str(row[names.reason]),
+            payload=bytes(payload)[:length],
         )
 
     # --- orders -------------------------------------------------------------------------------------------------
@@ -177,7 +181,13 @@ class ScheduleService:
     def plan(self, name: str, arguments: Mapping[str, Any], *, at: datetime | None, at_device_s: float | None) -> Plan:
         """Return the arguments of SCHEDULE for a command, with problems and warnings. Nothing is sent."""
         now_s = self._now().timestamp()
-        return make_plan(self._link.dictionary, self.clock(), now_s, name, arguments, at=at, at_device_s=at_device_s)
+        return make_plan(
+            self._link.roles.operations, self.clock(), now_s, name, arguments, at=at, at_device_s=at_device_s
+        )
+
+    def command(self) -> str:
+        """Return the command that stores another one on board. Raises Conflict if the sensor has none."""
+        return self._link.roles.operations.command(Operation.SCHEDULE)
 
     def send(
         self,
@@ -193,8 +203,8 @@ class ScheduleService:
         plan = self.plan(name, arguments, at=at, at_device_s=at_device_s)
         if plan.problems:
             raise BadInput(f"{name} cannot be scheduled: {plan.problems[0]}", got="; ".join(plan.problems[1:]))
-        row = self._commands.send(SCHEDULE, plan.order, confirm=confirm, user=user, source="schedule")
-        when = iso_z(plan.at) if plan.at else "an unknown moment of UTC"
+        row = self._commands.send(self.command(), plan.order, confirm=confirm, user=user, source="schedule")
+        when = iso_z(plan.at) if plan.at else "unknown UTC time"
         text = f"{user} schedules {name} for device time {plan.at_device_s:.3f} s, {when}"
         self._bus.record("schedule", "ok", text, command_id=row.id)
         return row
@@ -204,10 +214,10 @@ class ScheduleService:
         entries = {entry.schedule_id: entry for entry in self.state().entries}
         if schedule_id not in entries:
             hint = "refresh the list"
-            raise NotFound("nothing is scheduled under this number", got=str(schedule_id), hint=hint)
+            raise NotFound("no scheduled command has this number", got=str(schedule_id), hint=hint)
         entry = entries[schedule_id]
         if entry.state != "waiting":
-            raise Conflict("only what waits can be cancelled", expected="waiting", got=entry.state)
+            raise Conflict("only waiting commands can be cancelled", expected="waiting", got=entry.state)
         self._bus.record("schedule", "ok", f"{user} cancels {entry.command or 'an unknown command'}, {schedule_id}")
         return self._cancel(schedule_id, user)
 
@@ -217,9 +227,10 @@ class ScheduleService:
         return self._cancel(0, user)
 
     def _cancel(self, schedule_id: int, user: str) -> Command:
-        arguments = {"schedule_id": schedule_id}
-        return self._commands.send("CANCEL", arguments, confirm="", user=user, source="schedule")
+        call = self._link.roles.operations.call(Operation.CANCEL_SCHEDULED, {SCHEDULE_ID: schedule_id})
+        return self._commands.send(call.command, call.arguments, confirm="", user=user, source="schedule")
 
     def refresh(self, *, user: str) -> Command:
         """Request the schedule from the device."""
-        return self._commands.send("LIST_SCHEDULE", {}, confirm="", user=user, source="schedule")
+        name = self._link.roles.operations.command(Operation.LIST_SCHEDULE)
+        return self._commands.send(name, {}, confirm="", user=user, source="schedule")

@@ -7,19 +7,21 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from gss.device.dictionary import Command, Dictionary, Value
-from gss.device.protocol.codec import check_arguments, encode
+from gss.device.protocol.codec import encode_command
 from gss.domain.errors import BadInput, GssError
-from gss.operations.commanding.command_checks import SCHEDULE, Risk, risk_of
+from gss.instruments.dictionary.definitions import CommandDefinition, Value
+from gss.instruments.operations import AT_S, COMMAND_CODE, LENGTH, PAYLOAD, Operation, StandardOperations
+from gss.operations.commanding.command_checks import Risk, risk_of
 from gss.operations.line.clock_correlation import Correlation
 
 NEVER = {
-    "ABORT": "ABORT acts at once or not at all",
-    "HELLO": "HELLO is a question of the ground",
-    SCHEDULE: "a schedule holds no schedules",
-    "LIST_SCHEDULE": "a list that nobody asked for is of no use",
-    "CANCEL": "cancel it now instead",
+    Operation.ABORT: "ABORT must take effect immediately",
+    Operation.HELLO: "HELLO is sent by the ground only",
+    Operation.SCHEDULE: "schedule commands cannot be scheduled",
+    Operation.LIST_SCHEDULE: "the reply would arrive without a request",
+    Operation.CANCEL_SCHEDULED: "use CANCEL now instead",
 }
+CONFIRMED_BY = {Operation.ACTIVATE: Operation.CONFIRM, Operation.ACTIVATE_TABLE: Operation.CONFIRM_TABLE}
 CLOSE_S = 5.0
 ROUGH_S = 1.0
 
@@ -38,13 +40,13 @@ class Plan:
     order: Mapping[str, Value]
 
 
-def schedulable(command: Command) -> bool:
+def schedulable(operations: StandardOperations, command: CommandDefinition) -> bool:
     """True if the command may be put into the device's schedule."""
-    return command.name not in NEVER and not command.simulator_only
+    return operations.of_command(command.name) not in NEVER and not command.simulator_only
 
 
 def make_plan(
-    dictionary: Dictionary,
+    operations: StandardOperations,
     clock: Correlation | None,
     now_s: float,
     name: str,
@@ -55,14 +57,14 @@ def make_plan(
 ) -> Plan:
     """Plan the command ``name`` for a time given either in UTC or in device time. ``clock``: None while not correlated;
     ``now_s``: UTC as Unix time."""
-    inner = dictionary.command(name)
-    problems, warnings = _not_schedulable(inner), list(_warnings(inner))
+    inner = operations.dictionary.command(name)
+    problems, warnings = _not_schedulable(operations, inner), list(_warnings(operations, inner))
     if (at is None) == (at_device_s is None):
-        problems.append("give the time either in UTC or in device time")
+        problems.append("give either a UTC time or a device time")
     elif at is not None and clock is not None:
         at_device_s = round(clock.device_of(at.timestamp()), 3)
     elif at is not None:
-        problems.append("the device's clock is not correlated with UTC yet: wait for telemetry, or give device time")
+        problems.append("device clock offset unknown. Wait for telemetry, or give a device time")
     moment, uncertainty_s = moment_of(clock, at_device_s)
     if at_device_s is not None:
         device_now_s = None if clock is None else clock.device_of(now_s)
@@ -70,47 +72,54 @@ def make_plan(
         warnings += _close(at_device_s, device_now_s, uncertainty_s)
     order: dict[str, Value] = {}
     try:
-        order = _order(dictionary, inner, arguments, at_device_s or 0.0)
+        order = _order(operations, inner, arguments, at_device_s or 0.0)
     except GssError as error:
         problems.append(str(error))
-    risk = risk_of(dictionary, dictionary.command(SCHEDULE), order)
+    risk = risk_of(operations, operations.dictionary.command(operations.command(Operation.SCHEDULE)), order)
     ready = order if not problems else {}
     return Plan(tuple(problems), tuple(warnings), at_device_s, moment, uncertainty_s, risk, inner.role, ready)
 
 
-def _not_schedulable(inner: Command) -> list[str]:
-    if inner.name in NEVER:
-        return [NEVER[inner.name]]
+def _not_schedulable(operations: StandardOperations, inner: CommandDefinition) -> list[str]:
+    operation = operations.of_command(inner.name)
+    if operation in NEVER:
+        return [NEVER[operation]]
     return ["commands of the simulator are not scheduled"] if inner.simulator_only else []
 
 
 def _past(at_device_s: float, now_s: float | None) -> list[str]:
     if now_s is None or at_device_s > now_s:
         return []
-    return [f"the time is past: the device's clock shows {now_s:.3f} s, asked for {at_device_s:.3f} s"]
+    return [f"the time is in the past: device clock {now_s:.3f} s, requested {at_device_s:.3f} s"]
 
 
 def _close(at_device_s: float, now_s: float | None, uncertainty_s: float | None) -> list[str]:
     if now_s is None or uncertainty_s is None:
-        return ["whether the time is past is not known: the clocks are not correlated yet"]
+        return ["device clock offset unknown: the time may be in the past"]
     left_s = at_device_s - now_s
     words = []
     if 0 < left_s < CLOSE_S + uncertainty_s:
-        words.append(f"in {left_s:.1f} s already: it may arrive after its time")
+        words.append(f"due in {left_s:.1f} s: it may arrive too late")
     if uncertainty_s > ROUGH_S:
-        words.append(f"the moment is only known to ± {uncertainty_s:.1f} s of UTC")
+        words.append(f"UTC time is uncertain by ± {uncertainty_s:.1f} s")
     return words
 
 
 def _order(
-    dictionary: Dictionary, inner: Command, arguments: Mapping[str, Any], at_device_s: float
+    operations: StandardOperations, inner: CommandDefinition, arguments: Mapping[str, Any], at_device_s: float
 ) -> dict[str, Value]:
-    payload = encode(inner.arguments, check_arguments(inner, arguments))
-    room = dictionary.command(SCHEDULE).argument("payload").size
+    payload = encode_command(inner, arguments).payload
+    schedule = operations.dictionary.command(operations.command(Operation.SCHEDULE))
+    room = schedule.argument(operations.argument(Operation.SCHEDULE, PAYLOAD)).size
     if len(payload) > room:
         raise BadInput(f"{inner.name} is too long", expected=f"at most {room} bytes", got=str(len(payload)))
-    order: dict[str, Value] = {"at_s": at_device_s, "command_code": inner.code, "length": len(payload)}
-    return order | {"payload": payload.ljust(room, b"\0").hex()}
+    given: dict[str, Value] = {
+        AT_S: at_device_s,
+        COMMAND_CODE: inner.code,
+        LENGTH: len(payload),
+        PAYLOAD: payload.ljust(room, b"\0").hex(),
+    }
+    return operations.call(Operation.SCHEDULE, given).arguments
 
 
 def moment_of(clock: Correlation | None, device_s: float | None) -> tuple[datetime | None, float | None]:
@@ -124,11 +133,11 @@ def moment_of(clock: Correlation | None, device_s: float | None) -> tuple[dateti
         return None, None  # outside the calendar's range
 
 
-def _warnings(inner: Command) -> list[str]:
-    words = [f"checked on board when the time comes: {c.text}" for c in inner.preconditions]
-    if inner.name == "RESET":
-        words.insert(0, "the device restarts unattended, and image memory is lost")
-    if inner.name.startswith("ACTIVATE_"):
-        confirm = inner.name.replace("ACTIVATE", "CONFIRM")
-        words.insert(0, f"{confirm} must follow in time, or the device falls back")
+def _warnings(operations: StandardOperations, inner: CommandDefinition) -> list[str]:
+    words = [f"checked on board at execution: {c.text}" for c in inner.preconditions]
+    operation = operations.of_command(inner.name)
+    if operation is Operation.RESET:
+        words.insert(0, "the device restarts unattended and loses image memory")
+    if operation in CONFIRMED_BY:
+        words.insert(0, f"{operations.command(CONFIRMED_BY[operation])} must follow in time, or the device falls back")
     return words

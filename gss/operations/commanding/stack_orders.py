@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 
-from gss.device.dictionary import Value
+from gss.instruments.dictionary.definitions import Value
 
 
 class Stopped(Exception):

@@ -59,7 +59,7 @@ class StackRunner:
         """Stop the run in progress and wait for its thread."""
         orders, thread = self._orders, self._thread
         if orders is not None:
-            self._ask_to_stop(orders, "the server stops")
+            self._ask_to_stop(orders, "the server is stopping")
         if thread is not None:
             thread.join(timeout=5)
 
@@ -96,9 +96,9 @@ class StackRunner:
     def _failed_last(self, run_id: int) -> StackRun:
         row, newest = self.get(run_id), self.newest(1)[0]
         if row.state != "failed":
-            raise Conflict("only a run that failed is taken up again", expected="failed", got=row.state)
+            raise Conflict("only a failed run can be resumed", expected="failed", got=row.state)
         if newest.id != run_id:
-            raise Conflict("another stack ran since", got=f"run {newest.id}", hint="run the stack anew")
+            raise Conflict("another stack has run since", got=f"run {newest.id}", hint="run the stack again")
         return row
 
     def _check(self, name: str, steps: Sequence[Step], confirm: Sequence[str], user: str) -> None:
@@ -106,16 +106,16 @@ class StackRunner:
         self._stacks.check_permitted(steps, user=user)
         check = self._stacks.check(steps, user=user)
         if check.problems:
-            raise Conflict(f"{name} cannot run now", got=check.problems[0])
+            raise Conflict(f"{name} cannot run in the current state", got=check.problems[0])
         missing = [word for word in check.confirm if word not in confirm]
         if missing:
-            raise BadInput(f"{name} has steps that must be confirmed", expected=f"typed: {', '.join(missing)}")
+            raise BadInput(f"{name} has steps that need confirmation", expected=f"typed: {', '.join(missing)}")
 
     def _begin(self, row_of: Callable[[], StackRun], first: int, user: str) -> StackRun:
         """Start the thread of a run from step ``first`` on, and return the run's row at once."""
         with self._lock:
             if self._orders is not None:
-                raise Conflict("a stack is running", got=f"run {self._run_id}", hint="wait for its end, or stop it")
+                raise Conflict("a stack is running", got=f"run {self._run_id}", hint="wait until it ends, or stop it")
             self._commands.require_user(user)
             row = row_of()
             self._orders, self._run_id = Orders(self._commands.aborts), row.id
@@ -199,7 +199,7 @@ class StackRunner:
         except GssError as error:
             state, reason = "failed", str(error)
         except Exception as error:  # a defect must end as a visible failure, never as a silent dead thread
-            state, reason = "failed", f"defect in the server: {type(error).__name__}: {error}"
+            state, reason = "failed", f"internal error: {type(error).__name__}: {error}"
         with self._lock:
             self._orders = self._run_id = None
             row = self._record.change(run_id, state=state, reason=reason, finished=self._now())
@@ -250,7 +250,7 @@ class StackRunner:
 
         if not self._wait(orders, met, self._monotonic_s() + condition["wait_s"]):
             at_s, values = orders.packets.get(condition["packet"], (-1.0, {}))
-            got = str(values.get(rule.field)) if at_s >= since_s else "nothing received"
+            got = str(values.get(rule.field)) if at_s >= since_s else "no value received"
             reason = f"condition {rule.text} not met within {condition['wait_s']:g} s; {rule.field}: {got}"
             raise Stopped("failed", reason)
 
@@ -274,10 +274,10 @@ class StackRunner:
         try:
             self._wait(orders, lambda: self._ended(orders, row) or not self._reachable(orders, row))
         except Stopped:
-            self._take_back(row.id, user)
+            self._withdraw(row.id, user)
             raise
         if not self._ended(orders, row):
-            self._take_back(row.id, user)
+            self._withdraw(row.id, user)
         return self._commands.get(row.id)
 
     def _fate(self, step: Mapping[str, Any]) -> Command | None:
@@ -294,8 +294,8 @@ class StackRunner:
         contact."""
         return self._link.connected or orders.results.get(row.id, "queued") != "queued"
 
-    def _take_back(self, command_id: int, user: str) -> None:
+    def _withdraw(self, command_id: int, user: str) -> None:
         try:
-            self._commands.take_back(command_id, user=user)
+            self._commands.withdraw_queued(command_id, user=user)
         except Conflict:
             return  # it was already sent and is followed separately

@@ -10,9 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gss.device.dictionary import Dictionary, Precondition, TelemetryField
 from gss.device.protocol.codec import check_arguments
 from gss.domain.errors import BadInput, Conflict, GssError
+from gss.instruments.dictionary.definitions import Precondition, TelemetryField
+from gss.instruments.operations import Operation
+from gss.instruments.roles import Roles
 from gss.operations.clock import Now
 from gss.operations.commanding.command_checks import PreconditionState, Risk, check_unit, risk_of
 from gss.operations.commanding.commanding import CommandService
@@ -84,7 +86,7 @@ class StackService:
 
     def create(self, name: str, note: str, steps: Sequence[Step], *, user: str) -> Stack:
         """Create a stack. Raises BadInput naming the invalid step, Conflict if the name is in use."""
-        checked = checked_steps(self._link.dictionary, steps)
+        checked = checked_steps(self._link.roles, steps)
         with self._database.unit_of_work() as session:
             self._check_name(store.named(session, _name(name)), None)
             row = Stack(name=_name(name), note=note, steps=checked, author=user, changed=self._now())
@@ -93,7 +95,7 @@ class StackService:
 
     def change(self, stack_id: int, name: str, note: str, steps: Sequence[Step], *, user: str) -> Stack:
         """Replace the content of a stack. Raises as ``create``."""
-        checked = checked_steps(self._link.dictionary, steps)
+        checked = checked_steps(self._link.roles, steps)
         with self._database.unit_of_work() as session:
             row = store.get(session, stack_id)
             self._check_name(store.named(session, _name(name)), row)
@@ -109,7 +111,9 @@ class StackService:
     @staticmethod
     def _check_name(found: Stack | None, own: Stack | None) -> None:
         if found is not None and (own is None or found.id != own.id):
-            raise Conflict("another stack has this name", got=found.name, hint="take another name, or change that one")
+            raise Conflict(
+                "a stack with this name exists", got=found.name, hint="choose another name, or edit that stack"
+            )
 
     # --- files --------------------------------------------------------------------------------------------------
 
@@ -124,7 +128,7 @@ class StackService:
     def check(self, steps: Sequence[Step], *, user: str) -> StackCheck:
         """Return bytes, hazards, conditions and durations of every step. Nothing is sent."""
         if not 1 <= len(steps) <= MOST_STEPS:
-            raise BadInput("a stack has steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
+            raise BadInput("invalid number of steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
         checks = [self._check_step(step, user) for step in steps]
         problems = [f"step {k + 1}: {text}" for k, step in enumerate(checks) for text in step.problems]
         if not self._link.connected:
@@ -138,8 +142,8 @@ class StackService:
 
     def confirmation(self, step: Step) -> str:
         """Return the text that confirms a step; "" if it needs no confirmation."""
-        dictionary = self._link.dictionary
-        risk = risk_of(dictionary, dictionary.command(str(step["command"])), step["arguments"])
+        operations = self._link.roles.operations
+        risk = risk_of(operations, operations.dictionary.command(str(step["command"])), step["arguments"])
         return risk.name if risk.needs_confirmation else ""
 
     def check_permitted(self, steps: Sequence[Step], *, user: str) -> None:
@@ -148,15 +152,15 @@ class StackService:
             self._commands.check_permitted(user, str(step["command"]), step.get("arguments") or {})
 
     def _check_step(self, step: Step, user: str) -> StepCheck:
-        dictionary = self._link.dictionary
-        command, arguments = dictionary.command(str(step["command"])), step.get("arguments") or {}
+        operations = self._link.roles.operations
+        command, arguments = operations.dictionary.command(str(step["command"])), step.get("arguments") or {}
         problems: list[str] = []
         groups: list[tuple[str, bytes]] = []
         try:
-            checked_step(dictionary, step)
+            checked_step(self._link.roles, step)
             self._commands.check_permitted(user, command.name, arguments)
             check_unit(command, self._link.hello)
-            groups = self._commands.preview(command.name, arguments)
+            groups = self._commands.preview(self._link.session.encode(command.name, arguments))
         except GssError as error:
             problems.append(str(error))
         condition = step.get("condition")
@@ -164,7 +168,7 @@ class StackService:
         return StepCheck(
             command=command.name,
             arguments=arguments,
-            risk=risk_of(dictionary, command, arguments),
+            risk=risk_of(operations, command, arguments),
             role=command.role,
             preconditions=self._commands.preconditions(command),
             problems=problems,
@@ -175,26 +179,26 @@ class StackService:
         )
 
 
-def checked_steps(dictionary: Dictionary, steps: Sequence[Step]) -> list[dict[str, Any]]:
+def checked_steps(roles: Roles, steps: Sequence[Step]) -> list[dict[str, Any]]:
     """Return the complete steps, with default arguments. Raises BadInput naming the first invalid step."""
     if not 1 <= len(steps) <= MOST_STEPS:
-        raise BadInput("a stack has steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
+        raise BadInput("invalid number of steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
     checked = []
     for number, step in enumerate(steps, 1):
         try:
-            checked.append(checked_step(dictionary, step))
+            checked.append(checked_step(roles, step))
         except GssError as error:
             raise BadInput(f"step {number}: {error.message}", expected=error.expected, got=error.got) from error
     return checked
 
 
-def checked_step(dictionary: Dictionary, step: Step) -> dict[str, Any]:
+def checked_step(roles: Roles, step: Step) -> dict[str, Any]:
     """Return one complete step. Raises BadInput if it is invalid."""
     if not isinstance(step, Mapping) or set(step) - {*STEP}:
         raise BadInput("not a step", expected=", ".join(STEP), got=str(step)[:120])
-    command = dictionary.command(str(step.get("command")))
-    if command.name == "ABORT":
-        raise BadInput("ABORT has a lane of its own and is no step", expected="another command")
+    command = roles.operations.dictionary.command(str(step.get("command")))
+    if roles.operations.of_command(command.name) is Operation.ABORT:
+        raise BadInput("ABORT cannot be a step of a stack", expected="another command")
     arguments = step.get("arguments") or {}
     if not isinstance(arguments, Mapping):
         raise BadInput("arguments are not a mapping", expected="name: value", got=str(arguments)[:80])
@@ -204,21 +208,21 @@ def checked_step(dictionary: Dictionary, step: Step) -> dict[str, Any]:
         "command": command.name,
         "arguments": {k: v.hex() if isinstance(v, bytes) else v for k, v in values.items()},
         "delay_s": _seconds("delay_s", step.get("delay_s") or 0.0, 0.0),
-        "condition": None if condition is None else _condition(dictionary, condition),
+        "condition": None if condition is None else _condition(roles, condition),
         "note": str(note)[:500],
     }
 
 
-def _condition(dictionary: Dictionary, condition: Mapping[str, Any]) -> dict[str, Any]:
+def _condition(roles: Roles, condition: Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(condition, Mapping) or set(condition) - {"packet", "field", "op", "value", "wait_s"}:
         raise BadInput("not a condition", expected="packet, field, op, value, wait_s", got=str(condition)[:120])
-    packet = dictionary.packet(str(condition.get("packet") or "housekeeping"))
+    packet = roles.operations.dictionary.packet(str(condition.get("packet") or roles.quantities.status.packet))
     field = next((f for f in packet.values if f.name == condition.get("field")), None)
     if field is None:
         raise BadInput(f"{packet.name} has no such field", got=str(condition.get("field")))
     op, value = str(condition.get("op")), condition.get("value")
     if op not in OPERATORS:
-        raise BadInput("no such comparison", expected=" ".join(OPERATORS), got=op)
+        raise BadInput("unknown comparison", expected=" ".join(OPERATORS), got=op)
     _check_value(field, op, value)
     wait_s = _seconds("wait_s", condition.get("wait_s", 10.0), 1.0)
     return {"packet": packet.name, "field": field.name, "op": op, "value": value, "wait_s": wait_s}
@@ -236,19 +240,19 @@ def _check_value(field: TelemetryField, op: str, value: Any) -> None:
     else:
         fits = isinstance(value, int | float) and not isinstance(value, bool)
     if not fits:
-        raise BadInput(f"{field.name} is {field.type} and cannot be compared so", got=f"{op} {value!r}"[:80])
+        raise BadInput(f"{field.name} is {field.type} and does not support this comparison", got=f"{op} {value!r}"[:80])
 
 
 def _seconds(name: str, value: Any, least_s: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not least_s <= value <= LONGEST_WAIT_S:
-        raise BadInput(f"{name} is no such time", expected=f"{least_s:g} – {LONGEST_WAIT_S:g} s", got=str(value)[:40])
+        raise BadInput(f"{name} is out of range", expected=f"{least_s:g} – {LONGEST_WAIT_S:g} s", got=str(value)[:40])
     return float(value)
 
 
 def _name(name: str) -> str:
     words = " ".join(name.split())
     if not 0 < len(words) <= 80:
-        raise BadInput("a stack needs a name", expected="1 – 80 characters", got=str(len(words)))
+        raise BadInput("the stack has no name", expected="1 – 80 characters", got=str(len(words)))
     return words
 
 

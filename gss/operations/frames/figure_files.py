@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gss.pipeline.identify.patterns import Level, build_level
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.patterns import PatternLevel, build_level
+from gss.pipeline.identify.verify import SkyCatalogue
 
 FORMAT = 1
 NAMES = ("stars", "size_rad", "codes")
@@ -36,12 +36,12 @@ class FigureFiles:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def levels(self, sky: Sky) -> Callable[[float], Level]:
+    def levels(self, sky: SkyCatalogue) -> Callable[[float], PatternLevel]:
         """Return a builder of the dictionaries of one sky that looks on disk first."""
         content = hashlib.sha256(f"{FORMAT} ".encode() + np.ascontiguousarray(sky.icrs).tobytes()).hexdigest()
         return lambda radius_rad: self._level(sky, radius_rad, content)
 
-    def _level(self, sky: Sky, radius_rad: float, content: str) -> Level:
+    def _level(self, sky: SkyCatalogue, radius_rad: float, content: str) -> PatternLevel:
         key = hashlib.sha256(f"{content} {radius_rad!r}".encode()).hexdigest()[:32]
         path = self._folder / f"figures-{key}.npz"
         level = _read(path, sky, radius_rad)
@@ -52,7 +52,7 @@ class FigureFiles:
         return level
 
 
-def _read(path: Path, sky: Sky, radius_rad: float) -> Level | None:
+def _read(path: Path, sky: SkyCatalogue, radius_rad: float) -> PatternLevel | None:
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as kept:
             stars, size_rad, codes = (kept[name] for name in NAMES)
@@ -62,10 +62,10 @@ def _read(path: Path, sky: Sky, radius_rad: float) -> Level | None:
     sound = stars.shape == codes.shape == (len(size_rad), 4) and 0 < count <= len(sky) and stars.size
     if not sound or stars.min() < 0 or stars.max() >= count:
         return None
-    return Level(radius_rad, stars, size_rad, cKDTree(codes), cKDTree(sky.icrs[:count]), count)
+    return PatternLevel(radius_rad, stars, size_rad, cKDTree(codes), cKDTree(sky.icrs[:count]), count)
 
 
-def _write(path: Path, level: Level) -> None:
+def _write(path: Path, level: PatternLevel) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     data = io.BytesIO()
     np.savez(

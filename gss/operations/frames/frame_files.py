@@ -6,6 +6,7 @@ from __future__ import annotations
 import io
 import itertools
 import math
+import re
 import warnings
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -30,6 +31,9 @@ ABSURD = 1e30
 WITHOUT_ABERRATION = "without_aberration"
 """Key in ``source`` of frames whose file states that its sky was drawn without aberration, as our exports of simulated
 frames do."""
+JPEG_END, RESTART = b"\xff\xd9", re.compile(rb"\xff[\xd0-\xd7]")
+FOREIGN = bytes(range(1, 200)) * 20
+"""Arbitrary bytes without a marker."""
 LUMINANCE = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601, as most cameras write JPEG
 LUMINANCE_32 = LUMINANCE.astype(np.float32)
 BAND_ROWS = 64
@@ -71,7 +75,7 @@ def read_frame(data: bytes, name: str) -> ImportedFrame:
         or data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
     ):
         return _finished(*_read_picture(data, name), name)
-    raise BadInput(f"{name} is not an image this program reads", expected=HINT, got=_first_bytes(data))
+    raise BadInput(f"{name} is not a supported image file", expected=HINT, got=_first_bytes(data))
 
 
 def _first_bytes(data: bytes) -> str:
@@ -95,7 +99,9 @@ def _check_size(columns: int, rows: int, name: str) -> None:
         )
     if max(columns, rows) > MAX_SIDE_PX:
         raise BadInput(
-            f"{name} is no star frame", expected=f"sides up to {MAX_SIDE_PX} pixels", got=f"{columns} x {rows}"
+            f"{name} is too large for a star frame",
+            expected=f"sides up to {MAX_SIDE_PX} pixels",
+            got=f"{columns} x {rows}",
         )
     if min(columns, rows) < MIN_SIDE_PX:
         raise BadInput(
@@ -116,12 +122,14 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
             _check_size(image.width, image.height, name)
             meta = _picture_meta(image)
             image.load()
+            if image.format == "JPEG":
+                _check_all_there(data, image, name)
             return _luminance(image, name), meta
     except (BadInput, MemoryError):
         raise
     except Image.DecompressionBombError:
         raise BadInput(
-            f"{name} unpacks to far too many pixels",
+            f"{name} has too many pixels when unpacked",
             expected=f"at most {MAX_PIXELS // 1_000_000} megapixels",
             got="a decompression bomb",
         ) from None
@@ -134,6 +142,23 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
             got=str(error)[:120] or type(error).__name__,
             hint="copy the file again",
         ) from None
+
+
+def _check_all_there(data: bytes, image: Any, name: str) -> None:
+    """Raise BadInput if a JPEG file has less coded data than its header states; the decoder invents the other pixels. Other data
+    before the end marker change nothing in a complete image."""
+    from PIL import Image
+
+    end, restarts = data.rfind(JPEG_END), RESTART.findall(data)
+    next_restart = bytes((0xFF, 0xD0 + (restarts[-1][1] + 1) % 8)) if restarts else b""
+    again = Image.open(io.BytesIO(data[:end] + next_restart + FOREIGN + data[end:]), formats=("JPEG",))
+    if again.tobytes() != image.tobytes():
+        raise BadInput(
+            f"{name} is damaged",
+            expected=f"data for {image.width} x {image.height} pixels",
+            got="less data than the header states",
+            hint="copy the file again",
+        )
 
 
 def _picture_meta(image: Any) -> Meta:
@@ -164,7 +189,7 @@ def _luminance(image: Any, name: str) -> NDArray[np.generic]:
         return np.asarray(image)
     if first.ndim != 3:
         raise BadInput(
-            f"{name} is not a picture", expected="rows and columns, grey or colour", got=f"shape {first.shape}"
+            f"{name} is not an image", expected="rows and columns, grey or colour", got=f"shape {first.shape}"
         )
     # Convert band by band: all channels of a large picture as floats would need sixteen times its memory.
     grey = np.empty((image.height, image.width), first.dtype if first.dtype.kind == "u" else np.float32)
@@ -196,7 +221,9 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
             hint="copy the file again",
         ) from None
     raise BadInput(
-        f"{name} holds no image", expected="a FITS extension with rows and columns", got="tables or empty headers only"
+        f"{name} contains no image",
+        expected="a FITS extension with rows and columns",
+        got="tables or empty headers only",
     )
 
 
@@ -275,7 +302,7 @@ def _believable_s(exposure_s: float) -> bool:
 def _believable(moment: datetime) -> datetime:
     """Return the time if it is plausible for a photograph; raise ValueError otherwise, as for an unreadable date."""
     if not FIRST_YEAR <= moment.year <= LAST_YEAR:
-        raise ValueError(f"no photograph is from {moment.year}")
+        raise ValueError(f"no photograph was taken in {moment.year}")
     return moment
 
 
@@ -289,7 +316,9 @@ def _finished(array: NDArray[np.generic], meta: Meta, name: str) -> ImportedFram
 def _plain(array: NDArray[np.generic], name: str) -> tuple[NDArray[np.generic], int]:
     kind = array.dtype.kind
     if kind not in "uifb":
-        raise BadInput(f"{name} does not hold plain numbers", expected="integer or real pixels", got=str(array.dtype))
+        raise BadInput(
+            f"{name} does not contain plain numbers", expected="integer or real pixels", got=str(array.dtype)
+        )
     if kind == "f":
         return _real(array, name)
     low, high = (int(array.min()), int(array.max())) if kind != "b" else (0, 1)
@@ -318,4 +347,4 @@ def _check_real(not_finite: int, array: NDArray[np.generic], name: str) -> None:
         )
     largest = max(float(array.max()), -float(array.min()))
     if largest > ABSURD:
-        raise BadInput(f"{name} has absurd pixel values", expected="below 1e30", got=f"{largest:.3g}")
+        raise BadInput(f"{name} has implausible pixel values", expected="below 1e30", got=f"{largest:.3g}")

@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, GssError, NotFound
-from gss.domain.profiles import profile
 from gss.domain.results import SolveResult
 from gss.domain.stars import StarTable
+from gss.instruments.registry import Registry
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.frame_files import ImportedFrame, read_frame
 from gss.operations.frames.observer import observer_of_frame
+from gss.operations.frames.onboard_reported import reported_of
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
-from gss.operations.frames.onboard_told import told_of
 from gss.operations.frames.solution_rows import solution_row, with_overlays
 from gss.operations.frames.solve import Solver, SolveRequest
 from gss.operations.parsing.parse_processes import ParseProcesses
@@ -34,7 +35,17 @@ from gss.store.models import Frame, Solution
 Pixels = NDArray[np.generic]
 SOLVES_AT_ONCE = 2
 MOST_WAITING = 200
-TELL_EVERY_SKIPPED = 100
+MOST_PIXEL_BYTES = 256 << 20
+"""Maximum size of the pixels of waiting frames that are kept in memory; those of later frames are read back from the store."""
+REPORT_EVERY_SKIPPED = 100
+
+
+@dataclass(frozen=True)
+class _Unsolved:
+    """A frame that waits to be solved. ``pixels``: None if they must be read back."""
+
+    frame: Frame
+    pixels: Pixels | None
 
 
 @dataclass(frozen=True)
@@ -64,14 +75,15 @@ class FrameService:
         chain: str,
         parsing: ParseProcesses,
         check_room: Callable[[str], None],
+        instruments: Registry,
     ) -> None:
-        self._check_room = check_room
+        self._check_room, self._instruments = check_room, instruments
         self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
         self._solver, self._stars, self._chain, self._parsing = solver, stars, chain, parsing
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
         # Limits concurrent solutions, because the solver's tables need much memory.
         self._few_solves = threading.BoundedSemaphore(SOLVES_AT_ONCE)
-        self._unsolved: deque[int] = deque()
+        self._unsolved: deque[_Unsolved] = deque()
         self.skipped = 0
         """Number of frames since the server started that were not solved because they arrived too fast."""
 
@@ -85,40 +97,40 @@ class FrameService:
         self._pool.submit(self._warm, profile_name)
 
     def _warm(self, profile_name: str) -> None:
-        known = profile(profile_name)
+        known = self._instruments.camera(profile_name)
         rows, columns = known.camera.rows, known.camera.columns
         spots = np.random.default_rng(1).integers(4, [columns - 4, rows - 4], (12, 2))
         pixels = np.random.default_rng(2).integers(8, 14, (rows, columns))
         for col, row in spots:
             pixels[row - 1 : row + 2, col - 1 : col + 2] += np.array([[9, 30, 9], [30, 90, 30], [9, 30, 9]])
         image = pixels.astype(np.uint8 if known.sensor.bits <= 8 else np.uint16)
-        for chain in dict.fromkeys((self._chain, on_board(known.name).name)):
+        for chain in dict.fromkeys((self._chain, on_board(known).name)):
             try:
                 self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
             except Exception as error:  # a failure only makes the first frame slower
-                self._bus.record("solution", "warning", f"the {chain} chain could not be tried: {error}")
+                self._bus.record("solution", "warning", f"the {chain} chain could not run: {error}")
 
     # --- storing ------------------------------------------------------------------------------------------------
 
     def add_from_device(self, pixels: Pixels, values: Mapping[str, Any]) -> Frame:
         """Store a downlinked frame and queue it for solving; ``values`` are the columns of its row."""
-        frame = self._add(pixels, source="device", **values)
+        frame, pixels = self._add(pixels, source="device", **values)
         missing = "" if frame.complete else ", rows are missing"
         self._bus.record(
             "frame", "ok", f"frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
         )
         if frame.complete and frame.profile is not None:  # a thumbnail does not match a known camera
-            self._solve_later(frame.id)
+            self._solve_later(frame, pixels)
         return frame
 
     def add_from_file(self, data: bytes, name: str, profile_name: str | None, *, user: str) -> Frame:
         """Import a FITS, PNG, TIFF or JPEG file and queue it for solving. Raises BadInput naming the defect."""
         if profile_name:
-            profile(profile_name)
+            self._instruments.camera(profile_name)
         self._check_room("an import")
         name = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
         imported = self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
-        frame = self._add(
+        frame, pixels = self._add(
             imported.pixels,
             source="import",
             name=name[:200],
@@ -128,13 +140,14 @@ class FrameService:
             profile=profile_name or None,
         )
         self._bus.record("frame", "ok", f"{name} imported as frame {frame.id} by {user}", frame_id=frame.id)
-        self._solve_later(frame.id)
+        self._solve_later(frame, pixels)
         return frame
 
-    def _add(self, pixels: Pixels, **values: Any) -> Frame:
+    def _add(self, pixels: Pixels, **values: Any) -> tuple[Frame, Pixels]:
+        """Store pixels and row. Return the row, and the pixels as :meth:`pixels` would return them."""
         little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
         bare = little.data.cast("B")  # avoids another copy of a large frame's bytes
-        key = self._blobs.put(bare)
+        key = self._blobs.put(bare, little.itemsize)
         rows, columns = little.shape
         row: dict[str, Any] = {
             "received": self._now(),
@@ -144,12 +157,16 @@ class FrameService:
             "parameters": {},
         }
         row |= {"columns": columns, "rows": rows, "dtype": little.dtype.str, "sha256": key} | values
+        row["stored_bytes"] = self._blobs.size(key)
+        row["instrument_version"] = self._instruments.version_of(row.get("profile"))
         with self._database.unit_of_work() as session:
             frame = store.add(session, Frame(**row))
         if not self._blobs.exists(key):  # retention may have removed the same bytes of an older frame in between
-            self._blobs.put(bare)
+            self._blobs.put(bare, little.itemsize)
         self._bus.publish("frame", frame)
-        return frame
+        little = little.view()
+        little.flags.writeable = False
+        return frame, little
 
     # --- queries ------------------------------------------------------------------------------------------------
 
@@ -163,16 +180,21 @@ class FrameService:
         with self._database.unit_of_work() as session:
             frame = store.latest(session)
         if frame is None:
-            raise NotFound("there is no frame yet", hint="take an image or import one")
+            raise NotFound("no frame stored yet", hint="take an image or import one")
         return frame.id
+
+    def newest_in_slot(self, slot: int, bits: int) -> Frame | None:
+        """Return the newest stored image of a slot of image memory, of which the sensor may have another meanwhile."""
+        with self._database.unit_of_work() as session:
+            return store.newest_in_slot(session, slot, bits)
 
     def pixels(self, frame: Frame) -> Pixels:
         """Return a frame as a (rows, columns) array. Raises NotFound if retention removed its pixels."""
         if frame.pixels_removed is not None:
             raise NotFound(
-                "the pixels of this frame have gone: its row and its solutions stay",
+                "the pixels of this frame were removed; its metadata and solutions are kept",
                 got=f"removed by retention on {frame.pixels_removed:%Y-%m-%d %H:%M} UTC",
-                hint="restore a backup of before into another folder to see them",
+                hint="to view them, restore an earlier backup into another folder",
             )
         data = np.frombuffer(self._blobs.get(frame.sha256), np.dtype(frame.dtype))
         return data.reshape(frame.rows, frame.columns)
@@ -202,7 +224,7 @@ class FrameService:
         on_board = next((s for s in solutions if s.origin == "on board"), None)
         ground = next((s for s in solutions if s.operational), None)
         for row in solutions:
-            row.detail = with_overlays(row, self._stars, frame.profile)
+            row.detail = with_overlays(row, self._stars, self._documented(frame))
         return FrameDetail(frame, solutions, on_board, ground)
 
     def solution(self, solution_id: int) -> Solution:
@@ -210,17 +232,20 @@ class FrameService:
         with self._database.unit_of_work() as session:
             row = store.get_solution(session, solution_id)
             frame = store.get(session, row.frame_id)
-        row.detail = with_overlays(row, self._stars, frame.profile)
+        row.detail = with_overlays(row, self._stars, self._documented(frame))
         return row
 
     # --- solving ------------------------------------------------------------------------------------------------
 
     def solve(self, frame_id: int, request: SolveRequest) -> Solution:
-        """Run a chain on a stored frame and store the result. It becomes the operational solution only if the frame has none
-        and it is from the configured chain with the frame's camera."""
+        """Run a chain on a stored frame, store the result and return it with its overlays. It becomes the operational solution
+        only if the frame has none and it is from the configured chain with the frame's camera."""
         frame = self.get(frame_id)
+        return self.solution(self._solve(frame, self.pixels(frame), request).id)
+
+    def _solve(self, frame: Frame, pixels: Pixels, request: SolveRequest) -> Solution:
         with self._few_solves:
-            result = self._solver.solve(self.pixels(frame), request)
+            result = self._solver.solve(pixels, request)
         return self._store(self._row(frame, result, "ground", request.camera_name))
 
     def pin(self, frame_id: int, solution_id: int, *, user: str) -> Solution:
@@ -249,14 +274,16 @@ class FrameService:
         """Number of frames waiting to be solved."""
         return len(self._unsolved)
 
-    def _solve_later(self, frame_id: int) -> None:
+    def _solve_later(self, frame: Frame, pixels: Pixels) -> None:
         """Queue a frame for solving. If too many wait, the oldest is dropped; dropped frames are counted and reported."""
-        self._unsolved.append(frame_id)
+        in_memory = sum(one.pixels.nbytes for one in list(self._unsolved) if one.pixels is not None)
+        fits = in_memory + pixels.nbytes <= MOST_PIXEL_BYTES
+        self._unsolved.append(_Unsolved(frame, pixels if fits else None))
         if len(self._unsolved) > MOST_WAITING:
             self._unsolved.popleft()
             self.skipped += 1
-            if self.skipped % TELL_EVERY_SKIPPED == 1:
-                text = f"frames come faster than they are solved: {self.skipped} were left out; run them again from Campaigns"
+            if self.skipped % REPORT_EVERY_SKIPPED == 1:
+                text = f"frames arrive faster than they are solved: {self.skipped} skipped. Rerun them from Campaigns"
                 self._bus.record("solution", "warning", text)
         else:
             self._pool.submit(self._solve_next)
@@ -265,9 +292,10 @@ class FrameService:
         if self._unsolved:
             self._solve_on_arrival(self._unsolved.popleft())
 
-    def _solve_on_arrival(self, frame_id: int) -> None:
+    def _solve_on_arrival(self, waiting: _Unsolved) -> None:
+        frame, frame_id = waiting.frame, waiting.frame.id
         try:
-            frame = self.get(frame_id)
+            pixels = self.pixels(frame) if waiting.pixels is None else waiting.pixels
             request = SolveRequest(
                 chain=self._chain,
                 profile=frame.profile,
@@ -275,23 +303,25 @@ class FrameService:
                 observer=observer_of_frame(frame),
                 exposure_s=frame.exposure_s,
             )
-            self.solve(frame_id, request)
+            self._solve(frame, pixels, request)
         except GssError as error:
             self._bus.record("solution", "warning", f"frame {frame_id} was not solved: {error}", frame_id=frame_id)
         except Exception as error:  # the thread must survive; a defect becomes a visible event
-            text = f"frame {frame_id}: defect in the solver: {type(error).__name__}: {error}"
+            text = f"frame {frame_id}: internal error of the solver: {type(error).__name__}: {error}"
             self._bus.record("solution", "critical", text, frame_id=frame_id)
 
     def add_on_board(self, frame: Frame, record: OnboardRecord) -> Solution:
         """Store the sensor's own result for a frame; a later, more complete report of the same frame replaces it."""
-        known = profile(frame.profile or "cubestar")
-        result = onboard_result(record, known.camera, on_board(known.name).name)
+        if frame.profile is None:
+            raise GssError("the camera of the frame is not known", expected="a frame of a known instrument")
+        known = self._instruments.camera(frame.profile)
+        result = onboard_result(record, known.camera, on_board(known).name)
         with self._database.unit_of_work() as session:
             old = store.newest_solution(session, frame.id, "on board")
             if old is not None:
                 session.delete(old)
         row = self._row(frame, result, "on board", known.name)
-        row.detail = row.detail | {"told": told_of(record, frame)}
+        row.detail = row.detail | {"told": reported_of(record, frame)}
         return self._store(row)
 
     def set_replay(self, solution_id: int, text: str) -> Solution:
@@ -309,7 +339,12 @@ class FrameService:
         return self._store(row)
 
     def _row(self, frame: Frame, result: SolveResult, origin: str, camera_name: str) -> Solution:
-        return solution_row(frame, result, self._stars, origin, self._now(), camera_name)
+        known = self._documented(frame)
+        return solution_row(frame, known, result, self._stars, origin, self._now(), camera_name)
+
+    def _documented(self, frame: Frame) -> CameraProfile | None:
+        """Return the documented camera of a frame; None for an unknown camera."""
+        return self._instruments.find_camera(frame.profile)
 
     def _store(self, row: Solution) -> Solution:
         with self._database.unit_of_work() as session:

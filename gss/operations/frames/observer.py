@@ -38,7 +38,7 @@ def observer_at(moment: datetime, tle: str | None = None) -> Observer:
     x, y, z = (float(v) for v in earth + orbit)
     of = "the Earth" if tle is None else "the Earth and the orbit"
     largest = float(np.linalg.norm([x, y, z])) / ARCSEC_RAD
-    return Observer((x, y, z), f"aberration by the motion of {of} (up to {largest:.1f}″) was taken out")
+    return Observer((x, y, z), f"aberration by the motion of {of} (up to {largest:.1f}″) was corrected")
 
 
 def orbit_velocity_c(moment: datetime, tle: str) -> Array:
@@ -53,12 +53,12 @@ def orbit_velocity_c(moment: datetime, tle: str) -> Array:
     return np.asarray(teme_from_icrs(jyear_of(moment)).T @ np.asarray(velocity_km_s) / LIGHT_KM_S)
 
 
-def observer_of_frame(frame: Frame, asked: bool | None = None) -> Observer | None:
-    """Return the observer of a stored frame; None if its time is unknown. ``asked`` True or False overrides the choice.
+def observer_of_frame(frame: Frame, override: bool | None = None) -> Observer | None:
+    """Return the observer of a stored frame; None if its time is unknown. ``override`` True or False overrides the choice.
 
     Frames of the simulator contain no aberration unless it is enabled there, so by default they are not corrected.
     """
     dated = frame.source == "device" or abs(frame.received - frame.taken).total_seconds() > IMPORT_S
-    if not (dated and frame.truth is None if asked is None else asked):
+    if not (dated and frame.truth is None if override is None else override):
         return None
     return observer_at(frame.taken)

@@ -13,7 +13,7 @@ from gss.domain.angles import ARCSEC_RAD
 from gss.domain.camera import Camera
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResult
 from gss.domain.stars import StarTable
-from gss.pipeline.chains.apriori import Known
+from gss.pipeline.chains.apriori import PriorState
 
 Rows = Sequence[Mapping[str, Any]]
 
@@ -30,7 +30,7 @@ class OnboardRecord:
     attitude: Mapping[str, Any] | None = None
     hip_of_row: Sequence[int] | None = None
     icrs_of_hip: StarTable | None = None
-    prior: Known = field(default_factory=Known)
+    prior: PriorState = field(default_factory=PriorState)
     detected: Mapping[str, Any] = field(default_factory=dict)
 
     def with_packet(self, packet: str, values: Mapping[str, Any], items: Rows) -> OnboardRecord:
@@ -49,7 +49,9 @@ def onboard_result(record: OnboardRecord, camera: Camera, chain: str) -> SolveRe
     matches = _matches(record, camera, centroids, attitude)
     reason = ""
     if attitude is None:
-        reason = str((record.attitude or {}).get("reason") or "the sensor has not calculated an attitude of this frame")
+        reason = str(
+            (record.attitude or {}).get("reason") or "the sensor has not calculated an attitude for this frame"
+        )
     notes = () if record.hip_of_row is not None or not record.matches else ("the ground does not know the active bank",)
     return SolveResult(
         chain=chain,

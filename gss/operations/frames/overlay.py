@@ -13,7 +13,7 @@ import numpy as np
 from gss.domain.aberration import aberrate
 from gss.domain.angles import Array, unit_from_ra_dec
 from gss.domain.camera import Camera
-from gss.domain.results import Attitude, Centroids, Matches, Region
+from gss.domain.results import Centroids, Matches, Region
 from gss.domain.stars import StarTable
 
 DETECTED_WITHIN_PX = 3.0
@@ -22,32 +22,33 @@ GRID_LINES = 6
 MOST_PREDICTED = 120
 
 
+NOTHING: dict[str, Any] = {"predicted": (), "grid": (), "north": None, "field": ()}
+"""Overlays of a result without an attitude."""
+
+
+def measured(
+    camera: Camera, stars: StarTable, regions: tuple[Region, ...], centroids: Centroids, matches: Matches | None
+) -> dict[str, Any]:
+    """Return the regions and stars of a result, ready for JSON."""
+    return {"regions": [_region(r) for r in regions], "stars": _stars(stars, camera, centroids, matches)}
+
+
 def describe(
     camera: Camera,
     stars: StarTable,
     faint_limit_mag: float,
-    regions: tuple[Region, ...],
     centroids: Centroids,
-    matches: Matches | None,
-    attitude: Attitude | None,
+    cam_from_icrs: Array,
     velocity_c: tuple[float, float, float] | None = None,
 ) -> dict[str, Any]:
-    """Return the overlays of one result, ready for JSON. ``velocity_c``: of the observer, if aberration was corrected."""
-    detail: dict[str, Any] = {
-        "regions": [_region(r) for r in regions],
-        "stars": _stars(stars, camera, centroids, matches),
-        "predicted": [],
-        "grid": [],
-        "north": None,
-        "field": [],
+    """Return the overlays that follow from an attitude, ready for JSON. ``velocity_c``: of the observer, if aberration was
+    corrected."""
+    return {
+        "predicted": predicted(camera, cam_from_icrs, stars, faint_limit_mag, centroids, velocity_c),
+        "grid": grid(camera, cam_from_icrs),
+        "north": north(cam_from_icrs),
+        "field": field_outline(camera, cam_from_icrs),
     }
-    if attitude is not None:
-        cam_from_icrs = attitude.cam_from_icrs
-        detail["predicted"] = predicted(camera, cam_from_icrs, stars, faint_limit_mag, centroids, velocity_c)
-        detail["grid"] = grid(camera, cam_from_icrs)
-        detail["north"] = north(cam_from_icrs)
-        detail["field"] = field_outline(camera, cam_from_icrs)
-    return detail
 
 
 def _region(r: Region) -> dict[str, Any]:

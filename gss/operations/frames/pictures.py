@@ -47,8 +47,8 @@ def apply(pixels: Pixels, stretch: Stretch, *, invert: bool = False) -> NDArray[
     return np.asarray(255 - grey if invert else grey)
 
 
-def png(grey: NDArray[np.uint8], level: int = 1) -> bytes:
-    """Return the PNG file of an 8-bit picture, compressed at that level (1: fast, 9: small)."""
+def png(grey: NDArray[np.uint8] | NDArray[np.uint16], level: int = 1) -> bytes:
+    """Return the PNG file of an 8-bit or 16-bit picture, compressed at that level (1: fast, 9: small)."""
     buffer = io.BytesIO()
     Image.fromarray(grey).save(buffer, format="PNG", compress_level=level)
     return buffer.getvalue()

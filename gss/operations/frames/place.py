@@ -1,4 +1,5 @@
-"""The camera's position as known on the ground: from the orbit sent to the sensor, else from the catalogue in use."""
+"""The camera's position as known on the ground: from the orbit sent to the sensor, else from the imported orbit of the
+spacecraft, else from the catalogue in use."""
 
 from __future__ import annotations
 
@@ -13,13 +14,14 @@ from sgp4.api import jday
 
 from gss.catalogue_tools.corrections.ephemeris import teme_from_icrs
 from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, jyear_of, read_tle
-from gss.device.dictionary import Dictionary
 from gss.device.protocol.codec import check_arguments
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import orbit_from_icrs
+from gss.instruments.operations import Operation, StandardOperations
 from gss.operations.line.clock_correlation import Correlation
 from gss.operations.transfers.bank_history import BankHistoryService
+from gss.orbit.trajectory import Trajectory, icrs_km
 from gss.pipeline.chains.apriori import KnownOrbit
 from gss.store import commands as store
 from gss.store.engine import Database
@@ -48,31 +50,45 @@ class Place:
 
 class PlaceService:
     """Returns the camera's position in the past or future. ``clock``: correlation of the device's clock with UTC, None while
-    unknown."""
+    unknown; ``orbit_at``: name and orbit of the spacecraft, None if no orbit covers the time."""
 
     def __init__(
         self,
-        dictionary: Dictionary,
+        operations: StandardOperations,
         database: Database,
         banks: BankHistoryService,
         clock: Callable[[], Correlation | None],
+        orbit_at: Callable[[datetime], tuple[str, Trajectory] | None],
     ) -> None:
-        self._dictionary, self._database, self._banks, self._clock = dictionary, database, banks, clock
+        self._operations, self._database, self._banks, self._clock = operations, database, banks, clock
+        self._orbit_at = orbit_at
 
     def at(self, moment: datetime) -> Place | None:
         """Return the position at a time with a time zone; None if no orbit is known."""
-        return self._as_told(moment) or self._as_built(moment)
+        return self._from_set_orbit(moment) or self._as_imported(moment) or self._as_built(moment)
 
-    def _as_told(self, moment: datetime) -> Place | None:
+    def _from_set_orbit(self, moment: datetime) -> Place | None:
         """Return the position from the newest completed SET_ORBIT; its epoch is in device time, so the clocks must be
         correlated."""
+        operations = self._operations
+        if not operations.has(Operation.SET_ORBIT):
+            return None
+        command = operations.command(Operation.SET_ORBIT)
         with self._database.unit_of_work() as session:
-            found = store.page(session, store.Filter(names=("SET_ORBIT",), results=("completed",)), 1)
+            found = store.page(session, store.Filter(names=(command,), results=("completed",)), 1)
         clock = self._clock()
         if not found or clock is None:
             return None
-        told = check_arguments(self._dictionary.command("SET_ORBIT"), found[0].arguments)  # adds the defaults
-        return Place(circular_km(told, clock.device_of(moment.timestamp())), "orbit told by SET_ORBIT")
+        arguments = check_arguments(operations.dictionary.command(command), found[0].arguments)  # adds the defaults
+        arguments = operations.given(Operation.SET_ORBIT, arguments)
+        return Place(circular_km(arguments, clock.device_of(moment.timestamp())), "orbit from SET_ORBIT")
+
+    def _as_imported(self, moment: datetime) -> Place | None:
+        found = self._orbit_at(moment)
+        if found is None:
+            return None
+        name, orbit = found
+        return Place(icrs_km(orbit, moment), f"orbit of {name}")
 
     def _as_built(self, moment: datetime) -> Place | None:
         stay = self._banks.active()
@@ -85,10 +101,14 @@ class PlaceService:
             return None
 
 
-def circular_km(told: Mapping[str, Any], device_s: float) -> Array:
+def circular_km(arguments: Mapping[str, Any], device_s: float) -> Array:
     """Return (3,) km, ICRS axes, from the arguments of SET_ORBIT at a device time."""
-    raan, inclination, latitude = (math.radians(float(told[f"{a}_deg"])) for a in ("raan", "inclination", "latitude"))
-    orbit = KnownOrbit(raan, inclination, latitude, 1000.0 * float(told["altitude_km"]), float(told["epoch_s"]))
+    raan, inclination, latitude = (
+        math.radians(float(arguments[f"{a}_deg"])) for a in ("raan", "inclination", "latitude")
+    )
+    orbit = KnownOrbit(
+        raan, inclination, latitude, 1000.0 * float(arguments["altitude_km"]), float(arguments["epoch_s"])
+    )
     now = orbit.elements_at(device_s)
     nadir = orbit_from_icrs(now.raan_rad, now.inclination_rad, now.latitude_rad)[2]
     return np.asarray(-nadir * (EARTH_RADIUS_M + orbit.altitude_m) / 1000)

@@ -3,22 +3,23 @@ results."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-from gss.catalogue_tools.tables.triplets import decode_triplets
+from gss.catalogue_tools.formats.triplet_table import decode_triplets
 from gss.device.table_use import calibrated, chain_of, parameters_with
 from gss.device.tables import decode_table
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import GssError, NotFound
-from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import SolveResult
-from gss.domain.stars import OnboardCatalogue
+from gss.instruments.registry import Registry
 from gss.operations.clock import Monotonic
 from gss.operations.frames.frames import FrameService
+from gss.operations.frames.onboard_reported import frame_as_used, record_from
 from gss.operations.frames.onboard_results import OnboardRecord
-from gss.operations.frames.onboard_told import frame_as_used, record_from
 from gss.operations.frames.replay_stages import Rerun, Stage, Verdict, first_difference, stages
 from gss.operations.transfers.banks import BankService
 from gss.operations.transfers.device_tables import DeviceTableService
@@ -26,6 +27,7 @@ from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.oersted_match import prepare as prepare_with_triplets
 from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
 from gss.pipeline.trace import Trace
+from gss.skytables.bank import OnboardCatalogue
 from gss.store.models import Frame, Solution
 
 
@@ -33,8 +35,14 @@ class ReplayService:
     """Reruns the sensor's chain on frames of the device, one at a time, on a separate thread."""
 
     def __init__(
-        self, frames: FrameService, banks: BankService, tables: DeviceTableService, stopwatch_s: Monotonic
+        self,
+        frames: FrameService,
+        banks: BankService,
+        tables: DeviceTableService,
+        instruments: Registry,
+        stopwatch_s: Monotonic,
     ) -> None:
+        self._instruments = instruments
         self._frames, self._banks, self._tables, self._stopwatch_s = frames, banks, tables, stopwatch_s
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="replay")
         self._kept: tuple[tuple[Any, ...], Any] | None = None
@@ -55,7 +63,7 @@ class ReplayService:
             self._frames.set_replay(on_board.id, f"not replayed: {error}")
             return
         except Exception as error:  # the thread must survive; the defect is shown in place of the comparison
-            self._frames.set_replay(on_board.id, f"not replayed: defect, {type(error).__name__}: {error}")
+            self._frames.set_replay(on_board.id, f"not replayed: internal error, {type(error).__name__}: {error}")
             return
         self._frames.set_replay(on_board.id, text)
         self._frames.keep_replay(frame, rerun.result, text)
@@ -64,16 +72,16 @@ class ReplayService:
         """Replay a stored frame now, stage by stage. Raises NotFound if the sensor reported nothing about it; GssError if
         the ground lacks the bank, tables or attitude that it used."""
         detail = self._frames.detail(frame_id)
-        told = None if detail.on_board is None else detail.on_board.detail.get("told")
-        if told is None:
+        reported = None if detail.on_board is None else detail.on_board.detail.get("told")
+        if reported is None:
             raise NotFound(
                 "nothing to replay",
-                expected="a frame whose centroids and attitude the sensor told",
+                expected="a frame whose centroids and attitude were received",
                 got=f"frame {frame_id}",
-                hint="results stored by an earlier version do not hold what the sensor started from",
+                hint="results stored by an earlier version lack the initial state of the sensor",
             )
-        frame = frame_as_used(detail.frame, told)
-        record = record_from(told, self._banks.hip_of_row(frame.bank_sha256 or ""))
+        frame = frame_as_used(detail.frame, reported)
+        record = record_from(reported, self._banks.hip_of_row(frame.bank_sha256 or ""))
         return [*self._used(frame), *stages(record, self.rerun(frame, record))]
 
     def _used(self, frame: Frame) -> list[Stage]:
@@ -100,7 +108,7 @@ class ReplayService:
         pixels: Any = self._frames.pixels(frame)
         hint = record.prior.hint(mode, _frame_time_s(record))
         if mode is not Mode.LOST_IN_SPACE and hint is None:
-            raise GssError("the attitude that the sensor started from was not received")
+            raise GssError("the initial attitude of the sensor was not received")
         work = Work(known.camera, self._prepared(shelf, frame.bank_sha256 or "", bank), parameters, mode, hint)
         trace = Trace(self._stopwatch_s)
         result = solve(chain, pixels, work, trace=trace)
@@ -111,7 +119,9 @@ class ReplayService:
         """Return the tables that were active when the frame was taken, from the store."""
         used: Mapping[str, str] = frame.parameters.get("tables", {})
         held = {kind: self._tables.bytes_of(kind, sha256) for kind, sha256 in used.items()}
-        own = profile(frame.profile or "cubestar")
+        if frame.profile is None:
+            raise GssError("the camera of the frame is not known", expected="a frame of a known instrument")
+        own = self._instruments.camera(frame.profile)
         values = {kind: decode_table(kind, held[kind])[1] for kind in ("calibration", "parameters") if kind in held}
         camera = calibrated(own, values["calibration"]) if "calibration" in values else own
         parameters = values.get("parameters", {})
@@ -144,11 +154,11 @@ class Shelf:
 def commanded(frame: Frame, record: OnboardRecord) -> Commanded:
     """Return the operator's settings, as reported by housekeeping when the frame was taken, with the radius of a hint. A
     threshold of 0 means the chain's default."""
-    told = frame.parameters
+    onboard = frame.parameters
     return Commanded(
-        threshold_dn=told.get("threshold_dn") or None,
-        min_area_px=told.get("min_pixels"),
-        max_area_px=told.get("max_pixels"),
+        threshold_dn=onboard.get("threshold_dn") or None,
+        min_area_px=onboard.get("min_pixels"),
+        max_area_px=onboard.get("max_pixels"),
         hint_radius_rad=record.prior.radius_rad(_mode(record)),
     )
 
@@ -158,7 +168,7 @@ def _mode(record: OnboardRecord) -> Mode:
 
 
 def _frame_time_s(record: OnboardRecord) -> float:
-    return float((record.attitude or {}).get("frame_time_s", 0.0))
+    return float((record.attitude or {}).get("frame_time_s", math.nan))
 
 
 def compare(record: OnboardRecord, rerun: Rerun | SolveResult) -> str:

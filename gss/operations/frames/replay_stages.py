@@ -225,18 +225,18 @@ def _outcome(record: OnboardRecord, rerun: Rerun) -> Stage:
         text = f"outcome differs: {theirs} on board, {ours} on the ground"
         return _judged("outcome", theirs, f"{ours}: {rerun.result.reason}".rstrip(": "), True, text)
     said = str(record.attitude.get("reason") or "")
-    told = rerun.result.reason.encode()[:REASON_BYTES].decode(errors="ignore")
-    text = f"reason differs: “{said}” on board, “{told}” on the ground"
-    return _judged("outcome", said or theirs, told or ours, bool(said) and said != told, text)
+    reported = rerun.result.reason.encode()[:REASON_BYTES].decode(errors="ignore")
+    text = f"reason differs: “{said}” on board, “{reported}” on the ground"
+    return _judged("outcome", said or theirs, reported or ours, bool(said) and said != reported, text)
 
 
 def _quaternion(record: OnboardRecord, rerun: Rerun) -> Stage:
-    told, attitude = record.attitude, rerun.result.attitude
-    if told is None or told.get("outcome") != "solved" or attitude is None:
-        none = told is not None and told.get("outcome") != "solved"
-        verdict = Verdict.NOT_COMPARED if told is not None else Verdict.NOT_SENT
+    reported, attitude = record.attitude, rerun.result.attitude
+    if reported is None or reported.get("outcome") != "solved" or attitude is None:
+        none = reported is not None and reported.get("outcome") != "solved"
+        verdict = Verdict.NOT_COMPARED if reported is not None else Verdict.NOT_SENT
         return Stage("quaternion", verdict, "none" if none else "not sent", "none" if attitude is None else "has one")
-    theirs = np.array([float(told[f"quaternion_{a}"]) for a in "xyzw"])
+    theirs = np.array([float(reported[f"quaternion_{a}"]) for a in "xyzw"])
     theirs = theirs * (1.0 if theirs @ attitude.quaternion >= 0 else -1.0)
     step = float(np.abs(theirs - attitude.quaternion).max())
     cross_rad, about_rad = pointing_difference_rad(
@@ -251,10 +251,10 @@ def _quaternion(record: OnboardRecord, rerun: Rerun) -> Stage:
 
 
 def _sigma(record: OnboardRecord, rerun: Rerun) -> Stage:
-    told, attitude = record.attitude or {}, rerun.result.attitude
-    if attitude is None or told.get("sigma_cross_arcsec") is None or told.get("outcome") != "solved":
-        return Stage("standard deviations", Verdict.NOT_COMPARED if told else Verdict.NOT_SENT, "–", "–")
-    theirs = [float(told[f"sigma_{axis}_arcsec"]) for axis in ("cross", "roll")]
+    reported, attitude = record.attitude or {}, rerun.result.attitude
+    if attitude is None or reported.get("sigma_cross_arcsec") is None or reported.get("outcome") != "solved":
+        return Stage("standard deviations", Verdict.NOT_COMPARED if reported else Verdict.NOT_SENT, "–", "–")
+    theirs = [float(reported[f"sigma_{axis}_arcsec"]) for axis in ("cross", "roll")]
     ours = [float(s) / ARCSEC_RAD for s in attitude.sigma_rad]
     differs = any(
         not (_near(a, b) or not (math.isfinite(a) or math.isfinite(b))) for a, b in zip(theirs, ours, strict=True)

@@ -15,8 +15,6 @@ import socket
 import subprocess
 import threading
 import time
-import urllib.error
-import urllib.request
 from pathlib import Path
 
 from gss.domain.errors import GssError, NotFound
@@ -76,14 +74,16 @@ def _program() -> Path:
 
 
 def _fetch(url: str, process: subprocess.Popen[bytes]) -> bytes:
+    import httpx2  # here, because it takes 0.3 s and the files are usually cached
+
     deadline_s = time.monotonic() + START_WAIT_S
     while True:
         try:
-            with urllib.request.urlopen(url, timeout=START_WAIT_S) as reply:  # noqa: S310 (loopback, our own port)
-                return bytes(reply.read())
-        except (urllib.error.URLError, ConnectionError) as error:
+            reply = httpx2.get(url, timeout=START_WAIT_S, trust_env=False)
+            return reply.raise_for_status().content
+        except httpx2.HTTPError as error:
             if time.monotonic() > deadline_s or process.poll() is not None:
-                raise GssError("the Rerun viewer's program did not answer", got=str(error)) from error
+                raise GssError("no response from the Rerun viewer", got=str(error)) from error
             time.sleep(POLL_S)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.profiles import CameraProfile
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import SolveResult, Truth, Verdict
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable

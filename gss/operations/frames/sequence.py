@@ -20,7 +20,7 @@ from gss.operations.frames.scoring import truth_on
 from gss.operations.frames.solve import Solver, SolveRequest
 from gss.operations.frames.system_sequence import SystemSequencer
 from gss.pipeline.chains.systems import SYSTEMS
-from gss.pipeline.identify.near import Hint
+from gss.pipeline.identify.near import BoundedPrior
 from gss.pipeline.rates import rate_between
 from gss.pipeline.score import score
 from gss.pipeline.streaks import with_sign_of
@@ -35,7 +35,7 @@ class Sequencer:
     ``interval_s``: between images without timestamps. A tracked image without a solution is tried again without a hint.
     """
 
-    def __init__(self, follow: bool, interval_s: float | None, hint: Hint | None) -> None:
+    def __init__(self, follow: bool, interval_s: float | None, hint: BoundedPrior | None) -> None:
         if interval_s is not None and not interval_s > 0:
             raise BadInput("interval is out of range", expected="above 0 s", got=f"{interval_s:g} s")
         self._follow, self._interval_s, self._hint = follow, interval_s, hint
@@ -50,11 +50,11 @@ class Sequencer:
             return self._as_on_board(solver, pixels, request, taken)
         hint = self._hint
         if self._follow and self._before is not None:
-            hint = Hint(self._before[0].cam_from_icrs, FOLLOW_RAD)
+            hint = BoundedPrior(self._before[0].cam_from_icrs, FOLLOW_RAD)
         result = solver.solve(pixels, replace(request, hint=hint))
         if self._follow and result.outcome is Outcome.NONE and hint is not None:
             again = solver.solve(pixels, replace(request, hint=None))
-            result = replace(again, notes=(*again.notes, "lost the images before, found again without them"))
+            result = replace(again, notes=(*again.notes, "lost in earlier images, recovered without them"))
         rate = self._rate(result.attitude, taken)
         if rate is not None and result.turning is not None:
             result = replace(result, turning=with_sign_of(result.turning, np.radians(rate["deg_s"])))

@@ -9,10 +9,10 @@ import numpy as np
 
 from gss import __version__
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.camera_record import camera_from, record_of
 from gss.domain.frames import pointing_difference_rad
-from gss.domain.profiles import PROFILES, CameraProfile
-from gss.domain.results import Attitude, Centroids, SolveResult
+from gss.domain.results import Centroids, SolveResult
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable
 from gss.operations.frames import overlay
@@ -25,14 +25,11 @@ if TYPE_CHECKING:
 def solution_values(
     result: SolveResult,
     stars: StarTable,
-    profile_name: str | None,
+    known: CameraProfile | None,
     truth: list[Any] | None,
-    *,
-    drawn: bool = True,
 ) -> dict[str, Any]:
-    """Return the columns of a solution as plain values. ``truth``: quaternion of a simulated frame, against which it is
-    scored. ``drawn``: include predicted positions, grid and outline; otherwise :func:`with_overlays` adds them later."""
-    known = PROFILES.get(profile_name or "")
+    """Return the columns of a solution as plain values. ``known``: the documented camera, if any; ``truth``: quaternion of a
+    simulated frame, against which it is scored. Overlays that follow from the attitude are left to :func:`with_overlays`."""
     values: dict[str, Any] = {
         "chain": result.chain,
         "version": __version__,
@@ -47,20 +44,9 @@ def solution_values(
         "camera": record_of(result.camera),
         "timing_s": dict(result.timing_s),
         "notes": list(result.notes),
-        "detail": overlay.describe(
-            result.camera,
-            stars,
-            _limit_of(known, result.camera),
-            result.regions,
-            result.centroids,
-            result.matches,
-            result.attitude if drawn else None,
-            result.velocity_c,
-        ),
+        "detail": overlay.measured(result.camera, stars, result.regions, result.centroids, result.matches)
+        | _beside(result),
     }
-    if not drawn:
-        values["detail"] = {name: values["detail"][name] for name in ("regions", "stars")}
-    values["detail"] |= _beside(result)
     if result.attitude is not None:
         values["quaternion"] = [float(v) for v in result.attitude.quaternion]
         values["sigma_rad"] = [finite(v) for v in result.attitude.sigma_rad]
@@ -94,31 +80,38 @@ def _judged(result: SolveResult, truth: Any, known: CameraProfile, stars: StarTa
 
 
 def solution_row(
-    frame: Frame, result: SolveResult, stars: StarTable, origin: str, created: datetime, camera_name: str
+    frame: Frame,
+    known: CameraProfile | None,
+    result: SolveResult,
+    stars: StarTable,
+    origin: str,
+    created: datetime,
+    camera_name: str,
 ) -> Solution:
-    """Return a new row for a frame."""
+    """Return a new row for a frame taken with the documented camera ``known``, if any."""
     from gss.store.models import Solution
 
-    values = solution_values(result, stars, frame.profile, frame.truth)
+    values = solution_values(result, stars, known, frame.truth)
     return Solution(frame_id=frame.id, origin=origin, created=created, camera_name=camera_name, **values)
 
 
-def with_overlays(row: Solution, stars: StarTable, profile_name: str | None) -> dict[str, Any]:
-    """Return the overlays of a stored solution; missing ones are computed from its attitude and camera."""
+def with_overlays(row: Solution, stars: StarTable, known: CameraProfile | None) -> dict[str, Any]:
+    """Return the overlays of a stored solution. Those that follow from its attitude and camera are computed; rows of older
+    versions hold them."""
     if "grid" in row.detail:
         return row.detail
-    if not row.camera:  # a frame that could not be solved
-        return dict.fromkeys(("regions", "stars", "predicted", "grid", "field"), ()) | {"north": None} | row.detail
+    if row.quaternion is None or not row.camera:
+        return {"regions": [], "stars": []} | overlay.NOTHING | row.detail
     camera = camera_from(row.camera)
-    attitude = None if row.quaternion is None else Attitude(np.array(row.quaternion, float), np.zeros((3, 3)))
+    cam_from_icrs = matrix_from_quaternion(np.array(row.quaternion, float))
     spots = row.detail["stars"]
     col_px, row_px = (np.array([s[name] for s in spots], float) for name in ("col_px", "row_px"))
     none = np.zeros(len(spots))
     seen = Centroids(col_px, row_px, none, none, none.astype(np.int32), none)
-    limit = _limit_of(PROFILES.get(profile_name or ""), camera)
+    limit = _limit_of(known, camera)
     velocity_c = row.detail.get("velocity_c")  # a list in the store
     moving = None if velocity_c is None else (velocity_c[0], velocity_c[1], velocity_c[2])
-    return overlay.describe(camera, stars, limit, (), seen, None, attitude, moving) | row.detail
+    return overlay.describe(camera, stars, limit, seen, cam_from_icrs, moving) | row.detail
 
 
 def finite(value: float) -> float | None:

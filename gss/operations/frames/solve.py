@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 from gss.catalogue_tools.sources.hipparcos import FAINTEST_V_MAG
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, NotFound
-from gss.domain.profiles import CameraProfile, profile
 from gss.domain.results import BLIND, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.operations.clock import Monotonic
+from gss.operations.frames.dark_frames import DARK, Pattern
 from gss.operations.frames.observer import Observer
 from gss.operations.frames.solver_cache import SolverCache
-from gss.operations.studies.dark_frames import DARK, Pattern
 from gss.pipeline.chains import reference
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
 from gss.pipeline.chains.options import with_options
 from gss.pipeline.chains.reference_foreign import solve_foreign
@@ -42,7 +42,7 @@ class Started:
     """Initial state of a system's chain for a frame: mode, prior attitude, and its uncertainty."""
 
     mode: Mode
-    hint: Hint | None
+    hint: AttitudePrior | None
     radius_rad: float | None = None
 
 
@@ -63,7 +63,7 @@ class SolveRequest:
     camera: Camera | None = None
     fov_rad: float | None = None
     blind: bool = False
-    hint: near.Hint | None = None
+    hint: near.BoundedPrior | None = None
     epoch_jyear: float | None = None
     observer: Observer | None = None
     exposure_s: float | None = None
@@ -82,14 +82,15 @@ class SolveRequest:
 
 
 class Solver:
-    """Runs requests. ``stopwatch_s`` only times the stages and does not affect results."""
+    """Runs requests. ``profiles`` returns the camera of a name; ``stopwatch_s`` only times the stages and does not affect
+    results."""
 
     def __init__(
         self,
+        profiles: Callable[[str], CameraProfile],
         cache: SolverCache | None = None,
         stopwatch_s: Monotonic | None = None,
         epoch_jyear: float = DEFAULT_EPOCH_JYEAR,
-        profiles: Callable[[str], CameraProfile] = profile,
         dark: Pattern | None = None,
     ) -> None:
         self.cache = cache if cache is not None else SolverCache()
@@ -179,7 +180,7 @@ class Solver:
                 f"the {request.chain} chain needs a calibrated camera",
                 expected="a camera profile",
                 got="a field of view or nothing",
-                hint="name a profile, or use the reference chain",
+                hint="choose a profile, or use the reference chain",
             )
         chain, started = system(request.chain), request.started or _started(request.hint)
         prepared = self.cache.prepared(chain, known, epoch_jyear)
@@ -189,12 +190,12 @@ class Solver:
         return _noted(result, known, epoch_jyear)
 
 
-def _started(hint: near.Hint | None) -> Started:
+def _started(hint: near.BoundedPrior | None) -> Started:
     """Convert a hint for a system's chain: an accurate one is used as an attitude to track from."""
     if hint is None:
         return Started(Mode.LOST_IN_SPACE, None)
     mode = Mode.TRACKING if hint.radius_rad <= TRACKING_RADIUS_RAD else Mode.ASSISTED
-    return Started(mode, Hint.from_quaternion(quaternion_from_matrix(hint.cam_from_icrs)), hint.radius_rad)
+    return Started(mode, AttitudePrior.from_quaternion(quaternion_from_matrix(hint.cam_from_icrs)), hint.radius_rad)
 
 
 def _parameters(
@@ -212,7 +213,7 @@ def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
     """Add a note on whether aberration was corrected."""
     if result.attitude is None:
         return result
-    words = "aberration was not taken out" if observer is None else observer.words
+    words = "aberration was not corrected" if observer is None else observer.words
     return replace(result, notes=(*result.notes, words))
 
 
@@ -233,7 +234,7 @@ def _camera_of(
     ]
     if len(ways) != 1:
         raise BadInput(
-            "the camera must be known in one way",
+            "give the camera in exactly one way",
             expected="a profile, a geometry, a field of view, or blind",
             got=" and ".join(ways) or "none of them",
         )

@@ -11,15 +11,16 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
-from gss.catalogue_tools.tables.distances import distance_table
 from gss.domain.camera import Camera
-from gss.domain.profiles import CameraProfile
-from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.stars import StarTable
 from gss.operations.frames.figure_files import FigureFiles
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.onboard import OnboardChain
-from gss.pipeline.identify.patterns import Level, build_level
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.patterns import PatternLevel, build_level
+from gss.pipeline.identify.verify import SkyCatalogue
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import distance_table
 
 T = TypeVar("T")
 
@@ -54,17 +55,17 @@ class SolverCache:
 
         return self._once(("stars", epoch_jyear), make)
 
-    def sky(self, epoch_jyear: float) -> Sky:
+    def sky(self, epoch_jyear: float) -> SkyCatalogue:
         """Return the columns used for identification."""
         table = self.stars(epoch_jyear)
-        return Sky(table.hip, table.icrs, table.v_mag)
+        return SkyCatalogue(table.hip, table.icrs, table.v_mag)
 
     def known(self, camera: Camera, faint_limit_mag: float, epoch_jyear: float) -> reference.KnownSky:
         """Return stars and pair table for one camera."""
         key = ("pairs", camera, faint_limit_mag, epoch_jyear)
         return self._once(key, lambda: reference.known_sky(self.sky(epoch_jyear), camera, faint_limit_mag))
 
-    def level(self, epoch_jyear: float) -> Callable[[float], Level]:
+    def level(self, epoch_jyear: float) -> Callable[[float], PatternLevel]:
         """Return a builder of figure dictionaries that caches them."""
         # Figures tolerate the proper motion of a year, so one dictionary serves all frames of that year.
         year = float(round(epoch_jyear))

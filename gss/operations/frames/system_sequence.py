@@ -12,7 +12,7 @@ from gss.domain.results import Attitude, Centroids, Outcome, SolveResult
 from gss.domain.rotation import quaternion_from_matrix
 from gss.operations.frames.solve import Solver, SolveRequest, Started
 from gss.pipeline.chains import far_mst_parameters
-from gss.pipeline.chains.apriori import Known
+from gss.pipeline.chains.apriori import PriorState
 from gss.pipeline.chains.far_mst_relative import chained, relative_attitude
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.systems import system
@@ -21,6 +21,8 @@ from gss.pipeline.identify import near
 MOST_CHAINED = 5
 """Maximum number of successive frames with an attitude chained by relative rotation; errors accumulate and no star is
 identified."""
+FRAME_STEP_S = 1.0
+"""Images of a sequence are taken at equal steps, like the images of all five systems."""
 
 
 class SystemSequencer:
@@ -28,26 +30,31 @@ class SystemSequencer:
     last for predictors and averages. FAR-MST chains the attitude of images it cannot identify by the rotation since the
     previous one (Huffman 2006 §7.2)."""
 
-    def __init__(self, chain: str, hint: near.Hint | None = None) -> None:
+    def __init__(self, chain: str, hint: near.BoundedPrior | None = None) -> None:
         self._chain = system(chain)
-        self._mode, self._known = Mode.LOST_IN_SPACE, Known()
+        self._mode, self._known = Mode.LOST_IN_SPACE, PriorState()
         if hint is not None:
             quaternion = quaternion_from_matrix(hint.cam_from_icrs)
-            self._mode, self._known = Mode.ASSISTED, Known(commanded=quaternion, commanded_radius_rad=hint.radius_rad)
+            self._mode, self._known = (
+                Mode.ASSISTED,
+                PriorState(commanded=quaternion, commanded_radius_rad=hint.radius_rad),
+            )
         self._before: tuple[Centroids, Attitude] | None = None
         self._turn: Array | None = None
-        self._chained = 0
+        self._chained = self._frame = 0
 
     def solve(self, solver: Solver, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
         """Solve the next image."""
-        mode = self._known.usable(self._mode)
+        mode = self._known.usable(self._mode, self._frame * FRAME_STEP_S, self._chain.oldest_attitude_s)
         radius_rad = self._known.radius_rad(mode) if mode is Mode.ASSISTED else None
-        started = Started(mode, self._known.hint(mode, 0.0), radius_rad)
+        started = Started(mode, self._known.hint(mode, self._frame * FRAME_STEP_S), radius_rad)
         result = solver.solve(pixels, replace(request, hint=None, started=started))
         result = replace(result, notes=(*result.notes, f"mode: {mode.value.replace('_', ' ')}"))
         solved = result.outcome is Outcome.SOLVED
         self._mode = self._chain.next_mode(mode, solved)
-        self._known = self._known.after(result.attitude.quaternion if result.attitude is not None else None)
+        quaternion = result.attitude.quaternion if result.attitude is not None else None
+        self._known = self._known.after(quaternion, self._frame * FRAME_STEP_S)
+        self._frame += 1
         if self._chain.name == far_mst_parameters.NAME:
             result = self._bridged(result, solver, request)
         return result
@@ -71,7 +78,7 @@ class SystemSequencer:
                     false_match_probability=found.false_match_probability,
                     notes=(
                         *result.notes,
-                        f"{since}: {len(found.pairs)} stars met again; none was named: {result.reason}",
+                        f"{since}: {len(found.pairs)} stars matched to the previous image, none identified: {result.reason}",
                     ),
                 )
             elif result.attitude is not None:

@@ -1,73 +1,95 @@
-"""Catalogue banks: their reports, content read back, and the end of an upload."""
+"""Flash banks, of catalogues and of tables: their reports, content read back, and the end of an upload."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from gss.device.session_events import DeviceEvent, Direction, HelloReceived, Telemetry
+from gss.device.session_events import Direction, HelloReceived, Telemetry
 from gss.domain.errors import GssError
-from gss.operations.commanding.command_record import CommandCompleted
+from gss.instruments.operations import Operation
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.events import EventBus
-from gss.operations.line.line_events import LineBatch, LineEvent
-from gss.operations.transfers.arrivals import Writer
+from gss.operations.line.line_events import LineBatch
+from gss.operations.line.link import LinkService
+from gss.operations.transfers.arrivals import ContentArrived, Later, Links, Writer
 from gss.operations.transfers.banks import BankService
-from gss.operations.transfers.content_events import ContentArrived, Later
+from gss.operations.transfers.device_tables import READ_BACK, DeviceTableService
+from gss.operations.transfers.flash_banks import CATALOGUE, CATALOGUES, FACTORY, FAMILIES, FlashBanks, family_of
+from gss.operations.transfers.table_content import KINDS
 from gss.operations.transfers.transfers import TransferService
 
 
 class BankIntake:
-    """Maintains the ground's view of the banks; an active bank whose content the ground lacks is read back."""
+    """Maintains the ground's view of the banks; an active catalogue whose content the ground lacks is read back."""
 
     def __init__(
-        self, banks: BankService, transfers: TransferService, commands: CommandService, writer: Writer, bus: EventBus
+        self,
+        link: LinkService,
+        flash: FlashBanks,
+        banks: BankService,
+        tables: DeviceTableService,
+        transfers: TransferService,
+        commands: CommandService,
+        writer: Writer,
+        bus: EventBus,
     ) -> None:
-        self._banks, self._transfers, self._commands = banks, transfers, commands
-        self._writer, self._bus = writer, bus
+        self._link, self._flash, self._banks, self._tables = link, flash, banks, tables
+        self._transfers, self._commands, self._writer, self._bus = transfers, commands, writer, bus
 
     def handle(self, batch: LineBatch) -> None:
         """Process HELLO reports, bank reports, completed commands and arrived content."""
+        roles = self._link.roles
+        reports = (family.report(roles.quantities) for family in FAMILIES)
+        packets = {report.packet: report for report in reports}
         for event in batch.events:
             if isinstance(event, HelloReceived):
-                self._banks.forget()
+                self._flash.forget()
                 if event.dictionary_match:
-                    self._commands.query("LIST_BANKS", "GET_STATUS")  # housekeeping names the active bank
-            elif isinstance(event, Telemetry) and event.packet == "bank_info":
-                self._reported(event.values)
-            elif _may_have_changed(event):
-                self._commands.query("LIST_BANKS")
-            elif isinstance(event, ContentArrived) and event.done.kind == "catalogue":
+                    # Housekeeping names the active bank.
+                    self._query(CATALOGUES.query, Operation.GET_STATUS, *(f.query for f in FAMILIES[1:]))
+            elif isinstance(event, Telemetry) and event.packet in packets:
+                self._reported(packets[event.packet].read(event.values))
+            elif isinstance(event, ContentArrived):
                 self._arrived(event)
+            else:
+                self._query(*(family.query for family in FAMILIES if family.may_have_changed(event, roles)))
 
-    def _reported(self, info: Mapping[str, Any]) -> None:
-        unknown = self._banks.told(info)
-        if info["active"]:
-            sha256 = info["sha256"]
-            self._transfers.in_use("catalogue", sha256.hex() if isinstance(sha256, bytes) else str(sha256))
-        if unknown is not None and not self._transfers.busy(Direction.DOWN):
-            try:
-                self._transfers.download("catalogue", unknown, f"content of bank {info['bank']}")
-            except GssError as error:
-                self._bus.record("transfer", "watch", f"bank {info['bank']} was not read back: {error}")
+    def _query(self, *queries: Operation) -> None:
+        """Send those queries that the sensor has."""
+        operations = self._link.roles.operations
+        self._commands.query(*(operations.command(query) for query in queries if operations.has(query)))
+
+    def _reported(self, values: Mapping[str, Any]) -> None:
+        report = self._flash.take(values)
+        if family_of(report.kind) is not CATALOGUES:
+            self._bus.publish("tables", self._tables.on_board())
+        if report.active and report.holds_data:
+            # The factory table was not uploaded, even if an upload has the same bytes.
+            self._transfers.in_use(report.kind, "" if report.bank == FACTORY else report.sha256)
+        can_read = self._link.roles.operations.has(Operation.READ_BACK)
+        if can_read and self._banks.lacks(report) and not self._transfers.busy(Direction.DOWN):
+            self._read_back(report.bank)
+
+    def _read_back(self, bank: str) -> None:
+        try:
+            number = CATALOGUES.number(self._link.roles.operations, bank)
+            self._transfers.download(CATALOGUE, number, f"content of bank {bank}")
+        except GssError as error:
+            self._bus.record("transfer", "watch", f"bank {bank} was not read back: {error}")
 
     def _arrived(self, event: ContentArrived) -> None:
-        if event.done.direction is Direction.DOWN:
-            event.answers.accept(
-                lambda: Later(
-                    self._writer.submit,
-                    lambda: self._banks.adopt(event.done.data),
-                    lambda kept: {"catalogue_id": kept.id} if kept else {},
-                )
-            )
-            return
-        text = f"{event.transfer.subject} is committed in bank {event.transfer.target}"
-        self._bus.record("catalogue", "ok", text, transfer_id=event.transfer.id)
-        self._commands.query("LIST_BANKS")
+        transfer, kind = event.transfer, event.done.kind
+        if event.done.direction is Direction.DOWN and kind in (CATALOGUE, *READ_BACK):
+            event.answers.accept(lambda: Later(self._writer.submit, lambda: self._keep(event), lambda links: links))
+        elif event.done.direction is Direction.UP and kind in (CATALOGUE, *KINDS):
+            text = f"{transfer.subject} is committed"
+            self._bus.record("catalogue", "ok", text, transfer_id=transfer.id, table_id=transfer.table_id)
+            self._query(family_of(kind).query)
 
-
-def _may_have_changed(event: LineEvent) -> bool:
-    """True if the device's banks may have changed without a report of it."""
-    if isinstance(event, CommandCompleted):
-        return event.name.endswith("_BANK")
-    return isinstance(event, DeviceEvent) and event.name == "BANK_FELL_BACK"
+    def _keep(self, event: ContentArrived) -> Links:
+        """Store content that was read back; return the links of the transfer's row to it."""
+        if event.done.kind != CATALOGUE:
+            return self._tables.keep_read_back(event.transfer, event.done)
+        row = self._banks.adopt(event.done.data)
+        return {"catalogue_id": row.id} if row else {}

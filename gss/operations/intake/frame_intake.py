@@ -9,19 +9,19 @@ from typing import Any
 from gss.device.session import Part
 from gss.device.session_events import Direction, HelloReceived, Telemetry, TransferState
 from gss.domain.errors import GssError
+from gss.instruments.operations import Operation
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.frames import FrameService
 from gss.operations.intake.frame_records import FrameRecords
+from gss.operations.intake.uploaded_images import UploadedImages
 from gss.operations.line.clock_correlation import Correlation
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.telemetry import TelemetryService
-from gss.operations.transfers.arrivals import Writer
-from gss.operations.transfers.content_events import ContentArrived, Later, Links, PartArrived
+from gss.operations.transfers.arrivals import ContentArrived, Later, Links, PartArrived, Writer
 from gss.operations.transfers.device_frames import Picture, picture_of, shape_of
 from gss.operations.transfers.transfers import TransferService
-from gss.operations.transfers.uploaded_images import UploadedImages
 from gss.store.models import Frame, Transfer
 
 IMAGE_KINDS = ("frame", "thumbnail", "region", "star_windows")
@@ -31,7 +31,8 @@ SHOWN_IN_PARTS = ("frame", "region")
 class FrameIntake:
     """Downloads the newest frame that the device reports, one at a time, and stores received frames.
 
-    ``clock`` returns the correlation of the device's clock with the ground's; None before there is one.
+    ``automatic`` False: frames are downloaded only on request. ``clock`` returns the correlation of the device's clock with the
+    ground's; None before there is one.
     """
 
     def __init__(
@@ -46,23 +47,27 @@ class FrameIntake:
         clock: Callable[[], Correlation | None],
         bus: EventBus,
         now: Now,
+        *,
+        automatic: bool = True,
     ) -> None:
         self._link, self._telemetry, self._transfers, self._frames = link, telemetry, transfers, frames
         self._images, self._records, self._writer = images, records, writer
         self._clock, self._bus, self._now = clock, bus, now
         self._wanted: tuple[int, int] | None = None
-        self._refused = ""
+        self._refused, self._automatic = "", automatic
 
     def handle(self, batch: LineBatch) -> None:
         """Process HELLO reports, descriptions of frames, and arrived content."""
+        quantities = self._link.roles.quantities
         for event in batch.events:
             if isinstance(event, HelloReceived):
                 self._records.forget()
-            elif isinstance(event, Telemetry) and event.packet == "frame_info":
-                self._described(event.values)
-            elif isinstance(event, Telemetry) and event.packet == "frame_truth":
-                quaternion = [float(event.values[f"quaternion_{axis}"]) for axis in "xyzw"]
-                self._records.memory.true_attitude(int(event.values["frame_number"]), quaternion)
+            elif isinstance(event, Telemetry) and event.packet == quantities.frame.packet:
+                self._described(quantities.frame.read(event.values))
+            elif isinstance(event, Telemetry) and event.packet == quantities.truth.packet:
+                truth = quantities.truth.read(event.values)
+                quaternion = [float(truth[f"quaternion_{axis}"]) for axis in "xyzw"]
+                self._records.true_attitude(int(truth["frame_number"]), quaternion)
             elif isinstance(event, ContentArrived) and event.done.direction is Direction.DOWN:
                 self._arrived(event)
             elif isinstance(event, PartArrived) and event.transfer.kind in SHOWN_IN_PARTS:
@@ -71,18 +76,18 @@ class FrameIntake:
 
     def _described(self, info: Mapping[str, Any]) -> None:
         number = int(info["frame_number"])
-        if not self._records.memory.told(number, info, self._records.settings()):
+        if not self._records.described(number, info):
             return
         sent = self._images.frame_of(info)
         if sent is not None:
             self._records.stored(number, self._as_on_board(sent, number, info))
-        else:
+        elif self._automatic and self._link.roles.operations.has(Operation.DOWNLOAD_FRAME):
             self._wanted = (number, int(info["slot"]))
 
     def _as_on_board(self, sent: Frame, number: int, info: Mapping[str, Any]) -> Frame:
         """Return an uploaded frame's row with the camera, exposure and settings that the sensor uses for it. The stored row
         is unchanged."""
-        settings, hello = dict(self._records.memory.facts(number).settings), self._link.hello
+        settings, hello = dict(self._records.facts(number).settings), self._link.hello
         values = {column.name: getattr(sent, column.name) for column in Frame.__table__.columns}
         own = {
             "number": number,
@@ -100,7 +105,7 @@ class FrameIntake:
         number, slot = self._wanted
         self._wanted = None
         try:
-            facts = self._records.memory.facts(number).plain()
+            facts = self._records.facts(number).plain()
             self._transfers.download("frame", slot, f"frame {number}", facts=facts)
             self._refused = ""
         except GssError as error:
@@ -114,6 +119,10 @@ class FrameIntake:
     def _arrived(self, event: ContentArrived) -> None:
         if event.done.kind in IMAGE_KINDS:
             transfer, done = event.transfer, event.done
+            frame_id = _stored_before(transfer, done.sha256, done.frame_number)
+            if frame_id is not None:
+                event.answers.accept(lambda: {"frame_id": frame_id})
+                return
             event.answers.accept(lambda: self._store(transfer, done.data, done.frame_number, []))
 
     def _part_arrived(self, event: PartArrived) -> None:
@@ -121,12 +130,14 @@ class FrameIntake:
         transfer, update = event.transfer, event.update
         if transfer.frame_id is not None and update.state is TransferState.LINK_LOST:
             return
+        if (transfer.options.get("stored") or {}).get("sha256") == update.sha256:
+            return  # nothing new: all of it is the stored frame that was offered to the device
         held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in event.held]
         event.answers.accept(lambda: self._store(transfer, event.data, update.frame_number, held_bytes))
 
     def _store(self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]) -> Later:
         """Build the row from the data known now; the writer stores the pixels."""
-        hello, kind, facts = self._link.hello, transfer.kind, self._records.memory.facts_for(transfer, number)
+        hello, kind, facts = self._link.hello, transfer.kind, self._records.facts_for(transfer, number)
         info, settings = facts.info, dict(facts.settings)
         shape = shape_of(info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
         part = Part(**transfer.options["part"]) if transfer.options.get("part") else None
@@ -164,7 +175,7 @@ class FrameIntake:
         """Return the device's mid-exposure time on the ground's clock, from the correlation of the clocks or, without one,
         from the difference to its newest housekeeping."""
         now = self._now()
-        newest = self._telemetry.latest_packet("housekeeping")
+        newest = self._telemetry.latest_packet(self._link.roles.quantities.status.packet)
         if newest is None or "frame_time_s" not in info:
             return now
         correlation = self._clock()
@@ -176,6 +187,13 @@ class FrameIntake:
 
 def _name(kind: str, number: int) -> str:
     return f"frame {number}" if kind == "frame" else f"{kind.replace('_', ' ')} of frame {number}"
+
+
+def _stored_before(transfer: Transfer, sha256: str, frame_number: int) -> int | None:
+    """Return the id of the stored frame that was offered to the device, if the device has the same image; else None."""
+    offered = transfer.options.get("stored") or {}
+    same = (offered.get("sha256"), offered.get("frame_number")) == (sha256, frame_number)
+    return int(offered["frame_id"]) if same else None
 
 
 def _part_of(kind: str, picture: Picture) -> dict[str, Any]:

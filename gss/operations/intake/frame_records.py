@@ -3,17 +3,33 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
-from gss.operations.frames.frame_memory import FrameMemory, remember
 from gss.operations.frames.frames import FrameService
 from gss.operations.frames.onboard_results import OnboardRecord
 from gss.operations.frames.replay import ReplayService
 from gss.operations.line.link import LinkService
 from gss.operations.transfers.device_tables import DeviceTableService
-from gss.store.models import Frame
+from gss.store.models import Frame, Transfer
 
+REMEMBERED_FRAMES = 64
 SETTINGS = ("threshold_dn", "min_pixels", "max_pixels")
+
+
+@dataclass(frozen=True)
+class FrameFacts:
+    """``info``: the device's frame_info; ``settings``: detection settings and ``bank_sha256``; ``truth``: quaternion."""
+
+    info: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    truth: list[float] | None = None
+
+    def plain(self) -> dict[str, Any]:
+        """Return JSON values for the row of a transfer."""
+        info = {k: v.hex() if isinstance(v, bytes) else v for k, v in self.info.items()}
+        return {"info": info, "settings": dict(self.settings), "truth": self.truth}
 
 
 class FrameRecords:
@@ -26,7 +42,9 @@ class FrameRecords:
         self, link: LinkService, tables: DeviceTableService, frames: FrameService, replay: ReplayService
     ) -> None:
         self._link, self._tables, self._frames, self._replay = link, tables, frames, replay
-        self.memory = FrameMemory()
+        self._infos: OrderedDict[int, Mapping[str, Any]] = OrderedDict()
+        self._settings: OrderedDict[int, Mapping[str, Any]] = OrderedDict()
+        self._truths: OrderedDict[int, list[float]] = OrderedDict()
         self.device_starts = 0
         """Number of times that a device sent HELLO since the server started."""
         self._records: OrderedDict[int, OnboardRecord] = OrderedDict()
@@ -35,15 +53,41 @@ class FrameRecords:
     def forget(self) -> None:
         """Discard everything, because the device restarted."""
         self.device_starts += 1
-        self._records.clear()
-        self._stored.clear()
-        self.memory.forget()
+        for memory in (self._infos, self._settings, self._truths, self._records, self._stored):
+            memory.clear()
+
+    def described(self, number: int, info: Mapping[str, Any]) -> bool:
+        """Store the device's description of a frame with the settings in use. Return False if it was already known."""
+        if number in self._infos or number == 0:
+            return False
+        remember(self._infos, number, info)
+        remember(self._settings, number, self.settings())
+        return True
+
+    def true_attitude(self, number: int, quaternion: list[float]) -> None:
+        """Store the true attitude of a frame, as reported by a simulator."""
+        remember(self._truths, number, quaternion)
+
+    def facts(self, number: int) -> FrameFacts:
+        """Return the known facts of a frame; empty if there are none."""
+        return FrameFacts(self._infos.get(number, {}), self._settings.get(number, {}), self._truths.get(number))
+
+    def facts_for(self, transfer: Transfer, number: int) -> FrameFacts:
+        """Return the current facts of a frame, completed by those stored when the transfer began, unless these are of
+        another frame."""
+        kept = transfer.options.get("facts") or {}
+        if int(kept.get("info", {}).get("frame_number", number)) != number:
+            kept = {}
+        now = self.facts(number)
+        return FrameFacts(
+            now.info or kept.get("info", {}), now.settings or kept.get("settings", {}), now.truth or kept.get("truth")
+        )
 
     def settings(self) -> dict[str, Any]:
         """Return the detection settings, bank and tables that the device currently uses."""
-        housekeeping = self._link.session.housekeeping or {}
-        settings: dict[str, Any] = {name: housekeeping[name] for name in SETTINGS if name in housekeeping}
-        sha256 = housekeeping.get("catalogue_sha256")
+        status = self._link.status()
+        settings: dict[str, Any] = {name: status[name] for name in SETTINGS if name in status}
+        sha256 = status.get("catalogue_sha256")
         if sha256 is not None:
             settings["bank_sha256"] = sha256.hex() if isinstance(sha256, bytes) else str(sha256)
         tables = self._tables.at_work()
@@ -71,3 +115,11 @@ class FrameRecords:
         solution = self._frames.add_on_board(frame, record)
         if record.attitude is not None:
             self._replay.queue(frame, record, solution)
+
+
+def remember(memory: OrderedDict[int, Any], number: int, value: Any) -> None:
+    """Store a value and drop the oldest beyond ``REMEMBERED_FRAMES``."""
+    memory[number] = value
+    memory.move_to_end(number)
+    while len(memory) > REMEMBERED_FRAMES:
+        memory.popitem(last=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,19 +11,26 @@ import numpy as np
 
 from gss.device.session_events import Telemetry
 from gss.domain.stars import StarTable
+from gss.instruments.telemetry_roles import Quantities
 from gss.operations.commanding.command_record import CommandCompleted
 from gss.operations.intake.frame_records import FrameRecords
+from gss.operations.intake.sensor_knowledge import SensorKnowledge
 from gss.operations.line.line_events import LineBatch
-from gss.operations.line.sensor_knowledge import SensorKnowledge
 from gss.operations.transfers.banks import BankService
-
-RESULT_PACKETS = ("centroids", "matches", "attitude")
 
 
 class ResultIntake:
     """Collects the packets of one frame's result, and follows the sensor's prior knowledge for its next frame."""
 
-    def __init__(self, records: FrameRecords, banks: BankService, knowledge: SensorKnowledge, stars: StarTable) -> None:
+    def __init__(
+        self,
+        quantities: Quantities,
+        records: FrameRecords,
+        banks: BankService,
+        knowledge: SensorKnowledge,
+        stars: StarTable,
+    ) -> None:
+        self._quantities = quantities
         self._records, self._banks, self._knowledge, self._stars = records, banks, knowledge, stars
 
     def handle(self, batch: LineBatch) -> None:
@@ -31,10 +39,21 @@ class ResultIntake:
             if isinstance(event, CommandCompleted):
                 self._knowledge.completed(event.name, event.arguments)
         for event in batch.events:
-            if isinstance(event, Telemetry) and event.packet in RESULT_PACKETS:
-                self._reported(event.packet, event.values, event.lists.get("items", ()))
+            if isinstance(event, Telemetry):
+                self._packet(event)
+
+    def _packet(self, event: Telemetry) -> None:
+        """Take a packet of a result; any other is ignored."""
+        roles = self._quantities
+        if event.packet == roles.attitude.packet:
+            self._reported("attitude", roles.attitude.read(event.values), ())
+        for kind, role in (("centroids", roles.centroids), ("matches", roles.matches)):
+            if event.packet == role.packet:
+                self._reported(kind, role.read(event.values), event.lists.get(role.items, ()))
 
     def _reported(self, kind: str, values: Mapping[str, Any], items: Any) -> None:
+        if "frame_number" not in values:
+            return  # a sensor that does not number its frames: the result is telemetry only
         number = int(values["frame_number"])
         hips = self._banks.hip_of_row(self._records.settings().get("bank_sha256", ""))
         record = self._records.of(number).with_packet(kind, values, items)
@@ -43,5 +62,5 @@ class ResultIntake:
             record = replace(record, prior=self._knowledge.known)
             solved = values.get("outcome") == "solved"
             quaternion = np.array([float(values[f"quaternion_{axis}"]) for axis in "xyzw"]) if solved else None
-            self._knowledge.iterated(quaternion)
+            self._knowledge.iterated(quaternion, float(values.get("frame_time_s", math.nan)))
         self._records.reported(number, record)

@@ -36,7 +36,7 @@ def _is_in(host: str, networks: list[str]) -> bool:
 def not_allowed(url: str) -> NotPermitted:
     """Return the error for an address that the operator may not open."""
     return NotPermitted(
-        "this address may be opened by an admin only",
+        "only an admin may open this address",
         expected="a device of this machine, a port of it, a host of GSS_LINK_ALLOW, or a line that was open before",
         got=url[:200],
         hint="ask an admin to open it once",

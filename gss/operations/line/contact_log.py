@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import fields, replace
 from datetime import datetime
 from functools import partial
@@ -22,9 +23,15 @@ BYTES_EVERY_S = 5.0
 
 
 class ContactLog:
-    """The state of the open contact as the services see it. It changes in the order of the link's events."""
+    """The state of the open contact as the services see it. It changes in the order of the link's events.
 
-    def __init__(self, database: Database, bus: EventBus, now: Now, capture: LineCapture) -> None:
+    ``version_of`` returns the version of the instrument that a device names; None if it is unknown.
+    """
+
+    def __init__(
+        self, database: Database, bus: EventBus, now: Now, capture: LineCapture, version_of: Callable[[str], str | None]
+    ) -> None:
+        self._version_of = version_of
         self._database, self._bus, self._now, self._capture = database, bus, now, capture
         self.is_open = False
         """True between the handling of LineOpened and of LineClosed."""
@@ -111,9 +118,9 @@ class ContactLog:
         self.dictionary_acknowledged = False
         self._writes.add(partial(self._store_device, self._reserved_id, hello, at))
         self._writes.run()
-        match = "dictionary matches" if hello.dictionary_match else "DICTIONARY DIFFERS, commanding is blocked"
+        match = "dictionary matches" if hello.dictionary_match else "dictionary differs, commanding is blocked"
         severity = "ok" if hello.dictionary_match else "warning"
-        self.report(severity, f"{_name_of(hello)} answered, firmware {hello.firmware}, {match}")
+        self.report(severity, f"{_name_of(hello)} connected, firmware {hello.firmware}, {match}")
 
     def _store_device(self, contact_id: int, hello: HelloReceived, at: datetime) -> None:
         with self._database.unit_of_work() as session:
@@ -127,7 +134,13 @@ class ContactLog:
                 dictionary_hash=hello.dictionary_hash,
             )
             if contact_id:
-                store.update_contact(session, contact_id, device_id=device.id)
+                store.update_contact(
+                    session,
+                    contact_id,
+                    device_id=device.id,
+                    instrument=hello.profile or None,
+                    instrument_version=self._version_of(hello.profile),
+                )
 
     def _store_count(self, contact_id: int, own: LinkCounters, ended: datetime | None) -> None:
         with self._database.unit_of_work() as session:

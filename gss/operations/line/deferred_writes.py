@@ -29,7 +29,7 @@ class DeferredWrites:
             try:
                 self._writes[0]()
             except StoreDown as error:
-                log.warning("%d writes wait for the store: %s", len(self._writes), error)
+                log.warning("%d writes are waiting for the store: %s", len(self._writes), error)
                 return
             except BaseException:
                 self._writes.popleft()

@@ -1,22 +1,30 @@
-"""Passes the batches that the link publishes to the services, one at a time, on a separate thread."""
+"""Events from the line to the services: a queue that the line fills and a thread that passes each batch to the services.
+
+The line thread publishes and never waits; the services may wait for the store. A locked or full database therefore delays
+neither the line nor ABORT.
+"""
 
 from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TypeVar
 
+from gss.device.session_events import Telemetry
 from gss.domain.errors import GssError
-from gss.operations.clock import Monotonic
+from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
-from gss.operations.line.line_events import LineBatch, LineEventQueue, ServiceEvent
-from gss.operations.upkeep.metrics import Sample
+from gss.operations.line.line_events import LineBatch, LineEvent, ServiceEvent
+from gss.operations.metrics import Sample
 
 log = logging.getLogger("gss.link")
 T = TypeVar("T")
 
+MOST_WAITING = 20_000
+"""Maximum number of waiting events, about five minutes of a busy line; beyond it telemetry is kept only in the raw capture."""
 IDLE_S = 0.02
 """Interval of the periodic calls while no events arrive."""
 STOP_WITHIN_S = 5.0
@@ -25,6 +33,61 @@ SLOW_AFTER_S = 20.0
 
 Subscriber = Callable[[LineBatch], Sequence[ServiceEvent] | None]
 """Handles a batch and returns the events that it derives from it for the subscribers after it."""
+
+
+class LineEventQueue:
+    """Queue of batches between the line and the services. ``publish`` never blocks."""
+
+    def __init__(self, now: Now, monotonic_s: Monotonic, most: int = MOST_WAITING) -> None:
+        self._now, self._monotonic_s, self._most = now, monotonic_s, most
+        self._batches: deque[LineBatch] = deque()
+        self._changed = threading.Condition()
+        self._in_progress = False
+        self.depth = 0
+        """Number of waiting events."""
+        self.dropped = 0
+        """Telemetry packets dropped since the server started because the queue was full."""
+        self.hold = threading.RLock()
+        """Held by the dispatcher while it passes on a batch. A service that starts something and then stores its row holds
+        it too, so that no report is handled before the row exists. Acquire it before ``LinkService.lock``, never after."""
+
+    def publish(self, events: Sequence[LineEvent]) -> None:
+        """Append a batch. If too many events are waiting, its telemetry is dropped and counted; all other events are kept."""
+        if not events:
+            return
+        with self._changed:
+            kept = tuple(events)
+            if self.depth >= self._most:
+                kept = tuple(event for event in events if not isinstance(event, Telemetry))
+                self.dropped += len(events) - len(kept)
+            if not kept:
+                return
+            self._batches.append(LineBatch(kept, self._now(), self._monotonic_s()))
+            self.depth += len(kept)
+            self._changed.notify_all()
+
+    def take(self, timeout_s: float) -> LineBatch | None:
+        """Return the oldest batch, or None if none arrives within ``timeout_s``. Call ``done`` after handling it."""
+        with self._changed:
+            if not self._batches:
+                self._changed.wait(timeout_s)
+            if not self._batches:
+                return None
+            batch = self._batches.popleft()
+            self.depth -= len(batch.events)
+            self._in_progress = True
+            return batch
+
+    def done(self) -> None:
+        """Mark the last batch taken as handled."""
+        with self._changed:
+            self._in_progress = False
+            self._changed.notify_all()
+
+    def wait_until_handled(self, timeout_s: float) -> bool:
+        """Wait until no batch is queued or being handled. Return False after ``timeout_s``."""
+        with self._changed:
+            return self._changed.wait_for(lambda: not self._batches and not self._in_progress, timeout_s)
 
 
 class Dispatcher:
@@ -67,6 +130,11 @@ class Dispatcher:
         since_s = self._busy_since_s
         return 0.0 if since_s is None else self._monotonic_s() - since_s
 
+    @property
+    def dropped(self) -> int:
+        """Number of telemetry packets dropped because the queue was full."""
+        return self._events.dropped
+
     def is_slow(self) -> bool:
         """True if one batch has been in progress for longer than ``SLOW_AFTER_S``."""
         return self.busy_s > SLOW_AFTER_S
@@ -74,7 +142,7 @@ class Dispatcher:
     def samples(self) -> Iterator[Sample]:
         """Yield metrics: depth of the event queue and number of dropped telemetry packets."""
         depth, dropped = float(self._events.depth), float(self._events.dropped)
-        yield Sample("gss_queue_depth", "What waits in a queue.", "gauge", depth, (("queue", "line events"),))
+        yield Sample("gss_queue_depth", "Items waiting in a queue.", "gauge", depth, (("queue", "line events"),))
         yield Sample("gss_line_events_dropped_total", "Telemetry left to the raw capture.", "counter", dropped)
 
     def _run(self) -> None:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
+from io import FileIO
 from pathlib import Path
 
-from gss.operations.clock import Now
-from gss.operations.line.raw_capture import RawCapture, Retention, capture_name
+from gss.operations.clock import Monotonic, Now
+from gss.operations.line.capture_files import capture_sizes, packed_path
+from gss.operations.line.raw_capture import RECORD, Retention, capture_name
+from gss.store.durable import sync_path
 
 REMEMBERED = 8
 """Number of recent captures whose files are remembered."""
+SYNC_EVERY_S = 1.0
+"""A power failure loses at most the bytes of the line since the last flush."""
 
 
 class LineCapture:
@@ -59,12 +65,12 @@ class LineCapture:
             if self.fails:
                 self.fails = ""
                 lost = self.lost_bytes - self._lost_from
-                self._complain(f"the raw capture goes on; {lost} bytes of the line are not in it")
+                self._complain(f"the raw capture continues; {lost} bytes are missing from it")
 
     def _failed(self, error: OSError, lost_bytes: int) -> None:
         if not self.fails:
             self._lost_from = self.lost_bytes
-            self._complain(f"the raw capture cannot be written, its record has a hole from here on: {error}")
+            self._complain(f"the raw capture cannot be written; data from now on is missing: {error}")
         self.fails = str(error)
         self.lost_bytes += lost_bytes
 
@@ -73,13 +79,133 @@ class LineCapture:
         capture = self._captures.get(contact_id)
         return capture.files if capture else None
 
+    @property
+    def written_path(self) -> Path | None:
+        """Path of the file that is being written."""
+        capture = self._capture
+        return None if capture is None else capture.path
+
     def end(self) -> None:
         """Close the capture of the contact."""
         if self._capture:
             self._capture.close()
+
+    def sync(self) -> None:
+        """Flush what was written since the last call to the disk. Called on a thread that the line does not wait for."""
+        for capture in list(self._captures.values()):
+            capture.sync()
 
     def keep_at_most(self, keep_bytes: int) -> None:
         """Set the total size beyond which the oldest files are removed."""
         self.retention = replace(self.retention, keep_bytes=keep_bytes)
         if self._capture is not None:
             self._capture.keep_at_most(keep_bytes)
+
+
+class CaptureSync:
+    """Flushes the captures to the disk every ``SYNC_EVERY_S`` when called between batches of events."""
+
+    def __init__(self, capture: LineCapture, monotonic_s: Monotonic) -> None:
+        self._capture, self._monotonic_s = capture, monotonic_s
+        self._last_s = monotonic_s()
+
+    def __call__(self) -> None:
+        """Flush if it is time. OSError if the disk fails; the next call tries again."""
+        now_s = self._monotonic_s()
+        if now_s - self._last_s >= SYNC_EVERY_S:
+            self._last_s = now_s
+            self._capture.sync()
+
+
+class RawCapture:
+    """Rotating capture of one contact in ``folder``. Existing files are never overwritten."""
+
+    def __init__(self, folder: Path, contact_id: int, retention: Retention | None = None) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder, self._contact_id = folder, contact_id
+        self._retention = retention or Retention()
+        self._sizes: dict[str, int] = {}
+        self._unsynced: set[Path] = set()
+        self._part = -1
+        self._file, self._size = self._next(), 0
+
+    @property
+    def name(self) -> str:
+        """Prefix of the names of this contact's files."""
+        return capture_name(self._contact_id)
+
+    @property
+    def path(self) -> Path | None:
+        """Path of the file that is being written; None after the capture was closed."""
+        return None if self._file.closed else Path(self._file.name)
+
+    @property
+    def files(self) -> list[dict[str, object]]:
+        """Name and size of each file that was written, including files that were removed since."""
+        return [{"file": name, "bytes": size} for name, size in list(self._sizes.items())]
+
+    def write(self, unix_s: float, direction: int, data: bytes) -> None:
+        """Append one record, unbuffered: the operating system has it when this returns. Raises OSError if it cannot be
+        written (disk full); then no part of it is in the file, and the next record can be tried."""
+        if not data:
+            return
+        if self._size >= self._retention.file_bytes:
+            following = self._next()
+            self._file.close()
+            self._file, self._size = following, 0
+            self._drop_oldest()
+        record = RECORD.pack(unix_s, direction, len(data)) + data
+        try:
+            done = 0
+            while done < len(record):
+                done += self._file.write(memoryview(record)[done:])
+        except OSError:
+            self._file.truncate(self._size)
+            self._file.seek(self._size)
+            raise
+        self._size += len(record)
+        path = Path(self._file.name)
+        self._sizes[path.name] = self._size
+        self._unsynced.add(path)
+
+    def sync(self) -> None:
+        """Flush the files that were written since the last call, and their names, to the disk."""
+        waiting = list(self._unsynced)
+        for path in waiting:
+            self._unsynced.discard(path)  # first: bytes written from here on are flushed by the next call
+            with contextlib.suppress(FileNotFoundError):  # removed by retention
+                sync_path(path)
+        if waiting:
+            sync_path(self._folder)
+
+    def keep_at_most(self, keep_bytes: int) -> None:
+        """Set the total size beyond which the oldest files are removed."""
+        self._retention = replace(self._retention, keep_bytes=keep_bytes)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _next(self) -> FileIO:
+        """Create the next file. A recreated database numbers its contacts from 1 again, so existing files are skipped."""
+        while True:
+            self._part += 1
+            path = self._folder / f"{self.name}-{self._part:03d}.raw"
+            if packed_path(path).exists():
+                continue
+            try:
+                file = path.open("xb", buffering=0)
+            except FileExistsError:
+                continue
+            self._sizes[path.name] = 0
+            return file
+
+    def _drop_oldest(self) -> None:
+        files = capture_sizes(self._folder)
+        total = sum(file.bytes for file in files)
+        for path, size in files:
+            if total <= self._retention.keep_bytes or path == self.path:
+                break
+            total -= size
+            for form in (path, packed_path(path)):  # it may be compressed between the two
+                form.unlink(missing_ok=True)

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from gss.device.dictionary import Dictionary
+from gss.device.driver import Driver
 from gss.device.session import HostSession
 from gss.device.session_events import HelloReceived, LinkCounters
 from gss.device.transport import ByteStream, open_stream
 from gss.domain.errors import Conflict, GssError, LinkDown
+from gss.instruments.dictionary.definitions import Dictionary, Value
+from gss.instruments.package_files import LinkFile
+from gss.instruments.registry import shipped_version
+from gss.instruments.roles import Roles
 from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
 from gss.operations.line.contact_log import ContactLog
+from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_capture import LineCapture
-from gss.operations.line.line_events import LineBatch, LineClosed, LineEventQueue, LineOpened, LinkFault
+from gss.operations.line.line_events import LineBatch, LineClosed, LineOpened, LinkFault
 from gss.operations.line.raw_capture import RECEIVED, SENT, Retention
 from gss.store.engine import Database
 
@@ -27,8 +32,6 @@ READ_BYTES = 65536
 READ_WAIT_S = 0.01
 RETRY_S = 2.0
 REOPEN_S = 0.5
-STALLED_AFTER_S = 20.0
-"""Longer than any write may take; a reader that has not completed a cycle for this long hangs."""
 
 
 class LinkService:
@@ -36,22 +39,29 @@ class LinkService:
 
     Two locks, taken in this order: ``hold_events`` keeps the services from handling events while a row is stored; ``lock``
     guards the session. The line thread needs only ``lock``: its holder must not wait for the store, a file or the network.
+
+    ``session``: with the unit on the line, from its driver; by default that of the driver ``gss``. ``rules``: times of the line;
+    a reader that has not completed a cycle for ``rules.stalled_after_s`` hangs. ``version_of``: see :class:`ContactLog`.
     """
 
     def __init__(
         self,
         dictionary: Dictionary,
+        roles: Roles,
         database: Database,
         bus: EventBus,
         captures: Path,
         now: Now,
         monotonic_s: Monotonic,
         events: LineEventQueue,
-        framing: str = "cobs",
+        session: Driver | None = None,
         retention: Retention | None = None,
+        rules: LinkFile | None = None,
+        version_of: Callable[[str], str | None] = shipped_version,
     ) -> None:
-        self.dictionary, self.framing = dictionary, framing
-        self.session = HostSession(dictionary, framing=framing)
+        self._rules = rules or LinkFile()
+        self.dictionary, self.roles = dictionary, roles
+        self.session: Driver = session or HostSession(dictionary, hello_again_s=self._rules.hello_again_s)
         self.lock = threading.RLock()
         self.url = ""
         self.line_is_open = False
@@ -61,7 +71,7 @@ class LinkService:
         self._bus = bus
         self._now, self.monotonic_s = now, monotonic_s
         self.capture = LineCapture(captures, retention or Retention(), now, self._fault)
-        self.contact = ContactLog(database, bus, now, self.capture)
+        self.contact = ContactLog(database, bus, now, self.capture, version_of)
         self._next_contact_id = 1
         self._wake = threading.Event()
         self._stopping = False
@@ -107,7 +117,7 @@ class LinkService:
         Conflict if there is no difference."""
         if self.hello is None or self.hello.dictionary_match:
             raise Conflict(
-                "there is no difference to acknowledge", got="dictionary matches" if self.hello else "no device"
+                "no dictionary difference to acknowledge", got="dictionary matches" if self.hello else "no device"
             )
         with self.lock:
             self.session.acknowledge_mismatch()
@@ -126,6 +136,10 @@ class LinkService:
     def handle(self, batch: LineBatch) -> None:
         """Keep the contact up to date; the first subscriber of every batch."""
         self.contact.handle(batch)
+
+    def status(self) -> dict[str, Value]:
+        """Return the newest status of the sensor by standard quantity; empty before the first."""
+        return self.roles.quantities.status.read(self.session.housekeeping or {})
 
     @property
     def connected(self) -> bool:
@@ -166,7 +180,7 @@ class LinkService:
 
     def alive(self) -> bool:
         """True while the thread that reads the line makes progress."""
-        return self._thread.is_alive() and self.monotonic_s() - self._round_s < STALLED_AFTER_S
+        return self._thread.is_alive() and self.monotonic_s() - self._round_s < self._rules.stalled_after_s
 
     def watch(self) -> None:
         """Watchdog, called about once a second. If the reader hangs, its port is closed, which ends the blocked call and
@@ -174,14 +188,14 @@ class LinkService:
         if self._stopping or self.alive() or self._thread.ident is None:
             return
         if not self._thread.is_alive():
-            self._fault("the thread that reads the line had ended and was restarted")
+            self._fault("the link thread had ended and was restarted")
             self._round_s = self.monotonic_s()
             self._thread = threading.Thread(target=self._run, name="link", daemon=True)
             self._thread.start()
             return
         stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
         self._round_s = self.monotonic_s()  # allow the same time again before the next step
-        self._fault(f"the thread that reads the line made no progress for {stalled_s:.0f} s; its port is closed")
+        self._fault(f"the link thread made no progress for {stalled_s:.0f} s; the port was closed")
         if stream is not None:
             stream.close()
 
@@ -196,7 +210,7 @@ class LinkService:
             except Exception as error:  # the thread that owns the port must survive any fault
                 log.exception("the contact failed")
                 self.line_is_open, self.reason = False, f"{type(error).__name__}: {error}"
-                self._fault(f"the contact was given up: {self.reason}")
+                self._fault(f"the contact was ended: {self.reason}")
                 self._pause(RETRY_S)
 
     def _once(self) -> None:
@@ -231,7 +245,7 @@ class LinkService:
     def _could_not_open(self, reason: str) -> None:
         """Report the reason once, not at every attempt."""
         if reason != self.reason:
-            self.events.publish([LinkFault("warning", f"{reason}. Trying again every {RETRY_S:g} s")])
+            self.events.publish([LinkFault("warning", f"{reason}. Retrying every {RETRY_S:g} s")])
         self.reason = reason
 
     def _contact(self, stream: ByteStream, url: str) -> None:

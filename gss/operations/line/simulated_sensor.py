@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from gss.domain.errors import GssError
-from gss.domain.profiles import profile
 
 WAIT_S = 60.0
 AGAIN_S = (1.0, 2.0, 5.0, 15.0, 30.0)
@@ -25,26 +24,23 @@ class SimulatedSensor:
     """A started simulator; its line can be opened after :meth:`url` has returned."""
 
     def __init__(
-        self, profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs", options: str = ""
+        self, package: Path, folder: Path, baud: int, seed: int, framing: str = "cobs", options: str = ""
     ) -> None:
-        profile(profile_name)
         folder.mkdir(parents=True, exist_ok=True)
         # A stable symlink lets the port vanish and return as a pulled plug does.
         self._line = folder / "line"
-        command = [sys.executable, "-m", "gss.device.simulator", "--profile", profile_name, "--pty"]
+        command = [sys.executable, "-m", "gss.device.simulator", "--instrument", str(package), "--pty"]
         command += ["--state-dir", str(folder), "--baud", str(baud), "--seed", str(seed)]
         command += ["--symlink", str(self._line), *shlex.split(options)]
         # However the server ends, the simulator's standard input closes, so no orphaned simulator keeps the flash files
         # in use.
         command += ["--exit-with-stdin"]
-        if framing != "cobs":
+        if framing:
             command += ["--framing", framing]
         self._command = command
         self._log_path = folder / "simulator.log"
         self._log = self._log_path.open("ab")
         self._stopping = threading.Event()
-        self.told: Callable[[str], object] = log.warning
-        """Called with a text when the simulator ends and when it runs again."""
         self._process = self._start()
         self._watcher: threading.Thread | None = None
 
@@ -58,12 +54,14 @@ class SimulatedSensor:
         return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=log, text=True)  # noqa: S603 - our own
 
     def url(self) -> str:
-        """Wait for READY and return the address of the simulator's line; raises GssError if the process ends before. Starts
-        the watcher thread."""
-        url = self._ready()
-        self._watcher = threading.Thread(target=self._watch, name="simulator", daemon=True)
+        """Wait for READY and return the address of the simulator's line; raises GssError if the process ends before."""
+        return self._ready()
+
+    def watch(self, report: Callable[[str], object]) -> None:
+        """Start the thread that restarts the process when it ends. ``report`` is called with a text when the simulator ends and
+        when it runs again."""
+        self._watcher = threading.Thread(target=self._keep_running, args=(report,), name="simulator", daemon=True)
         self._watcher.start()
-        return url
 
     def _ready(self) -> str:
         process = self._process
@@ -79,7 +77,7 @@ class SimulatedSensor:
             timer.cancel()
         raise GssError("the simulator did not start", expected="a line READY …", hint=f"see {self._log_path}")
 
-    def _watch(self) -> None:
+    def _keep_running(self, report: Callable[[str], object]) -> None:
         """Restart the process whenever it ends without ``stop``, after increasing pauses."""
         tries = 0
         while True:
@@ -96,19 +94,19 @@ class SimulatedSensor:
             # The number of the closed terminal may soon belong to another one, so the old link must not lead to it.
             self._line.unlink(missing_ok=True)
             pause_s = AGAIN_S[min(tries, len(AGAIN_S)) - 1]
-            self._tell(f"the simulated sensor ended with code {code}; it is started again in {pause_s:g} s")
+            self._report(report, f"the simulated sensor ended with code {code}; restarting in {pause_s:g} s")
             if self._stopping.wait(pause_s):
                 return
             self._process = self._start()
             try:
                 self._ready()
-                self._tell("the simulated sensor is there again, on the flash it had")
+                self._report(report, "the simulated sensor was restarted with its previous flash")
             except GssError as error:
-                self._tell(str(error))
+                self._report(report, str(error))
 
-    def _tell(self, text: str) -> None:
+    def _report(self, report: Callable[[str], object], text: str) -> None:
         try:
-            self.told(text)
+            report(text)
         except GssError:
             log.exception("not recorded: %s", text)
 
@@ -135,10 +133,10 @@ def _close(process: subprocess.Popen[str]) -> None:
 
 @contextlib.contextmanager
 def simulated_sensor(
-    profile_name: str, folder: Path, baud: int, seed: int, framing: str = "cobs", options: str = ""
+    package: Path, folder: Path, baud: int, seed: int, framing: str = "cobs", options: str = ""
 ) -> Iterator[SimulatedSensor]:
     """Run a simulator for the duration of the block."""
-    sensor = SimulatedSensor(profile_name, folder, baud, seed, framing, options)
+    sensor = SimulatedSensor(package, folder, baud, seed, framing, options)
     try:
         yield sensor
     finally:

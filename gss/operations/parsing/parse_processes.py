@@ -122,10 +122,10 @@ class ParseProcesses:
     @contextlib.contextmanager
     def _turn(self) -> Iterator[None]:
         if not self._places.acquire(blocking=False):
-            raise self._busy("others wait already")
+            raise self._busy("the queue is full")
         try:
             if not self._free.acquire(timeout=self._turns.wait_s):
-                raise self._busy(f"no turn within {self._turns.wait_s:g} s")
+                raise self._busy(f"no free worker within {self._turns.wait_s:g} s")
             try:
                 yield
             finally:
@@ -135,7 +135,7 @@ class ParseProcesses:
 
     def _busy(self, got: str) -> Busy:
         return Busy(
-            "the server is busy reading other files",
+            "the server is reading other files",
             expected=f"at most {self._turns.at_once} files at once",
             got=got,
             hint="send the file again in a few seconds",
@@ -151,14 +151,14 @@ class ParseProcesses:
                 return answer
             self._forget(child)
             if self._stopped:
-                raise Busy("the server stops", hint="send the file again later", retry_after_s=self._turns.wait_s)
+                raise Busy("the server is stopping", hint="send the file again later", retry_after_s=self._turns.wait_s)
             if not child.ended_idle:
                 raise self._killed(child, what)
 
     def _take(self) -> _Child:
         with self._lock:
             if self._stopped:
-                raise Busy("the server stops", hint="send the file again later", retry_after_s=self._turns.wait_s)
+                raise Busy("the server is stopping", hint="send the file again later", retry_after_s=self._turns.wait_s)
             child, self._idle = self._idle, None
             if child is None:
                 child = self._start()
@@ -169,9 +169,9 @@ class ParseProcesses:
         try:
             return _Child(self._limits)
         except OSError as error:
-            log.error("the process that reads files could not be started: %s", error)
+            log.error("the file reader process could not be started: %s", error)
             raise Busy(
-                "the process that reads files could not be started",
+                "the file reader process could not be started",
                 expected="free memory, processes and file descriptors",
                 got=error.strerror or type(error).__name__,
                 hint="send the file again later; if it persists, check the limits of the server",
@@ -214,9 +214,9 @@ class ParseProcesses:
         if child.reply_too_large:
             return self._too_costly(what, "result", f"{self._limits.result_bytes >> 20} MiB of content")
         how = signal.Signals(-child.code).name if child.code < 0 else f"exit code {child.code}"
-        log.error("the process that read %s ended with %s", what, how)
+        log.error("the reader process of %s ended with %s", what, how)
         return BadInput(
-            f"{what} cannot be read: the process that read it crashed or ran out of memory",
+            f"{what} cannot be read: the reader process crashed or ran out of memory",
             expected=f"a file that can be read with {self._limits.memory_bytes >> 20} MiB of memory",
             got=how,
             hint="save it again with another program, or send a smaller file",
@@ -224,9 +224,9 @@ class ParseProcesses:
 
     def _too_costly(self, what: str, limit: str, amount: str) -> TooCostly:
         return TooCostly(
-            f"{what} costs too much to read: its limit of {limit} was reached",
+            f"{what} is too expensive to read: the limit of {limit} was reached",
             expected=f"at most {amount}",
-            got="more; the process that read it was ended",
+            got="more; the reader process was stopped",
             hint="send a smaller file, or save it uncompressed with another program",
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -16,8 +17,8 @@ from gss.operations.recordings.stored import PLOTTED, Recordings
 from gss.store import frames
 from gss.store.engine import Database
 
-AT_ONCE = 4
-"""Maximum number of concurrent live recordings, because each renders its pictures separately."""
+AT_ONCE, EACH = 6, 2
+"""Maximum number of concurrent live recordings, in all and of one user, because each renders its pictures separately."""
 BEGIN_WITH = 10
 """Number of earlier frames in the first piece, so that something is visible at once."""
 TOPICS = ("frame", "solution", "telemetry", "command", "event")
@@ -28,8 +29,9 @@ class LiveRecording:
     a wake."""
 
     def __init__(
-        self, recorder: Recorder, recordings: Recordings, bus: EventBus, now: Now, wake: Callable[[], None]
+        self, recorder: Recorder, recordings: Recordings, bus: EventBus, now: Now, wake: Callable[[], None], user: str
     ) -> None:
+        self.user = user
         self._recorder, self._recordings, self._bus, self._now = recorder, recordings, bus, now
         self._mailbox: Subscription = bus.subscribe(wake)
 
@@ -69,26 +71,27 @@ class LiveRecording:
         elif message.topic == "command" and payload.row.finished is not None:
             self._recorder.command(payload.row)
         elif message.topic == "telemetry":
-            fields, _ = payload
-            known = {v.definition.name: v for v in fields if v.packet == "housekeeping" and v.state != "stale"}
-            self._recorder.telemetry(self._now(), {n: known[n].value for n in PLOTTED if n in known})
+            fresh = {
+                v.name.rpartition(".")[2]: v.value for v in payload if v.packet == "housekeeping" and v.state != "stale"
+            }
+            self._recorder.telemetry(self._now(), {n: fresh[n] for n in PLOTTED if n in fresh})
 
 
 class LiveRecordings:
-    """Opens live recordings, up to ``AT_ONCE`` at a time."""
+    """Opens live recordings, up to ``AT_ONCE`` at a time and ``EACH`` of one user."""
 
     def __init__(self, recordings: Recordings, database: Database, bus: EventBus, now: Now) -> None:
         self._recordings, self._database, self._bus, self._now = recordings, database, bus, now
-        self._room = threading.BoundedSemaphore(AT_ONCE)
+        self._open: Counter[str] = Counter()
+        self._lock = threading.Lock()
 
-    def open(self, wake: Callable[[], None]) -> tuple[bytes, LiveRecording]:
+    def open(self, wake: Callable[[], None], user: str) -> tuple[bytes, LiveRecording]:
         """Return the first piece with earlier frames, and the live recording. Raises Conflict if too many are open."""
-        if not self._room.acquire(blocking=False):
-            raise Conflict("too many live recordings are open", expected=f"at most {AT_ONCE}", hint="close another one")
+        self._take_place(user)
         with contextlib.ExitStack() as unless_it_opens:
-            unless_it_opens.callback(self._room.release)
+            unless_it_opens.callback(self._free_place, user)
             recorder = self._recordings.recorder("gss-live", Use.LIVE)
-            live = LiveRecording(recorder, self._recordings, self._bus, self._now, wake)
+            live = LiveRecording(recorder, self._recordings, self._bus, self._now, wake, user)
             unless_it_opens.callback(live.close)
             with self._database.unit_of_work() as session:
                 ids = [f.id for f in frames.page(session, BEGIN_WITH, 0)[1]]
@@ -99,4 +102,16 @@ class LiveRecordings:
     def close(self, live: LiveRecording) -> None:
         """Close a live recording and free its place."""
         live.close()
-        self._room.release()
+        self._free_place(live.user)
+
+    def _take_place(self, user: str) -> None:
+        with self._lock:
+            if self._open[user] >= EACH or self._open.total() >= AT_ONCE:
+                expected = f"at most {EACH} of one user, {AT_ONCE} in all"
+                raise Conflict("too many live recordings", expected=expected, hint="close another recording")
+            self._open[user] += 1
+
+    def _free_place(self, user: str) -> None:
+        with self._lock:
+            self._open[user] -= 1
+            self._open += Counter()  # drops users without a recording

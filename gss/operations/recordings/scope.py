@@ -37,7 +37,7 @@ class Scopes:
     def of_frames(self, ids: list[int]) -> Scope:
         """Return the scope of these frames. Raises NotFound if one does not exist."""
         if not ids:
-            raise BadInput("no frames were given", expected="numbers and ranges such as 3,5-9")
+            raise BadInput("no frames given", expected="numbers and ranges such as 3,5-9")
         name = f"gss-frame-{ids[0]}" if len(ids) == 1 else f"gss-frames-{min(ids)}-{max(ids)}"
         return self._around(name, Use.FRAME if len(ids) == 1 else Use.SEQUENCE, ids)
 
@@ -74,17 +74,17 @@ class Scopes:
             job = jobs.get(session, job_id)
             chain, end = job.request.get("chain"), job.finished or self._now()
             ids = [] if chain is None else frames.ids_solved(session, chain, job.created, end, MOST_FRAMES)
-        return self._around(f"gss-campaign-{job_id}", Use.CAMPAIGN, ids, "this campaign ran on no stored frames")
+        return self._around(f"gss-campaign-{job_id}", Use.CAMPAIGN, ids, "this campaign used no stored frames")
 
     def _study(self, row: Calibration | Analysis, word: str) -> Scope:
         ids = sorted({int(i) for key in ("frame_ids", "dark_ids", "other_ids") for i in row.request.get(key) or ()})
         with self._database.unit_of_work() as session:
             there = frames.ids_there(session, ids[:MOST_FRAMES])
-        return self._around(f"gss-{word}-{row.id}", Use.CAMPAIGN, there, f"this {word} was made from no stored frames")
+        return self._around(f"gss-{word}-{row.id}", Use.CAMPAIGN, there, f"this {word} used no stored frames")
 
-    def _around(self, name: str, use: Use, ids: list[int], empty: str = "no frames were found") -> Scope:
+    def _around(self, name: str, use: Use, ids: list[int], empty: str = "no frames found") -> Scope:
         if not ids:
-            raise NotFound(empty, hint="a recording shows stored frames")
+            raise NotFound(empty, hint="a recording needs stored frames")
         if len(ids) > MOST_FRAMES:
             raise BadInput("too many frames", expected=f"at most {MOST_FRAMES}", got=str(len(ids)))
         with self._database.unit_of_work() as session:

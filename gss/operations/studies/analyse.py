@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.results import SolveResult
 from gss.domain.words import counted
 from gss.operations.frames.solve import Solver
 from gss.operations.report.parts import Report
 from gss.operations.studies import analysis_sheets as sheets
-from gss.operations.studies.night_frames import Shot, Tell, request_of, seen_stars
+from gss.operations.studies.night_frames import ProgressCallback, Shot, request_of, seen_stars
 from gss.pipeline.analysis.integration import noise_equivalent_angle
 from gss.pipeline.analysis.sensitivity import detection_limit
 from gss.pipeline.analysis.series import AttitudeSeries, series_of
@@ -76,20 +76,22 @@ def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
         raise BadInput("unknown analysis", expected=" | ".join(KINDS), got=kind)
     if kind == "slew" and not (commanded_rad_s is not None and 0 < commanded_rad_s < math.radians(20)):
         got = "none" if commanded_rad_s is None else f"{math.degrees(commanded_rad_s):g}°/s"
-        raise BadInput("a slew test needs the rate that was commanded", expected="above 0, below 20°/s", got=got)
+        raise BadInput("a slew test needs the commanded rate", expected="above 0, below 20°/s", got=got)
     if (kind == "two-cameras") != (others > 0):
         raise BadInput(
             "frames of a second camera", expected="for two-cameras, and only for it", got=counted(others, "frame")
         )
 
 
-def run_frames(solver: Solver, shots: Sequence[Shot], known: CameraProfile, chain: str, tell: Tell) -> Run:
+def run_frames(
+    solver: Solver, shots: Sequence[Shot], known: CameraProfile, chain: str, progress: ProgressCallback
+) -> Run:
     """Run a chain on every shot. A shot of another camera counts as not solved. Raises BadInput if none is solved."""
     ordered = sorted(shots, key=lambda s: (s.taken, s.name))
     results: list[SolveResult | None] = []
     reason = ""
     for k, shot in enumerate(ordered):
-        tell(k / len(ordered), f"{shot.name}, {k + 1} of {len(ordered)}")
+        progress(k / len(ordered), f"{shot.name}, {k + 1} of {len(ordered)}")
         try:
             results.append(solver.solve(shot.pixels(), request_of(shot, known, None, chain)))
         except BadInput as error:
@@ -98,7 +100,10 @@ def run_frames(solver: Solver, shots: Sequence[Shot], known: CameraProfile, chai
     if not any(r is not None and r.attitude is not None for r in results):
         first = next((r.reason for r in results if r is not None), reason)
         raise BadInput(
-            "no frame could be solved", expected="frames of stars", got=first, hint="is it the right camera?"
+            "no frame could be solved",
+            expected="frames of stars",
+            got=first,
+            hint="check that the camera is the right one",
         )
     return Run(ordered, results, known)
 
@@ -129,12 +134,12 @@ def analyse_telemetry(series: AttitudeSeries, of: str) -> Analysis:
 def _steady(kind: str, run: Run) -> Analysis:
     series = run.series
     found = earth_fixed(series) if kind == "earth-fixed" else celestial_fixed(series)
-    return Analysis(kind, sheets.steady(kind, found, series, _of(run)), dict(as_record(found)))
+    return Analysis(kind, sheets.steady(kind, found, series, subject_of(run)), dict(as_record(found)))
 
 
 def _slew(run: Run, commanded_rad_s: float) -> Analysis:
     found = slew_test(run.series, commanded_rad_s)
-    return Analysis("slew", sheets.slew(found, run.series, _of(run)), dict(as_record(found)))
+    return Analysis("slew", sheets.slew(found, run.series, subject_of(run)), dict(as_record(found)))
 
 
 def _sensitivity(run: Run, solver: Solver) -> Analysis:
@@ -147,7 +152,7 @@ def _sensitivity(run: Run, solver: Solver) -> Analysis:
         v_mag.append(v)
         seen.append(hit)
     found = detection_limit(np.concatenate(v_mag), np.concatenate(seen))
-    return Analysis("sensitivity", sheets.sensitivity(found, run.known, _of(run)), dict(as_record(found)))
+    return Analysis("sensitivity", sheets.sensitivity(found, run.known, subject_of(run)), dict(as_record(found)))
 
 
 def _looked_for(
@@ -180,13 +185,13 @@ def _nea(run: Run) -> Analysis:
         if shot.exposure_s is not None:
             groups.setdefault(shot.exposure_s, []).append(k)
     if not groups:
-        raise BadInput("no frame says how long it was exposed", hint="import frames whose header has EXPTIME")
+        raise BadInput("no frame states its exposure time", hint="import frames whose header has EXPTIME")
     runs = {
         t: replace(run, shots=[run.shots[k] for k in at], results=[run.results[k] for k in at]).series
         for t, at in groups.items()
     }
     found = noise_equivalent_angle(runs)
-    return Analysis("nea", sheets.nea(found, _of(run)), dict(as_record(found)))
+    return Analysis("nea", sheets.nea(found, subject_of(run)), dict(as_record(found)))
 
 
 def _spatial(run: Run) -> Analysis:
@@ -197,17 +202,17 @@ def _spatial(run: Run) -> Analysis:
             pixels.append(result.centroids.pixels[result.matches.centroid[used]])
             residual.append(result.matches.residual_px[used])
     at, off = np.concatenate(pixels), np.concatenate(residual)
-    report, figures = sheets.spatial(at, off, run.known.camera, _of(run))
+    report, figures = sheets.spatial(at, off, run.known.camera, subject_of(run))
     return Analysis("spatial", report, figures)
 
 
 def _two(first: Run, second: Run) -> Analysis:
     found = two_cameras(first.series, second.series)
-    of = f"{_of(first)}, and {_of(second)}"
+    of = f"{subject_of(first)}, and {subject_of(second)}"
     return Analysis("two-cameras", sheets.two_cameras(found, of), dict(as_record(found)))
 
 
-def _of(run: Run) -> str:
+def subject_of(run: Run) -> str:
     """Return the subtitle of a report: frames, camera, time span and chain."""
     first, last = run.shots[0].taken, run.shots[-1].taken
     version = run.known.sources.get("calibration", "")

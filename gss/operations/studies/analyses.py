@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
 
 from gss import __version__
-from gss.domain.angles import ARCSEC_RAD
+from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.errors import BadInput
-from gss.domain.profiles import profile
 from gss.domain.words import counted
+from gss.instruments.telemetry_roles import Status
 from gss.operations.clock import Now
+from gss.operations.contacts.contacts import ContactService
 from gss.operations.events import EventBus
-from gss.operations.frames.solve import CHAINS, Solver
-from gss.operations.jobs import JobService, Progress, Resumable, Run
-from gss.operations.line.contacts import ContactService
+from gss.operations.frames.solve import Solver
+from gss.operations.jobs import JobKind, JobService, Progress, Run, Work
 from gss.operations.report.html import as_html
 from gss.operations.report.parts import report_from
 from gss.operations.report.pdf import as_pdf
-from gss.operations.studies.analyse import FRAME_KINDS, analyse, analyse_telemetry, check_kind, run_frames
+from gss.operations.requests import as_stored
 from gss.operations.studies.analyse import Analysis as Made
+from gss.operations.studies.analyse import Run as FrameRun
+from gss.operations.studies.analyse import analyse, analyse_telemetry, run_frames
+from gss.operations.studies.analysis_requests import (
+    AnalysisJob,
+    AnalysisRequest,
+    FrameAnalysis,
+    SheetRequest,
+    TelemetryAnalysis,
+    earlier_request,
+)
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.night_frames import Shot, StoredShots
+from gss.operations.studies.sheet_frames import NEAR_S, sheet_of_frames, sheet_of_simulation
 from gss.pipeline.analysis.series import AttitudeSeries
 from gss.store import studies as store
 from gss.store import telemetry
@@ -34,7 +44,6 @@ from gss.store.engine import Database
 from gss.store.models import Analysis, Job
 
 STEPS = 1000
-MOST_FRAMES = 5000
 MOST_ATTITUDES = 500_000
 EXPORTS = {"json": "application/json", "html": "text/html; charset=utf-8", "pdf": "application/pdf"}
 COLUMNS = (
@@ -49,39 +58,6 @@ COLUMNS = (
     "centroids",
     "matched",
 )
-
-
-@dataclass(frozen=True)
-class FrameAnalysis:
-    """Request for an analysis of frames. ``profile``: camera of the frames; ``other_*``: of a second camera, for two-cameras
-    only."""
-
-    kind: str
-    profile: str
-    frame_ids: tuple[int, ...]
-    chain: str = "reference"
-    commanded_rad_s: float | None = None
-    other_profile: str = ""
-    other_ids: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.kind not in FRAME_KINDS:
-            raise BadInput("unknown analysis of frames", expected=" | ".join(FRAME_KINDS), got=self.kind)
-        check_kind(self.kind, self.commanded_rad_s, len(self.other_ids))
-        if self.chain not in CHAINS:
-            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=self.chain)
-        for ids in (self.frame_ids, self.other_ids):
-            if len(ids) > MOST_FRAMES or len(set(ids)) != len(ids):
-                raise BadInput("frames cannot be used", expected=f"up to {MOST_FRAMES}, each once", got=str(len(ids)))
-        if not self.frame_ids:
-            raise BadInput("no frames were given", expected="frames of one night")
-
-
-@dataclass(frozen=True)
-class TelemetryAnalysis:
-    """Request for an analysis of a contact's attitudes."""
-
-    contact_id: int
 
 
 class AnalysisService:
@@ -100,84 +76,106 @@ class AnalysisService:
     ) -> None:
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
         self._book, self._contacts, self._bus, self._now = book, contacts, bus, now
-        jobs.resumable("analysis", self._again)
+        jobs.register(JobKind("analysis", AnalysisJob, self._analyse, older=earlier_request))
 
-    def start(self, wanted: FrameAnalysis | TelemetryAnalysis, title: str, *, user: str) -> Job:
+    def start(self, wanted: AnalysisRequest, *, user: str) -> Job:
         """Queue an analysis; its result contains the id of the stored row. Raises BadInput or NotFound before anything is
         queued."""
-        name, work = self._work(wanted, title, user)
-        asked = {"type": type(wanted).__name__, "wanted": vars(wanted), "title": title, "user": user}
-        return self._jobs.begin("analysis", name, asked, work)
+        job = AnalysisJob(wanted, user=user)
+        name, work = self._work(job)
+        return self._jobs.begin("analysis", name, job, work)
 
-    def _again(self, run: Run) -> dict[str, Any]:
-        made: Any = {c.__name__: c for c in (FrameAnalysis, TelemetryAnalysis)}[run.request["type"]]
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in run.request["wanted"].items()}
-        return self._work(made(**values), run.request["title"], run.request["user"])[1](run)
+    def _analyse(self, job: AnalysisJob, run: Run) -> dict[str, Any]:
+        return self._work(job)[1](run)
 
-    def _work(self, wanted: FrameAnalysis | TelemetryAnalysis, title: str, user: str) -> tuple[str, Resumable]:
+    def _work(self, job: AnalysisJob) -> tuple[str, Work]:
         """Return the name and work function of an analysis, after looking up its inputs."""
-        request = {k: list(v) if isinstance(v, tuple) else v for k, v in vars(wanted).items()}
+        wanted = job.wanted
         first: list[Shot] = []
         other: list[Shot] = []
         if isinstance(wanted, TelemetryAnalysis):
-            self._contacts.detail(wanted.contact_id)
-            kind, of = "telemetry", f"contact {wanted.contact_id}"
+            self._contacts.detail(wanted.contact)
+            kind, of = "telemetry", f"contact {wanted.contact}"
         else:
-            profile(wanted.profile)
+            self._book.profile(wanted.profile)
             if wanted.other_ids:
-                profile(wanted.other_profile)
+                self._book.profile(wanted.other_profile)
             first, other = self._shots.of(wanted.frame_ids), self._shots.of(wanted.other_ids)
-            kind, of = wanted.kind, counted(len(first), "frame")
-        name = title or f"{kind}, {of}"
+            kind, of = wanted.kind, "simulated unit" if not first else counted(len(first), "frame")
+        name = wanted.title or f"{kind}, {of}"
 
         def work(run: Run) -> dict[str, Any]:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
             if isinstance(wanted, TelemetryAnalysis):
                 made = self._of_contact(wanted)
+            elif isinstance(wanted, SheetRequest):
+                made = self._sheet(wanted, first, other, run.progress)
             else:
                 made = self._of_frames(wanted, first, other, run.progress)
             row = Analysis(
                 kind=made.kind,
                 title=name[:120],
                 created=self._now(),
-                author=user,
+                author=job.user,
                 tool=f"gss {__version__}",
-                request=request,
+                request=as_stored(wanted),
                 result={"report": made.report.as_dict(), "figures": made.figures},
             )
             with self._database.unit_of_work() as session:
                 store.add_analysis(session, row)
                 run.keep({"analysis_id": row.id}, session)
-            self._bus.record("analysis", "ok", f"analysis {row.id} made: {row.title}, by {user}")
+            self._bus.record("analysis", "ok", f"analysis {row.id} made: {row.title}, by {job.user}")
             return {"analysis_id": row.id}
 
         return name[:120], work
 
     def _of_frames(self, wanted: FrameAnalysis, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
+        run, second = self._runs(wanted, first, other, progress)
+        progress(round(0.92 * STEPS), STEPS, "calculating the results")
+        return analyse(wanted.kind, self._solver, run, second=second, commanded_rad_s=wanted.commanded_rad_s)
+
+    def _sheet(self, wanted: SheetRequest, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
+        known = self._book.profile(wanted.profile)
+
+        def report(done: float, text: str) -> None:
+            progress(round(0.92 * STEPS * done), STEPS, text)
+
+        if wanted.simulated:
+            return sheet_of_simulation(self._solver, known, wanted.chain, wanted.seed, report)
+        run, second = self._runs(wanted, first, other, progress)
+        progress(round(0.92 * STEPS), STEPS, "calculating the rows")
+        mounting = None if wanted.mounting is None else tuple(wanted.mounting)
+        warmth = None
+        if second is not None:
+            status = self._book.status_of(wanted.profile)
+            warmth = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
+        return sheet_of_frames(run, second=second, mounting=mounting, temperature=warmth, seed=wanted.seed)
+
+    def _runs(
+        self, wanted: FrameAnalysis | SheetRequest, first: list[Shot], other: list[Shot], progress: Progress
+    ) -> tuple[FrameRun, FrameRun | None]:
+        """Run the chain on the frames of both cameras."""
         share = 0.9 * len(first) / max(1, len(first) + len(other))
 
-        def tell(done: float, text: str) -> None:
+        def report(done: float, text: str) -> None:
             progress(round(STEPS * done), STEPS, text)
 
         known = self._book.profile(wanted.profile)
-        run = run_frames(self._solver, first, known, wanted.chain, lambda s, t: tell(share * s, t))
-        second = None
-        if other:
-            camera = self._book.profile(wanted.other_profile)
-            second = run_frames(
-                self._solver, other, camera, wanted.chain, lambda s, t: tell(share + (0.9 - share) * s, t)
-            )
-        tell(0.92, "working out the figures")
-        return analyse(wanted.kind, self._solver, run, second=second, commanded_rad_s=wanted.commanded_rad_s)
+        run = run_frames(self._solver, first, known, wanted.chain, lambda s, t: report(share * s, t))
+        if not other:
+            return run, None
+        camera = self._book.profile(wanted.other_profile)
+        second = run_frames(
+            self._solver, other, camera, wanted.chain, lambda s, t: report(share + (0.9 - share) * s, t)
+        )
+        return run, second
 
     def _of_contact(self, wanted: TelemetryAnalysis) -> Made:
-        detail = self._contacts.detail(wanted.contact_id)
+        detail = self._contacts.detail(wanted.contact)
         end = max(detail.end, detail.row.started + timedelta(seconds=1))
-        series = attitudes_of(self._database, wanted.contact_id, detail.row.started, end)
-        return analyse_telemetry(
-            series, f"attitudes of contact {wanted.contact_id}, {detail.row.started:%Y-%m-%d %H:%M}Z"
-        )
+        series = attitudes_of(self._database, wanted.contact, detail.row.started, end)
+        return analyse_telemetry(series, f"attitudes of contact {wanted.contact}, {detail.row.started:%Y-%m-%d %H:%M}Z")
 
     def newest(self, limit: int, kind: str = "") -> list[Analysis]:
         """Return the newest analyses first."""
@@ -208,10 +206,10 @@ def attitudes_of(database: Database, contact_id: int, start: datetime, end: date
         if row.values[0] is not None:
             found[float(row.values[0])] = row.values
         if len(found) > MOST_ATTITUDES:
-            raise BadInput("too many attitudes at once", expected=f"up to {MOST_ATTITUDES}", hint="a shorter contact")
+            raise BadInput("too many attitudes", expected=f"up to {MOST_ATTITUDES}", hint="a shorter contact")
     if not found:
         raise BadInput(
-            "this contact has no attitudes", expected="attitude packets", hint="start the cycle, or ask for attitudes"
+            "this contact has no attitudes", expected="attitude packets", hint="start the cycle, or request attitudes"
         )
     rows = [found[t] for t in sorted(found)]
     n = len(rows)
@@ -226,6 +224,17 @@ def attitudes_of(database: Database, contact_id: int, start: datetime, end: date
     return AttitudeSeries(
         np.array(sorted(found)), quaternion, covariance, counts[:, 0], counts[:, 1], np.full(n, np.nan)
     )
+
+
+def temperatures(database: Database, status: Status, start: datetime, end: datetime) -> tuple[Array, Array] | None:
+    """Return Unix seconds and °C of the unit from its state during these times and shortly before and after; None if it
+    reports no temperature."""
+    if not (status.packet and status.sensor_temperature):
+        return None
+    margin = timedelta(seconds=NEAR_S)
+    rows = telemetry.rows(database, status.packet, (status.sensor_temperature,), start - margin, end + margin)
+    found = {r.received.timestamp(): float(r.values[0]) for r in rows if r.values[0] is not None}
+    return np.array(sorted(found)), np.array([found[t] for t in sorted(found)])
 
 
 def _number(value: Any) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.camera import Camera
-from gss.domain.profiles import CameraProfile
+from gss.domain.camera_profile import CameraProfile
 from gss.operations.report.figures import number
 from gss.operations.report.parts import Arrows, Cells, Fact, Level, Plot, Report, Section, Series, Table
 from gss.operations.studies.sheet_pieces import (
@@ -45,18 +45,18 @@ def steady(kind: str, found: SteadyTest, series: AttitudeSeries, of: str) -> Rep
     facts = [
         Fact("frames with an attitude", f"{found.solved} of {found.frames}"),
         Fact("span", number(found.span_s), "s"),
-        Fact("turn of the camera", number(speed / ARCSEC_RAD), "″/s", f"expected {number(expected / ARCSEC_RAD)}"),
-        Fact("left out as strays", number(int(found.strays.sum()))),
+        Fact("camera rotation", number(speed / ARCSEC_RAD), "″/s", f"expected {number(expected / ARCSEC_RAD)}"),
+        Fact("excluded outliers", number(int(found.strays.sum()))),
     ]
     pole = np.degrees(np.arccos(np.clip(found.rate_icrs_rad_s[2] / max(speed, 1e-300), -1, 1)))
     if expected:
-        facts.append(Fact("axis of the turn from the pole", number(float(pole), 3), "°"))
+        facts.append(Fact("angle between rotation axis and pole", number(float(pole), 3), "°"))
     at = series.times_s
     deviation = found.deviation_rad / ARCSEC_RAD
     sections = [
         Section(
             "Steadiness",
-            "A constant turn is fitted; what is left is the sensor's.",
+            "A constant rotation is fitted; the residual is the sensor's error.",
             facts,
             [],
             [axes_table(found.body)],
@@ -91,13 +91,19 @@ def slew(found: SlewTest, series: AttitudeSeries, of: str) -> Report:
             "°/s",
             f"±{uncertain}",
         ),
-        Fact("measured over commanded", number(found.ratio, 5)),
-        Fact("scatter along the turn", number(float(found.sigma_rad_s[0] / ARCSEC_RAD)), "″/s", "1σ of one interval"),
-        Fact("scatter across it", number(float(np.hypot(*found.sigma_rad_s[1:]) / np.sqrt(2) / ARCSEC_RAD)), "″/s"),
+        Fact("measured ÷ commanded", number(found.ratio, 5)),
+        Fact(
+            "scatter along the rotation", number(float(found.sigma_rad_s[0] / ARCSEC_RAD)), "″/s", "1σ of one interval"
+        ),
+        Fact(
+            "scatter across the rotation",
+            number(float(np.hypot(*found.sigma_rad_s[1:]) / np.sqrt(2) / ARCSEC_RAD)),
+            "″/s",
+        ),
         Fact("σ by the chain's covariances", number(found.claimed_rad_s / ARCSEC_RAD), "″/s", "mean of the axes"),
         Fact("frames with an attitude", number(100 * found.solved_share, 4), "%"),
         Fact("stars matched", number(found.mean_matches, 3), "", "mean"),
-        Fact("axis of the turn", ", ".join(number(float(a), 3) for a in found.axis), "", "camera x, y, z"),
+        Fact("rotation axis", ", ".join(number(float(a), 3) for a in found.axis), "", "camera x, y, z"),
     ]
     speed = [float(v) for v in degree(found.speed_rad_s)]
     plot = Plot(
@@ -118,16 +124,16 @@ def sensitivity(found: Sensitivity, known: CameraProfile, of: str) -> Report:
     """Return the report of the detection limit."""
     own = known.sensor.faint_limit_mag
     facts = [
-        Fact("half of the stars are found at", number(found.mag_50, 3), "V", f"±{number(found.sigma_50, 2)}"),
-        Fact("nine of ten at", number(finite(found.mag_90), 3), "V"),
-        Fact("the profile says", number(own, 3), "V"),
-        Fact("bright stars found", number(100 * found.ceiling, 3), "%"),
-        Fact("stars looked for", number(int(found.stars.sum()))),
+        Fact("50 % of the stars detected at", number(found.mag_50, 3), "V", f"±{number(found.sigma_50, 2)}"),
+        Fact("90 % detected at", number(finite(found.mag_90), 3), "V"),
+        Fact("profile value", number(own, 3), "V"),
+        Fact("bright stars detected", number(100 * found.ceiling, 3), "%"),
+        Fact("stars expected", number(int(found.stars.sum()))),
     ]
     share = [float(f / n) if n else None for f, n in zip(found.found, found.stars, strict=True)]
     middles = numbers((found.edges_mag[1:] + found.edges_mag[:-1]) / 2)
     curve = Plot(
-        "Share of catalogue stars that were found",
+        "Share of catalogue stars detected",
         "V magnitude",
         "share",
         [
@@ -147,7 +153,7 @@ def sensitivity(found: Sensitivity, known: CameraProfile, of: str) -> Report:
 
 def nea(found: NeaCurve, of: str) -> Report:
     """Return the report of noise equivalent angle against integration time."""
-    facts = [Fact("falls as time to the power", number(found.exponent, 3), "", f"±{number(found.exponent_sigma, 2)}")]
+    facts = [Fact("exponent of integration time", number(found.exponent, 3), "", f"±{number(found.exponent_sigma, 2)}")]
     across, about = found.across_rad / ARCSEC_RAD, found.about_rad / ARCSEC_RAD
     plot = Plot(
         "Noise equivalent angle",
@@ -172,7 +178,7 @@ def nea(found: NeaCurve, of: str) -> Report:
         )
     ]
     table = Table("By integration time", ["s", "across ″", "about ″", "± %", "frames", "stars"], rows)
-    text = "Light's own noise gives −0.5, the read-out's −1; 0 means that something else rules (Moniteq 1983 §4.4)."
+    text = "Photon noise gives −0.5, read noise −1; 0 means that another error dominates (Moniteq 1983 §4.4)."
     return Report(
         "Noise against integration time", of, [Section("Curve", text, facts, [plot], [table])], notes(found.warnings)
     )
@@ -200,8 +206,8 @@ def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple
     phase = [phase_means(pixels[:, k], residual_px[:, k]) for k in (0, 1)]
     centres = [(k + 0.5) / PHASES - 0.5 for k in range(PHASES)]
     within = Plot(
-        "Error against the place within a pixel",
-        "star's distance from the pixel's middle, px",
+        "Error against position within a pixel",
+        "distance of the star from the pixel centre, px",
         "px",
         [Series("columns", centres, phase[0]), Series("rows", centres, phase[1])],
     )
@@ -209,15 +215,15 @@ def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple
     facts = [
         Fact("residual", number(scatter), "px", "rms per axis"),
         Fact(
-            "of it steady over the field",
+            "systematic over the field",
             number(float(np.sqrt(np.nanmean(field.mean_px**2)))),
             "px",
             "rms of cell means",
         ),
-        Fact("of it steady within a pixel", number(rms(phase[0] + phase[1])), "px", "rms of phase means"),
+        Fact("systematic within a pixel", number(rms(phase[0] + phase[1])), "px", "rms of phase means"),
         Fact("stars", number(len(pixels))),
     ]
-    text = "Arrows that point the same way side by side are calibration; waves within a pixel are the centroid's."
+    text = "Neighbouring arrows in one direction are calibration errors; periodic errors within a pixel are centroid errors."
     report = Report("Spatial error", of, [Section("Over the detector", text, facts, [arrows, cells, within])], [])
     return report, {"map": as_record(field), "phase_col_px": phase[0], "phase_row_px": phase[1], "rms_px": scatter}
 
@@ -232,7 +238,7 @@ def two_cameras(found: Consistency, of: str) -> Report:
             "",
             "quaternion, scalar last",
         ),
-        Fact("scatter over what the covariances say", number(found.chi, 3)),
+        Fact("scatter ÷ scatter predicted by the covariances", number(found.chi, 3)),
     ]
     plot = over_time(
         "Deviation from the mean mounting", found.times_s, found.deviation_rad / ARCSEC_RAD, ("x", "y", "z"), "arcsec"
@@ -245,7 +251,7 @@ def telemetry(found: TelemetryFigures, series: AttitudeSeries, of: str) -> Repor
     """Return the report of performance from attitudes alone."""
     facts = [
         Fact("attitudes", f"{int(series.solved.sum())} of {len(series)}", "", f"{100 * found.availability:.1f} %"),
-        Fact("longest time without", number(found.longest_outage_s, 3), "s"),
+        Fact("longest outage", number(found.longest_outage_s, 3), "s"),
         Fact("stars matched", number(found.mean_matches, 3), "", "mean"),
         Fact(
             "turn", number(float(np.degrees(np.median(found.rate_rad_s))), 3) if found.triples else "–", "°/s", "median"
@@ -261,9 +267,9 @@ def telemetry(found: TelemetryFigures, series: AttitudeSeries, of: str) -> Repor
             strict=True,
         )
     ]
-    table = Table("Noise of one attitude", ["axis", "1σ ″", "3σ ″", "its own σ ″"], rows)
+    table = Table("Noise of one attitude", ["axis", "1σ ″", "3σ ″", "reported σ ″"], rows)
     plot = over_time(
-        "Each attitude against the middle of its neighbours",
+        "Each attitude against the mean of its neighbours",
         found.times_s,
         found.deviation_rad / ARCSEC_RAD,
         ("x", "y", "about"),

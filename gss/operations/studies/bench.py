@@ -11,12 +11,12 @@ import numpy as np
 
 from gss.device.table_use import calibration_values
 from gss.domain.camera import RadialTilt
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.operations.frames.solve import Solver
 from gss.operations.studies import calibration_report as report
-from gss.operations.studies.calibrate import Found
-from gss.operations.studies.night_frames import Shot, Tell, solve_shots
+from gss.operations.studies.calibrate import CalibrationInput
+from gss.operations.studies.night_frames import ProgressCallback, Shot, solve_shots
 from gss.pipeline.calibration.apply import calibrated_profile
 from gss.pipeline.calibration.bundle import Prior
 from gss.pipeline.calibration.checkerboard import calibrate_checkerboard
@@ -48,7 +48,7 @@ STEADY_SIGMA_PX = 0.02
 """Lower limit in px for the σ of a centre or focal length from the bench, because clamps and tables have play."""
 
 
-def centre(dots_px: Rows) -> Found:
+def centre(dots_px: Rows) -> CalibrationInput:
     """Determine the optical centre from positions (col, row) of one dot while the camera rotates about its axis (Jacobs 1995
     §6.2.1)."""
     dots = table(dots_px, 2, "places of a dot: col, row")
@@ -57,7 +57,7 @@ def centre(dots_px: Rows) -> Found:
     return _found("bench-centre", {"centre": content}, found.warnings)
 
 
-def tilt(pairs_px: Rows, known: CameraProfile) -> Found:
+def tilt(pairs_px: Rows, known: CameraProfile) -> CalibrationInput:
     """Determine the detector's tilt from positions of two dots, one near the centre and one far out: col, row, col, row (eq.
     6.15)."""
     pairs = table(pairs_px, 4, "places of two dots: inner col, row, outer col, row")
@@ -65,7 +65,7 @@ def tilt(pairs_px: Rows, known: CameraProfile) -> Found:
     return _found("bench-tilt", {"tilt": dict(as_record(replace(found, warnings=())))}, found.warnings)
 
 
-def dark_law(rows: Rows) -> Found:
+def dark_law(rows: Rows) -> CalibrationInput:
     """Determine dark current against temperature from rows of °C and electrons per second (eq. H.2)."""
     points = table(rows, 2, "temperature in °C, dark current in e⁻/s")
     found = dark_against_temperature(points[:, 0] + ZERO_C_K, points[:, 1])
@@ -74,9 +74,11 @@ def dark_law(rows: Rows) -> Found:
     return _found("bench-dark-law", {"dark_law": content}, found.warnings)
 
 
-def focal(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Tell, radius_px: float | None) -> Found:
+def focal(
+    solver: Solver, shots: Sequence[Shot], known: CameraProfile, progress: ProgressCallback, radius_px: float | None
+) -> CalibrationInput:
     """Determine the focal length from pairs of stars near the centre (eq. 6.4–6.6, Erlank 2013 eq. 5.4.1)."""
-    solved = solve_shots(solver, shots, known, None, lambda share, text: tell(0.9 * share, text))
+    solved = solve_shots(solver, shots, known, None, lambda share, text: progress(0.9 * share, text))
     found = focal_from_pairs(solved.stars, known.camera, radius_px=radius_px)
     pick = np.linspace(0, len(found.values_px) - 1, min(len(found.values_px), MOST_POINTS)).astype(int)
     thin = replace(found, warnings=(), values_px=found.values_px[pick], radius_px=found.radius_px[pick])
@@ -86,11 +88,13 @@ def focal(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Tel
     return _found("bench-focal", {"focal": content, "account": solved.account}, found.warnings)
 
 
-def radial(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Tell, order: int) -> Found:
+def radial(
+    solver: Solver, shots: Sequence[Shot], known: CameraProfile, progress: ProgressCallback, order: int
+) -> CalibrationInput:
     """Determine the polynomial of lens aberration from the distances of all stars to one near the centre (eq. 6.16–6.17)."""
     if not 1 <= order <= 4:
-        raise BadInput("a polynomial of that order is not carried", expected="1 to 4", got=str(order))
-    solved = solve_shots(solver, shots, known, None, lambda share, text: tell(0.9 * share, text))
+        raise BadInput("unsupported order of the polynomial", expected="1 to 4", got=str(order))
+    solved = solve_shots(solver, shots, known, None, lambda share, text: progress(0.9 * share, text))
     found = radial_polynomial(solved.stars, known.camera, known.focal_mm, order)
     pick = np.linspace(0, len(found.r_mm) - 1, min(len(found.r_mm), MOST_POINTS)).astype(int)
     thin = {n: getattr(found, n)[pick] for n in ("r_mm", "delta_mm", "residual_mm", "used")}
@@ -100,14 +104,14 @@ def radial(solver: Solver, shots: Sequence[Shot], known: CameraProfile, tell: Te
     if isinstance(lens, RadialTilt):
         made = replace(lens, radial=tuple(float(k) for k in found.coefficients))
         values = dict(calibration_values(calibrated_profile(known, replace(known.camera, distortion=made))))
-    return Found(
+    return CalibrationInput(
         "bench-radial", values, {"radial": content, "account": solved.account, "warnings": report.warnings(found)}
     )
 
 
 def checkerboard(
     shots: Sequence[Shot], known: CameraProfile | None, corners: tuple[int, int], square_mm: float, fit_k3: bool
-) -> Found:
+) -> CalibrationInput:
     """Determine focal length, centre and Brown's coefficients from pictures of a checkerboard (Erlank 2013 §5.4)."""
     found = calibrate_checkerboard([s.pixels() for s in shots], corners, square_mm, fit_k3=fit_k3)
     keep = {"corners_px": (), "residual_px": (), "warnings": ()}
@@ -116,7 +120,7 @@ def checkerboard(
     content |= {"corners_px": as_record(found.corners_px[pick]), "residual_px": as_record(found.residual_px[pick])}
     content["pictures"] = [s.name for s in shots]
     values = dict(calibration_values(calibrated_profile(known, found.camera))) if known else {}
-    return Found(
+    return CalibrationInput(
         "bench-checkerboard",
         values,
         {"checkerboard": content, "camera": content["camera"], "warnings": report.warnings(found)},
@@ -124,19 +128,23 @@ def checkerboard(
 
 
 def focus(
-    positions: Sequence[float], shots: Sequence[Shot], known: CameraProfile, tell: Tell, wished_sigma_px: float
-) -> Found:
+    positions: Sequence[float],
+    shots: Sequence[Shot],
+    known: CameraProfile,
+    progress: ProgressCallback,
+    wished_sigma_px: float,
+) -> CalibrationInput:
     """Determine the best focus setting from pictures of stars at several settings, one or more at each."""
     if len(positions) != len(shots):
         raise BadInput(
-            "each picture of a focus run has its setting", expected=f"{len(shots)} settings", got=str(len(positions))
+            "each image of a focus run needs its setting", expected=f"{len(shots)} settings", got=str(len(positions))
         )
     by_setting: dict[float, list[Shot]] = {}
     for place, shot in zip(positions, shots, strict=True):
         by_setting.setdefault(float(place), []).append(shot)
     at, widths, skipped = [], [], []
     for k, (setting, pictures) in enumerate(sorted(by_setting.items())):
-        tell(k / len(by_setting), f"setting {setting:g}, {k + 1} of {len(by_setting)}")
+        progress(k / len(by_setting), f"setting {setting:g}, {k + 1} of {len(by_setting)}")
         try:
             field = psf_over_field(
                 [picture.pixels() for picture in pictures],
@@ -152,41 +160,43 @@ def focus(
         widths.append(float(field.centre_sigma_px))
     if skipped and len(at) < FEWEST_SETTINGS:
         raise BadInput(
-            "the width of the stars could be measured at too few settings",
+            "star width measured at too few settings",
             expected=f"{FEWEST_SETTINGS} settings",
             got=f"{len(at)}; {skipped[0]['name']}: {skipped[0]['reason']}",
-            hint="several pictures at each setting, of a part of the sky with bright stars",
+            hint="take several images at each setting, of a field with bright stars",
         )
     return _focus_found(at, widths, wished_sigma_px, skipped)
 
 
-def focus_of_widths(rows: Rows, wished_sigma_px: float) -> Found:
+def focus_of_widths(rows: Rows, wished_sigma_px: float) -> CalibrationInput:
     """As ``focus``, from widths that were already measured: setting, σ in px."""
     points = table(rows, 2, "setting of the lens, σ of the stars in px")
     return _focus_found(points[:, 0].tolist(), points[:, 1].tolist(), wished_sigma_px, [])
 
 
-def _focus_found(at: list[float], widths: list[float], wished_px: float, skipped: list[dict[str, Any]]) -> Found:
+def _focus_found(
+    at: list[float], widths: list[float], wished_px: float, skipped: list[dict[str, Any]]
+) -> CalibrationInput:
     if not wished_px > 0:
-        raise BadInput("a star has a width", expected="σ above 0 px", got=f"{wished_px:g} px")
+        raise BadInput("invalid star width", expected="σ above 0 px", got=f"{wished_px:g} px")
     found = best_focus(np.array(at), np.array(widths), wished_px)
     advice = focus_advice(max(found.smallest_sigma_px, 0.05))
     content = dict(as_record(found)) | {"positions": at, "sigma_px": widths, "advice": as_record(advice)}
     return _found("bench-focus", {"focus_run": content, "account": skipped}, ())
 
 
-def _found(kind: str, result: dict[str, Any], warnings: Sequence[Any]) -> Found:
-    return Found(kind, {}, result | {"warnings": [as_record(w) for w in warnings]})
+def _found(kind: str, result: dict[str, Any], warnings: Sequence[Any]) -> CalibrationInput:
+    return CalibrationInput(kind, {}, result | {"warnings": [as_record(w) for w in warnings]})
 
 
 def table(rows: Rows, columns: int, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return (n, columns) numbers. Raises BadInput naming the first invalid row."""
     if not 1 <= len(rows) <= MOST_ROWS:
-        raise BadInput(f"these are not {what}", expected=f"1 to {MOST_ROWS} rows", got=str(len(rows)))
+        raise BadInput(f"invalid data: not {what}", expected=f"1 to {MOST_ROWS} rows", got=str(len(rows)))
     for k, row in enumerate(rows):
         if len(row) != columns or not np.isfinite(np.asarray(row, float)).all():
             got = ", ".join(f"{v:g}" for v in row)
-            raise BadInput(f"row {k + 1} is not {what}", expected=f"{columns} numbers", got=got or "nothing")
+            raise BadInput(f"invalid row {k + 1}: not {what}", expected=f"{columns} numbers", got=got or "nothing")
     return np.asarray(rows, float)
 
 
@@ -216,7 +226,7 @@ def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Pri
             out |= _of_checkerboard(result["checkerboard"])
         else:
             raise BadInput(
-                "this calibration says nothing beforehand of a camera",
+                "this calibration cannot be used as a prior",
                 expected=" | ".join(PRIOR_KINDS),
                 got=kind,
             )

@@ -2,51 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.operations.frames.solve import Solver
 from gss.operations.studies import bench
-from gss.operations.studies.calibrate import Found
-from gss.operations.studies.calibration_requests import BenchCalibration
-from gss.operations.studies.night_frames import Shot, Tell
-
-WISHED_SIGMA_PX = 0.45
-ORDER = 3
+from gss.operations.studies.calibrate import CalibrationInput
+from gss.operations.studies.calibration_requests import (
+    BenchCalibration,
+    BenchCentre,
+    BenchCheckerboard,
+    BenchDarkLaw,
+    BenchFocal,
+    BenchFocus,
+    BenchRadial,
+    BenchTilt,
+)
+from gss.operations.studies.night_frames import ProgressCallback, Shot
 
 
 def run_bench(
-    solver: Solver, wanted: BenchCalibration, known: CameraProfile | None, shots: Sequence[Shot], tell: Tell
-) -> Found:
-    """Return the result of the method. ``shots`` in the order of ``wanted.frame_ids``. Raises BadInput."""
-    options = dict(wanted.options)
-
-    def camera() -> CameraProfile:
-        if known is None:
-            raise BadInput("this method needs a camera", expected="a profile", got="none")
-        return known
-
-    def board() -> Found:
-        if not {"corners", "square_mm"} <= set(options):
-            raise BadInput("which board?", expected="inner corners across and down, and the side of a square")
-        across, down = options["corners"]
-        fit_k3 = bool(options.get("fit_k3", False))
-        return bench.checkerboard(shots, known, (int(across), int(down)), float(options["square_mm"]), fit_k3)
-
-    def focus() -> Found:
-        wished = float(options.get("wished_sigma_px", WISHED_SIGMA_PX))
-        if wanted.rows:
-            return bench.focus_of_widths(wanted.rows, wished)
-        return bench.focus(wanted.positions, shots, camera(), tell, wished)
-
-    makers: dict[str, Callable[[], Found]] = {
-        "bench-centre": lambda: bench.centre(wanted.rows),
-        "bench-tilt": lambda: bench.tilt(wanted.rows, camera()),
-        "bench-focal": lambda: bench.focal(solver, shots, camera(), tell, options.get("radius_px")),
-        "bench-radial": lambda: bench.radial(solver, shots, camera(), tell, int(options.get("order", ORDER))),
-        "bench-checkerboard": board,
-        "bench-dark-law": lambda: bench.dark_law(wanted.rows),
-        "bench-focus": focus,
-    }
-    return makers[wanted.kind]()
+    solver: Solver,
+    wanted: BenchCalibration,
+    known: CameraProfile | None,
+    shots: Sequence[Shot],
+    progress: ProgressCallback,
+) -> CalibrationInput:
+    """Return the result of the method. ``shots`` in the order of ``wanted.frames``. Raises BadInput."""
+    match wanted:
+        case BenchCentre():
+            return bench.centre(wanted.dots_px)
+        case BenchDarkLaw():
+            return bench.dark_law(wanted.points)
+        case BenchCheckerboard():
+            across, down = wanted.corners
+            return bench.checkerboard(shots, known, (across, down), wanted.square_mm, wanted.fit_k3)
+        case BenchFocus() if wanted.widths:
+            return bench.focus_of_widths(wanted.widths, wanted.wished_sigma_px)
+    if known is None:
+        raise BadInput("this method needs a camera", expected="a profile", got="none")
+    match wanted:
+        case BenchTilt():
+            return bench.tilt(wanted.pairs_px, known)
+        case BenchFocal():
+            return bench.focal(solver, shots, known, progress, wanted.radius_px)
+        case BenchRadial():
+            return bench.radial(solver, shots, known, progress, wanted.order)
+        case BenchFocus():
+            return bench.focus(wanted.positions, shots, known, progress, wanted.wished_sigma_px)
+    raise BadInput("unknown method of the bench", expected=" | ".join(bench.KINDS), got=type(wanted).__name__)

@@ -14,12 +14,12 @@ ZERO_C_K = 273.15
 
 
 def _centre(c: Mapping[str, Any]) -> list[Section]:
-    way = "a circle through the places" if c["circle"] else "the middle of the box that the dot stayed in"
+    way = "circle through the positions" if c["circle"] else "centre of the box around all positions"
     facts = [
         Fact("optical centre", f"{number(c['col_px'], 7)}, {number(c['row_px'], 7)}", "px", way),
         Fact("σ", number(c["sigma_px"], 2), "px", "per axis"),
         Fact("radius of the circle", number(c["radius_px"], 3), "px"),
-        Fact("extent of the places", f"{number(c['box_px'][0], 3)} x {number(c['box_px'][1], 3)}", "px"),
+        Fact("extent of the positions", f"{number(c['box_px'][0], 3)} x {number(c['box_px'][1], 3)}", "px"),
     ]
     series = [Series("places", [d[0] for d in c["dots_px"]], [d[1] for d in c["dots_px"]], "dots")]
     if c["circle"]:
@@ -27,7 +27,7 @@ def _centre(c: Mapping[str, Any]) -> list[Section]:
         col = [c["col_px"] + c["radius_px"] * math.cos(t) for t in turns]
         row: list[float | None] = [c["row_px"] + c["radius_px"] * math.sin(t) for t in turns]
         series.append(Series("circle", col, row))
-    plot = Plot("The dot while the camera turned", "column, px", "row, px", series)
+    plot = Plot("Dot during the camera rotation", "column, px", "row, px", series)
     return [Section("Optical centre from a dot", "Jacobs 1995 §6.2.1.", facts, [plot])]
 
 
@@ -37,14 +37,19 @@ def _tilt(t: Mapping[str, Any]) -> list[Section]:
         Fact(
             "largest tilt", number(t["tilt_max_rad"] * degrees, 3), "°", f"σ {number(t['sigma_rad'][0] * degrees, 2)}°"
         ),
-        Fact("met towards", number(t["tilt_direction_rad"] * degrees, 4), "°", "from +columns towards +rows"),
-        Fact("distance of the dots", number(t["radius_mm"], 5), "mm", "on an upright detector"),
-        Fact("left over", number(1000 * t["rms_mm"], 3), "µm", "rms"),
+        Fact(
+            "distances converge towards",
+            number(t["tilt_direction_rad"] * degrees, 4),
+            "°",
+            "from +columns towards +rows",
+        ),
+        Fact("distance of the dots", number(t["radius_mm"], 5), "mm", "on a detector without tilt"),
+        Fact("residual", number(1000 * t["rms_mm"], 3), "µm", "rms"),
     ]
     angle = [a * degrees for a in t["angle_rad"]]
     rest = [1000 * v for v in t["residual_mm"]]
     measured = Plot("Distance of the dots", "angle, °", "mm", [Series("measured", angle, t["distance_mm"], "dots")])
-    left = Plot("Measured less eq. 6.15", "angle, °", "µm", [Series("left over", angle, rest, "dots")])
+    left = Plot("Measured − eq. 6.15", "angle, °", "µm", [Series("residual", angle, rest, "dots")])
     return [Section("Tilt of the detector from pairs of dots", "Jacobs 1995 §6.2.3.1.", facts, [measured, left])]
 
 
@@ -60,14 +65,14 @@ def _focal(f: Mapping[str, Any]) -> list[Section]:
         "distance of the farther star from the centre, px",
         "px",
         [Series("pairs", f["radius_px"], f["values_px"], "dots")],
-        [Level(f["focal_px"], "mean, long pairs count more")],
+        [Level(f["focal_px"], "mean weighted by pair length")],
     )
     return [Section("Focal length from pairs of stars", "Jacobs 1995 eq. 6.4–6.6.", facts, [plot])]
 
 
 def _radial(r: Mapping[str, Any]) -> list[Section]:
     facts = [
-        Fact("left over", number(1000 * r["rms_mm"], 3), "µm", "rms"),
+        Fact("residual", number(1000 * r["rms_mm"], 3), "µm", "rms"),
         Fact("frames", number(r["frames"]), "", "with a star near the centre"),
     ]
     rows = [
@@ -77,7 +82,7 @@ def _radial(r: Mapping[str, Any]) -> list[Section]:
     at = sorted(r["r_mm"])
     fit: list[float | None] = [sum(k * x ** (n + 1) for n, k in enumerate(r["coefficients"])) for x in at]
     plot = Plot(
-        "Measured less true distance from the centre",
+        "Measured − true distance from the centre",
         "distance, mm",
         "mm",
         [Series("stars", r["r_mm"], r["delta_mm"], "dots"), Series("polynomial", at, fit)],
@@ -88,9 +93,9 @@ def _radial(r: Mapping[str, Any]) -> list[Section]:
 
 def _checkerboard(c: Mapping[str, Any]) -> list[Section]:
     facts = [
-        Fact("left over", number(c["residual_rms_px"], 3), "px", "rms per axis"),
+        Fact("residual", number(c["residual_rms_px"], 3), "px", "rms per axis"),
         Fact("pictures", number(sum(c["found"])), "", f"of {len(c['found'])}"),
-        Fact("corners fell into", number(100 * c["covered"], 3), "%", "of the field"),
+        Fact("corners in", number(100 * c["covered"], 3), "%", "of the field"),
     ]
     rows = [
         [n, number(v, 7), number(s, 2) if s else "held"]
@@ -104,7 +109,7 @@ def _checkerboard(c: Mapping[str, Any]) -> list[Section]:
     longest = max((math.hypot(d[0], d[1]) for d in c["residual_px"]), default=0.0)
     arrows: list[Drawing] = [
         Arrows(
-            "What is left at each corner",
+            "Residual at each corner",
             camera["columns"],
             camera["rows"],
             [p[0] for p in c["corners_px"]],
@@ -115,7 +120,7 @@ def _checkerboard(c: Mapping[str, Any]) -> list[Section]:
         )
     ]
     tables = [Table("Parameters", ["name", "value", "σ"], rows), Table("Pictures", ["", "board", "rms px"], pictures)]
-    text = "A camera focused on a board is not focused on stars: take the focal length from stars."
+    text = "A camera focused on a board is not focused on stars: determine the focal length from stars."
     return [Section("Checkerboard", text, facts, arrows, tables)]
 
 
@@ -123,7 +128,7 @@ def _dark_law(d: Mapping[str, Any]) -> list[Section]:
     facts = [
         Fact("dark current", number(d["at_reference_e_s"]), "e⁻/s", f"at {number(d['reference_k'] - ZERO_C_K, 3)} °C"),
         Fact("doubles every", number(d["doubling_k"], 3), "°C", f"σ {number(d['doubling_sigma_k'], 2)} °C"),
-        Fact("band gap", number(d["band_gap_ev"], 3), "eV", "silicon 1.1 eV: generation in its middle"),
+        Fact("band gap", number(d["band_gap_ev"], 3), "eV", "silicon 1.1 eV, generation at mid-gap"),
     ]
     at = sorted(d["temperature_c"])
     law: list[float | None] = [
@@ -149,7 +154,7 @@ def _focus_run(f: Mapping[str, Any]) -> list[Section]:
         [Level(f["wished_sigma_px"], "wished"), Level(f["position"], "sharpest", True)],
     )
     a = f["advice"]
-    return [Section("Run through the focus", f"Sharpest: {a['text']}; {a['hint']}.", facts, [plot])]
+    return [Section("Focus run", f"Sharpest: {a['text']}; {a['hint']}.", facts, [plot])]
 
 
 BENCH: dict[str, Callable[[Any], list[Section]]] = {

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.device.table_use import calibrated, calibration_values
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.words import counted
 from gss.operations.frames.solve import Solver
 from gss.operations.studies import calibration_report as report
-from gss.operations.studies.night_frames import Shot, Solved, Tell, solve_shots, stack
+from gss.operations.studies.night_frames import ProgressCallback, Shot, SolvedFrame, solve_shots, stack
 from gss.pipeline.calibration.apply import calibrated_profile, detector_figures
 from gss.pipeline.calibration.bundle import Prior
 from gss.pipeline.calibration.dark import DarkCalibration, Response, calibrate_dark, pixel_response
@@ -34,7 +34,7 @@ PSF_SHOTS = 8
 
 
 @dataclass(frozen=True)
-class Found:
+class CalibrationInput:
     """A calibration before it is stored. ``values``: in the form of the sensor's table, empty for a camera without a
     profile."""
 
@@ -54,22 +54,22 @@ def from_stars(
     solver: Solver,
     shots: Sequence[Shot],
     known: CameraProfile | None,
-    tell: Tell,
+    progress: ProgressCallback,
     *,
     models: Sequence[str] = (),
     fov_rad: float | None = None,
     photometry: bool = True,
     psf: bool = True,
     priors: Mapping[str, Prior] | None = None,
-) -> Found:
+) -> CalibrationInput:
     """Calibrate geometry, magnitudes and spot widths from frames of stars. ``known`` None: an unknown camera, solved blind.
     ``priors``: from the bench."""
     check_models(models)
-    solved = _first_solved(solver, shots, known, fov_rad, lambda share, text: tell(0.5 * share, text))
+    solved = _first_solved(solver, shots, known, fov_rad, lambda share, text: progress(0.5 * share, text))
     focal_mm = known.focal_mm if known else None
 
     def fit(stars: Sequence[FrameStars], begin: float) -> CameraCalibration:
-        tell(begin, "fitting the camera")
+        progress(begin, "fitting the camera")
         lenses = tuple(models) or tuple(LENS_MODELS)
         carried = {*GEOMETRY, *(n for lens in lenses for n in LENS_MODELS[lens])}
         return calibrate_camera(
@@ -78,13 +78,13 @@ def from_stars(
             models=lenses,
             focal_mm=focal_mm,
             priors={n: p for n, p in (priors or {}).items() if n in carried},
-            progress=lambda share: tell(begin + 0.1 * share, "fitting the camera"),
+            progress=lambda share: progress(begin + 0.1 * share, "fitting the camera"),
         )
 
     geometry = fit(solved.stars, 0.5)
     # If the assumed geometry was wrong, stars at the edge were not matched, so solve again with the fitted geometry.
     again = solve_shots(
-        solver, shots, known, fov_rad, lambda share, text: tell(0.6 + 0.15 * share, text), camera=geometry.camera
+        solver, shots, known, fov_rad, lambda share, text: progress(0.6 + 0.15 * share, text), camera=geometry.camera
     )
     if _matched(again) > _matched(solved):
         solved = replace(again, start=solved.start)
@@ -93,14 +93,14 @@ def from_stars(
     light = None
     gain_e_per_dn = known.sensor.gain_e_per_dn if known else math.nan
     if photometry:
-        tell(0.86, "fitting the magnitudes")
+        progress(0.86, "fitting the magnitudes")
         try:
             light = calibrate_photometry(solved.stars, geometry.camera, gain_e_per_dn=gain_e_per_dn)
             result["photometry"] = report.photometry(light)
         except BadInput as error:  # the geometry is worth storing even without photometry
             result["photometry_problem"] = str(error)
     if psf:
-        tell(0.92, "measuring the spots")
+        progress(0.92, "measuring the spots")
         full_dn = float(known.sensor.saturation_dn) if known else float((1 << shots[0].bits) - 1)
         images = [solver.cleaned(s.pixels(), known, s.exposure_s)[0] for s in solved.shots[:PSF_SHOTS]]
         e_per_dn = known.sensor.gain_e_per_dn if known else 0.0
@@ -111,38 +111,42 @@ def from_stars(
             result["psf_problem"] = str(error)
     result["warnings"] = report.warnings(geometry, light)
     values = dict(calibration_values(calibrated_profile(known, geometry, light))) if known else {}
-    return Found("stars", values, result)
+    return CalibrationInput("stars", values, result)
 
 
 def _first_solved(
-    solver: Solver, shots: Sequence[Shot], known: CameraProfile | None, fov_rad: float | None, tell: Tell
-) -> Solved:
+    solver: Solver,
+    shots: Sequence[Shot],
+    known: CameraProfile | None,
+    fov_rad: float | None,
+    progress: ProgressCallback,
+) -> SolvedFrame:
     """Solve the shots with the documented camera. If fewer than half are solved, its lens is probably wrong: then solve them
     blind using only the width of its field of view, and keep whichever matches more stars."""
     if known is None:
-        return solve_shots(solver, shots, None, fov_rad, tell)
+        return solve_shots(solver, shots, None, fov_rad, progress)
     problem: BadInput | None = None
-    told: Solved | None = None
+    with_profile: SolvedFrame | None = None
     try:
-        told = solve_shots(solver, shots, known, None, lambda share, text: tell(0.5 * share, text))
-        if 2 * len(told.shots) >= len(shots):
-            return told
+        with_profile = solve_shots(solver, shots, known, None, lambda share, text: progress(0.5 * share, text))
+        if 2 * len(with_profile.shots) >= len(shots):
+            return with_profile
     except BadInput as error:
         problem = error
     try:
         width = known.camera.fov_rad[0]
-        blind = solve_shots(solver, shots, None, width, lambda share, text: tell(0.5 + 0.5 * share, text))
+        blind = solve_shots(solver, shots, None, width, lambda share, text: progress(0.5 + 0.5 * share, text))
     except BadInput:
-        if told is None and problem is not None:
+        if with_profile is None and problem is not None:
             raise problem from None
         blind = None
-    if told is not None and (blind is None or _matched(told) >= _matched(blind)):
-        return told
+    if with_profile is not None and (blind is None or _matched(with_profile) >= _matched(blind)):
+        return with_profile
     assert blind is not None  # noqa: S101 - one of the two is there, or the problem was raised
     return replace(blind, start=known.camera)
 
 
-def _matched(solved: Solved) -> int:
+def _matched(solved: SolvedFrame) -> int:
     return sum(len(stars.hip) for stars in solved.stars)
 
 
@@ -150,12 +154,12 @@ def from_darks(
     darks: Sequence[Shot],
     flat_pairs: Sequence[Sequence[Shot]],
     known: CameraProfile,
-    tell: Tell,
+    progress: ProgressCallback,
     keep: Callable[[DarkCalibration, Response | None], dict[str, Any]] | None = None,
-) -> Found:
+) -> CalibrationInput:
     """Determine pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields.
     ``keep`` stores the map for reruns and returns its entry for the result. Raises BadInput for different exposures."""
-    tell(0.0, counted(len(darks), "dark frame"))
+    progress(0.0, counted(len(darks), "dark frame"))
     exposures = {shot.exposure_s for shot in darks}
     if len(exposures) > 1:
         given = ", ".join(str(e) for e in sorted(exposures, key=str))
@@ -166,7 +170,7 @@ def from_darks(
     made: list[Any] = [dark]
     curve, even = None, None
     if flat_pairs:
-        tell(0.5, f"{len(flat_pairs)} pairs of flat fields")
+        progress(0.5, f"{len(flat_pairs)} pairs of flat fields")
         flats = [stack(pair, known).astype(np.float32) for pair in flat_pairs]
         curve = photon_transfer([FlatPair(f[0], f[1]) for f in flats], saturation_dn=float(known.sensor.saturation_dn))
         even = pixel_response(_alike(np.concatenate(flats) - dark.median_dn), 0.0)
@@ -180,7 +184,7 @@ def from_darks(
     if keep is not None:
         result["dark_frame"] = keep(dark, even)
     result["warnings"] = report.warnings(*made)
-    return Found("detector", values, result)
+    return CalibrationInput("detector", values, result)
 
 
 def _alike(flats: NDArray[np.float32]) -> NDArray[np.float32]:

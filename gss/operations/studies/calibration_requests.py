@@ -1,72 +1,188 @@
-"""Requests for calibrations of stored frames, validated before anything is queued."""
+"""Requests for calibrations, in user units: of the API, the command line and the job store."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
 
 from gss.domain.errors import BadInput
-from gss.operations.studies import bench
+from gss.operations.jobs import JobRequest
+from gss.operations.requests import Id, Request
 from gss.operations.studies.calibrate import check_models
 
 MOST_FRAMES = 2000
+LARGEST = 1e6
+FrameIds = Annotated[list[Id], Field(max_length=MOST_FRAMES)]
+Measured = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+"""Bench measurement; the range excludes NaN and infinity."""
 
 
-@dataclass(frozen=True)
-class StarCalibration:
-    """Calibrate from frames of stars. ``profile`` "": an unknown camera, solved blind. ``models``: lens models to choose
-    from, all if empty. ``prior_ids``: bench calibrations used as priors."""
+class _Calibration(Request):
+    """Fields common to all calibrations. ``frames``: ids of the frames, without flat fields."""
 
-    frame_ids: tuple[int, ...]
-    profile: str = ""
-    models: tuple[str, ...] = ()
+    name: str = Field(default="", max_length=80)
+    note: str = Field(default="", max_length=2000)
+
+    @property
+    def frames(self) -> list[int]:
+        return []
+
+
+class StarCalibration(_Calibration):
+    """Calibration from star frames. ``profile``: "" for a camera without a profile, solved blind. ``models``: lens models to choose
+    from, all if empty. ``fov_deg``: width of the field of view, if known."""
+
+    kind: Literal["stars"]
+    profile: str = Field(default="", max_length=40)
+    frame_ids: FrameIds
+    models: list[Annotated[str, Field(max_length=20)]] = Field(default=[], max_length=10)
     photometry: bool = True
     psf: bool = True
-    fov_rad: float | None = None
-    prior_ids: tuple[int, ...] = ()
+    fov_deg: float | None = Field(default=None, gt=0.5, lt=120)
+    prior_ids: list[Id] = Field(default=[], max_length=10, description="Bench calibrations used as priors.")
 
-    def __post_init__(self) -> None:
+    @property
+    def frames(self) -> list[int]:
+        return self.frame_ids
+
+    @property
+    def fov_rad(self) -> float | None:
+        """Width of the field of view, if known."""
+        return None if self.fov_deg is None else math.radians(self.fov_deg)
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
         check_models(self.models)
         check_frames("frames", self.frame_ids, 1)
+        return self
 
 
-@dataclass(frozen=True)
-class DetectorCalibration:
-    """Calibrate the detector from dark frames of one exposure and, optionally, pairs of flat fields."""
+class DetectorCalibration(_Calibration):
+    """Detector calibration from dark frames of one exposure and pairs of flat fields."""
 
-    profile: str
-    dark_ids: tuple[int, ...]
-    flat_pairs: tuple[tuple[int, int], ...] = ()
+    kind: Literal["detector"]
+    profile: str = Field(max_length=40)
+    dark_ids: FrameIds
+    flat_pairs: list[Annotated[list[Id], Field(min_length=2, max_length=2)]] = Field(default=[], max_length=200)
 
-    def __post_init__(self) -> None:
+    @property
+    def frames(self) -> list[int]:
+        return self.dark_ids
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
         check_frames("dark frames", self.dark_ids, 3)
+        return self
 
 
-@dataclass(frozen=True)
-class BenchCalibration:
-    """Run one bench method. ``kind``: one of ``bench.KINDS``; ``rows``: measurements (positions of dots, temperatures and
-    dark currents, settings and widths); ``frame_ids``: pictures, in the order of ``positions`` for a focus run; ``options``:
-    corners, square_mm, fit_k3, radius_px, order, wished_sigma_px, depending on the method."""
+class BenchCalibration(_Calibration):
+    """Fields common to all bench calibrations. ``profile``: "" for a method that needs no camera."""
 
-    kind: str
-    profile: str
-    rows: tuple[tuple[float, ...], ...] = ()
-    frame_ids: tuple[int, ...] = ()
-    positions: tuple[float, ...] = ()
-    options: tuple[tuple[str, Any], ...] = ()
+    profile: str = Field(max_length=40)
 
-    def __post_init__(self) -> None:
-        if self.kind not in bench.KINDS:
-            raise BadInput("unknown method of the bench", expected=" | ".join(bench.KINDS), got=self.kind)
-        pictures = self.kind in ("bench-focal", "bench-radial", "bench-checkerboard")
-        if pictures or (self.kind == "bench-focus" and not self.rows):
+
+class _BenchFrames(BenchCalibration):
+    """Bench calibration from pictures."""
+
+    frame_ids: FrameIds
+
+    @property
+    def frames(self) -> list[int]:
+        return self.frame_ids
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        check_frames("frames", self.frame_ids, 1)
+        return self
+
+
+def _rows(columns: int, words: str) -> Any:
+    row = Annotated[list[Measured], Field(min_length=columns, max_length=columns)]
+    return Annotated[list[row], Field(min_length=1, max_length=5000, description=words)]
+
+
+class BenchCentre(BenchCalibration):
+    """Optical centre from positions of one dot while the camera is rotated."""
+
+    kind: Literal["bench-centre"]
+    dots_px: _rows(2, "[col, row] of each turn")  # type: ignore[valid-type]  # a made type
+
+
+class BenchTilt(BenchCalibration):
+    """Detector tilt from positions of two dots."""
+
+    kind: Literal["bench-tilt"]
+    pairs_px: _rows(4, "[inner col, inner row, outer col, outer row] of each turn")  # type: ignore[valid-type]  # a made type
+
+
+class BenchFocal(_BenchFrames):
+    """Focal length from pairs of stars."""
+
+    kind: Literal["bench-focal"]
+    radius_px: float | None = Field(default=None, gt=1, lt=20000)
+
+
+class BenchRadial(_BenchFrames):
+    """Lens distortion polynomial from stars around one near the centre."""
+
+    kind: Literal["bench-radial"]
+    order: int = Field(default=3, ge=1, le=4)
+
+
+class BenchCheckerboard(_BenchFrames):
+    """Camera model from pictures of a checkerboard. ``corners``: inner corners across and down; ``square_mm``: side of a square."""
+
+    kind: Literal["bench-checkerboard"]
+    corners: Annotated[list[Annotated[int, Field(ge=3, le=100)]], Field(min_length=2, max_length=2)]
+    square_mm: float = Field(gt=0, le=10000)
+    fit_k3: bool = False
+
+
+class BenchDarkLaw(BenchCalibration):
+    """Dark current as a function of temperature."""
+
+    kind: Literal["bench-dark-law"]
+    points: _rows(2, "[temperature in °C, dark current in electrons per second]")  # type: ignore[valid-type]  # a made type
+
+
+class BenchFocus(BenchCalibration):
+    """Best focus, from pictures at several lens settings, in the order of ``positions``, or from measured star widths."""
+
+    kind: Literal["bench-focus"]
+    frame_ids: FrameIds = Field(default=[])
+    positions: list[Measured] = Field(default=[], max_length=MOST_FRAMES)
+    widths: list[Annotated[list[Measured], Field(min_length=2, max_length=2)]] = Field(
+        default=[], max_length=5000, description="[setting, σ in px]"
+    )
+    wished_sigma_px: float = Field(default=0.45, gt=0, lt=50)
+
+    @property
+    def frames(self) -> list[int]:
+        return self.frame_ids
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if not self.widths:
             check_frames("frames", self.frame_ids, 1)
-        elif not self.rows:
-            raise BadInput(f"nothing was measured for {self.kind}", expected="rows of numbers")
+        return self
 
 
-Wanted = StarCalibration | DetectorCalibration | BenchCalibration
+Wanted = Annotated[
+    StarCalibration
+    | DetectorCalibration
+    | BenchCentre
+    | BenchTilt
+    | BenchFocal
+    | BenchRadial
+    | BenchCheckerboard
+    | BenchDarkLaw
+    | BenchFocus,
+    Field(discriminator="kind"),
+]
 
 
 def check_frames(what: str, ids: Sequence[int], fewest: int) -> None:
@@ -74,32 +190,35 @@ def check_frames(what: str, ids: Sequence[int], fewest: int) -> None:
     if not fewest <= len(ids) <= MOST_FRAMES or len(set(ids)) != len(ids):
         raise BadInput(
             f"{what} cannot be used",
-            expected=f"{fewest} to {MOST_FRAMES}, each once",
+            expected=f"{fewest} to {MOST_FRAMES} different frames",
             got=f"{len(ids)}, {len(set(ids))} different",
         )
 
 
-def frames_of(wanted: Wanted) -> tuple[int, ...]:
-    """Return the frames of a calibration, without flat fields."""
-    return wanted.dark_ids if isinstance(wanted, DetectorCalibration) else wanted.frame_ids
+@dataclass(frozen=True)
+class CalibrationJob(JobRequest):
+    """A calibration as a job."""
+
+    wanted: Wanted
 
 
-def as_plain(wanted: Wanted) -> dict[str, Any]:
-    """Return the request as stored plain values."""
-
-    def plain(value: Any) -> Any:
-        return [plain(v) for v in value] if isinstance(value, tuple) else value
-
-    return {k: dict(v) if k == "options" else plain(v) for k, v in vars(wanted).items()}
+MEASURED = {"bench-centre": "dots_px", "bench-tilt": "pairs_px", "bench-dark-law": "points", "bench-focus": "widths"}
+"""Field of a bench request that contains its measurements."""
 
 
-def from_plain(kind: str, record: Mapping[str, Any]) -> Wanted:
-    """Restore a request from its stored values; ``kind`` is the name of its class."""
-    classes: Any = {made.__name__: made for made in (StarCalibration, DetectorCalibration, BenchCalibration)}
-
-    def tuples(value: Any) -> Any:
-        return tuple(tuples(v) for v in value) if isinstance(value, list) else value
-
-    values = {k: tuple(v.items()) if k == "options" else tuples(v) for k, v in record.items()}
-    made: Wanted = classes[kind](**values)
-    return made
+def earlier_request(stored: dict[str, Any]) -> dict[str, Any]:
+    """Convert a request that version 0.4 stored, with radians and the name beside it."""
+    if "name" not in stored:
+        return stored
+    old = dict(stored["wanted"])
+    new: dict[str, Any] = {"profile": old["profile"], "name": stored["name"], "note": stored["note"]}
+    if "dark_ids" in old:
+        new |= {"kind": "detector", "dark_ids": old["dark_ids"], "flat_pairs": old["flat_pairs"]}
+    elif "options" in old:
+        pictures = {"frame_ids": old["frame_ids"], "positions": old["positions"]}
+        new |= {"kind": old["kind"]} | {name: ids for name, ids in pictures.items() if ids} | old["options"]
+        new |= {MEASURED[old["kind"]]: old["rows"]} if old["rows"] else {}
+    else:
+        fov_rad = old.pop("fov_rad", None)
+        new = old | new | {"kind": "stars", "fov_deg": None if fov_rad is None else math.degrees(fov_rad)}
+    return {"wanted": new, "user": stored.get("user", "")}

@@ -60,8 +60,8 @@ def _geometry(g: Mapping[str, Any]) -> list[Section]:
         Fact("lens model", str(g["model"])),
         Fact("residual before", number(before["rms_px"]), "px", "rms per axis"),
         Fact("residual after", number(after["rms_px"]), "px", "rms per axis"),
-        Fact("scatter of one star", number(after["noise_px"]), "px", "freedom of the fit given back"),
-        Fact("frames left out in turn", number(held["noise_px"] if held else None), "px", "stars that took no part"),
+        Fact("scatter of one star", number(after["noise_px"]), "px", "corrected for degrees of freedom"),
+        Fact("leave-one-out over frames", number(held["noise_px"] if held else None), "px", "held-out stars"),
         Fact("stars used", number(after["stars"]), "", f"{after['rejected']} rejected"),
     ]
     columns, rows = g["camera"]["columns"], g["camera"]["rows"]
@@ -75,7 +75,7 @@ def _geometry(g: Mapping[str, Any]) -> list[Section]:
     ]
     if g["frozen"]:
         rows_held = [[f["name"], number(f["value"], 6), f["reason"]] for f in g["frozen"]]
-        tables.append(Table("Held: the data cannot tell them", ["name", "value", "why"], rows_held))
+        tables.append(Table("Fixed: not determined by the data", ["name", "value", "why"], rows_held))
     tables.append(
         Table(
             "Lens models on the same stars",
@@ -159,7 +159,7 @@ def _photometry(p: Mapping[str, Any]) -> list[Section]:
             "zero point", number(p["zero_point_mag"]), "mag", f"V of 1 DN/s, σ {number(p['zero_point_sigma_mag'], 2)}"
         ),
         Fact("colour term", number(p["colour_mag_per_mag"], 3), "mag/mag", f"of B−V, σ {number(p['colour_sigma'], 2)}"),
-        Fact("light lost in the corner", number(_percent(p["corner_loss"]), 3), "%"),
+        Fact("vignetting in the corner", number(_percent(p["corner_loss"]), 3), "%"),
         Fact("linearity", number(p["linearity"]), "", f"1 is linear, σ {number(p['linearity_sigma'], 2)}"),
         Fact("saturation", number(p["saturation_mag"], 3), "mag"),
         Fact("magnitude error", number(p["robust_sigma_mag"], 3), "mag", "σ of one star; Jacobs 1995 §6.3: 0.2"),
@@ -235,10 +235,10 @@ def _dead(d: Mapping[str, Any]) -> list[Section]:
 def _dark_frame(d: Any) -> list[Section]:
     """Describe the map that reruns subtract from frames; a calibration from stars only states that one was used."""
     if not isinstance(d, Mapping):
-        return [Section("Dark frame", "The frames were worked on with the dark frame that was in use.")]
+        return [Section("Dark frame", "The active dark frame was applied to the frames.")]
     p = d["picture"]
     facts = [
-        Fact("exposure", number(d["exposure_s"], 3), "s", "frames within a fifth of it have the pattern subtracted"),
+        Fact("exposure", number(d["exposure_s"], 3), "s", "the pattern is subtracted from frames within 20 % of it"),
         Fact("pixels replaced", number(d["bad"]), "", "hot, noisy or dead: the median of their neighbours"),
     ]
     words = f"black {number(p['low_dn'], 3)} DN, white {number(p['high_dn'], 3)} DN or more, against the typical pixel"

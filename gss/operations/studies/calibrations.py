@@ -9,29 +9,32 @@ from typing import Any
 
 from gss import __version__
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.camera_record import camera_from
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile, profile
 from gss.domain.words import counted
+from gss.instruments.registry import Registry
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.frames.dark_frames import DARK, DarkFrames
 from gss.operations.frames.solve import Solver
-from gss.operations.jobs import JobService, Resumable, Run
+from gss.operations.jobs import JobKind, JobService, Run, Work
+from gss.operations.requests import as_stored
 from gss.operations.studies import bench
 from gss.operations.studies.bench_run import run_bench
-from gss.operations.studies.calibrate import Found, from_darks, from_stars
+from gss.operations.studies.calibrate import CalibrationInput, from_darks, from_stars
 from gss.operations.studies.calibration_requests import (
     BenchCalibration,
+    BenchCentre,
+    BenchCheckerboard,
+    CalibrationJob,
     DetectorCalibration,
     StarCalibration,
     Wanted,
-    as_plain,
-    frames_of,
-    from_plain,
+    earlier_request,
 )
-from gss.operations.studies.camera_book import CameraBook, with_values
-from gss.operations.studies.dark_frames import DARK, DarkFrames
-from gss.operations.studies.night_frames import Shot, StoredShots, Tell
+from gss.operations.studies.camera_book import CameraBook
+from gss.operations.studies.night_frames import ProgressCallback, Shot, StoredShots
 from gss.operations.transfers.device_tables import DeviceTableService
 from gss.pipeline.calibration.apply import Difference, camera_difference
 from gss.pipeline.calibration.bundle import Prior
@@ -42,7 +45,6 @@ from gss.store.models import Calibration, DeviceTable, Job
 STEPS = 1000
 FOREIGN = "foreign"
 """Camera name of calibrations without a profile: these can be used, but not sent to a sensor."""
-__all__ = ["BenchCalibration", "CalibrationService", "DetectorCalibration", "StarCalibration", "camera_of"]
 
 
 @dataclass(frozen=True)
@@ -69,62 +71,62 @@ class CalibrationService:
         bus: EventBus,
         now: Now,
         darks: DarkFrames,
+        instruments: Registry,
     ) -> None:
+        self._instruments = instruments
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
         self.book, self._tables, self._bus, self._now, self._darks = book, tables, bus, now, darks
-        jobs.resumable("calibration", self._again)
+        jobs.register(JobKind("calibration", CalibrationJob, self._calibrate, older=earlier_request))
 
     # --- computation --------------------------------------------------------------------------------------------
 
-    def start(self, wanted: Wanted, name: str, note: str, *, user: str) -> Job:
+    def start(self, wanted: Wanted, *, user: str) -> Job:
         """Queue a calibration; its result contains the id of the stored row. Raises BadInput before anything is queued."""
-        title, work = self._work(wanted, name, note, user)
-        asked = {"type": type(wanted).__name__, "wanted": as_plain(wanted), "name": name, "note": note, "user": user}
-        return self._jobs.begin("calibration", title, asked, work)
+        job = CalibrationJob(wanted, user=user)
+        title, work = self._work(job)
+        return self._jobs.begin("calibration", title, job, work)
 
-    def _again(self, run: Run) -> dict[str, Any]:
-        asked = run.request
-        _, work = self._work(from_plain(asked["type"], asked["wanted"]), asked["name"], asked["note"], asked["user"])
-        return work(run)
+    def _calibrate(self, job: CalibrationJob, run: Run) -> dict[str, Any]:
+        return self._work(job)[1](run)
 
-    def _work(self, wanted: Wanted, name: str, note: str, user: str) -> tuple[str, Resumable]:
+    def _work(self, job: CalibrationJob) -> tuple[str, Work]:
         """Return the title and work function of a calibration, after looking up its inputs."""
+        wanted = job.wanted
         known = self._camera(wanted)
         of = known.name if known else FOREIGN
-        shots = self._shots.of(frames_of(wanted))
+        shots = self._shots.of(wanted.frames)
         # Restores the order of frame_ids, which matches the settings of a focus run.
         if isinstance(wanted, BenchCalibration):
-            place = {frame_id: k for k, frame_id in enumerate(wanted.frame_ids)}
+            place = {frame_id: k for k, frame_id in enumerate(wanted.frames)}
             shots.sort(key=lambda shot: place[shot.frame_id or 0])
         pairs = [self._shots.of(pair) for pair in wanted.flat_pairs] if isinstance(wanted, DetectorCalibration) else []
         priors = self._priors(wanted, of)
-        request = as_plain(wanted)
 
         def work(run: Run) -> dict[str, Any]:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
 
-            def tell(share: float, text: str) -> None:
+            def progress(share: float, text: str) -> None:
                 run.progress(round(STEPS * share), STEPS, text)
 
-            found = self._make(wanted, known, shots, pairs, priors, tell)
+            found = self._make(wanted, known, shots, pairs, priors, progress)
             row = Calibration(
                 profile=of,
                 kind=found.kind,
-                name=name or f"{of} {found.kind}",
+                name=wanted.name or f"{of} {found.kind}",
                 created=self._now(),
-                author=user,
+                author=job.user,
                 tool=f"gss {__version__}",
-                request=request,
+                request=as_stored(wanted),
                 values=found.values,
                 result=found.result,
-                note=note,
+                note=wanted.note,
             )
             with self._database.unit_of_work() as session:
                 store.add_calibration(session, row)
                 result = {"calibration_id": row.id, "warnings": len(found.result["warnings"])}
                 run.keep(result, session)
-            self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {user}")
+            self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {job.user}")
             return result
 
         what = counted(len(shots), "frame") if shots else "the bench"
@@ -133,10 +135,10 @@ class CalibrationService:
     def _camera(self, wanted: Wanted) -> CameraProfile | None:
         """Return the documented camera; for a calibration from stars, with the detector calibration if one is in use."""
         if not wanted.profile:
-            if isinstance(wanted, BenchCalibration) and wanted.kind not in ("bench-checkerboard", "bench-centre"):
+            if isinstance(wanted, BenchCalibration) and not isinstance(wanted, BenchCheckerboard | BenchCentre):
                 raise BadInput("this method needs a camera", expected="a profile", got="none")
             return None
-        known = profile(wanted.profile)
+        known = self._instruments.camera(wanted.profile)
         if isinstance(wanted, StarCalibration) and self.book.dark_of(known.name):
             used = self.book.profile(known.name)
             return replace(used, camera=known.camera, focal_mm=known.focal_mm)
@@ -148,7 +150,7 @@ class CalibrationService:
         rows = [self.get(k) for k in wanted.prior_ids]
         other = [row for row in rows if row.profile not in (of, FOREIGN)]
         if other:
-            raise BadInput("this was measured on another camera", expected=of, got=other[0].profile)
+            raise BadInput("measured on another camera", expected=of, got=other[0].profile)
         return bench.priors_of([(row.kind, row.result) for row in rows])
 
     def _make(
@@ -158,18 +160,18 @@ class CalibrationService:
         shots: Sequence[Shot],
         pairs: Sequence[Sequence[Shot]],
         priors: Mapping[str, Prior],
-        tell: Tell,
-    ) -> Found:
+        progress: ProgressCallback,
+    ) -> CalibrationInput:
         if isinstance(wanted, BenchCalibration):
-            return run_bench(self._solver, wanted, known, shots, tell)
+            return run_bench(self._solver, wanted, known, shots, progress)
         if isinstance(wanted, DetectorCalibration):
             assert known is not None  # noqa: S101 - its profile is never empty
-            return from_darks(shots, pairs, known, tell, self._darks.keep)
+            return from_darks(shots, pairs, known, progress, self._darks.keep)
         found = from_stars(
             self._solver,
             shots,
             known,
-            tell,
+            progress,
             models=wanted.models,
             fov_rad=wanted.fov_rad,
             photometry=wanted.photometry,
@@ -193,17 +195,17 @@ class CalibrationService:
 
     def camera(self, calibration_id: int) -> Camera:
         """Return the camera geometry of a calibration."""
-        return camera_of(self.get(calibration_id))
+        return self._camera_of(self.get(calibration_id))
 
     def compare(self, older_id: int, newer_id: int) -> Comparison:
         """Return the differences between two calibrations of the same camera. Raises BadInput for different cameras."""
         older, newer = self.get(older_id), self.get(newer_id)
         if older.profile != newer.profile:
-            raise BadInput("these calibrations are of different cameras", expected=older.profile, got=newer.profile)
+            raise BadInput("calibrations of different cameras", expected=older.profile, got=newer.profile)
         names = sorted(set(older.values) | set(newer.values))
         pairs = {n: (older.values.get(n), newer.values.get(n)) for n in names}
         changed = {n: pair for n, pair in pairs.items() if pair[0] != pair[1]}
-        return Comparison(older, newer, camera_difference(camera_of(older), camera_of(newer)), changed)
+        return Comparison(older, newer, camera_difference(self._camera_of(older), self._camera_of(newer)), changed)
 
     # --- use ----------------------------------------------------------------------------------------------------
 
@@ -234,32 +236,31 @@ class CalibrationService:
             store.calibration(session, calibration_id).table_id = table.id
         return table
 
+    def _camera_of(self, row: Calibration) -> Camera:
+        """Return the camera geometry of a calibration. Raises BadInput if it has none."""
+        if row.values:
+            return self.book.with_values(row.profile, row.values, row.id).camera
+        record = row.result.get("geometry", row.result).get("camera")
+        if record is None:
+            raise BadInput(
+                "this calibration does not cover a whole camera", expected="stars or a checkerboard", got=row.kind
+            )
+        return camera_from(record)
+
 
 def _no_values(row: Calibration) -> BadInput:
     """Return the error for a calibration that does not define a profile's camera."""
     if row.kind in bench.KINDS and row.profile != FOREIGN:
         prior = row.kind in bench.PRIOR_KINDS
         return BadInput(
-            "a bench result is one part of a camera, no camera of its own",
+            "a bench result covers only part of a camera",
             expected="a calibration from stars or darks",
             got=row.kind,
-            hint="use it as a prior: calibrate from stars and name it there"
-            if prior
-            else "its report says what it found",
+            hint="calibrate from stars and select it as a prior" if prior else "see its report",
         )
     return BadInput(
         "this camera has no profile",
         expected="a calibration of a sensor's camera",
         got=row.profile,
-        hint="name the calibration when you run a frame",
+        hint="select the calibration when you run a frame",
     )
-
-
-def camera_of(row: Calibration) -> Camera:
-    """Return the camera geometry of a calibration. Raises BadInput if it has none."""
-    if row.values:
-        return with_values(row.profile, row.values, row.id).camera
-    record = row.result.get("geometry", row.result).get("camera")
-    if record is None:
-        raise BadInput("this calibration is not of a whole camera", expected="stars or a checkerboard", got=row.kind)
-    return camera_from(record)

@@ -6,10 +6,12 @@ import threading
 from dataclasses import replace
 
 from gss.device.table_use import calibrated
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import NotFound
-from gss.domain.profiles import PROFILES, CameraProfile, profile
+from gss.instruments.registry import Registry
+from gss.instruments.telemetry_roles import Status
 from gss.operations.clock import Now
-from gss.operations.studies.dark_frames import DARK
+from gss.operations.frames.dark_frames import DARK
 from gss.store import choices, studies
 from gss.store.engine import Database
 from gss.store.models import Calibration
@@ -22,25 +24,30 @@ SOURCE = "calibration"
 class CameraBook:
     """The cameras in use. Changes take effect with the next frame; stored solutions keep their camera."""
 
-    def __init__(self, database: Database, now: Now) -> None:
-        self._database, self._now = database, now
+    def __init__(self, database: Database, instruments: Registry, now: Now) -> None:
+        self._database, self._instruments, self._now = database, instruments, now
         self._lock = threading.Lock()
         self._used: dict[str, tuple[int, CameraProfile]] = {}
         with database.unit_of_work() as session:
             for choice in choices.read(session, PREFIX):
                 name, calibration_id = choice.name.removeprefix(PREFIX), int(choice.value["calibration_id"])
                 row = studies.calibration(session, calibration_id)
-                self._used[name] = calibration_id, _camera_of(row)
+                if instruments.has(name):
+                    self._used[name] = calibration_id, self._camera_of(row)
 
     def profile(self, name: str) -> CameraProfile:
         """Return the camera in use for a profile. Raises NotFound for an unknown name."""
         with self._lock:
             used = self._used.get(name)
-        return profile(name) if used is None else used[1]
+        return self._instruments.camera(name) if used is None else used[1]
+
+    def status_of(self, name: str) -> Status:
+        """Return where the telemetry of an instrument has its state. Raises NotFound for an unknown name."""
+        return self._instruments.get(name).roles.quantities.status
 
     def profiles(self) -> dict[str, CameraProfile]:
         """Return every camera, for workers in other processes."""
-        return {name: self.profile(name) for name in PROFILES}
+        return {name: self.profile(name) for name in self._instruments.cameras()}
 
     def in_use(self, name: str) -> int | None:
         """Return the id of the calibration in use; None for the documented camera."""
@@ -56,30 +63,28 @@ class CameraBook:
         """Use this calibration for its camera from now on."""
         with self._database.unit_of_work() as session:
             row = studies.calibration(session, calibration_id)
-            camera = _camera_of(row)
+            camera = self._camera_of(row)
             choices.write(session, PREFIX + row.profile, {"calibration_id": calibration_id}, self._now(), user)
         with self._lock:
             self._used[row.profile] = calibration_id, camera
 
     def use_documented(self, name: str) -> None:
         """Use the documented camera again. Raises NotFound if no calibration is in use."""
-        profile(name)
+        self._instruments.get(name)
         with self._database.unit_of_work() as session:
             if not choices.forget(session, PREFIX + name):
-                raise NotFound("no calibration is in use for this camera", got=name)
+                raise NotFound("no calibration is active for this camera", got=name)
         with self._lock:
             self._used.pop(name, None)
 
+    def with_values(self, name: str, values: dict[str, float | str], calibration_id: int) -> CameraProfile:
+        """Return the documented camera with the values of a calibration, naming the calibration in ``sources``."""
+        camera = calibrated(self._instruments.camera(name), values)
+        return replace(camera, sources={**camera.sources, SOURCE: f"calibration {calibration_id}"})
 
-def with_values(name: str, values: dict[str, float | str], calibration_id: int) -> CameraProfile:
-    """Return the documented camera with the values of a calibration, naming the calibration in ``sources``."""
-    camera = calibrated(profile(name), values)
-    return replace(camera, sources={**camera.sources, SOURCE: f"calibration {calibration_id}"})
-
-
-def _camera_of(row: Calibration) -> CameraProfile:
-    """Return the camera of a calibration, with the dark frame that it used or contains."""
-    camera = with_values(row.profile, row.values, row.id)
-    dark = row.result.get("dark_frame")
-    key = dark.get("key", "") if isinstance(dark, dict) else str(dark or "")
-    return replace(camera, sources={**camera.sources, DARK: key}) if key else camera
+    def _camera_of(self, row: Calibration) -> CameraProfile:
+        """Return the camera of a calibration, with the dark frame that it used or contains."""
+        camera = self.with_values(row.profile, row.values, row.id)
+        dark = row.result.get("dark_frame")
+        key = dark.get("key", "") if isinstance(dark, dict) else str(dark or "")
+        return replace(camera, sources={**camera.sources, DARK: key}) if key else camera

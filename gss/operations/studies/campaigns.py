@@ -7,8 +7,10 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
-from gss.domain.errors import BadInput
-from gss.operations.jobs import JobService, Run
+from pydantic import Field
+
+from gss.operations.jobs import JobKind, JobRequest, JobService, Run, nested_request
+from gss.operations.requests import Request
 from gss.operations.studies import experiments
 from gss.operations.studies.executor import Executor, HereExecutor
 from gss.store import frames as store
@@ -16,6 +18,21 @@ from gss.store.engine import Database
 from gss.store.models import Job
 
 MOST_AT_ONCE = 40
+
+
+class ExperimentsRequest(Request):
+    """Experiments to run. The job's result holds one record for each: columns, rows, conditions, notes, series."""
+
+    names: list[str] = Field(min_length=1, max_length=MOST_AT_ONCE)
+    trials: int | None = Field(default=None, ge=1, le=10_000_000)
+    seed: int = Field(default=1, ge=0, le=2**31 - 1)
+
+
+@dataclass(frozen=True)
+class ExperimentsJob(JobRequest):
+    """Experiments as a job."""
+
+    asked: ExperimentsRequest
 
 
 @dataclass(frozen=True)
@@ -37,19 +54,19 @@ class CampaignService:
 
     def __init__(self, database: Database, jobs: JobService, executor: Executor | None = None) -> None:
         self._database, self._jobs = database, jobs
-        where = executor or HereExecutor()
-        jobs.resumable("experiments", lambda run: _experiments(run, where))
+        self._executor = executor or HereExecutor()
+        jobs.register(JobKind("experiments", ExperimentsJob, self._run, older=nested_request))
 
-    def run_experiments(self, names: Sequence[str], trials: int | None, seed: int) -> Job:
+    def run_experiments(self, spec: ExperimentsRequest, *, user: str) -> Job:
         """Queue experiments; the job's result contains a record of each. Raises NotFound or BadInput before anything is
         queued."""
-        if not 1 <= len(names) <= MOST_AT_ONCE:
-            raise BadInput("number of experiments is out of range", expected=f"1 – {MOST_AT_ONCE}", got=str(len(names)))
-        for name in names:
-            experiments.check(name, trials, seed)
-        request = {"names": list(names), "trials": trials, "seed": seed}
-        title = names[0] if len(names) == 1 else f"{len(names)} experiments"
-        return self._jobs.begin("experiments", title, request)
+        for name in spec.names:
+            experiments.check(name, spec.trials, spec.seed)
+        title = spec.names[0] if len(spec.names) == 1 else f"{len(spec.names)} experiments"
+        return self._jobs.begin("experiments", title, ExperimentsJob(spec, user=user))
+
+    def _run(self, request: ExperimentsJob, run: Run) -> dict[str, Any]:
+        return _experiments(request.asked, run, self._executor)
 
     def compare(self) -> list[ChainRecord]:
         """Return every chain and version that ran on stored frames; only the newest result per frame counts."""
@@ -61,23 +78,23 @@ class CampaignService:
         return [_record(chain, version, group) for (chain, version), group in sorted(groups.items())]
 
 
-def _experiments(run: Run, executor: Executor) -> dict[str, Any]:
+def _experiments(spec: ExperimentsRequest, run: Run, executor: Executor) -> dict[str, Any]:
     """Run all experiments. Each completed one is checkpointed; after a crash only those in progress are rerun."""
-    names = run.request["names"]
+    names = spec.names
     done = list((run.checkpoint or {}).get("experiments", ()))
-    rest = [(name, run.request["trials"], run.request["seed"]) for name in names[len(done) :]]
+    rest = [(name, spec.trials, spec.seed) for name in names[len(done) :]]
 
-    def told(share: float) -> None:
+    def report_share(share: float) -> None:
         if len(done) < len(names):
             text = f"{names[len(done)]}, {100 * share:.0f} %"
             run.progress(round(100 * (len(done) + share)), 100 * len(names), text)
 
-    told(0.0)
-    with closing(executor.in_order(experiments.run_item, rest, told)) as records:
+    report_share(0.0)
+    with closing(executor.in_order(experiments.run_item, rest, report_share)) as records:
         for record in records:
             done.append(record)
             run.keep({"experiments": done})
-            told(0.0)
+            report_share(0.0)
     return {"experiments": done}
 
 

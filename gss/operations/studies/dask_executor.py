@@ -13,12 +13,22 @@ from typing import Any
 
 import gss
 from gss.domain.errors import BadInput, Conflict, GssError, StoreDown
-from gss.operations.studies.executor import AHEAD, LOOK_S, Executor, Item, LocalExecutor, Result, Told, Waiting, Work
+from gss.operations.studies.executor import (
+    AHEAD,
+    LOOK_S,
+    Executor,
+    Item,
+    LocalExecutor,
+    Result,
+    ShareCallback,
+    Waiting,
+    Work,
+)
 
 CONNECT_S = 10.0
 NO_WORKER_S = 60.0
 """A run fails after this time without any worker in the cluster."""
-TELL_S = 0.1
+REPORT_EVERY_S = 0.1
 
 
 class DaskExecutor:
@@ -96,7 +106,7 @@ class DaskExecutor:
                         "the cluster cannot be reached",
                         expected=f"a Dask scheduler at {self._url}",
                         got=f"{type(error).__name__}: {error}"[:200],
-                        hint="start dask scheduler there, or empty GSS_CLUSTER to work on this machine",
+                        hint="start dask scheduler there, or clear GSS_CLUSTER to use this machine",
                     ) from None
             return self._client
 
@@ -115,15 +125,15 @@ class DaskExecutor:
                     raise
             except KilledWorker as error:
                 raise GssError(
-                    "a piece of work ended every worker that took it",
+                    "a work item crashed every worker that ran it",
                     got=str(error)[:200],
-                    hint="look at the workers' memory and logs; what was done is kept, and a new start does the rest",
+                    hint="check memory and logs of the workers; finished work is kept, a new start continues",
                 ) from None
             except FutureCancelledError as error:
                 raise StoreDown(
-                    "the cluster was lost",
+                    "connection to the cluster lost",
                     got=str(error)[:200],
-                    hint="start its scheduler again; what was done is kept, and a new start does the rest",
+                    hint="restart its scheduler; finished work is kept, a new start continues",
                 ) from None
             now_s = time.monotonic()
             alone_s = 0.0 if self.workers else alone_s + now_s - last_s
@@ -150,22 +160,22 @@ def _on_worker(version: str, work: Work[Any, Any], item: Any, run: str, number: 
             got=gss.__version__,
             hint="install the server's version on all workers",
         )
-    return work(item, _told(run, number))
+    return work(item, _share_reporter(run, number))
 
 
-def _told(run: str, number: int) -> Told:
+def _share_reporter(run: str, number: int) -> ShareCallback:
     from distributed import get_worker
 
     worker, last_s = get_worker(), time.monotonic()
 
-    def told(share: float) -> None:
+    def report_share(share: float) -> None:
         nonlocal last_s
         now_s = time.monotonic()
-        if now_s - last_s > TELL_S:
+        if now_s - last_s > REPORT_EVERY_S:
             last_s = now_s
             worker.log_event(run, (number, float(share)))
 
-    return told
+    return report_share
 
 
 def make_executor(cluster_url: str, workers: int) -> Executor:

@@ -15,9 +15,9 @@ from gss.operations.studies.warm_pool import IDLE_S, WarmPool
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-Told = Callable[[float], None]
+ShareCallback = Callable[[float], None]
 """Reports the completed share of an item, 0 … 1."""
-Work = Callable[[Item, Told], Result]
+Work = Callable[[Item, ShareCallback], Result]
 """A module-level function (not a closure), because other processes import it by name."""
 Waiting = Callable[[float], None]
 """Called a few times a second with the completed share of the oldest open item; an exception from it ends the run."""
@@ -100,9 +100,9 @@ class LocalExecutor:
                 deaths += 1
                 if deaths > MOST_DEATHS:
                     raise GssError(
-                        "worker processes died again and again",
-                        got=f"{deaths} deaths in one run; {error}",
-                        hint="look at the machine's memory; what was done is kept, and a new start does the rest",
+                        "worker processes crashed repeatedly",
+                        got=f"{deaths} crashes in one run; {error}",
+                        hint="check the memory of this machine; finished work is kept, a new start continues",
                     ) from error
 
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from gss.catalogue_tools.corrections.corrections import aberrate
 from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.results import SolveResult
 from gss.domain.stars import StarTable
 from gss.operations.frames.frames import FrameService, Pixels
@@ -27,7 +27,7 @@ from gss.pipeline.calibration.trails import trail_px
 from gss.store import frames as store
 from gss.store.engine import Database
 
-Tell = Callable[[float, str], None]
+ProgressCallback = Callable[[float, str], None]
 """Called with the completed share and a text; may raise to cancel."""
 EPOCH_STEP_YR = 0.25
 """Star tables are built per epoch; in a quarter of a year the fastest star moves by 2.6″."""
@@ -48,7 +48,7 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Solved:
+class SolvedFrame:
     """The shots that were solved, with their results and stars, and an account of all of them.
 
     ``start``: the camera used for the solutions: the known one, or that of the first blind solution.
@@ -75,9 +75,9 @@ class StoredShots:
         holed = [row.id for row in rows if not row.complete]
         if holed:
             raise BadInput(
-                "only whole frames can be used",
+                "incomplete frames cannot be used",
                 got=f"frame {holed[0]} has missing rows",
-                hint="ask the sensor for the missing rows first",
+                hint="fetch the missing rows or exclude the frame",
             )
         return [
             Shot(
@@ -98,16 +98,16 @@ def solve_shots(
     shots: Sequence[Shot],
     known: CameraProfile | None,
     fov_rad: float | None,
-    tell: Tell,
+    progress: ProgressCallback,
     chain: str = "reference",
     camera: Camera | None = None,
-) -> Solved:
+) -> SolvedFrame:
     """Solve shots of a known camera, of one with a known width of field, or blind. ``camera``: its geometry, if better known
     than the profile's. Raises BadInput if none is solved."""
     taken: list[tuple[Shot, SolveResult, FrameStars]] = []
     account: list[dict[str, Any]] = []
     for k, shot in enumerate(shots):
-        tell(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
+        progress(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
         try:
             pixels = shot.pixels()
             result = solver.solve(pixels, request_of(shot, known, fov_rad, chain, camera))
@@ -121,10 +121,13 @@ def solve_shots(
     if not taken:
         first = account[0]["reason"] if account else "no frame"
         raise BadInput(
-            "no frame could be solved", expected="frames of stars", got=first, hint="is it the right camera?"
+            "no frame could be solved",
+            expected="frames of stars",
+            got=first,
+            hint="check that the camera is the right one",
         )
     start = known.camera if known else taken[0][1].camera
-    return Solved([t[0] for t in taken], [t[1] for t in taken], [t[2] for t in taken], start, account)
+    return SolvedFrame([t[0] for t in taken], [t[1] for t in taken], [t[2] for t in taken], start, account)
 
 
 def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
@@ -134,7 +137,7 @@ def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
         image = shot.pixels()
         if image.shape != (known.camera.rows, known.camera.columns):
             raise BadInput(
-                f"{shot.name} is of another camera",
+                f"{shot.name} was taken with another camera",
                 expected=f"{known.camera.columns} x {known.camera.rows} px",
                 got=f"{image.shape[1]} x {image.shape[0]} px",
             )

@@ -8,22 +8,26 @@ other than stars and regions follow from attitude and camera, and are computed o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
+from pydantic import Field
+
 from gss import __version__
 from gss.domain.errors import BadInput, Conflict
-from gss.domain.profiles import CameraProfile
 from gss.domain.words import counted
+from gss.instruments.registry import Registry
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.frames.observer import observer_of_frame
 from gss.operations.frames.solve import CHAINS
-from gss.operations.jobs import JobService, Keep, Progress, Run
+from gss.operations.jobs import JobKind, JobRequest, JobService, Keep, Progress, Run
+from gss.operations.requests import Id, Request
+from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.executor import Executor
-from gss.operations.studies.reprocess_worker import Order, Task, run_item
+from gss.operations.studies.reprocess_worker import BatchSettings, Task, run_item
 from gss.pipeline.chains import reference
 from gss.store import frames as store
 from gss.store.engine import Database
@@ -32,21 +36,41 @@ from gss.store.models import Frame, Job
 KIND = "reprocess"
 BATCH = 8
 WORKERS = 2
-TELL_S = 0.25
+REPORT_EVERY_S = 0.25
 """Interval between progress reports."""
 MOST_FRAMES = 100_000
 
 
-@dataclass(frozen=True)
-class Reprocessing:
-    """Which frames to run and how. ``frame_ids`` empty: every complete frame that matches ``filters`` (as in the frame
-    list). ``profile``: camera of frames that have none; without it those are solved blind (reference chain only). ``again``:
-    include frames that this chain and version have solved."""
+class ReprocessRequest(Request):
+    """Frames to reprocess, by id or by filter. ``profile``: camera of frames that have none; without it those are solved blind
+    (reference chain only). ``again``: include frames that this version of the chain has already solved."""
 
-    chain: str
-    frame_ids: tuple[int, ...] = ()
-    profile: str | None = None
+    chain: str = Field(min_length=1, max_length=30)
+    frame_ids: list[Id] = Field(default_factory=list, max_length=MOST_FRAMES)
+    source: str = Field(default="", max_length=10)
+    contact: Id | None = None
+    profile: str | None = Field(default=None, max_length=40)
     again: bool = False
+
+
+@dataclass(frozen=True)
+class ReprocessJob(JobRequest):
+    """Frames up to number ``up_to`` to reprocess with this version of the program; ``frames``: how many they were."""
+
+    asked: ReprocessRequest
+    version: str
+    frames: int
+    up_to: int
+    epoch_jyear: float
+
+
+def _of_version_0_4(stored: dict[str, Any]) -> dict[str, Any]:
+    """Convert a stored request of version 0.4, which was flat."""
+    if "asked" in stored:
+        return stored
+    filters = {"source": stored["filters"].get("source", ""), "contact": stored["filters"].get("contact_id")}
+    spec = {name: stored[name] for name in ("chain", "frame_ids", "profile", "again")} | filters
+    return {"asked": spec} | {n: stored[n] for n in ("user", "version", "frames", "up_to", "epoch_jyear")}
 
 
 @dataclass
@@ -83,74 +107,59 @@ class ReprocessService:
         epoch_jyear: float,
         executor: Executor,
         operational_chain: str,
-        profiles: Callable[[], Mapping[str, CameraProfile]] = dict,
+        book: CameraBook,
+        instruments: Registry,
     ) -> None:
         self._database, self._blobs_url, self._jobs, self._now = database, blobs_url, jobs, now
-        self._epoch_jyear, self._profiles, self._executor = epoch_jyear, profiles, executor
+        self._epoch_jyear, self._book, self._executor = epoch_jyear, book, executor
+        self._instruments = instruments
         self._operational_chain = operational_chain
-        jobs.resumable(KIND, self._resume)
+        jobs.register(JobKind(KIND, ReprocessJob, self._resume, older=_of_version_0_4))
 
-    def start(self, wanted: Reprocessing, *, user: str, **filters: Any) -> Job:
+    def start(self, spec: ReprocessRequest, *, user: str) -> Job:
         """Queue the job. Raises BadInput if there is no frame to run or the chain is unknown."""
-        if wanted.chain not in CHAINS:
-            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=wanted.chain)
-        tasks = self.tasks(wanted, **filters)
+        if spec.chain not in CHAINS:
+            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=spec.chain)
+        tasks = self.tasks(spec)
         if not tasks:
             raise BadInput(
                 "no frame to run",
                 expected="at least one complete frame without a result of this chain and version",
-                hint="run again asks for all of them",
+                hint="select Run again to include all of them",
             )
-        request = {
-            "chain": wanted.chain,
-            "version": __version__,
-            "frames": len(tasks),
-            "again": wanted.again,
-            "user": user,
-            "frame_ids": list(wanted.frame_ids),
-            "profile": wanted.profile,
-            "filters": filters,
-            "up_to": tasks[-1].frame_id,
-            "epoch_jyear": self._epoch_jyear,
-        }
-        return self._jobs.begin(KIND, f"{wanted.chain} on {counted(len(tasks), 'frame')}", request)
+        job = ReprocessJob(spec, __version__, len(tasks), tasks[-1].frame_id, self._epoch_jyear, user=user)
+        return self._jobs.begin(KIND, f"{spec.chain} on {counted(len(tasks), 'frame')}", job)
 
-    def tasks(self, wanted: Reprocessing, **filters: Any) -> list[Task]:
+    def tasks(self, wanted: ReprocessRequest) -> list[Task]:
         """Return the tasks, oldest frame first."""
         with self._database.unit_of_work() as session:
             if wanted.frame_ids:
                 frames = [store.get(session, i) for i in wanted.frame_ids]
             else:
-                frames = store.page(session, MOST_FRAMES, 0, **filters)[1]
+                frames = store.page(session, MOST_FRAMES, 0, source=wanted.source, contact_id=wanted.contact)[1]
             done = set() if wanted.again else store.solved_by(session, wanted.chain, __version__)
         rows = sorted(
             (f for f in frames if f.complete and f.pixels_removed is None and f.id not in done), key=lambda f: f.id
         )
         return [_task(f, wanted) for f in rows]
 
-    def _resume(self, run: Run) -> dict[str, Any]:
+    def _resume(self, job: ReprocessJob, run: Run) -> dict[str, Any]:
         """Continue a job from its stored request, after its checkpoint. Raises Conflict if the program's version has
         changed."""
-        request = run.request
-        if request["version"] != __version__:
+        if job.version != __version__:
             raise Conflict(
-                "the program was changed since this job began",
-                expected=request["version"],
+                "the software version changed since this job started",
+                expected=job.version,
                 got=__version__,
-                hint="what was done is kept; start it anew",
+                hint="finished work is kept; start a new job",
             )
-        wanted = Reprocessing(request["chain"], tuple(request["frame_ids"]), request["profile"], request["again"])
         done = Done(**run.checkpoint) if run.checkpoint else Done()
-        tasks = [
-            task
-            for task in self.tasks(wanted, **request["filters"])
-            if done.last_id < task.frame_id <= request["up_to"]
-        ]
-        return self.work(wanted, tasks, run.progress, done, run.keep, request["epoch_jyear"])
+        tasks = [task for task in self.tasks(job.asked) if done.last_id < task.frame_id <= job.up_to]
+        return self.work(job.asked, tasks, run.progress, done, run.keep, job.epoch_jyear)
 
     def work(
         self,
-        wanted: Reprocessing,
+        wanted: ReprocessRequest,
         tasks: Sequence[Task],
         progress: Progress,
         done: Done | None = None,
@@ -159,23 +168,28 @@ class ReprocessService:
     ) -> dict[str, Any]:
         """Run the tasks. Return the job's result: counts of outcomes and verdicts. ``done``: progress before a restart."""
         done = done or Done()
-        total, before_s, started_s, told_s = done.frames + len(tasks), done.elapsed_s, stopwatch_s(), 0.0
+        total, before_s, started_s, reported_s = done.frames + len(tasks), done.elapsed_s, stopwatch_s(), 0.0
         at_first = done.frames
-        order = Order(self._blobs_url, epoch_jyear or self._epoch_jyear, wanted.chain, dict(self._profiles()))
+        epoch, documented = epoch_jyear or self._epoch_jyear, self._instruments.cameras()
+        order = BatchSettings(self._blobs_url, epoch, wanted.chain, self._book.profiles(), documented)
 
-        def tell(_share: float = 0.0) -> None:
+        def report(_share: float = 0.0) -> None:
             rate = (done.frames - at_first) / max(1e-3, stopwatch_s() - started_s)
             progress(done.frames, total, f"{done.frames} of {total} frames, {rate:.0f} frames/s")
 
-        with closing(self._executor.in_order(run_item, _batches(order, tasks), tell)) as results:
+        with closing(self._executor.in_order(run_item, _batches(order, tasks), report)) as results:
             for rows in results:
                 done.count(rows)
                 elapsed_s = stopwatch_s() - started_s
                 done.elapsed_s = round(before_s + elapsed_s, 3)
                 self._keep(rows, done, keep)
-                if done.frames == total or elapsed_s - told_s > TELL_S or done.frames == at_first + len(rows):
-                    told_s = elapsed_s
-                    tell()
+                if (
+                    done.frames == total
+                    or elapsed_s - reported_s > REPORT_EVERY_S
+                    or done.frames == at_first + len(rows)
+                ):
+                    reported_s = elapsed_s
+                    report()
         return {"frames": done.frames, "counts": done.counts or {}, "elapsed_s": done.elapsed_s}
 
     def _keep(self, rows: Sequence[dict[str, Any]], done: Done, keep: Keep | None) -> None:
@@ -187,7 +201,7 @@ class ReprocessService:
                 keep(vars(done) | {}, session)
 
 
-def _task(frame: Frame, wanted: Reprocessing) -> Task:
+def _task(frame: Frame, wanted: ReprocessRequest) -> Task:
     """Return a task with the same inputs as a single run of that chain from the page."""
     observer = observer_of_frame(frame) if wanted.chain == reference.NAME else None
     named = frame.profile or wanted.profile
@@ -206,7 +220,7 @@ def _task(frame: Frame, wanted: Reprocessing) -> Task:
     )
 
 
-def _batches(order: Order, tasks: Sequence[Task]) -> Iterator[tuple[Order, list[Task]]]:
+def _batches(order: BatchSettings, tasks: Sequence[Task]) -> Iterator[tuple[BatchSettings, list[Task]]]:
     waiting = iter(tasks)
     while batch := list(islice(waiting, BATCH)):
         yield order, batch

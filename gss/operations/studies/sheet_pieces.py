@@ -25,7 +25,7 @@ def notes(warnings: Iterable[Advice]) -> list[Note]:
 
 def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]] | None = None) -> Table:
     """Return a table of values per axis in arcseconds, with those of a paper if given (1σ and 3σ, degrees)."""
-    head = ["axis", "1σ ″", "95 %", "3σ ″", "frame to frame ″", "its own σ ″", "drift ″/s"]
+    head = ["axis", "1σ ″", "95 %", "3σ ″", "frame to frame ″", "reported σ ″", "drift ″/s"]
     rows = []
     for a in axes:
         sigma, low, high, noise, claimed, drift = (

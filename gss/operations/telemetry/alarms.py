@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
-from gss.device.dictionary import Dictionary
 from gss.device.session_events import DeviceEvent
 from gss.domain.errors import BadInput, Conflict
 from gss.domain.limits import ORDER, State, worst
@@ -21,7 +20,7 @@ from gss.operations.clock import Now, after_jump
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
-from gss.operations.telemetry.alarm_words import (
+from gss.operations.telemetry.alarm_text import (
     CATALOGUE,
     EVENT,
     LINK,
@@ -29,6 +28,7 @@ from gss.operations.telemetry.alarm_words import (
     STORE,
     UNMEASURED,
     AlarmView,
+    action_of,
     cut,
     field_of,
     limit_text,
@@ -36,8 +36,9 @@ from gss.operations.telemetry.alarm_words import (
     title_of,
     with_unit,
 )
+from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.limit_check import Judgement, Key
 from gss.operations.telemetry.telemetry import Judged, TelemetryService
-from gss.operations.telemetry.telemetry_board import Judgement, Key
 from gss.store import alarms as store
 from gss.store.engine import Database
 from gss.store.models import Alarm
@@ -52,7 +53,7 @@ class AlarmService:
 
     def __init__(
         self,
-        dictionary: Dictionary,
+        dictionary: TelemetryDefinitions,
         telemetry: TelemetryService,
         link: LinkService,
         database: Database,
@@ -61,20 +62,19 @@ class AlarmService:
     ) -> None:
         self._dictionary, self._telemetry, self._link = dictionary, telemetry, link
         self._database, self._bus, self._now = database, bus, now
-        self._open: dict[Key, Alarm] = {}
+        self._open = telemetry.open_alarms
         self._contact: tuple[int | None, datetime] = (None, now())
         self._lock = threading.RLock()
-        telemetry.board.followed = lambda: self._open
 
     def start(self) -> None:
         """Load the alarms that the last server left open; values that were out of limits still count as out of limits."""
         with self._database.unit_of_work() as session:
             rows = store.still_open(session)
         with self._lock:
-            self._open = {(row.packet, row.field): row for row in rows}
+            self._open.update({(row.packet, row.field): row for row in rows})
         for row in rows:
             if row.state in ("raised", "acked") and row.packet not in UNMEASURED:
-                self._telemetry.board.seed((row.packet, row.field), State(row.worst))
+                self._telemetry.board.limits.seed((row.packet, row.field), State(row.worst))
 
     # --- inputs -------------------------------------------------------------------------------------------------
 
@@ -105,9 +105,7 @@ class AlarmService:
         with self._lock:
             for row in list(self._open.values()):
                 if row.shelved_until is not None and row.shelved_until <= now:
-                    self._change(
-                        row, "ok", f"{title_of(self._dictionary, row)}: back from the shelf", shelved_until=None
-                    )
+                    self._change(row, "ok", f"{title_of(self._dictionary, row)}: no longer shelved", shelved_until=None)
             self._listen(now)
 
     def clock_jumped(self, jump_s: float) -> None:
@@ -127,14 +125,14 @@ class AlarmService:
         contact_id = self._link.contact_id if self._link.connected else None
         if contact_id != self._contact[0]:
             self._contact = (contact_id, now)
-        newest = self._telemetry.board.latest("housekeeping")
-        heard = self._contact[1] if newest is None else max(newest[0], self._contact[1])
-        silent_s = (now - heard).total_seconds()
+        newest = self._telemetry.board.latest(self._link.roles.quantities.status.packet)
+        last_received = self._contact[1] if newest is None else max(newest[0], self._contact[1])
+        silent_s = (now - last_received).total_seconds()
         lost = contact_id is not None and silent_s > SIGNAL_LOST_AFTER_S
         if lost or SIGNAL in self._open:
             state = State.WARNING if lost else State.OK
             value = round(silent_s, 1)
-            limit = f"silent for more than {SIGNAL_LOST_AFTER_S:g} s" if lost else ""
+            limit = f"no housekeeping for {SIGNAL_LOST_AFTER_S:g} s" if lost else ""
             self._follow(SIGNAL, state, value, f"Loss of signal: no housekeeping for {value:g} s", limit, judged=True)
 
     def _follow(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool) -> None:
@@ -164,7 +162,7 @@ class AlarmService:
         with self._database.unit_of_work() as session:
             store.add(session, alarm)
         self._open[key] = alarm
-        self._tell(alarm, level.value, text)
+        self._record_event(alarm, level.value, text)
 
     def _again(self, row: Alarm, state: State, value: float, text: str, limit: str) -> None:
         """Raise the alarm again, because it is out of limits again or worse than before; this resets the acknowledgement."""
@@ -178,14 +176,14 @@ class AlarmService:
         if row.state not in ("raised", "acked"):
             return
         now = self._now()
-        how = "back in limits" if judged else "no longer judged, the cycle is stopped"
+        how = "back in limits" if judged else "not checked, the cycle is stopped"
         if row.state == "acked":
             self._change(
                 row, "ok", f"{title_of(self._dictionary, row)}: {how}; closed", state="closed", cleared=now, closed=now
             )
         else:
             self._change(
-                row, "ok", f"{title_of(self._dictionary, row)}: {how}; waits to be seen", state="cleared", cleared=now
+                row, "ok", f"{title_of(self._dictionary, row)}: {how}; not acknowledged", state="cleared", cleared=now
             )
 
     def _happened(self, key: Key, state: State, text: str) -> None:
@@ -204,7 +202,7 @@ class AlarmService:
         with self._lock:
             row = self._opened(alarm_id)
             if row.state == "acked":
-                raise Conflict("the alarm is acknowledged already", got=f"by {row.acknowledged_by}")
+                raise Conflict("the alarm is already acknowledged", got=f"by {row.acknowledged_by}")
             now = self._now()
             over = row.state == "cleared"
             changes: dict[str, Any] = {"acknowledged": now, "acknowledged_by": user, "state": "acked"}
@@ -230,7 +228,7 @@ class AlarmService:
             row = self._opened(alarm_id)
             if row.shelved_until is None:
                 raise Conflict("the alarm is not shelved", got=row.state)
-            return self._by(row, user, "taken from the shelf", note, shelved_until=None, shelved_by="")
+            return self._by(row, user, "unshelved", note, shelved_until=None, shelved_by="")
 
     def clear(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
         """Close an alarm manually. Raises Conflict while its value is out of limits and current."""
@@ -238,7 +236,7 @@ class AlarmService:
             row = self._opened(alarm_id)
             if row.state in ("raised", "acked") and self._is_fresh(row):
                 raise Conflict(
-                    "the alarm's cause is still there",
+                    "the cause of the alarm persists",
                     expected="a value back in limits",
                     got=f"{title_of(self._dictionary, row)}: {self._level(row)}",
                     hint="acknowledge or shelve it",
@@ -248,8 +246,8 @@ class AlarmService:
             if row.acknowledged is None:
                 changes |= {"acknowledged": now, "acknowledged_by": user}
             if row.packet not in UNMEASURED:
-                self._telemetry.board.seed((row.packet, row.field), State.OK)
-            return self._by(row, user, "closed by hand", note, **changes)
+                self._telemetry.board.limits.seed((row.packet, row.field), State.OK)
+            return self._by(row, user, "closed manually", note, **changes)
 
     def _opened(self, alarm_id: int) -> Alarm:
         with self._database.unit_of_work() as session:
@@ -262,7 +260,9 @@ class AlarmService:
         """True if the source of the alarm still delivers values."""
         if row.packet in (LINK, CATALOGUE, STORE):
             return row.packet != LINK or self._link.connected
-        found = self._telemetry.board.latest(row.packet)
+        found, field = self._telemetry.board.latest(row.packet), field_of(self._dictionary, row)
+        if field is None:  # a derived parameter that was deleted
+            return False
         stale_s = self._dictionary.packet(row.packet).stale_after_s or float("inf")
         return found is not None and (self._now() - found[0]).total_seconds() <= stale_s
 
@@ -285,10 +285,10 @@ class AlarmService:
             self._open[key] = stored
         else:
             self._open.pop(key, None)
-        self._tell(stored, severity, text)
+        self._record_event(stored, severity, text)
         return stored
 
-    def _tell(self, row: Alarm, severity: str | None, text: str) -> None:
+    def _record_event(self, row: Alarm, severity: str | None, text: str) -> None:
         if severity is not None:
             self._bus.record("alarm", severity, text, alarm_id=row.id, state=row.state)
         self._bus.publish("alarm", self.view(row))
@@ -298,14 +298,14 @@ class AlarmService:
             return State.OK
         if row.packet in (LINK, CATALOGUE, STORE):
             return State(row.worst)
-        return self._telemetry.board.counted((row.packet, row.field))
+        return self._telemetry.board.limits.counted((row.packet, row.field))
 
     def view(self, row: Alarm) -> AlarmView:
         """Return the alarm for display."""
         field = field_of(self._dictionary, row)
         shelved = row.shelved_until is not None and row.shelved_until > self._now()
         words = title_of(self._dictionary, row), field.unit if field else "", text_of(self._dictionary, row)
-        return AlarmView(row, self._level(row), *words, shelved)
+        return AlarmView(row, self._level(row), *words, shelved, action_of(self._dictionary, row))
 
     def get(self, alarm_id: int) -> AlarmView:
         """Return the alarm with that id. Raises NotFound."""
@@ -313,11 +313,10 @@ class AlarmService:
             return self.view(store.get(session, alarm_id))
 
     def opened(self) -> list[AlarmView]:
-        """Return open alarms: those out of limits before cleared ones, each group by severity, then oldest first."""
+        """Return open alarms: the most severe first, among equal ones those not acknowledged first, then oldest first."""
         with self._lock:
-            rows = list(self._open.values())
-        rows.sort(key=lambda r: (r.state == "cleared" and r.packet != EVENT, -ORDER[State(r.worst)], r.raised, r.id))
-        return [self.view(r) for r in rows]
+            views = [self.view(row) for row in self._open.values()]
+        return sorted(views, key=_turn)
 
     def newest(self, limit: int) -> list[AlarmView]:
         """Return the newest alarms first, including closed ones."""
@@ -331,7 +330,14 @@ class AlarmService:
             rows = store.between(session, start, end)
         return [self.view(row) for row in rows]
 
-    def of_field(self) -> dict[Key, int]:
-        """Return the id of the open alarm of each field that has one."""
+    def open_keys(self) -> list[Key]:
+        """Return the fields and conditions that have an open alarm."""
         with self._lock:
-            return {key: row.id for key, row in self._open.items()}
+            return list(self._open)
+
+
+def _turn(view: AlarmView) -> tuple[bool, int, bool, datetime, int]:
+    """Return the sort key of an open alarm: one that is not acknowledged counts with its worst level, because it latches."""
+    row = view.row
+    level = view.level if row.state == "acked" else State(row.worst)
+    return view.shelved, -ORDER[level], row.state == "acked", row.raised, row.id

@@ -8,10 +8,11 @@ from datetime import datetime
 
 import numpy as np
 
-from gss.device.dictionary import Dictionary, Group, Item, Packet, TelemetryField
 from gss.domain.errors import BadInput, NotFound
+from gss.instruments.dictionary.definitions import Group, Item, PacketDefinition, TelemetryField
+from gss.operations.telemetry.derived import DerivedParameters
 from gss.operations.telemetry.rollups import BUCKET_S, MOMENT, PLOTTED, Buckets, Rollups, Stretch
-from gss.operations.telemetry.value_words import kind, number
+from gss.operations.telemetry.value_format import kind, number
 from gss.store import telemetry as store
 from gss.store.engine import Database
 from gss.store.models import TelemetryPacket
@@ -120,15 +121,15 @@ class Thinner:
 class Archive:
     """Answers queries about past telemetry."""
 
-    def __init__(self, dictionary: Dictionary, database: Database, rollups: Rollups) -> None:
+    def __init__(self, dictionary: DerivedParameters, database: Database, rollups: Rollups) -> None:
         self.dictionary, self.database, self._rollups = dictionary, database, rollups
 
     def column(self, key: str) -> Column:
         """Return the field for a key ``name`` or ``packet.name``; for a bare name, of the first packet that has it,
         housekeeping first. Raises NotFound."""
         packet_name, _, name = key.rpartition(".")
-        packets: Sequence[Packet] = (
-            [self.dictionary.packet(packet_name)] if packet_name else [*self.dictionary.telemetry]
+        packets: Sequence[PacketDefinition] = (
+            [self.dictionary.stored_packet(packet_name)] if packet_name else [*self.dictionary.telemetry]
         )
         for packet in packets:
             for item in packet.fields:
@@ -235,7 +236,7 @@ class Archive:
 
     def _checked(self, keys: Sequence[str], start: datetime, end: datetime) -> list[Column]:
         if end <= start:
-            raise BadInput("the span is empty", expected="a start before the end", got=f"{start} … {end}")
+            raise BadInput("the time span is empty", expected="a start before the end", got=f"{start} … {end}")
         if len(set(keys)) != len(keys) or not keys:
             raise BadInput("each field once, and at least one", got=", ".join(keys) or "none")
         return [self.column(key) for key in keys]
@@ -248,9 +249,10 @@ class Archive:
         limit: int,
         before_id: int | None,
         contact_id: int | None = None,
+        after_id: int | None = None,
     ) -> list[TelemetryPacket]:
-        """Return a page of stored packets, newest first."""
+        """Return a page of stored packets, newest first; with ``after_id`` those behind it, oldest first."""
         if packet is not None:
-            self.dictionary.packet(packet)
+            self.dictionary.stored_packet(packet)
         with self.database.unit_of_work() as session:
-            return store.page(session, packet, start, end, limit, before_id, contact_id)
+            return store.page(session, packet, start, end, limit, before_id, contact_id, after_id)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from gss.device.dictionary import FLOATS, INTEGER_RANGES, Dictionary, TelemetryField
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.limits import PERSISTENCE_MAX, Limits, Range
+from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, TelemetryField
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.telemetry.definitions import TelemetryDefinitions
 from gss.store import choices as store
 from gss.store.engine import Database
 
@@ -37,7 +38,7 @@ class Rule:
 class LimitBook:
     """Returns the rule in force for a field; an operator's override applies in every limit set until it is removed."""
 
-    def __init__(self, dictionary: Dictionary, database: Database, bus: EventBus, now: Now) -> None:
+    def __init__(self, dictionary: TelemetryDefinitions, database: Database, bus: EventBus, now: Now) -> None:
         self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
         self._lock = threading.Lock()
         self._own: dict[str, Rule] = {}
@@ -49,6 +50,12 @@ class LimitBook:
     def subscribe(self, listener: Callable[[str | None], None]) -> None:
         """Call ``listener`` with ``packet.name`` of each field whose limits changed; None for all fields."""
         self._listeners.append(listener)
+
+    def definition_changed(self, key: str) -> None:
+        """Use the new definition of a field ``packet.name``."""
+        self._rules = {}
+        for listener in self._listeners:
+            listener(key)
 
     def _load(self) -> None:
         with self._database.unit_of_work() as session:
@@ -87,25 +94,25 @@ class LimitBook:
     def choose(self, name: str, *, user: str, note: str = "") -> None:
         """Select another limit set. Raises NotFound."""
         if name not in dict(self.sets):
-            raise NotFound("no such limit set", expected=" | ".join(n for n, _ in self.sets), got=name)
+            raise NotFound("unknown limit set", expected=" | ".join(n for n, _ in self.sets), got=name)
         with self._lock:
             self._write(SET_NAME, {"name": name, "note": note}, user)
             before, self._set, self._rules = self._set, name, {}
-        self._tell(None, f"{user} put the limit set {name} in force, before it was {before}", note)
+        self._record_event(None, f"{user} activated the limit set {name}; was {before}", note)
 
     def override(self, key: str, limits: Limits, persistence: int | None, *, user: str, note: str = "") -> Rule:
         """Set an operator's limits for a field ``packet.name``. Raises BadInput if they are inconsistent."""
         packet, field = self.find(key)
         count = field.persistence if persistence is None else persistence
         if not 1 <= count <= PERSISTENCE_MAX:
-            raise BadInput("persistence counts samples", expected=f"1 – {PERSISTENCE_MAX}", got=str(count))
+            raise BadInput("persistence is out of range", expected=f"1 – {PERSISTENCE_MAX}", got=str(count))
         value = {level.value: list(bounds) for level, bounds in limits.checked().levels}
         with self._lock:
             before = self.rule(packet, field)
             changed = self._write(PREFIX + key, {**value, "persistence": count, "note": note}, user)
             rule = Rule(limits, count, "operator", user, changed, note)
             self._own[key], self._rules = rule, {}
-        self._tell(key, f"{user} changed the limits of {key} from {words(before)} to {words(rule)}", note)
+        self._record_event(key, f"{user} changed the limits of {key} from {words(before)} to {words(rule)}", note)
         return rule
 
     def restore(self, key: str, *, user: str) -> Rule:
@@ -118,7 +125,7 @@ class LimitBook:
             self._rules = {}
         rule = self.rule(packet, field)
         if known:
-            self._tell(key, f"{user} gave {key} its limits of the dictionary back: {words(rule)}", "")
+            self._record_event(key, f"{user} restored the dictionary limits of {key}: {words(rule)}", "")
         return rule
 
     def find(self, key: str) -> tuple[str, TelemetryField]:
@@ -141,7 +148,7 @@ class LimitBook:
             store.write(session, name, value, now, user)
         return now
 
-    def _tell(self, key: str | None, text: str, note: str) -> None:
+    def _record_event(self, key: str | None, text: str, note: str) -> None:
         for listener in self._listeners:
             listener(key)
         self._bus.record("limits", "watch", f"{text}: {note}" if note else text, key=key, limit_set=self._set)

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gss.device.dictionary import Dictionary, Group, Item
 from gss.domain.errors import GssError
+from gss.instruments.dictionary.definitions import Group, Item, PacketDefinition
 from gss.operations.clock import Now
-from gss.operations.telemetry.value_words import kind, number
+from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.value_format import kind, number
 from gss.store import rollups as store
 from gss.store.engine import Database
 from gss.store.rollups import HOUR_S
@@ -102,16 +103,22 @@ def _first_extreme(y: Array, extreme: np.ufunc, starts: NDArray[np.intp], count:
 class Rollups:
     """Computes rollups in the background and reads them for plots."""
 
-    def __init__(self, dictionary: Dictionary, database: Database, now: Now) -> None:
-        self._database, self._now = database, now
-        self._fields: dict[str, list[Item]] = {}
-        for packet in dictionary.telemetry:
-            plotted = [f for f in packet.fields if not isinstance(f, Group) and kind(f) in PLOTTED]
-            if plotted:
-                self._fields[packet.name] = plotted
+    def __init__(self, dictionary: TelemetryDefinitions, database: Database, now: Now) -> None:
+        self._dictionary, self._database, self._now = dictionary, database, now
+        self._known: tuple[PacketDefinition, ...] = ()
+        self._plotted: dict[str, list[Item]] = {}
         self._newest: dict[str, int | None] = {}
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
+
+    @property
+    def _fields(self) -> Mapping[str, list[Item]]:
+        """Fields that can be plotted, of every packet that has one."""
+        packets = self._dictionary.telemetry
+        if packets != self._known:
+            fields = {p.name: [f for f in p.fields if not isinstance(f, Group) and kind(f) in PLOTTED] for p in packets}
+            self._known, self._plotted = packets, {name: plotted for name, plotted in fields.items() if plotted}
+        return self._plotted
 
     def start(self) -> None:
         """Start the background thread."""
@@ -134,7 +141,7 @@ class Rollups:
     def make(self, most: int = HOURS_AT_ONCE) -> int:
         """Compute missing hours, oldest first. Return the number of hours computed."""
         made, over = 0, store.hour_of(self._now() - timedelta(seconds=SETTLE_S))
-        for packet in self._fields:
+        for packet in list(self._fields):
             for hour in self._missing(packet, over):
                 if made >= most or self._ended.is_set():
                     return made
@@ -165,7 +172,7 @@ class Rollups:
             rows = store.packets_of(session, packet, hour)
         t_s = np.array([at.timestamp() for at, _ in rows])
         data = {}
-        for item in self._fields[packet]:
+        for item in self._fields.get(packet, ()):
             values = [number(item, row.get(item.name)) for _, row in rows]
             y = np.array([np.nan if v is None else v for v in values], np.float64)
             data[item.name] = buckets(t_s, y).packed(hour)

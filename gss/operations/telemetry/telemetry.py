@@ -3,30 +3,60 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
-from gss.device.dictionary import Dictionary
+from gss.device.protocol.packet import Arrival
 from gss.device.session_events import Telemetry
 from gss.domain.errors import StoreDown
-from gss.operations.clock import Now
+from gss.instruments.dictionary.definitions import Dictionary, TelemetryField, Values
+from gss.operations.clock import Now, after_jump
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch, ServiceEvent
 from gss.operations.telemetry.archive import Archive
+from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.derived import PAGE, DerivedParameters
 from gss.operations.telemetry.limit_book import LimitBook
+from gss.operations.telemetry.limit_check import FieldState, Judgement, Key, LimitCheck, RuleOf
 from gss.operations.telemetry.rollups import Rollups
-from gss.operations.telemetry.telemetry_board import FieldValue, Judgement, TelemetryBoard
-from gss.operations.telemetry.value_words import plain, plain_values
+from gss.operations.telemetry.value_format import Kind, as_number, formatted, kind, plain, plain_values, raw_text
 from gss.store import telemetry as store
 from gss.store.engine import Database
+from gss.store.models import Alarm
 
 log = logging.getLogger("gss.telemetry")
-__all__ = ["FieldValue", "TelemetryService", "plain"]
-
 
 TRY_EVERY_S = 5.0
+OLD_EVERY_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class FieldValue:
+    """Latest value of one field as responses and pages show it.
+
+    ``state``: after persistence and staleness; clients never compute it. ``sample_state``: of this sample alone, before
+    persistence. ``raw_text``: raw value in hexadecimal. ``text``: the state in words. ``alarm_id``: the field's open alarm.
+    """
+
+    name: str
+    packet: str
+    title: str
+    page: str
+    kind: Kind
+    raw: float | int | None
+    raw_text: str
+    value: float | int | str | None
+    formatted: str
+    unit: str
+    state: FieldState
+    sample_state: FieldState
+    text: str
+    at: datetime | None
+    age_s: float | None
+    alarm_id: int | None
 
 
 @dataclass(frozen=True)
@@ -34,6 +64,78 @@ class Judged(ServiceEvent):
     """Judgements of the telemetry of a batch, whether or not the store could take it."""
 
     judgements: tuple[Judgement, ...]
+
+
+class TelemetryBoard:
+    """Keeps the newest packet of each kind and checks it against limits. Thread-safe. ``alarms``: the open alarm of each
+    field that has one."""
+
+    def __init__(self, dictionary: TelemetryDefinitions, rule: RuleOf, alarms: Mapping[Key, Alarm]) -> None:
+        self.limits = LimitCheck(dictionary, rule, alarms)
+        self._dictionary, self._alarms = dictionary, alarms
+        self._latest: dict[str, tuple[datetime, Telemetry]] = {}
+        self._lock = threading.Lock()
+
+    def take(self, packet: Telemetry, at: datetime) -> list[Judgement]:
+        """Make a packet the latest of its kind and return the judgements of its fields with limits."""
+        with self._lock:
+            self._latest[packet.packet] = (at, packet)
+        return self.limits.take(packet)
+
+    def latest(self, packet: str) -> tuple[datetime, Telemetry] | None:
+        """Return (received, packet), the newest of that kind; None before the first."""
+        with self._lock:
+            return self._latest.get(packet)
+
+    def clock_jumped(self, now: datetime, jump_s: float) -> None:
+        """Shift reception times after the clock jumped, so that ages remain unchanged."""
+        with self._lock:
+            self._latest = {name: (after_jump(at, now, jump_s), packet) for name, (at, packet) in self._latest.items()}
+
+    def values(self, now: datetime) -> list[FieldValue]:
+        """Return every field with its current state, in the dictionary's order."""
+        with self._lock:
+            latest = dict(self._latest)
+        return [
+            self._value(field, packet.name, latest.get(packet.name), now)
+            for packet in self._dictionary.telemetry
+            for field in packet.values
+        ]
+
+    def _value(
+        self, field: TelemetryField, packet: str, received: tuple[datetime, Telemetry] | None, now: datetime
+    ) -> FieldValue:
+        key = (packet, field.name)
+        at, telemetry = received or (None, None)
+        sent = None if telemetry is None else telemetry.raw.get(field.name)
+        value = None if telemetry is None else plain(telemetry.values.get(field.name))
+        age_s = None if at is None else (now - at).total_seconds()
+        # A value sent as NaN has not been measured yet.
+        state, sample = self.limits.states(key) if value is not None else ("never", "never")
+        text: str = state
+        if age_s is not None and field.stale_after_s and age_s > field.stale_after_s:
+            state, text = "stale", f"stale {age_s:.0f} s"
+        elif state == "stale":  # still received, but from an iteration that has ended
+            text = "cycle stopped"
+        alarm = self._alarms.get(key)
+        return FieldValue(
+            name=field.name,
+            packet=packet,
+            title=field.title,
+            page=field.page,
+            kind=kind(field),
+            raw=as_number(sent),
+            raw_text=raw_text(field, sent),
+            value=value if isinstance(value, str) else as_number(value),
+            formatted=formatted(value, field.decimals),
+            unit=field.unit,
+            state=state,
+            sample_state=sample,
+            text=text,
+            at=at,
+            age_s=age_s,
+            alarm_id=None if alarm is None else alarm.id,
+        )
 
 
 class TelemetryService:
@@ -53,40 +155,83 @@ class TelemetryService:
     ) -> None:
         self._contact_id, self._has_room = contact_id, has_room
         self._database, self._bus, self._now = database, bus, now
-        self.limits = LimitBook(dictionary, database, bus, now)
-        self.board = TelemetryBoard(dictionary, self.limits.rule)
-        self.rollups = Rollups(dictionary, database, now)
-        self.archive = Archive(dictionary, database, self.rollups)
-        self.limits.subscribe(self.board.limits_changed)
+        self.derived = DerivedParameters(dictionary, database, bus, now)
+        self.limits = LimitBook(self.derived, database, bus, now)
+        self.open_alarms: dict[Key, Alarm] = {}
+        """The open alarm of each field or condition that has one, maintained by ``AlarmService``."""
+        self.board = TelemetryBoard(self.derived, self.limits.rule, self.open_alarms)
+        self.rollups = Rollups(self.derived, database, now)
+        self.archive = Archive(self.derived, database, self.rollups)
+        self.limits.subscribe(self.board.limits.limits_changed)
+        self.derived.subscribe(self.limits.definition_changed)
         self.unstored = 0
         """Number of packets that could not be stored since the server started."""
         self.store_fails = ""
         """Why packets are currently not stored; "" if they are."""
+        self.old = 0
+        """Number of packets that were delayed or repeated on the line since the server started."""
+        self._old_recorded, self._old_due_s = 0, 0.0
         self._unstored_from = 0
         self._try_at_s = 0.0
 
     def handle(self, batch: LineBatch) -> list[Judged]:
         """Store the telemetry of a batch in one transaction, then judge it and update the latest values."""
-        packets = [event for event in batch.events if isinstance(event, Telemetry)]
-        if not packets:
+        received = [event for event in batch.events if isinstance(event, Telemetry)]
+        if not received:
             return []
         at = batch.at
-        judgements = [judgement for packet in packets for judgement in self.board.take(packet, at)]
-        self._store(packets, batch)
-        for packet in packets:
+        self._report_old([p for p in received if p.arrival is not Arrival.CURRENT], batch)
+        current = [p for p in received if p.arrival is Arrival.CURRENT]
+        judgements, computed = self._take(current, at)
+        # A repeated packet was stored when it was first received.
+        self._store([*(p for p in received if p.arrival is not Arrival.REPEATED), *computed], batch)
+        for packet in current:
             if packet.packet == "timing":
                 self._bus.publish("cycle", (at, dict(packet.values)))
         return [Judged(tuple(judgements))]
 
+    def _take(self, current: Sequence[Telemetry], at: datetime) -> tuple[list[Judgement], list[Telemetry]]:
+        """Judge packets and make them the latest, each followed by the derived parameters that it changes. Returns those too."""
+        judgements: list[Judgement] = []
+        computed: list[Telemetry] = []
+        for packet in current:
+            judgements += self.board.take(packet, at)
+            for derived in self.derived.computed(packet, at, self.newest_values):
+                judgements += self.board.take(derived, at)
+                computed.append(derived)
+        return judgements, computed
+
+    def newest_values(self, packet: str) -> tuple[datetime, Values] | None:
+        """Return (received, values) of the newest packet of a kind; None before the first."""
+        found = self.board.latest(packet)
+        return None if found is None else (found[0], found[1].values)
+
+    def _report_old(self, packets: Sequence[Telemetry], batch: LineBatch) -> None:
+        """Count packets older than the latest and record an event, at most one per ``OLD_EVERY_S``."""
+        self.old += len(packets)
+        if self.old == self._old_recorded or batch.at_s < self._old_due_s:
+            return
+        number, self._old_recorded, self._old_due_s = self.old - self._old_recorded, self.old, batch.at_s + OLD_EVERY_S
+        newest = (
+            f", the last one {packets[-1].packet} of device time {packets[-1].device_time_s:.3f} s" if packets else ""
+        )
+        self._say(
+            "warning",
+            f"{number} telemetry packets older than the latest were received{newest}: delayed, repeated or replayed on the line. "
+            "They are not shown as current values.",
+        )
+
     def _store(self, packets: Sequence[Telemetry], batch: LineBatch) -> None:
         """Store all packets or none. Limits are checked before and in any case: an alarm must not depend on the disk. While the
         store is down it is tried every ``TRY_EVERY_S`` only, because each try may wait for seconds."""
+        if not packets:
+            return
         cause = "" if self._has_room() else "the disk is full"
         if not cause and self.store_fails and batch.at_s < self._try_at_s:
             cause = self.store_fails
         elif not cause:
             try:
-                with self._database.unit_of_work() as session:
+                with self._database.unit_of_work(durable=False) as session:
                     store.add_many(session, [self._row(packet, batch.at) for packet in packets])
                     self.rollups.wrote(session, [packet.packet for packet in packets], batch.at)
             except StoreDown as error:
@@ -94,10 +239,10 @@ class TelemetryService:
         before, self.store_fails = self.store_fails, cause
         if cause and not before:
             self._unstored_from = self.unstored
-            self._say("critical", f"telemetry is not stored, the raw capture has it: {cause}")
+            self._say("critical", f"telemetry is not stored, only captured: {cause}")
         elif before and not cause:
             lost = self.unstored - self._unstored_from
-            self._say("watch", f"telemetry is stored again; {lost} packets of before are in the raw capture only")
+            self._say("watch", f"telemetry is stored again; {lost} earlier packets are in the raw capture only")
         if cause:
             self.unstored += len(packets)
 
@@ -123,8 +268,18 @@ class TelemetryService:
         return found[1] if found else None
 
     def values(self) -> list[FieldValue]:
-        """Return every field of the dictionary with its current state, housekeeping first."""
-        return self.board.values(self._now())
+        """Return every field of the dictionary and every derived parameter with its current state, housekeeping first."""
+        values = self.board.values(self._now())
+        return [self._explained(value) if value.page == PAGE else value for value in values]
+
+    def _explained(self, value: FieldValue) -> FieldValue:
+        """State why a derived parameter has no value."""
+        reason = self.derived.unknown_reason(value.packet)
+        return replace(value, text=f"unknown: {reason}") if reason and value.state == "never" else value
+
+    def tick(self) -> None:
+        """Publish the current value of every field, about once a second."""
+        self._bus.publish("telemetry", self.values())
 
     def cycles(self, limit: int) -> list[tuple[datetime, Mapping[str, Any]]]:
         """Return (received, values) of the newest timing packets."""

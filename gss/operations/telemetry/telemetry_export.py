@@ -10,10 +10,10 @@ from datetime import UTC, datetime
 from itertools import islice
 from typing import Any
 
-from gss.device.dictionary import INTEGER_RANGES, Group, TelemetryField
 from gss.domain.errors import BadInput
+from gss.instruments.dictionary.definitions import INTEGER_RANGES, Group, TelemetryField
 from gss.operations.telemetry.archive import Archive, Column
-from gss.operations.telemetry.value_words import formatted, kind, raw_of
+from gss.operations.telemetry.value_format import formatted, kind, raw_of
 from gss.store.telemetry import Row
 
 FORMATS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}

@@ -1,19 +1,21 @@
-"""Stores received content on a separate thread, in order of arrival, so that a slow store does not delay telemetry."""
+"""Content that arrived in a transfer: the events that report it, the answers of the services that store it, and the thread on
+which they store it, in order of arrival, so that a slow store does not delay telemetry."""
 
 from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
 from typing import Any
 
-from gss.device.session_events import TransferUpdate
+from gss.device.session_events import TransferDone, TransferUpdate
+from gss.domain.errors import StoreDown
 from gss.operations.clock import Monotonic
 from gss.operations.events import EventBus
-from gss.operations.transfers.content_events import Answers
-from gss.operations.upkeep.metrics import Sample
+from gss.operations.line.line_events import ServiceEvent
+from gss.operations.metrics import Sample
 from gss.store.models import Transfer
 
 MOST_WAITING = 4
@@ -54,7 +56,7 @@ class Writer:
             self._jobs.put_nowait((job, work))
         except queue.Full:
             self.waits += 1
-            self._bus.record("transfer", "warning", "received content is not stored as fast as it arrives")
+            self._bus.record("transfer", "warning", "received data arrives faster than it is stored")
             since_s = self._monotonic_s()
             self._jobs.put((job, work))
             self.waited_s += self._monotonic_s() - since_s
@@ -63,9 +65,9 @@ class Writer:
     def samples(self) -> Iterator[Sample]:
         """Yield metrics: depth of the queue, number and duration of waits."""
         depth = float(self._jobs.qsize())
-        yield Sample("gss_queue_depth", "What waits in a queue.", "gauge", depth, (("queue", "store"),))
-        yield Sample("gss_line_waits_total", "How often the line waited for a store.", "counter", self.waits)
-        yield Sample("gss_line_waited_seconds_total", "How long in all.", "counter", self.waited_s)
+        yield Sample("gss_queue_depth", "Items waiting in a queue.", "gauge", depth, (("queue", "store"),))
+        yield Sample("gss_line_waits_total", "Waits of the line for the store.", "counter", self.waits)
+        yield Sample("gss_line_waited_seconds_total", "Total waiting time.", "counter", self.waited_s)
 
     def finish(self, within_s: float) -> None:
         """Wait until all jobs are done, but no longer than ``within_s``, because a store may hang."""
@@ -78,6 +80,102 @@ class Writer:
                 job.set_result(work())
             except BaseException as error:  # the error is raised where the result is read
                 job.set_exception(error)
+
+
+Links = dict[str, Any]
+"""Columns of the transfer's row that refer to rows created from its content, such as ``frame_id``."""
+
+
+MOST_TRIES = 3
+"""Tries to store a piece of content while the store is down."""
+
+
+class Later:
+    """Links that are known when ``work`` has stored the content: ``links`` of its result, called on the dispatcher's thread."""
+
+    def __init__(
+        self,
+        submit: Callable[[Callable[[], Any]], Future[Any]],
+        work: Callable[[], Any],
+        links: Callable[[Any], Links],
+    ) -> None:
+        self._submit, self._work, self._links, self._tries = submit, work, links, 1
+        self._job = submit(work)
+
+    def done(self) -> bool:
+        """True if the work ended."""
+        return self._job.done()
+
+    def start_again(self) -> bool:
+        """Try once more if the store was down. False if it was not, or if it was tried often enough."""
+        if not isinstance(self._job.exception(), StoreDown) or self._tries >= MOST_TRIES:
+            return False
+        self._tries += 1
+        self._job = self._submit(self._work)
+        return True
+
+    def result(self) -> Links:
+        """The links. Raises what storing raised."""
+        return self._links(self._job.result())
+
+
+class Answers:
+    """Collects the links that the subscribers return for a piece of content."""
+
+    def __init__(self) -> None:
+        self._now: list[Links] = []
+        self._later: list[Later] = []
+        self._errors: list[Exception] = []
+
+    def accept(self, store: Callable[[], Links | Later]) -> None:
+        """Store the content. An error means that it cannot be used; it is reported with the transfer."""
+        try:
+            answer = store()
+        except Exception as error:  # whatever it is, the transfer must not be reported as complete
+            self._errors.append(error)
+            return
+        if isinstance(answer, Later):
+            self._later.append(answer)
+        else:
+            self._now.append(answer)
+
+    def ready(self) -> bool:
+        """True if all storing jobs are done; those that met a store that is down are started again."""
+        return all(later.done() and not later.start_again() for later in self._later)
+
+    @property
+    def missing(self) -> bool:
+        """True if no subscriber answered."""
+        return not (self._now or self._later or self._errors)
+
+    def links(self) -> Links:
+        """Return all links. Raises the first storing error."""
+        if self._errors:
+            raise self._errors[0]
+        found: Links = {}
+        for links in [*self._now, *(later.result() for later in self._later)]:
+            found |= links
+        return found
+
+
+@dataclass(frozen=True)
+class ContentArrived(ServiceEvent):
+    """A transfer is complete, in either direction. Its row is closed when all subscribers' answers are ready."""
+
+    transfer: Transfer
+    done: TransferDone
+    answers: Answers = field(default_factory=Answers, compare=False)
+
+
+@dataclass(frozen=True)
+class PartArrived(ServiceEvent):
+    """A download broke off. ``data``: (size,) bytes with zeros where chunks are missing; ``held``: ranges of chunks."""
+
+    transfer: Transfer
+    data: bytes
+    held: Sequence[tuple[int, int]]
+    update: TransferUpdate
+    answers: Answers = field(default_factory=Answers, compare=False)
 
 
 @dataclass

@@ -13,7 +13,7 @@ from datetime import datetime, timedelta
 from typing import Any
 
 from gss.device.session_events import (
-    CommandStage,
+    CommandUpdate,
     DeviceEvent,
     Direction,
     HelloReceived,
@@ -22,6 +22,7 @@ from gss.device.session_events import (
     TransferDone,
 )
 from gss.domain.errors import BadInput, NotFound
+from gss.instruments.operations import BANK_OPERATIONS, Operation
 from gss.operations.clock import Now
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
@@ -37,7 +38,7 @@ NAME_LENGTH, HOW_LENGTH = 60, 20
 
 
 @dataclass(frozen=True)
-class Stay:
+class BankPeriod:
     """A row of the history with the catalogue of the same hash, if the ground has it."""
 
     row: BankHistory
@@ -67,12 +68,12 @@ class Timeline:
     devices: Sequence[Device]
     start: datetime
     end: datetime
-    stays: Sequence[Stay]
+    stays: Sequence[BankPeriod]
     planned: Sequence[Planned]
     contacts: Sequence[Contact]
 
 
-Planner = Callable[[Mapping[str, Stay]], list[Planned]]
+Planner = Callable[[Mapping[str, BankPeriod]], list[Planned]]
 
 
 class BankHistoryService:
@@ -91,19 +92,20 @@ class BankHistoryService:
 
     def handle(self, batch: LineBatch) -> None:
         """Process the events of a batch in order."""
+        roles = self._link.roles
         for event in batch.events:
             if isinstance(event, HelloReceived):
                 self._met()
-            elif isinstance(event, Telemetry) and event.packet == "bank_info":
-                self._told(event.values)
-            elif isinstance(event, Telemetry) and event.packet == "housekeeping":
-                left_s = event.values.get("confirm_left_s")
+            elif isinstance(event, Telemetry) and event.packet == roles.quantities.bank.packet:
+                self._update_from_report(roles.quantities.bank.read(event.values))
+            elif isinstance(event, Telemetry) and event.packet == roles.quantities.status.packet:
+                left_s = roles.quantities.status.read(event.values).get("confirm_left_s")
                 self._tried(isinstance(left_s, int | float) and left_s > 0, "confirmed")
             elif isinstance(event, DeviceEvent):
                 self._happened(event)
             elif isinstance(event, TransferDone) and event.direction is Direction.UP and event.kind == "catalogue":
                 self._cause = ("upload", "")
-            elif isinstance(event, CommandStage) and event.stage is Stage.COMPLETED:
+            elif isinstance(event, CommandUpdate) and event.stage is Stage.COMPLETED:
                 self._completed(event)
 
     def _met(self) -> None:
@@ -114,29 +116,31 @@ class BankHistoryService:
             self._device_id, self._trial, self._cause = device_id, False, ("", "")
 
     def _happened(self, event: DeviceEvent) -> None:
-        if event.name == "BANK_FELL_BACK":
+        events, operations = self._link.roles.events, self._link.roles.operations
+        if event.name == events.bank_fell_back:
             self._cause = ("fell back", "")
             self._tried(False, "fell back")
-        elif event.name == "BANK_ACTIVATED":
-            self._cause, self._trial = ("ACTIVATE_BANK", self._who(event.request_id)), True
-        elif event.name == "BANK_CONFIRMED":
-            self._cause = ("CONFIRM_BANK", self._who(event.request_id))
-            self._tried(False, "CONFIRM_BANK")
+        elif event.name == events.bank_activated:
+            self._cause, self._trial = (operations.title(Operation.ACTIVATE), self._who(event.request_id)), True
+        elif event.name == events.bank_confirmed:
+            self._cause = (operations.title(Operation.CONFIRM), self._who(event.request_id))
+            self._tried(False, operations.title(Operation.CONFIRM))
 
     def _who(self, request_id: int) -> str:
         with self._database.unit_of_work() as session:
             row = commands.by_request(session, request_id) if request_id else None
         return row.user if row else self._cause[1]
 
-    def _completed(self, event: CommandStage) -> None:
+    def _completed(self, event: CommandUpdate) -> None:
         """Remember the command as the cause of the next reports."""
-        if event.name == "LIST_BANKS":
+        operation = self._link.roles.operations.of_command(event.name)
+        if operation is Operation.LIST_BANKS:
             self._cause = ("", "")
-        elif event.name.endswith("_BANK"):
+        elif operation in BANK_OPERATIONS:
             self._cause = (event.name, self._who(event.request_id))
-            if event.name == "CONFIRM_BANK":
+            if operation is Operation.CONFIRM:
                 self._tried(False, event.name)
-            elif event.name == "ACTIVATE_BANK":
+            elif operation is Operation.ACTIVATE:
                 self._trial = True
 
     def _tried(self, trial: bool, how: str) -> None:
@@ -148,10 +152,11 @@ class BankHistoryService:
             for row in store.still_so(session, self._device_id):
                 if row.state == (ACTIVE if trial else TRIAL) and how != "fell back":
                     again = {"bank": row.bank, "state": TRIAL if trial else ACTIVE, "sha256": row.sha256}
-                    cause = ("ACTIVATE_BANK" if trial else how, self._cause[1])
+                    activate = self._link.roles.operations.title(Operation.ACTIVATE)
+                    cause = (activate if trial else how, self._cause[1])
                     store.add(session, self._next(row, **again, cause=cause))
 
-    def _told(self, info: Mapping[str, Any]) -> None:
+    def _update_from_report(self, info: Mapping[str, Any]) -> None:
         if self._device_id is None:
             return
         bank, word = str(info["bank"]), str(info["state"])
@@ -202,14 +207,14 @@ class BankHistoryService:
         invalid span, NotFound without a record."""
         if not timedelta(0) < end - start <= SPAN_MAX:
             raise BadInput(
-                "the span is impossible", expected="an end after the start, at most 10 years", got=f"{start} to {end}"
+                "invalid time span", expected="an end after the start, at most 10 years", got=f"{start} to {end}"
             )
         with self._database.unit_of_work() as session:
             devices = store.devices(session)
             device = next((d for d in devices if device_id in (None, d.id)), None)
             if device is None:
                 raise NotFound(
-                    "no banks are on record",
+                    "no banks recorded",
                     expected="a device that reported its banks",
                     got="none" if device_id is None else f"device {device_id}",
                     hint="open the line to a device",
@@ -221,7 +226,7 @@ class BankHistoryService:
         planned = [plan for planner in self._planners for plan in planner(now_held)] if present else []
         return Timeline(device, devices, start, end, stays, planned, contacts)
 
-    def active(self) -> Stay | None:
+    def active(self) -> BankPeriod | None:
         """Return the active bank of the device that answered last, as last reported; None if unknown."""
         with self._database.unit_of_work() as session:
             device_id = self._device_id or next((d.id for d in store.devices(session)), None)
@@ -230,9 +235,9 @@ class BankHistoryService:
             return None if row is None else self._stay(session, row)
 
     @staticmethod
-    def _stay(session: Any, row: BankHistory) -> Stay:
+    def _stay(session: Any, row: BankHistory) -> BankPeriod:
         """Look the catalogue up now, because a bank may be read back later than its row was written."""
-        return Stay(row, catalogues.by_sha256(session, row.sha256) if row.sha256 else None)
+        return BankPeriod(row, catalogues.by_sha256(session, row.sha256) if row.sha256 else None)
 
 
 def _hex(value: Any) -> str:

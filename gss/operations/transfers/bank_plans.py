@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from gss.domain.limits import State
+from gss.instruments.operations import BANK, Operation, StandardOperations
 from gss.operations.commanding.schedule import ScheduleService
-from gss.operations.transfers.bank_history import ACTIVE, TRIAL, Planned, Stay
+from gss.operations.transfers.bank_history import ACTIVE, TRIAL, BankPeriod, Planned
 from gss.operations.transfers.banks import days_left
 from gss.operations.transfers.transfers import TransferService
 from gss.store import catalogues
@@ -27,10 +28,10 @@ class Cover:
     until: datetime | None
 
 
-def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping[str, Stay]], list[Planned]]:
+def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping[str, BankPeriod]], list[Planned]]:
     """Return a planner for catalogue uploads in progress."""
 
-    def planned(_held: Mapping[str, Stay]) -> list[Planned]:
+    def planned(_held: Mapping[str, BankPeriod]) -> list[Planned]:
         found = []
         for view in transfers.newest(WATCHED_TRANSFERS):
             row = view.row
@@ -49,15 +50,19 @@ def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping
     return planned
 
 
-def activations(schedule: ScheduleService) -> Callable[[Mapping[str, Stay]], list[Planned]]:
+def activations(
+    schedule: ScheduleService, operations: StandardOperations
+) -> Callable[[Mapping[str, BankPeriod]], list[Planned]]:
     """Return a planner for bank activations in the device's schedule."""
 
-    def planned(held: Mapping[str, Stay]) -> list[Planned]:
+    def planned(held: Mapping[str, BankPeriod]) -> list[Planned]:
         found = []
         for entry in schedule.state().entries:
-            if entry.command != "ACTIVATE_BANK" or entry.state != "waiting":
+            if entry.command is None or entry.state != "waiting":
                 continue
-            bank = str(entry.arguments.get("bank", ""))
+            if operations.of_command(entry.command) is not Operation.ACTIVATE:
+                continue
+            bank = str(operations.given(Operation.ACTIVATE, entry.arguments).get(BANK, ""))
             stay = held.get(bank)
             c = stay.catalogue if stay else None
             name = c.name if c else (stay.row.name if stay else "")
@@ -70,7 +75,7 @@ def activations(schedule: ScheduleService) -> Callable[[Mapping[str, Stay]], lis
     return planned
 
 
-def cover(stays: Sequence[Stay], planned: Sequence[Planned], now: datetime, watch_days: float) -> Cover:
+def cover(stays: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime, watch_days: float) -> Cover:
     """Return the state, text and end of cover of the active catalogue and those that follow it."""
     active = next((s for s in stays if s.row.ended is None and s.row.state in (ACTIVE, TRIAL)), None)
     if active is None:
@@ -93,7 +98,7 @@ def cover(stays: Sequence[Stay], planned: Sequence[Planned], now: datetime, watc
     ready = next((s for s in stays if _follows(s, until, now)), None)
     if state is State.OK:
         return Cover(state, f"cover until {until:%Y-%m-%d}", until)
-    words = f"unless bank {ready.row.bank} is activated" if ready else "and no bank holds what follows"
+    words = f"unless bank {ready.row.bank} is activated" if ready else "and no bank holds a successor"
     return Cover(state, f"no cover from {until:%m-%d %H:%M} {words}", until)
 
 
@@ -105,7 +110,7 @@ def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) ->
     return State.CRITICAL if left <= 0 else State.WARNING if left <= WARNING_DAYS else State.WATCH
 
 
-def _follows(stay: Stay, until: datetime, now: datetime) -> bool:
+def _follows(stay: BankPeriod, until: datetime, now: datetime) -> bool:
     """True if an inactive bank holds a catalogue for the time after ``until``."""
     c = stay.catalogue
     if c is None or stay.row.ended is not None or stay.row.state != "held":

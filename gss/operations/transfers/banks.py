@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -14,15 +12,17 @@ from scipy.spatial import cKDTree
 from gss.catalogue_tools.onboard import decode, read_header
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import GssError
-from gss.domain.stars import OnboardCatalogue, StarTable
+from gss.domain.stars import StarTable
+from gss.instruments.registry import Registry
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
+from gss.operations.transfers.flash_banks import CATALOGUE, CATALOGUES, BankReport, FlashBanks
+from gss.skytables.bank import OnboardCatalogue
 from gss.store import catalogues as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 from gss.store.models import Catalogue
 
-HOLDS_DATA = ("loaded", "committed")
 SAME_STAR_WITHIN_RAD = 300 * ARCSEC_RAD
 UNKNOWN_HIP = -1
 
@@ -41,54 +41,37 @@ class BankView:
 
 
 class BankService:
-    """Keeps the device's bank reports and joins them with stored catalogues."""
+    """Joins the device's reports of catalogue banks with stored catalogues."""
 
-    def __init__(self, database: Database, blobs: BlobStore, bus: EventBus, stars: StarTable, now: Now) -> None:
+    def __init__(
+        self,
+        flash: FlashBanks,
+        database: Database,
+        blobs: BlobStore,
+        bus: EventBus,
+        stars: StarTable,
+        now: Now,
+        instruments: Registry,
+    ) -> None:
+        self._instruments = instruments
+        self._flash = flash
         self._database, self._blobs, self._bus = database, blobs, bus
         self._stars, self._now = stars, now
-        self._reports: dict[str, Mapping[str, Any]] = {}
         self._decoded: dict[str, OnboardCatalogue] = {}
-        self._lock = threading.Lock()
 
-    def forget(self) -> None:
-        """Discard all reports, because the device restarted."""
-        with self._lock:
-            self._reports.clear()
-
-    def told(self, info: Mapping[str, Any]) -> int | None:
-        """Store a bank report. Return the bank's number if its content should be read back because the ground does not have
-        it."""
-        with self._lock:
-            self._reports[str(info["bank"])] = info
-        sha256 = _hex(info.get("sha256"))
-        if str(info["state"]) not in HOLDS_DATA or not sha256 or not info["active"]:
-            return None
+    def lacks(self, report: BankReport) -> bool:
+        """True if the sensor uses the content of this bank and the ground does not have it."""
+        if report.kind != CATALOGUE or not report.active or not report.sha256:
+            return False
         with self._database.unit_of_work() as session:
-            known = store.by_sha256(session, sha256)
-        return None if known else {"A": 0, "B": 1, "C": 2, "golden": 3}.get(str(info["bank"]))
+            return store.by_sha256(session, report.sha256) is None
 
     def views(self) -> list[BankView]:
         """Return every bank that the device reported."""
-        with self._lock:
-            reports = list(self._reports.values())
-        views = []
+        reports = self._flash.of(CATALOGUES)
         with self._database.unit_of_work() as session:
-            for info in reports:
-                sha256 = _hex(info.get("sha256"))
-                known = store.by_sha256(session, sha256) if sha256 and str(info["state"]) in HOLDS_DATA else None
-                holds = str(info["state"]) in HOLDS_DATA
-                views.append(
-                    BankView(
-                        str(info["bank"]),
-                        str(info["state"]),
-                        bool(info["active"]),
-                        int(info["stars"]) if holds else None,
-                        int(info["pairs"]) if holds else None,
-                        sha256 if holds else None,
-                        known,
-                    )
-                )
-        return views
+            known = [store.by_sha256(session, r.sha256) if r.sha256 else None for r in reports]
+        return [_view(report, row) for report, row in zip(reports, known, strict=True)]
 
     def hip_of_row(self, sha256: str) -> Sequence[int] | None:
         """Return the Hipparcos number of each row of the bank with that hash; None if the ground does not have it."""
@@ -115,7 +98,7 @@ class BankService:
             header = read_header(image)
             bank = decode(image)
         except GssError as error:
-            self._bus.record("catalogue", "warning", f"the bank that was read back is not a catalogue: {error}")
+            self._bus.record("catalogue", "warning", f"the bank read back is not a catalogue: {error}")
             return None
         hips = recognise(bank, self._stars)
         sha256 = self._blobs.put(image)
@@ -134,6 +117,7 @@ class BankService:
             request={},
             manifest={"hip": hips, "epoch_jyear": header.epoch_jyear, "source": "read back from the device"},
             report={},
+            instrument_version=self._instruments.version_of(header.profile_name),
         )
         with self._database.unit_of_work() as session:
             store.add(session, row)
@@ -165,6 +149,7 @@ def days_left(valid_to: datetime | None, now: datetime) -> float | None:
     return None if valid_to is None else (valid_to - now).total_seconds() / 86400
 
 
-def _hex(value: Any) -> str:
-    text = value.hex() if isinstance(value, bytes) else str(value or "")
-    return "" if set(text) <= {"0"} else text
+def _view(report: BankReport, known: Catalogue | None) -> BankView:
+    stars, pairs = (int(report.values[n]) if report.holds_data else None for n in ("stars", "pairs"))
+    sha256 = report.sha256 if report.holds_data else None
+    return BankView(report.bank, report.state, report.active, stars, pairs, sha256, known)

@@ -70,7 +70,7 @@ def picture_of(
 
 def _grid(data: bytes, columns: int, wire: np.dtype[Any]) -> Pixels:
     if columns <= 0:
-        raise CorruptData("the size of the image is not known", hint="LIST_FRAMES tells it")
+        raise CorruptData("the size of the image is not known", hint="send LIST_FRAMES to get it")
     rows = len(data) // (columns * wire.itemsize)
     flat = np.frombuffer(data, wire, rows * columns)
     pixels: Pixels = flat.astype(np.uint8) if wire.itemsize == 1 else flat.astype(np.uint16)
@@ -116,7 +116,7 @@ def wire_bytes(pixels: NDArray[np.generic], shape: Shape) -> bytes:
         got = f"{pixels.shape[1]} x {pixels.shape[0]} px"
         raise BadInput("the frame does not fit the detector", expected=f"{shape.columns} x {shape.rows} px", got=got)
     if pixels.dtype.kind != "u":
-        raise BadInput("the frame is not of whole numbers", expected=f"{shape.bits} bits", got=str(pixels.dtype))
+        raise BadInput("the frame does not contain integers", expected=f"{shape.bits} bits", got=str(pixels.dtype))
     brightest = int(pixels.max(initial=0))
     if brightest >= 1 << shape.bits:
         raise BadInput(

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gss.device.dictionary import Dictionary
 from gss.device.session import Compatibility
 from gss.device.session_events import TransferDone
-from gss.domain.errors import BadInput, Conflict, GssError, NotFound
+from gss.device.tables import Scalar
+from gss.domain.errors import BadInput, GssError, NotFound
 from gss.domain.stars import StarTable
+from gss.instruments.registry import Registry
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.line.link import LinkService
 from gss.operations.transfers import table_content
-from gss.operations.transfers.transfer_rows import TransferView
+from gss.operations.transfers.flash_banks import FACTORY, TABLES, BankReport, FlashBanks
+from gss.operations.transfers.transfer_progress import TransferView
 from gss.operations.transfers.transfers import TransferService
 from gss.store import catalogues as catalogue_store
 from gss.store import device_tables as store
@@ -24,8 +25,6 @@ from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 from gss.store.models import DeviceTable, Transfer
 
-HOLDS_DATA = ("loaded", "committed")
-FACTORY = "factory"
 READ_BACK = ("triplets", "calibration", "parameters", "star_list", "distance_table")
 
 
@@ -52,17 +51,22 @@ class DeviceTableService:
     def __init__(
         self,
         link: LinkService,
+        flash: FlashBanks,
         transfers: TransferService,
         database: Database,
         blobs: BlobStore,
         bus: EventBus,
         stars: StarTable,
         now: Now,
+        instruments: Registry,
     ) -> None:
+        self._instruments = instruments
         self._link, self._transfers, self._database, self._blobs = link, transfers, database, blobs
-        self._bus, self._stars, self._now = bus, stars, now
-        self._reports: dict[tuple[str, str], Mapping[str, Any]] = {}
-        self._lock = threading.Lock()
+        self._flash, self._bus, self._stars, self._now = flash, bus, stars, now
+
+    def defaults(self, kind: str, profile_name: str) -> dict[str, Scalar]:
+        """Return the initial values of a new table. Raises BadInput or NotFound."""
+        return table_content.defaults(kind, self._instruments.camera(profile_name))
 
     # --- creation -----------------------------------------------------------------------------------------------
 
@@ -72,14 +76,14 @@ class DeviceTableService:
         if kind == "triplets":
             data, values, profile_name = self._triplets(profile_name, content)
         else:
-            data, values = table_content.table_bytes(kind, profile_name, content)
+            data, values = table_content.table_bytes(kind, self._instruments.camera(profile_name), content)
         version = table_content.FORMATS[kind]
         return self._keep(kind, name or f"{profile_name} {kind}", profile_name, version, data, dict(values), user)
 
     def _triplets(self, profile_name: str, content: Mapping[str, Any]) -> tuple[bytes, dict[str, Any], str]:
         catalogue_id = content.get("catalogue_id")
         if not isinstance(catalogue_id, int):
-            raise BadInput("triplets of which catalogue?", expected="catalogue_id", got=str(catalogue_id))
+            raise BadInput("no catalogue given for the triplets", expected="catalogue_id", got=str(catalogue_id))
         with self._database.unit_of_work() as session:
             row = catalogue_store.get(session, catalogue_id)
         if row.profile != profile_name:
@@ -87,7 +91,8 @@ class DeviceTableService:
         image = self._blobs.get(row.sha256)
         stars = table_content.star_list(image, self._stars, [int(hip) for hip in row.manifest["hip"]])
         changes = {k: v for k, v in content.items() if k != "catalogue_id"}
-        data, values = table_content.triplet_bytes(stars, image, changes)
+        camera = self._instruments.camera(row.profile)
+        data, values = table_content.triplet_bytes(stars, camera, image, changes)
         return data, {**values, "catalogue_id": catalogue_id}, row.profile
 
     def _keep(
@@ -127,32 +132,17 @@ class DeviceTableService:
 
     # --- on board -----------------------------------------------------------------------------------------------
 
-    def forget(self) -> None:
-        """Discard all reports, because the device restarted."""
-        with self._lock:
-            self._reports.clear()
-
-    def told(self, info: Mapping[str, Any]) -> bool:
-        """Store a report of a table bank. Return True if the device currently uses that bank."""
-        with self._lock:
-            self._reports[str(info["table"]), str(info["bank"])] = info
-        self._bus.publish("tables", self.on_board())
-        return bool(info["active"]) and str(info["state"]) in HOLDS_DATA
-
     def on_board(self) -> list[TableReport]:
         """Return every table bank that the device reported."""
-        with self._lock:
-            reports = list(self._reports.values())
+        reports = self._flash.of(TABLES)
         with self._database.unit_of_work() as session:
-            known = {_hex(i["sha256"]): store.by_sha256(session, str(i["table"]), _hex(i["sha256"])) for i in reports}
-        return [_report(info, known[_hex(info["sha256"])]) for info in reports]
+            known = [store.by_sha256(session, r.kind, r.sha256) if r.sha256 else None for r in reports]
+        return [_report(report, row) for report, row in zip(reports, known, strict=True)]
 
     def at_work(self) -> dict[str, str]:
         """Return the hash of each non-factory table that the device currently uses, by kind."""
-        with self._lock:
-            reports = list(self._reports.values())
-        used = [i for i in reports if i["active"] and str(i["bank"]) != FACTORY and str(i["state"]) in HOLDS_DATA]
-        return {str(info["table"]): _hex(info["sha256"]) for info in used}
+        used = [r for r in self._flash.of(TABLES) if r.active and r.bank != FACTORY and r.holds_data]
+        return {report.kind: report.sha256 for report in used}
 
     def bytes_of(self, kind: str, sha256: str) -> bytes:
         """Return the bytes of a table by its hash. Raises NotFound if the ground does not have it."""
@@ -165,16 +155,12 @@ class DeviceTableService:
     def upload(self, table_id: int, bank: str) -> TransferView:
         """Upload a table to an inactive bank; read-back verification and commit follow automatically. Raises BadInput or
         Conflict."""
-        row, hello = self.get(table_id), self._link.hello
+        row = self.get(table_id)
         if row.kind not in table_content.KINDS:
-            raise BadInput("this cannot be sent", expected=" | ".join(table_content.KINDS), got=row.kind)
-        if hello is None:
-            raise Conflict("no device has answered", got=self._link.reason or "silence", hint="open the line first")
+            raise BadInput("this kind of table cannot be sent", expected=" | ".join(table_content.KINDS), got=row.kind)
+        target, hello = self._flash.target(row.kind, bank)
         if row.profile != hello.profile:
             raise BadInput("this table is for another camera", expected=hello.profile, got=row.profile)
-        target = table_bank_number(self._link.dictionary, bank)
-        if any((r.table, r.bank, r.active) == (row.kind, bank, True) for r in self.on_board()):
-            raise Conflict(f"{row.kind} bank {bank} is active", expected="an inactive bank", got=bank)
         content, counts = row.content, ("stars", "references")
         stars, references = (int(content.get(name, 0)) if row.kind == "triplets" else 0 for name in counts)
         compatibility = Compatibility(
@@ -203,7 +189,7 @@ class DeviceTableService:
         except GssError as error:
             profile_name, version, content = "", 0, {"problem": str(error)}
             self._bus.record(
-                "catalogue", "warning", f"{transfer.subject} is no table: {error}", transfer_id=transfer.id
+                "catalogue", "warning", f"{transfer.subject} is not a valid table: {error}", transfer_id=transfer.id
             )
         name = profile_name or (hello.profile if hello else "unknown")
         row = self._keep(
@@ -212,27 +198,18 @@ class DeviceTableService:
         return {"table_id": row.id}
 
 
-def table_bank_number(dictionary: Dictionary, bank: str) -> int:
-    """Return the number of a table bank in the protocol. Raises BadInput with the list of banks."""
-    return dictionary.command("VERIFY_TABLE").argument("bank").choice(bank).value
-
-
-def _report(info: Mapping[str, Any], known: DeviceTable | None) -> TableReport:
-    holds = str(info["state"]) in HOLDS_DATA
+def _report(report: BankReport, known: DeviceTable | None) -> TableReport:
+    values = report.values
     return TableReport(
-        str(info["table"]),
-        str(info["bank"]),
-        str(info["state"]),
-        bool(info["active"]),
-        int(info["size_bytes"]),
-        int(info["capacity_bytes"]),
-        int(info["format_version"]),
-        str(info["profile"]),
-        int(info["confirm_left_s"]),
-        _hex(info["sha256"]) if holds else "",
-        known.id if known and holds else None,
+        report.kind,
+        report.bank,
+        report.state,
+        report.active,
+        int(values["size_bytes"]),
+        int(values["capacity_bytes"]),
+        int(values["format_version"]),
+        str(values["profile"]),
+        int(values["confirm_left_s"]),
+        report.sha256,
+        known.id if known else None,
     )
-
-
-def _hex(value: Any) -> str:
-    return value.hex() if isinstance(value, bytes) else str(value)

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
 from gss.device.protocol.windows import SIDE_RANGE_PX
 from gss.device.session import Part
-from gss.domain.errors import BadInput
+from gss.domain.errors import BadInput, GssError
 from gss.operations.line.link import LinkService
-from gss.operations.transfers.transfer_rows import TransferView
-from gss.operations.transfers.transfers import TransferService
+from gss.operations.transfers.device_frames import Shape, wire_bytes
+from gss.operations.transfers.flash_banks import CATALOGUE_PARTS, family_of
+from gss.operations.transfers.transfer_progress import TransferView
+from gss.operations.transfers.transfers import StoredContent, TransferService
+from gss.store.models import Frame
 
 IMAGE_KINDS = ("frame", "thumbnail", "region", "star_windows")
-BANK_KINDS = ("catalogue", "star_list", "distance_table")
 TABLE_KINDS = ("triplets", "calibration", "parameters")
 DEFAULT_SIDE_PX = 11
 UPLOADED_IMAGE = "image"
-LISTED_BY = {"bank": "VERIFY_BANK", "table": "VERIFY_TABLE"}
 
 
 def permission_of(kind: str) -> str:
@@ -22,14 +28,22 @@ def permission_of(kind: str) -> str:
     if the kind is unknown."""
     if kind in (*IMAGE_KINDS, UPLOADED_IMAGE):
         return "frames.transfer"
-    return "catalogues.upload" if kind in BANK_KINDS else "tables" if kind in TABLE_KINDS else "admin.users"
+    return "catalogues.upload" if kind in CATALOGUE_PARTS else "tables" if kind in TABLE_KINDS else "admin.users"
+
+
+class StoredFrames(Protocol):
+    """The frames that were downloaded before."""
+
+    def newest_in_slot(self, slot: int, bits: int) -> Frame | None: ...
+
+    def pixels(self, frame: Frame) -> NDArray[np.generic]: ...
 
 
 class Downloads:
-    """Checks download requests before they are sent to the device."""
+    """Checks download requests before they are sent to the device. An image that is stored already is not sent again."""
 
-    def __init__(self, link: LinkService, transfers: TransferService) -> None:
-        self._link, self._transfers = link, transfers
+    def __init__(self, link: LinkService, transfers: TransferService, frames: StoredFrames) -> None:
+        self._link, self._transfers, self._frames = link, transfers, frames
 
     def start(
         self,
@@ -49,16 +63,29 @@ class Downloads:
         if kind in IMAGE_KINDS:
             number = self._slot(kind, slot, bank)
             part = self._part(kind, region, side_px)
-            return self._transfers.download(kind, number, f"{words} of slot {number}", part=part)
+            stored = self._stored(number) if kind == "frame" else None
+            return self._transfers.download(kind, number, f"{words} of slot {number}", part=part, stored=stored)
         name, number = self._bank(kind, slot, bank)
         return self._transfers.download(kind, number, f"{words} of bank {name}", target=name)
+
+    def _stored(self, slot: int) -> StoredContent | None:
+        """Return the newest stored image of a slot; the device compares its hash. None if there is none to use."""
+        hello = self._link.hello
+        frame = self._frames.newest_in_slot(slot, hello.bits) if hello is not None else None
+        if hello is None or frame is None or frame.number is None:
+            return None
+        try:
+            data = wire_bytes(self._frames.pixels(frame), Shape(hello.columns, hello.rows, hello.bits))
+        except GssError:  # its pixels were removed, or another sensor sent it: download the image
+            return None
+        return StoredContent(frame.id, frame.number, data)
 
     def _slot(self, kind: str, slot: int | None, bank: str | None) -> int:
         if slot is None or bank is not None:
             raise BadInput(f"{kind} comes from an image memory", expected="slot", got=f"bank {bank}" if bank else "")
         hello = self._link.hello
         if hello is not None and slot >= hello.image_slots:
-            raise BadInput("no such image memory", expected=f"0 – {hello.image_slots - 1}", got=str(slot))
+            raise BadInput("unknown image memory", expected=f"0 – {hello.image_slots - 1}", got=str(slot))
         return slot
 
     def _part(self, kind: str, region: Part | None, side_px: int | None) -> Part | None:
@@ -72,12 +99,13 @@ class Downloads:
             fits = region.col_px + region.columns <= hello.columns and region.row_px + region.rows <= hello.rows
             if not fits or region.columns < 1 or region.rows < 1:
                 got = f"{region.columns} x {region.rows} at {region.col_px}, {region.row_px}"
-                raise BadInput("the region leaves the detector", expected=f"{hello.columns} x {hello.rows} px", got=got)
+                raise BadInput(
+                    "the region extends beyond the detector", expected=f"{hello.columns} x {hello.rows} px", got=got
+                )
         return region
 
     def _bank(self, kind: str, slot: int | None, bank: str | None) -> tuple[str, int]:
         """Return the name of a bank and its number in the protocol."""
         if bank is None or slot is not None:
             raise BadInput(f"{kind} comes from a bank", expected="bank", got=f"slot {slot}" if slot is not None else "")
-        command = LISTED_BY["bank" if kind in BANK_KINDS else "table"]
-        return bank, self._link.dictionary.command(command).argument("bank").choice(bank).value
+        return bank, family_of(kind).number(self._link.roles.operations, bank)

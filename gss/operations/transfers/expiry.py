@@ -6,9 +6,9 @@ from datetime import datetime
 
 from gss.domain.limits import State
 from gss.operations.clock import Now
-from gss.operations.telemetry.alarm_words import CATALOGUE
+from gss.operations.telemetry.alarm_text import CATALOGUE
 from gss.operations.telemetry.alarms import AlarmService
-from gss.operations.telemetry.telemetry_board import Key
+from gss.operations.telemetry.limit_check import Key
 from gss.operations.transfers.bank_history import BankHistoryService
 from gss.operations.transfers.bank_plans import expiry_state
 from gss.operations.transfers.banks import days_left
@@ -28,7 +28,7 @@ class ExpiryWatch:
         stay, now = self._history.active(), self._now()
         catalogue = stay.catalogue if stay else None
         mine = _key(catalogue) if catalogue else None
-        for key in self._alarms.of_field():
+        for key in self._alarms.open_keys():
             if key[0] == CATALOGUE and key != mine:
                 self._alarms.watch(key, State.OK, 0.0, "", "")
         if catalogue is None or mine is None:

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from gss.catalogue_tools.formats.triplet_table import HEADER_VERSION as TRIPLET_FORMAT
+from gss.catalogue_tools.formats.triplet_table import decode_triplets, encode_triplets, figures, triplets_of
 from gss.catalogue_tools.onboard import decode as decode_bank
 from gss.catalogue_tools.onboard import read_header
-from gss.catalogue_tools.tables.triplets import HEADER_VERSION as TRIPLET_FORMAT
-from gss.catalogue_tools.tables.triplets import decode_triplets, encode_triplets, figures, triplets_of
 from gss.device.table_use import MODELS, calibrated, calibration_values, check_parameters, parameter_values
 from gss.device.tables import TABLE_FORMAT, Scalar, decode_table, encode_table
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile, profile
 from gss.domain.stars import StarTable
-from gss.domain.triplets import TripletClasses
+from gss.skytables.triplets import TripletClasses
 
 CHAIN_KINDS = ("calibration", "parameters")
 KINDS = (*CHAIN_KINDS, "triplets")
@@ -32,9 +32,8 @@ BRIGHTNESS_ERROR = 0.25
 FORMATS = {"calibration": TABLE_FORMAT, "parameters": TABLE_FORMAT, "triplets": TRIPLET_FORMAT}
 
 
-def defaults(kind: str, profile_name: str) -> dict[str, Scalar]:
+def defaults(kind: str, known: CameraProfile) -> dict[str, Scalar]:
     """Return the initial values of a new table. Raises BadInput for an unknown kind."""
-    known = profile(profile_name)
     if kind == "calibration":
         return calibration_values(known)
     if kind == "parameters":
@@ -56,15 +55,15 @@ def _triplet_defaults(known: CameraProfile) -> dict[str, Scalar]:
     }
 
 
-def table_bytes(kind: str, profile_name: str, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
+def table_bytes(kind: str, known: CameraProfile, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
     """Return bytes and values of a calibration or parameter set: the defaults with ``changes``. Raises BadInput naming the
     invalid value."""
-    known, values = profile(profile_name), _changed(kind, defaults(kind, profile_name), changes)
+    values = _changed(kind, defaults(kind, known), changes)
     if kind == "calibration":
         calibrated(known, values)
     else:
         check_parameters(known, values)
-    return encode_table(kind, profile_name, values), values
+    return encode_table(kind, known.name, values), values
 
 
 def _changed(kind: str, values: dict[str, Scalar], changes: Mapping[str, Any]) -> dict[str, Scalar]:
@@ -80,9 +79,11 @@ def _model_values() -> set[str]:
     return {name for _, names in MODELS.values() for name in names}
 
 
-def triplet_bytes(stars: StarTable, image: bytes, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
+def triplet_bytes(
+    stars: StarTable, known: CameraProfile, image: bytes, changes: Mapping[str, Any]
+) -> tuple[bytes, dict[str, Scalar]]:
     """Return bytes and statistics of the triplet table of a bank image, whose star list is ``stars``. Raises BadInput."""
-    wanted = _triplet_defaults(profile(read_header(image).profile_name)) | dict(changes)
+    wanted = _triplet_defaults(known) | dict(changes)
     unknown = set(wanted) - set(TRIPLET_LIMITS)
     if unknown:
         raise BadInput("unknown value", expected=", ".join(TRIPLET_LIMITS), got=", ".join(sorted(unknown)))
@@ -107,8 +108,8 @@ def _within(name: str, value: object) -> float:
 
 def _triplet_figures(data: bytes) -> dict[str, Scalar]:
     f = figures(decode_triplets(data))
-    told: dict[str, Scalar] = {"stars": f.stars, "references": f.references, "per_star": f.per_star}
-    return told | ({"stars_per_key": f.stars_per_key} if math.isfinite(f.stars_per_key) else {})
+    known: dict[str, Scalar] = {"stars": f.stars, "references": f.references, "per_star": f.per_star}
+    return known | ({"stars_per_key": f.stars_per_key} if math.isfinite(f.stars_per_key) else {})
 
 
 def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:
@@ -128,6 +129,6 @@ def star_list(image: bytes, stars: StarTable, hips: list[int]) -> StarTable:
     bank = decode_bank(image)
     unknown = [hip for hip in hips if hip not in stars.row_of_hip]
     if unknown or len(hips) != len(bank):
-        raise BadInput("the ground does not know every star of this catalogue", got=f"{len(unknown)} unknown")
+        raise BadInput("some stars of this catalogue are unknown to the ground", got=f"{len(unknown)} unknown")
     chosen = stars.take(np.array([stars.row_of_hip[hip] for hip in hips], np.intp))
     return replace(chosen, icrs=np.asarray(bank.icrs, float))

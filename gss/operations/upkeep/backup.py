@@ -13,20 +13,23 @@ import shutil
 import tarfile
 from collections.abc import Iterable, Iterator
 from copy import copy
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from gss import __version__
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput, CorruptData, GssError, NotFound
 from gss.operations.clock import Now, iso_z
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
-from gss.operations.jobs import JobService, Progress, Run
-from gss.operations.line.raw_capture import capture_files
+from gss.operations.jobs import JobKind, JobRequest, JobService, Progress, Run
+from gss.operations.line.capture_files import capture_files, open_capture, plain_name
 from gss.operations.upkeep.clock_trust import BEHIND, ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.manifest import DATABASE, MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
+from gss.operations.upkeep.retention import stored_policy
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
 from gss.store.dump import dump, kind_of
@@ -35,7 +38,14 @@ from gss.store.models import Job
 
 POOL = "blobs"
 UNFINISHED = ".unfinished"
-BUSY = "another backup or removal is under way"
+BUSY = "another backup or removal is running"
+
+
+@dataclass(frozen=True)
+class BackupJob(JobRequest):
+    """A backup. ``keep``: number of newest backups kept afterwards, 0: all."""
+
+    keep: int = 0
 
 
 class BackupService:
@@ -59,7 +69,7 @@ class BackupService:
         self._database, self._url, self._blobs, self._captures = database, url, blobs, captures
         self._folder, self._lock, self._disk = folder, lock, disk
         self._jobs, self._bus, self._now = jobs, bus, now
-        jobs.resumable("backup", self._job)
+        jobs.register(JobKind("backup", BackupJob, self._job, renewed=self._renewed))
 
     @property
     def folder(self) -> Path:
@@ -75,16 +85,19 @@ class BackupService:
     def start(self, *, keep: int = 0, user: str) -> Job:
         """Start a backup as a job; afterwards only the ``keep`` newest are kept (0: all)."""
         self._disk.check("a backup", self.needed_bytes())
-        return self._jobs.begin("backup", "backup", {"keep": keep, "user": user})
+        return self._jobs.begin("backup", "backup", BackupJob(keep, user=user))
 
-    def _job(self, run: Run) -> dict[str, Any]:
+    def _renewed(self, request: BackupJob) -> BackupJob:
+        return replace(request, keep=stored_policy(self._database).backups_keep)
+
+    def _job(self, request: BackupJob, run: Run) -> dict[str, Any]:
         if run.checkpoint:  # it was finished before the server stopped
             return run.checkpoint
         made = self.make(run.progress)
         result = {"name": made.name, "bytes": made.total_bytes, "blobs": len(made.blobs)}
         run.keep(result)
-        removed = self.prune(run.request["keep"], made.name) if run.request["keep"] else []
-        self._bus.record("upkeep", "ok", f"backup {made.name} made, by {run.request['user']}", **result)
+        removed = self.prune(request.keep, made.name) if request.keep else []
+        self._bus.record("upkeep", "ok", f"backup {made.name} made, by {request.user}", **result)
         return result | {"removed": removed}
 
     def needed_bytes(self) -> int:
@@ -92,7 +105,7 @@ class BackupService:
         with self._database.unit_of_work() as session:
             return store.database_bytes(session)
 
-    def make(self, progress: Progress = lambda *_: None) -> Manifest:
+    def make(self, progress: Progress = no_progress) -> Manifest:
         """Make a backup now. The database is copied first, then the blobs that it references, because blobs are stored
         before their rows."""
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -133,11 +146,12 @@ class BackupService:
         for k, path in enumerate(captures, len(wanted)):
             progress(k, total, f"{k} of {total} files")
             try:
-                data = path.read_bytes()
+                with open_capture(path) as capture:
+                    data = capture.read()
             except FileNotFoundError:  # the oldest are removed as new ones are written
                 continue
-            stored[path.name] = pool.put(data)
-            kept[stored[path.name]] = len(data)
+            key = stored[plain_name(path)] = pool.put(data)
+            kept[key] = len(data)
         progress(total, total, "sealing")
         self._sync_pool(kept)
         return Manifest(name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), kept, stored)
@@ -150,7 +164,7 @@ class BackupService:
             try:
                 return len(pool.get(key))
             except CorruptData:
-                self._bus.record("upkeep", "warning", f"{key[:12]}… was damaged in the backups; it is copied again")
+                self._bus.record("upkeep", "warning", f"{key[:12]}… was damaged in the backups; copied again")
         self._disk.check("a backup")
         try:
             data = self._blobs.get(key)

@@ -8,11 +8,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import CorruptData, GssError, NotFound, StoreDown
 from gss.operations.accounts.audit import AuditService
-from gss.operations.clock import utc_now
-from gss.operations.jobs import JobService, Progress, Run
-from gss.operations.line.raw_capture import capture_files, read_captures
+from gss.operations.jobs import JobKind, JobRequest, JobService, Progress, Run
+from gss.operations.line.capture_files import PACKED, capture_files, plain_name
+from gss.operations.line.raw_capture import read_captures
 from gss.store import devices
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
@@ -57,13 +58,15 @@ class Report:
         return {"whole": self.whole, "rows": self.rows, "findings": [asdict(f) for f in self.findings]}
 
 
-def check_store(database: Database, blobs: BlobStore, captures: Path, progress: Progress = lambda *_: None) -> Report:
+def check_store(
+    database: Database, blobs: BlobStore, captures: Path, audit: AuditService, progress: Progress = no_progress
+) -> Report:
     """Run all checks. Every problem becomes a finding; only cancelling raises."""
     report = Report()
     _look(report, "database", lambda: _database(report, database, progress))
     _look(report, "bytes", lambda: _blobs(report, database, blobs, progress))
     _look(report, "captures", lambda: _captures(report, database, captures, progress))
-    _look(report, "audit", lambda: _audit(report, database))
+    _look(report, "audit", lambda: _audit(report, audit))
     return report
 
 
@@ -78,15 +81,13 @@ def _database(report: Report, database: Database, progress: Progress) -> None:
     progress(0, 0, "reading the database")
     with database.unit_of_work() as session:
         bad = store.integrity_problems(session)
-        report.add("database", bad, "every page is whole", "damages of the file")
+        report.add("database", bad, "every page is intact", "damages of the file")
         if bad:
             return
         schema, newest = store.schema_version(session), known_schemas()[-1]
         older = [] if schema == newest else [f"it is at {schema or 'none'}, this version is at {newest}"]
-        report.add("schema", older, f"schema {schema}", "difference: the server migrates when it starts", NOTE)
-        report.add(
-            "references", store.broken_links(session), "every row finds what it names", "rows name what is not there"
-        )
+        report.add("schema", older, f"schema {schema}", "the server migrates it at start", NOTE)
+        report.add("references", store.broken_links(session), "all references are valid", "rows refer to missing rows")
         report.rows = store.row_counts(session)
 
 
@@ -108,25 +109,25 @@ def _blobs(report: Report, database: Database, blobs: BlobStore, progress: Progr
             continue
         if reference.size is not None and size != reference.size:
             unequal.append(f"{reference.by}: {size} B instead of {reference.size}")
-    report.add("bytes missing", missing, f"all {len(wanted)} are there", "are missing: restore them from a backup")
-    report.add("bytes damaged", damaged, "each is what its hash says", "are damaged: restore them from a backup")
-    report.add("bytes of other sizes", unequal, "each is as long as its row says", "are not as long as their row says")
+    report.add("missing files", missing, f"all {len(wanted)} exist", "are missing: restore them from a backup")
+    report.add("damaged files", damaged, "all hashes match", "are damaged: restore them from a backup")
+    report.add("wrong file sizes", unequal, "all sizes match", "do not have the recorded size")
     orphans = [key for key in blobs.keys() if key not in wanted]  # noqa: SIM118 - no dictionary
     size = sum(blobs.size(key) for key in orphans[:1000])
-    words = f"are needed by no row any more, {size} B in the first {min(len(orphans), 1000)}"
-    report.add("bytes left over", orphans, "none", words, NOTE)
+    words = f"are no longer referenced, {size} B in the first {min(len(orphans), 1000)}"
+    report.add("unused files", orphans, "none", words, NOTE)
 
 
 def _captures(report: Report, database: Database, folder: Path, progress: Progress) -> None:
     with database.unit_of_work() as session:
         contacts = [row for row, *_ in devices.list_contacts(session, 1_000_000)]
-    there = {path.name: path for path in capture_files(folder)}
+    there = {plain_name(path): path for path in capture_files(folder)}
     named = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
     gone = sorted(set(named) - set(there))
     torn: list[str] = []
 
     def unread(file: Path, count: int) -> None:
-        torn.append(f"{file.name}: the last {count} B are no whole record")
+        torn.append(f"{file.name}: the last {count} B are an incomplete record")
 
     for k, path in enumerate(there.values()):
         progress(k, len(there), f"reading captures, {k} of {len(there)}")
@@ -135,32 +136,42 @@ def _captures(report: Report, database: Database, folder: Path, progress: Progre
     short = [
         f"{name}: {there[name].stat().st_size} B, the contact had written {entry['bytes']}"
         for name, entry in named.items()
-        if name in there and there[name].stat().st_size < int(str(entry["bytes"]))
+        if name in there and there[name].suffix != PACKED and there[name].stat().st_size < int(str(entry["bytes"]))
     ]
-    report.add("captures gone", gone, "every file is there", "files have gone: retention removes the oldest", NOTE)
-    report.add("captures torn", torn, f"{len(there)} files, each whole to its end", "files end in a torn record", NOTE)
-    report.add("captures short", short, "none is shorter than its contact wrote", "files are shorter than they were")
+    report.add("removed captures", gone, "every file exists", "files are missing: retention removes the oldest", NOTE)
+    report.add(
+        "truncated captures", torn, f"{len(there)} files, all complete", "files end in an incomplete record", NOTE
+    )
+    report.add("short captures", short, "none is shorter than recorded", "files are shorter than recorded")
 
 
-def _audit(report: Report, database: Database) -> None:
-    verdict = AuditService(database, utc_now).verify()
-    bad = [verdict.problem] if verdict.problem else []
-    report.add("audit", bad, f"{verdict.rows} rows follow each other, none can be changed", "break in the audit record")
+def _audit(report: Report, audit: AuditService) -> None:
+    verdict = audit.verify()
+    if verdict.problem:
+        report.findings.append(Finding("audit", ERROR, f"the audit log is not intact: {verdict.problem}"))
+        return
+    anchors = f"; {verdict.anchors}" if verdict.anchors else ""
+    report.findings.append(
+        Finding("audit", "ok", f"{verdict.rows} rows, intact and protected against changes{anchors}")
+    )
 
 
 class CheckStoreService:
     """Runs the store check as a job."""
 
-    def __init__(self, database: Database, blobs: BlobStore, captures: Path, jobs: JobService) -> None:
+    def __init__(
+        self, database: Database, blobs: BlobStore, captures: Path, jobs: JobService, audit: AuditService
+    ) -> None:
         self._database, self._blobs, self._captures, self._jobs = database, blobs, captures, jobs
-        jobs.resumable("check-store", self._work)
+        self._audit = audit
+        jobs.register(JobKind("check-store", JobRequest, self._work))
 
     def start(self, *, user: str) -> Job:
         """Queue a check as a job; its result is the report."""
-        return self._jobs.begin("check-store", "check the store", {"user": user})
+        return self._jobs.begin("check-store", "check the store", JobRequest(user=user))
 
-    def _work(self, run: Run) -> dict[str, Any]:
+    def _work(self, _request: JobRequest, run: Run) -> dict[str, Any]:
         try:
-            return check_store(self._database, self._blobs, self._captures, run.progress).plain()
+            return check_store(self._database, self._blobs, self._captures, self._audit, run.progress).plain()
         except OSError as error:
-            raise GssError("the store cannot be read to its end", got=str(error)) from error
+            raise GssError("the store cannot be read completely", got=str(error)) from error

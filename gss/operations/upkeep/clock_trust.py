@@ -18,7 +18,6 @@ from gss.store import choices
 from gss.store import upkeep as store
 from gss.store.engine import Database
 
-NAME = "upkeep.trusted-time"
 KEEP_EVERY = timedelta(minutes=10)
 BEHIND = timedelta(hours=1)
 """A clock set back by less than this, as a correction, is not in doubt."""
@@ -71,7 +70,7 @@ class ClockTrust:
             trusted = iso_z(found.trusted, "seconds") if found.trusted else "not known"
             raise Conflict(
                 f"{what}: nothing is deleted while the server's clock is in doubt",
-                expected=f"a time up to {self._pause / DAY:g} days after the last trusted one, {trusted}",
+                expected=f"a time up to {self._pause / DAY:g} days after the last trusted time, {trusted}",
                 got=f"{iso_z(found.now, 'seconds')}: {found.doubt}",
                 hint=HINT,
             )
@@ -82,10 +81,10 @@ class ClockTrust:
         now = self._now()
         if abs(now - seen) > SEEN_WITHIN:
             raise BadInput(
-                "the confirmed time is not that of the server's clock",
+                "the confirmed time differs from the server's clock",
                 expected=f"within {SEEN_WITHIN / timedelta(minutes=1):g} minutes of {iso_z(now, 'seconds')}",
                 got=iso_z(seen, "seconds"),
-                hint="load the page again and check the time",
+                hint="reload the page and check the time",
             )
         before = self._trusted()
         self._keep(now, user)
@@ -106,9 +105,8 @@ class ClockTrust:
 
     def _trusted(self) -> datetime | None:
         with self._database.unit_of_work() as session:
-            rows = [row for row in choices.read(session, NAME) if row.name == NAME]
-            return datetime.fromisoformat(rows[0].value["at"]) if rows else None
+            return choices.trusted_time(session)
 
     def _keep(self, moment: datetime, user: str) -> None:
         with self._database.unit_of_work() as session:
-            choices.write(session, NAME, {"at": moment.isoformat()}, self._now(), user)
+            choices.write(session, choices.TRUSTED_TIME, {"at": moment.isoformat()}, self._now(), user)

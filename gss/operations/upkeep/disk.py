@@ -14,10 +14,10 @@ from pathlib import Path
 from gss.domain.errors import StoreDown
 from gss.domain.limits import State
 from gss.operations.line.link import LinkService
-from gss.operations.telemetry.alarm_words import STORE
+from gss.operations.telemetry.alarm_text import STORE
 from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.limit_check import Key
 from gss.operations.telemetry.telemetry import TelemetryService
-from gss.operations.telemetry.telemetry_board import Key
 
 LAST_SHARE = 4
 DISK: Key = (STORE, "disk")
@@ -89,7 +89,7 @@ class DiskWatch:
             limit = f"below {megabytes(low)} free ({found.level})"
         self._alarms.watch(DISK, found.level, round(found.free_bytes / 1e9, 3), f"Disk: {found.text}", limit)
         lost, unstored = self._link.capture.lost_bytes, self._telemetry.unstored
-        self._lost(CAPTURE, self._link.capture.fails, lost, f"{lost} bytes of the line are not in it")
+        self._lost(CAPTURE, self._link.capture.fails, lost, f"{lost} bytes are missing from it")
         self._lost(TELEMETRY, self._telemetry.store_fails, unstored, f"{unstored} packets are in the raw capture only")
 
     def _lost(self, key: Key, why: str, count: int, text: str) -> None:

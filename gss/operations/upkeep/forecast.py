@@ -45,9 +45,12 @@ def forecast(database: Database, retention: RetentionService, disk: DiskGuard, b
         _, new_frames = store.pixel_bytes(session, since)
         packets, new_packets = store.count_packets(session), store.count_packets(session, since=since)
         oldest_frame, oldest_packet, first = store.oldest(session)
-    files = retention.capture_files()
-    captured = sum(path.stat().st_size for path in files)
-    new_captures = sum(path.stat().st_size for path in files if path.stat().st_mtime >= since.timestamp())
+    files = retention.capture_sizes()
+    captured = sum(file.bytes for file in files)
+    new_captures = 0
+    for path, size in files:
+        with contextlib.suppress(FileNotFoundError):
+            new_captures += size if path.stat().st_mtime >= since.timestamp() else 0
     # For a store younger than a week, growth is averaged over its life.
     days = LOOK_BACK_DAYS if first is None else min(LOOK_BACK_DAYS, (at - first) / DAY)
     new = 0.0

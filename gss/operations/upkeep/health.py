@@ -6,7 +6,7 @@ import os
 import resource
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,22 +14,24 @@ from gss import __version__
 from gss.domain.errors import GssError
 from gss.domain.limits import ORDER, State
 from gss.operations.clock import Monotonic, Now
-from gss.operations.events import StreamCounts
 from gss.operations.frames.frames import FrameService
 from gss.operations.jobs import JobService
+from gss.operations.line.capture_files import capture_sizes
 from gss.operations.line.dispatcher import Dispatcher
 from gss.operations.line.link import LinkService
+from gss.operations.metrics import Sample, StreamCounts
 from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.upkeep.audit_watch import AuditWatch
 from gss.operations.upkeep.backup import BackupService
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.disk import DiskGuard, megabytes
-from gss.operations.upkeep.metrics import Sample
 from gss.operations.upkeep.page_check import PageCheck
 from gss.store import upkeep as store
+from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 
 OLD_BACKUP_DAYS = 7.0
-HEARD_WITHIN_S = 5.0
+RECEIVED_WITHIN_S = 5.0
 UNKNOWN = "unknown"
 PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 KIB = 1 if sys.platform == "darwin" else 1024
@@ -54,12 +56,13 @@ class Health:
 
 
 class HealthService:
-    """Runs the health checks on request. ``drops``: number of items dropped by each bounded queue, by its name."""
+    """Runs the health checks on request."""
 
     def __init__(
         self,
         database: Database,
         disk: DiskGuard,
+        blobs: BlobStore,
         captures: Path,
         link: LinkService,
         telemetry: TelemetryService,
@@ -68,28 +71,32 @@ class HealthService:
         backups: BackupService,
         clocks: ClockWatch,
         pages: PageCheck,
+        audit: AuditWatch,
         dispatcher: Dispatcher,
         streams: StreamCounts,
-        drops: Mapping[str, Callable[[], int]],
         now: Now,
         monotonic_s: Monotonic,
     ) -> None:
         self._database, self._disk, self._captures, self._link = database, disk, captures, link
+        self._blobs = blobs
         self._telemetry, self._frames, self._jobs = telemetry, frames, jobs
         self._backups, self._clocks, self._now, self._monotonic_s = backups, clocks, now, monotonic_s
         self._started_s = monotonic_s()
-        self._pages, self._dispatcher, self._streams, self._drops = pages, dispatcher, streams, dict(drops)
+        self._audit = audit
+        self._pages, self._dispatcher, self._streams = pages, dispatcher, streams
 
     def look(self) -> Health:
         """Run all checks now; a check that raises becomes a critical one."""
         looks = (
             self._database_check,
             self._disk_check,
+            self._blobs_check,
             self._captures_check,
             self._record_check,
             self._link_check,
             self._jobs_check,
             self._queues_check,
+            self._audit_log_check,
             self._clock_check,
             self._backup_check,
             self._memory_check,
@@ -108,12 +115,20 @@ class HealthService:
         pages = f"; {self._pages.state}" if self._pages.state else ""
         return Check("database", "ok", size, megabytes(size) + pages)
 
+    def _audit_log_check(self) -> Check:
+        if self._audit.problem:
+            return Check("audit log", "critical", None, f"not intact: {self._audit.problem}")
+        return Check("audit log", "ok", None, self._audit.state)
+
     def _disk_check(self) -> Check:
         found = self._disk.look()
         return Check("disk", found.level.value, found.free_bytes, found.text)
 
+    def _blobs_check(self) -> Check:
+        return Check("blobs", "ok", None, self._blobs.check())
+
     def _captures_check(self) -> Check:
-        size = sum(path.stat().st_size for path in self._captures.glob("*.raw"))
+        size = sum(file.bytes for file in capture_sizes(self._captures))
         lost = self._link.capture.lost_bytes
         if self._link.capture.fails:
             return Check("captures", "critical", lost, f"not written: {self._link.capture.fails}; {lost} bytes lost")
@@ -130,15 +145,15 @@ class HealthService:
     def _link_check(self) -> Check:
         if not self._link.connected:
             return Check("link", "watch" if self._link.url else "ok", None, f"down: {self._link.reason}")
-        heard_s = self._link.counters.last_good_s
-        age_s = None if heard_s is None else max(0.0, self._monotonic_s() - heard_s)
+        last_good_s = self._link.counters.last_good_s
+        age_s = None if last_good_s is None else max(0.0, self._monotonic_s() - last_good_s)
         if not self._link.alive():
-            return Check("link", "critical", age_s, "the thread that reads the line does not answer")
+            return Check("link", "critical", age_s, "the link thread does not respond")
         if self._dispatcher.is_slow():
             text = f"received data has been waiting for the store for {self._dispatcher.busy_s:.0f} s"
             return Check("link", "critical", age_s, text)
-        if age_s is None or age_s > HEARD_WITHIN_S:
-            return Check("link", "warning", age_s, "open, but nothing good comes")
+        if age_s is None or age_s > RECEIVED_WITHIN_S:
+            return Check("link", "warning", age_s, "open, but no valid packet received")
         return Check("link", "ok", age_s, f"up on {self._link.url}")
 
     def _jobs_check(self) -> Check:
@@ -148,10 +163,15 @@ class HealthService:
         return Check("jobs", "watch" if failed else "ok", waiting, text)
 
     def _queues_check(self) -> Check:
-        lost = {name: count() for name, count in self._drops.items()}
+        lost = self._dropped()
         total = sum(lost.values())
         words = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
         return Check("queues", "watch" if total else "ok", total, f"dropped: {words}" if total else "nothing dropped")
+
+    def _dropped(self) -> dict[str, int]:
+        """Return the number of items that each bounded queue dropped, by its name."""
+        frames, events, messages = self._frames.skipped, self._dispatcher.dropped, self._streams.dropped
+        return {"solve": frames, "line events": events, "stream": messages}
 
     def _clock_check(self) -> Check:
         jump_s = self._clocks.last_jump_s
@@ -163,7 +183,7 @@ class HealthService:
     def _backup_check(self) -> Check:
         at = self._backups.newest_at()
         if at is None:
-            return Check("backup", "watch", None, "there is none: gss backup, or Admin, Backups")
+            return Check("backup", "watch", None, "no backup. Run gss backup, or use Admin, Backups")
         days = (self._now() - at).total_seconds() / 86400
         return Check("backup", "watch" if days > OLD_BACKUP_DAYS else "ok", days, f"{days:.1f} days old")
 
@@ -188,22 +208,25 @@ class HealthService:
             help_text = "Packets or bytes that could not be used."
             yield _counter("gss_link_errors_total", help_text, getattr(received, cause), cause=cause)
         yield _counter("gss_link_gaps_total", "Packets missing by their sequence counts.", received.gaps)
-        yield _counter("gss_link_duplicates_total", "Packets that came twice.", received.duplicates)
-        yield _gauge("gss_link_up", "Is the line open?", float(self._link.connected))
+        yield _counter("gss_link_duplicates_total", "Duplicate packets.", received.duplicates)
+        yield _gauge("gss_link_up", "1 if the line is open.", float(self._link.connected))
         yield _counter(
-            "gss_capture_lost_bytes_total", "Bytes of the line that no capture holds.", self._link.capture.lost_bytes
+            "gss_capture_lost_bytes_total",
+            "Bytes of the line missing from the raw capture.",
+            self._link.capture.lost_bytes,
         )
         yield _counter(
-            "gss_telemetry_unstored_total", "Packets that are in the raw capture only.", self._telemetry.unstored
+            "gss_telemetry_unstored_total", "Packets missing from the telemetry archive.", self._telemetry.unstored
         )
-        for name, count in self._drops.items():
-            yield _counter("gss_queue_dropped_total", "Messages that a full queue lost.", count(), queue=name)
-        yield _gauge("gss_queue_depth", "What waits in a queue.", self._frames.waiting(), queue="solve")
-        yield _gauge("gss_queue_depth", "What waits in a queue.", self._jobs.waiting(), queue="jobs")
+        yield _counter("gss_telemetry_old_total", "Packets older than the latest of their type.", self._telemetry.old)
+        for name, count in self._dropped().items():
+            yield _counter("gss_queue_dropped_total", "Messages dropped by a full queue.", count, queue=name)
+        yield _gauge("gss_queue_depth", "Items waiting in a queue.", self._frames.waiting(), queue="solve")
+        yield _gauge("gss_queue_depth", "Items waiting in a queue.", self._jobs.waiting(), queue="jobs")
         yield _gauge("gss_stream_clients", "Open event streams.", self._streams.clients)
         yield _counter("gss_streams_refused_total", "Event streams over the limit.", self._streams.refused)
         disk = self._disk.look()
-        yield _gauge("gss_disk_free_bytes", "Room on the disk of the data folder.", disk.free_bytes)
+        yield _gauge("gss_disk_free_bytes", "Free space on the disk of the data folder.", disk.free_bytes)
         with self._database.unit_of_work() as session:
             yield _gauge("gss_database_bytes", "Bytes that the database uses.", store.database_bytes(session))
             for name, state, number in store.states(session):
@@ -211,12 +234,12 @@ class HealthService:
             yield _gauge("gss_frames", "Stored frames.", store.frame_count(session))
         now, most = memory_bytes()
         yield _gauge("process_resident_memory_bytes", "Memory in use.", now)
-        yield _gauge("gss_process_most_memory_bytes", "Most memory ever in use.", most)
+        yield _gauge("gss_process_most_memory_bytes", "Peak memory in use.", most)
         usage = resource.getrusage(resource.RUSAGE_SELF)
         yield _counter("process_cpu_seconds_total", "Processor time.", usage.ru_utime + usage.ru_stime)
         yield _gauge("process_threads", "Threads.", threading.active_count())
-        yield _gauge("gss_uptime_seconds", "Since the server started.", self._monotonic_s() - self._started_s)
-        yield _gauge("gss_info", "Which version runs.", 1, version=__version__)
+        yield _gauge("gss_uptime_seconds", "Time since the server started.", self._monotonic_s() - self._started_s)
+        yield _gauge("gss_info", "Running version.", 1, version=__version__)
 
 
 def memory_bytes() -> tuple[int, int]:

@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
 
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput, CorruptData, NotFound
 
 FORMAT = "gss-backup 1"
@@ -58,7 +59,7 @@ def read_manifest(folder: Path) -> Manifest:
     """Return the manifest of a backup's folder. Raises NotFound, CorruptData or BadInput if it is missing, changed or of
     another format."""
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
-        raise NotFound("this is no backup", expected=f"{MANIFEST} and {SEAL}", got=str(folder))
+        raise NotFound("not a backup", expected=f"{MANIFEST} and {SEAL}", got=str(folder))
     data = (folder / MANIFEST).read_bytes()
     if (folder / SEAL).read_bytes().split()[:1] != [hashlib.sha256(data).hexdigest().encode()]:
         raise CorruptData("the backup's manifest was changed", expected="the hash beside it", got=str(folder))
@@ -73,11 +74,11 @@ def read_manifest(folder: Path) -> Manifest:
     # These names are used as paths, so their format must be checked.
     keys = [*made.blobs, made.database_sha256, *made.captures.values()]
     if made.kind not in DATABASE or not all(SHA256.fullmatch(key) for key in keys):
-        raise CorruptData("the backup's manifest names what is no hash", got=str(folder))
+        raise CorruptData("the manifest of the backup contains an invalid hash", got=str(folder))
     if not NAME.fullmatch(made.name) or not all(CAPTURE.fullmatch(name) for name in made.captures):
-        raise CorruptData("the backup's manifest names what is no capture, or no backup", got=str(folder))
+        raise CorruptData("the manifest of the backup contains an invalid file name", got=str(folder))
     if not set(made.captures.values()) <= set(made.blobs):
-        raise CorruptData("the backup's manifest names captures that it has not", got=str(folder))
+        raise CorruptData("captures named in the manifest are missing from the backup", got=str(folder))
     return made
 
 
@@ -87,13 +88,13 @@ def _check_kinds(made: Manifest) -> None:
     numbers, tables = (made.database_bytes, *made.blobs.values()), (made.blobs, made.captures)
     texts = (*words, *made.captures.values())
     if not all(isinstance(v, str) for v in texts) or not all(isinstance(v, int) and v >= 0 for v in numbers):
-        raise TypeError("a text or a number is of another kind")
+        raise TypeError("a text or number has the wrong type")
     if not all(isinstance(table, dict) for table in tables):
-        raise TypeError("a table is of another kind")
+        raise TypeError("a table has the wrong type")
     datetime.fromisoformat(made.created)
 
 
-def sha256_of(file: Path | BinaryIO, each: Callable[[], None] = lambda: None) -> str:
+def sha256_of(file: Path | BinaryIO, each: Callable[[], None] = no_progress) -> str:
     """Return the hash of a whole file; ``each`` is called between blocks and may raise to cancel."""
     if isinstance(file, Path):
         with file.open("rb") as opened:

@@ -23,7 +23,7 @@ class PageCheck:
     def start(self) -> None:
         """Start the thread if the startup skipped the check."""
         if is_large(self._database.engine):
-            self.state = "its pages are being read"
+            self.state = "its pages are being checked"
             self._thread.start()
 
     def wait(self) -> None:
@@ -35,10 +35,10 @@ class PageCheck:
         try:
             found = damaged_pages(self._database.engine)
         except StoreDown as error:
-            log.warning("the pages of the database were not read: %s", error)
-            self.state = "its pages could not be read to the end"
+            log.warning("the pages of the database were not checked: %s", error)
+            self.state = "its pages could not be read completely"
             return
-        self.state = "its pages were read after the start"
+        self.state = "its pages were checked after the start"
         if found:
-            self._database.damage = found
+            self._database.report_damage(found)
             self._bus.record("upkeep", "critical", f"the database is damaged: {found}")

@@ -17,17 +17,19 @@ import pyarrow as pa
 from pyarrow import parquet as pq
 
 from gss import __version__
-from gss.device.dictionary import INTEGER_RANGES, Dictionary, Group, Item, TelemetryField
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput
+from gss.instruments.dictionary.definitions import INTEGER_RANGES, Group, Item, TelemetryField
 from gss.operations.frames.solution_export import SCHEMA as SOLUTIONS
 from gss.operations.frames.solution_export import as_row
-from gss.operations.telemetry.value_words import kind
+from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.value_format import kind
 from gss.store import exports as store
 from gss.store.engine import Database
 
 FIRST_DAY, LAST_DAY = date(1970, 1, 1), date(9999, 12, 30)
 MOMENT = pa.timestamp("us", tz="UTC")
-Told = Callable[[str], None]
+OnFolder = Callable[[str], None]
 
 LEADING = pa.schema(
     [
@@ -118,27 +120,27 @@ class _Table:
 
 def export_parquet(
     database: Database,
-    dictionary: Dictionary,
+    dictionary: TelemetryDefinitions,
     out: Path,
     first: date | None = None,
     last: date | None = None,
-    told: Told = lambda _: None,
+    on_folder: OnFolder = no_progress,
 ) -> Written:
     """Export whole UTC days from ``first`` to ``last``, inclusive, into ``out``; existing days are replaced. At most one
     block of rows is in memory. A file gets its final name only when it is complete. Raises BadInput if ``out`` contains
     other files."""
     start, end = first or FIRST_DAY, last or LAST_DAY
     if end < start:
-        raise BadInput("the span is empty", expected="a first day before the last", got=f"{start} … {end}")
+        raise BadInput("the time span is empty", expected="a start before the end", got=f"{start} … {end}")
     if out.exists() and any(out.iterdir()) and not (out / "schema.json").is_file():
-        raise BadInput("the folder holds something else", expected="a new folder, or an older export", got=str(out))
+        raise BadInput("the folder contains other files", expected="a new folder, or an older export", got=str(out))
     out.mkdir(parents=True, exist_ok=True)
     # Marks the folder as an export, so that an interrupted one can be repeated.
     (out / "schema.json").write_text("{}\n", "utf-8")
     span = datetime.combine(start, time(), UTC), datetime.combine(end, time(), UTC) + timedelta(days=1)
     written, schemas = Written(0, 0, 0), {}
     for table in _tables(database, dictionary, *span):
-        told(table.folder)
+        on_folder(table.folder)
         schemas[table.folder] = _described(table.schema)
         made = _write(out / table.folder, table)
         written = Written(written.files + made.files, written.rows + made.rows, written.bytes + made.bytes)
@@ -148,7 +150,7 @@ def export_parquet(
     return written
 
 
-def _tables(database: Database, dictionary: Dictionary, start: datetime, end: datetime) -> Iterator[_Table]:
+def _tables(database: Database, dictionary: TelemetryDefinitions, start: datetime, end: datetime) -> Iterator[_Table]:
     packets = {packet.name: packet for packet in dictionary.telemetry}
     for name in store.packet_names(database):
         if not name.replace("_", "").isalnum():

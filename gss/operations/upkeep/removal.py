@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
-from typing import Any
 
 from gss.domain.errors import Conflict
 from gss.operations.clock import iso_z
@@ -22,7 +21,7 @@ LABELS = {
     "frames": "frames with pixels",
     "frames_bytes": "bytes of pixels",
     "packets": "telemetry packets",
-    "events": "lines of the event record",
+    "events": "events",
 }
 
 
@@ -51,15 +50,6 @@ class Confirmed:
     to_thin: int
     events: int
 
-    def record(self) -> dict[str, Any]:
-        """Return JSON values for a job's request."""
-        return asdict(self) | {"at": self.at.isoformat()}
-
-    @classmethod
-    def read(cls, record: dict[str, Any] | None) -> Confirmed | None:
-        """Restore the confirmation from a job's request."""
-        return None if record is None else cls(**record | {"at": datetime.fromisoformat(record["at"])})
-
 
 def confirmation(removal: Removal) -> Confirmed:
     """Return the confirmation of exactly this preview."""
@@ -87,10 +77,10 @@ def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float)
     """Raise Conflict if the removal is unusual and not confirmed, or larger than confirmed."""
     if not removal.unusual:
         return
-    hint = "look at the preview (Admin, Storage, or gss retention), then confirm it"
+    hint = "check the preview (Admin, Storage, or gss retention), then confirm it"
     if confirmed is None:
         raise Conflict(
-            "this removal is unusually large and waits for confirmation",
+            "this removal is unusually large and needs confirmation",
             expected=f"at most {100 * share:g} % of a kind, or {ARRIVED_FACTOR:g} times what arrived since the last removal "
             f"if that was at most {ARRIVED_WITHIN / timedelta(days=1):g} days ago",
             got=removal.unusual,
@@ -99,7 +89,7 @@ def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float)
     more = [name for name in COUNTS if getattr(removal, name) > getattr(confirmed, name)]
     if more:
         raise Conflict(
-            "more would be removed than was confirmed",
+            "more data would be removed than confirmed",
             expected=", ".join(f"{name} up to {getattr(confirmed, name)}" for name in more),
             got=", ".join(f"{name} {getattr(removal, name)}" for name in more),
             hint=hint,
@@ -113,5 +103,5 @@ def check_fresh(confirmed: Confirmed, now: datetime) -> None:
             "the confirmed preview is out of date",
             expected=f"a preview of the last hour, before {iso_z(now, 'seconds')}",
             got=iso_z(confirmed.at, "seconds"),
-            hint="look at the preview again",
+            hint="check the preview again",
         )

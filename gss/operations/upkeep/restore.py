@@ -12,7 +12,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from gss.domain.callbacks import no_progress
 from gss.domain.errors import BadInput, Conflict, CorruptData, NotFound
+from gss.operations.accounts.audit import AuditService
+from gss.operations.accounts.audit_anchor import ANCHORS, AnchorFile
 from gss.operations.clock import Now
 from gss.operations.upkeep.backup import POOL
 from gss.operations.upkeep.manifest import DATABASE, MANIFEST, SEAL, Manifest, read_manifest, sha256_of
@@ -36,7 +39,7 @@ MOST_UNPACKED = 100
 """Maximum ratio of unpacked to packed size. Databases and captures compress to a tenth at best."""
 SPARE_BYTES = 256 << 20
 """Disk space in bytes that unpacking leaves free."""
-Tell = Callable[[str], None]
+OnStep = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -49,19 +52,27 @@ class Restored:
 
 
 def restore(
-    source: Path, into: Path, now: Now, *, database_url: str = "", blobs_url: str = "", tell: Tell = lambda _: None
+    source: Path,
+    into: Path,
+    now: Now,
+    *,
+    database_url: str = "",
+    blobs_url: str = "",
+    audit_anchor: Path | None = None,
+    on_step: OnStep = no_progress,
 ) -> Restored:
     """Restore a backup (a folder or a tar file) into an empty or new folder. A PostgreSQL backup is loaded into the empty
-    database of ``database_url``; blobs are stored in ``blobs_url`` if given. Raises Conflict, CorruptData or BadInput
+    database of ``database_url``; blobs are stored in ``blobs_url`` if given. ``audit_anchor``: the audit log's
+    anchor file, if it is not in the data folder. Raises Conflict, CorruptData or BadInput
     without restoring anything."""
     into = into.resolve()
     if into.exists() and (not into.is_dir() or any(into.iterdir())):
-        raise Conflict("restoring writes over nothing", expected="an empty or new folder", got=str(into))
+        raise Conflict("the target folder is not empty", expected="an empty or new folder", got=str(into))
     home = source.resolve()
     home = home.parent if home.is_dir() and (home.parent / POOL).is_dir() else home
     if home in (into, *into.parents):
-        raise Conflict("a backup is not restored among the backups", expected="a folder elsewhere", got=str(into))
-    with _opened(source, into.parent, tell) as folder:
+        raise Conflict("a backup cannot be restored into the backup folder", expected="another folder", got=str(into))
+    with _opened(source, into.parent, on_step) as folder:
         manifest = read_manifest(folder)
         if manifest.schema not in known_schemas():
             raise BadInput(
@@ -72,19 +83,20 @@ def restore(
             )
         if manifest.kind != SQLITE and not database_url:
             raise BadInput("this backup is of PostgreSQL", expected="GSS_DATABASE: an empty database to fill")
-        tell("verifying")
+        on_step("verifying")
         pool = _verified(folder, manifest)
         draft = into.with_name(f".{into.name}.restoring")
         shutil.rmtree(draft, ignore_errors=True)
         draft.mkdir(parents=True)
         try:
-            tell(f"copying {len(manifest.blobs)} files")
+            on_step(f"copying {len(manifest.blobs)} files")
             _fill(draft, folder, manifest, pool, blobs_url)
             url = f"sqlite:///{draft / 'gss.db'}"
             if manifest.kind != SQLITE:
                 load(database_url, folder / manifest.database)
                 url = database_url
             _make_ready(url, now)
+            _accept_log(url, now, AnchorFile(audit_anchor or draft / ANCHORS), manifest.name)
             if into.exists():
                 into.rmdir()
             draft.rename(into)
@@ -95,16 +107,16 @@ def restore(
 
 
 @contextlib.contextmanager
-def _opened(source: Path, beside: Path, tell: Tell) -> Iterator[Path]:
+def _opened(source: Path, beside: Path, on_step: OnStep) -> Iterator[Path]:
     """Yield the backup's folder; a tar file is first unpacked into a temporary folder."""
     if source.is_dir():
         yield source
         return
     if not source.is_file():
-        raise NotFound("there is no such backup", got=str(source))
+        raise NotFound("no such backup", got=str(source))
     beside.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=beside) as held:
-        tell("unpacking")
+        on_step("unpacking")
         yield _unpack(source, Path(held))
 
 
@@ -116,7 +128,7 @@ def _unpack(source: Path, held: Path) -> Path:
         with tarfile.open(source, "r|*") as tar:
             for member in tar:
                 if member.issparse() or not member.isfile() or not MEMBER.fullmatch(member.name):
-                    raise CorruptData("this is no backup", expected="files of a backup only", got=member.name[:100])
+                    raise CorruptData("not a backup", expected="files of a backup only", got=member.name[:100])
                 room_bytes -= member.size
                 if room_bytes < 0:
                     raise BadInput(
@@ -125,7 +137,7 @@ def _unpack(source: Path, held: Path) -> Path:
                         got=f"{member.size} bytes more for {member.name[:100]}",
                         hint="restore into a folder on a larger disk"
                         if free_bytes < most_bytes
-                        else "this is not a backup made by GSS; use another copy",
+                        else "use another copy; GSS did not make this backup",
                     )
                 if not member.name.startswith(f"{POOL}/"):
                     name = name or member.name.split("/")[0]
@@ -143,7 +155,7 @@ def _unpack(source: Path, held: Path) -> Path:
             hint="copy or download the backup again, and check the disk of the new folder",
         ) from error
     if not name:
-        raise CorruptData("this is no backup", expected=MANIFEST, got=str(source))
+        raise CorruptData("not a backup", expected=MANIFEST, got=str(source))
     return held / name
 
 
@@ -155,7 +167,7 @@ def _verified(folder: Path, manifest: Manifest) -> BlobStore:
         raise CorruptData("the backup's database is damaged", expected=f"SHA-256 {manifest.database_sha256[:12]}…")
     if not (folder.parent / POOL).is_dir() and manifest.blobs:
         raise CorruptData(
-            "the backup's bytes are missing", expected=f"a folder {POOL} beside it", got=str(folder.parent)
+            "files of the backup are missing", expected=f"a folder {POOL} beside it", got=str(folder.parent)
         )
     pool = BlobStore(str(folder.parent / POOL)) if manifest.blobs else BlobStore(tempfile.gettempdir())
     for key in manifest.blobs:
@@ -174,6 +186,15 @@ def _fill(draft: Path, folder: Path, manifest: Manifest, pool: BlobStore, blobs_
     (draft / "captures").mkdir()
     for name, key in manifest.captures.items():
         (draft / "captures" / name).write_bytes(pool.get(key))
+
+
+def _accept_log(url: str, now: Now, anchors: AnchorFile, name: str) -> None:
+    """Begin an anchor file: the rows after the backup are missing on purpose."""
+    database = Database(open_engine(url))
+    try:
+        AuditService(database, now, anchors).accept("restore", f"restored from backup {name}")
+    finally:
+        database.close()
 
 
 def _make_ready(url: str, now: Now) -> None:

@@ -19,9 +19,9 @@ from gss.domain.errors import BadInput, Conflict
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
-from gss.operations.jobs import JobService, Run
+from gss.operations.jobs import JobKind, JobRequest, JobService, Run
+from gss.operations.line.capture_files import SizedFile, capture_sizes
 from gss.operations.line.link import LinkService
-from gss.operations.line.raw_capture import capture_files
 from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.removal import Confirmed, Removal, check_confirmed, check_fresh, recent, unusual
@@ -60,13 +60,33 @@ class Policy:
             value = getattr(self, f.name)
             most = MOST_DAYS if f.name.endswith("_days") else MOST_GB if f.name.endswith("_gb") else MOST_MB
             if not 0 <= value <= most:
-                raise BadInput(f"{f.name} is out of range", expected=f"0 (for ever) to {most:g}", got=str(value))
+                raise BadInput(f"{f.name} is out of range", expected=f"0 (unlimited) to {most:g}", got=str(value))
         if 0 < self.telemetry_days <= self.telemetry_thin_days:
             raise BadInput(
-                "packets would go before they are thinned",
+                "packets would be deleted before they are thinned",
                 expected=f"thinning before {self.telemetry_days:g} days",
                 got=f"{self.telemetry_thin_days:g} days",
             )
+
+
+@dataclass(frozen=True)
+class RemovalJob(JobRequest):
+    """A removal. ``confirmed``: what a person confirmed, for this job only."""
+
+    policy: Policy
+    confirmed: Confirmed | None = None
+
+
+def unconfirmed(request: RemovalJob) -> RemovalJob:
+    """Return the request without its confirmation."""
+    return replace(request, confirmed=None)
+
+
+def stored_policy(database: Database) -> Policy:
+    """Return the policy in force."""
+    value = _choice(database, CHOICE)
+    names = {f.name for f in fields(Policy)}
+    return Policy(**{k: v for k, v in value.items() if k in names})
 
 
 class RetentionService:
@@ -88,10 +108,7 @@ class RetentionService:
         self._database, self._blobs, self._jobs, self._bus = database, blobs, jobs, bus
         self._link, self._lock, self._now = link, lock, now
         self.now = now
-        jobs.resumable("retention", self.work, once=("confirmed",))
-        # A policy that somebody took back must not remove anything once more.
-        jobs.renewals["retention"] = lambda: {"policy": asdict(self.policy())}
-        jobs.renewals["backup"] = lambda: {"keep": self.policy().backups_keep}
+        jobs.register(JobKind("retention", RemovalJob, self.work, renewed=self._renewed, repeated=unconfirmed))
 
     def start(self) -> None:
         """Apply the policy to the raw captures."""
@@ -100,9 +117,7 @@ class RetentionService:
 
     def policy(self) -> Policy:
         """Return the policy in force."""
-        value = _choice(self._database, CHOICE)
-        names = {f.name for f in fields(Policy)}
-        return Policy(**{k: v for k, v in value.items() if k in names})
+        return stored_policy(self._database)
 
     def choose(self, policy: Policy, *, user: str) -> Policy:
         """Set another policy, effective from the next run; for the size of captures at once."""
@@ -129,17 +144,19 @@ class RetentionService:
         return self._begin("gss, daily", None)
 
     def _begin(self, user: str, confirmed: Confirmed | None) -> Job:
-        record = None if confirmed is None else confirmed.record()
-        request = {"policy": asdict(self.policy()), "user": user, "confirmed": record}
-        return self._jobs.begin("retention", "retention", request)
+        return self._jobs.begin("retention", "retention", RemovalJob(self.policy(), confirmed, user=user))
+
+    def _renewed(self, request: RemovalJob) -> RemovalJob:
+        """A policy that was withdrawn must not remove anything."""
+        return replace(request, policy=self.policy())
 
     def waiting(self) -> str:
         """Why the last removal waits for confirmation; empty if it does not."""
         return str(_choice(self._database, WAITING).get("text", ""))
 
-    def capture_files(self) -> list[Path]:
-        """Return the files of the raw captures, oldest first."""
-        return capture_files(self._link.capture.folder)
+    def capture_sizes(self) -> list[SizedFile]:
+        """Return the files of the raw captures with their sizes, oldest first."""
+        return capture_sizes(self._link.capture.folder)
 
     def capture_bytes(self) -> int:
         """Maximum total size of the raw captures in bytes."""
@@ -181,18 +198,18 @@ class RetentionService:
 
     # --- removal ------------------------------------------------------------------------------------------------
 
-    def work(self, run: Run) -> dict[str, Any]:
+    def work(self, request: RemovalJob, run: Run) -> dict[str, Any]:
         """Run a removal. The lock excludes a concurrent backup, which must find the blobs that its rows reference."""
         with named_lock(self._lock, "", wait=True):
-            return self._remove(run)
+            return self._remove(request, run)
 
-    def _remove(self, run: Run) -> dict[str, Any]:
+    def _remove(self, request: RemovalJob, run: Run) -> dict[str, Any]:
         """Remove step by step; the checkpoint holds the amounts removed and the blobs whose rows are already marked."""
         self._trust.require("retention")
-        confirmed = Confirmed.read(run.request.get("confirmed"))
+        policy, confirmed = request.policy, request.confirmed
         kept = run.checkpoint or {"at": (confirmed.at if confirmed else self._now()).isoformat(), "pending": []}
-        self._check(Policy(**run.request["policy"]), datetime.fromisoformat(kept["at"]), confirmed)
-        policy, at = Policy(**run.request["policy"]), datetime.fromisoformat(kept["at"])
+        at = datetime.fromisoformat(kept["at"])
+        self._check(policy, at, confirmed)
         removed: dict[str, int] = dict(kept.get("removed") or dict.fromkeys(FIGURES, 0))
         self._drop(kept["pending"], removed)
         self._pixels(policy, at, removed, run)
@@ -210,9 +227,7 @@ class RetentionService:
         self._note(at, packets, thinned)
         if any(removed.values()):
             packets_gone = removed["packets"] + removed["thinned"]
-            words = (
-                f"pixels of {removed['frames']} frames, {packets_gone} packets, {removed['events']} lines of the record"
-            )
+            words = f"pixels of {removed['frames']} frames, {packets_gone} packets, {removed['events']} events"
             self._bus.record("upkeep", "ok", f"retention removed {words}", **removed)
         return {"removed": removed}
 

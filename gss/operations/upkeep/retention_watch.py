@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from gss.domain.limits import State
-from gss.operations.telemetry.alarm_words import STORE
+from gss.operations.telemetry.alarm_text import STORE
 from gss.operations.telemetry.alarms import AlarmService
-from gss.operations.telemetry.telemetry_board import Key
+from gss.operations.telemetry.limit_check import Key
 from gss.operations.upkeep.clock_trust import DAY, HINT, ClockTrust
 from gss.operations.upkeep.retention import RetentionService
 

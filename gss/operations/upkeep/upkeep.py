@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gss.operations.metrics import Metrics
+from gss.operations.upkeep.audit_watch import AuditWatch
 from gss.operations.upkeep.backup import BackupService
 from gss.operations.upkeep.check_store import CheckStoreService
 from gss.operations.upkeep.clock_trust import ClockTrust
@@ -11,7 +13,6 @@ from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.forecast import Forecast, forecast
 from gss.operations.upkeep.health import HealthService
-from gss.operations.upkeep.metrics import Metrics
 from gss.operations.upkeep.page_check import PageCheck
 from gss.operations.upkeep.retention import RetentionService
 from gss.store import frames
@@ -34,6 +35,7 @@ class Upkeep:
     clocks: ClockWatch
     trust: ClockTrust
     pages: PageCheck
+    audit: AuditWatch
 
     def favourite(self, frame_id: int, favourite: bool) -> Frame:
         """Mark a frame as favourite; retention never removes the pixels of favourites. Raises NotFound."""

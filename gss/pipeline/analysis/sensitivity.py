@@ -38,13 +38,13 @@ class Sensitivity:
     warnings: tuple[Advice, ...]
 
 
-def detection_limit(v_mag: Array, found: NDArray[np.bool_]) -> Sensitivity:
+def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
     """Fit a logistic curve with a ceiling by maximum likelihood to (n,) catalogue magnitudes of stars on the detector and whether
     each was detected. Raises BadInput with fewer than thirty stars, or if all or none were detected."""
-    v, hit = np.asarray(v_mag, float), np.asarray(found, bool)
+    v, hit = np.asarray(v_mag, float), np.asarray(detected, bool)
     if len(v) < FEWEST or hit.all() or not hit.any():
         raise BadInput(
-            "the limit cannot be told",
+            "the limit cannot be determined",
             expected=f"{FEWEST} stars on both sides of it",
             got=f"{len(v)} stars, {int(hit.sum())} found",
             hint="more frames, and a catalogue that is deeper than the camera",

@@ -98,15 +98,15 @@ def usable(series: AttitudeSeries, what: str) -> AttitudeSeries:
 
 def check_series(series: AttitudeSeries) -> tuple[Advice, ...]:
     """Return warnings about the run: gaps, and too many frames without an attitude."""
-    found: list[Advice] = []
+    advice: list[Advice] = []
     steps = np.diff(series.times_s)
     usual = float(np.median(steps)) if len(steps) else 0.0
     gaps = int(np.count_nonzero(steps > GAP_TIMES * usual)) if usual > 0 else 0
     if gaps:
         text = f"gaps longer than {GAP_TIMES * usual:.3g} s between frames: {gaps}"
-        found.append(Advice("gaps", text, "the figures hold for the frames there are"))
+        advice.append(Advice("gaps", text, "the figures hold for the frames there are"))
     share = float(series.solved.mean()) if len(series) else 0.0
     if share < POOR_SHARE:
         hint = "clouds, the wrong camera, or too short an exposure; look at the frames that were not solved"
-        found.append(Advice("unsolved", f"only {100 * share:.0f} % of the frames have an attitude", hint, share < 0.5))
-    return tuple(found)
+        advice.append(Advice("unsolved", f"only {100 * share:.0f} % of the frames have an attitude", hint, share < 0.5))
+    return tuple(advice)

@@ -57,7 +57,7 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
     turn = -turn_between(good.quaternion[:-1], good.quaternion[1:])
     if commanded_rad_s * float(steps_s.min()) > LARGEST_TURN_RAD:
         raise BadInput(
-            "the camera turns too far between two frames to tell which way",
+            "the camera turns too far between two frames to determine the direction",
             expected=f"under {np.degrees(LARGEST_TURN_RAD):.0f}° from frame to frame",
             got=f"{np.degrees(commanded_rad_s * float(steps_s.min())):.0f}°",
         )
@@ -70,10 +70,10 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
     covariance = (good.covariance_rad2[:-1] + good.covariance_rad2[1:]) / steps_s[:, None, None] ** 2
     claimed = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2)) / 3))
     mean_sigma = float(sigma[0] / np.sqrt(len(along)))
-    found = float(along.mean())
+    mean_rate = float(along.mean())
     warnings = [
         *check_series(series),
-        *_said(found, mean_sigma, commanded_rad_s, axis, rate),
+        *_said(mean_rate, mean_sigma, commanded_rad_s, axis, rate),
         *_doubts(rate, sigma, claimed),
     ]
     return SlewTest(
@@ -81,7 +81,7 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
         rate,
         speed,
         commanded_rad_s,
-        found,
+        mean_rate,
         mean_sigma,
         axis,
         sigma,
@@ -101,19 +101,19 @@ def _scatter(rate: Array, axis: Array) -> Array:
     return np.asarray((rate @ frame.T).std(axis=0, ddof=1))
 
 
-def _said(found: float, sigma: float, commanded: float, axis: Array, rate: Array) -> list[Advice]:
+def _said(measured_rate: float, sigma: float, commanded: float, axis: Array, rate: Array) -> list[Advice]:
     said: list[Advice] = []
     speed = float(np.median(np.linalg.norm(rate, axis=1)))
-    far = max(abs(found - commanded), abs(speed - commanded)) > FAR_OFF_SHARE * commanded
+    far = max(abs(measured_rate - commanded), abs(speed - commanded)) > FAR_OFF_SHARE * commanded
     if far:
         text = (
-            f"measured {np.degrees(found):.5g}°/s along the mean axis, {np.degrees(speed):.5g}°/s from frame to frame, "
+            f"measured {np.degrees(measured_rate):.5g}°/s along the mean axis, {np.degrees(speed):.5g}°/s from frame to frame, "
             f"where {np.degrees(commanded):.5g}°/s were commanded"
         )
-        hint = "other frames, other times, or another command: this is no run at that rate"
+        hint = "other frames, other times, or another command: this is not a run at that rate"
         said.append(Advice("rate", text, hint, severe=True))
-    elif abs(found - commanded) > max(OFF_SIGMAS * sigma, OFF_SHARE * commanded):
-        text = f"measured {np.degrees(found):.5g}°/s where {np.degrees(commanded):.5g}°/s were commanded"
+    elif abs(measured_rate - commanded) > max(OFF_SIGMAS * sigma, OFF_SHARE * commanded):
+        text = f"measured {np.degrees(measured_rate):.5g}°/s where {np.degrees(commanded):.5g}°/s were commanded"
         said.append(Advice("rate", text, "the mount's rate, the frames' times, or the turn of the Earth left out"))
     along = rate @ axis
     spread = robust_sigma(along)

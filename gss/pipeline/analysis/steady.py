@@ -68,12 +68,6 @@ class SteadyTest:
     span_s: float
     warnings: tuple[Advice, ...]
 
-    @property
-    def rate_ratio(self) -> float:
-        """Ratio of fitted to expected speed, NaN if the expected speed is zero."""
-        expected = float(np.linalg.norm(self.expected_icrs_rad_s))
-        return float(np.linalg.norm(self.rate_icrs_rad_s)) / expected if expected > 0 else float("nan")
-
 
 def earth_fixed(series: AttitudeSeries) -> SteadyTest:
     """Analyse a camera fixed to the Earth, which rotates by 15.041″/s about the pole. Raises BadInput with fewer than five
@@ -102,13 +96,13 @@ def _steady(series: AttitudeSeries, expected: Array, fixed_to: str) -> SteadyTes
     claimed = np.sqrt(np.mean(np.diagonal(good.covariance_rad2[keep], axis1=1, axis2=2), axis=0))
     body_figures = axis_figures(BODY_AXES, deviation, keep, at_s, claimed, -rate)
     sky_figures = axis_figures(SKY_AXES, sky, keep, at_s, np.full(3, np.nan), drift)
-    found = middle.T @ rate
-    warnings = (*check_series(series), *_said(found, rate_sigma, expected, good, deviation, keep, body_figures))
+    slope = middle.T @ rate
+    warnings = (*check_series(series), *_said(slope, rate_sigma, expected, good, deviation, keep, body_figures))
     n, solved = len(series), series.solved
     return SteadyTest(
         body_figures,
         sky_figures,
-        found,
+        slope,
         np.sqrt((middle.T**2) @ rate_sigma**2),
         expected,
         _spread(deviation, solved, n),
@@ -207,19 +201,19 @@ def _said(
     keep: NDArray[np.bool_],
     body: tuple[AxisFigures, ...],
 ) -> list[Advice]:
-    found: list[Advice] = []
+    advice: list[Advice] = []
     off = float(np.linalg.norm(rate - expected))
     if off > max(5 * float(np.linalg.norm(rate_sigma)), 0.02 * SIDEREAL_RAD_S):
         text = f"the camera turned by {np.degrees(off) * 3600:.3g}″/s more than expected"
         hint = "a mount that moves, a drive that was on, or a clock that runs wrongly"
-        found.append(Advice("moved", text, hint, off > 0.2 * SIDEREAL_RAD_S))
+        advice.append(Advice("moved", text, hint, off > 0.2 * SIDEREAL_RAD_S))
     jumps = _jumps(good.times_s, deviation)
     if jumps:
-        hint = "look for a knock on the mount or a jump of the clock at that frame; analyse both sides by themselves"
-        found.append(Advice("jump", f"jumps of the attitude from one level to another: {jumps}", hint))
+        hint = "look for a shock to the mount or a jump of the clock at that frame; analyse both parts separately"
+        advice.append(Advice("jump", f"jumps of the attitude from one level to another: {jumps}", hint))
     strays = int(np.count_nonzero(~keep))
     if strays:
-        found.append(
+        advice.append(
             Advice(
                 "strays", f"far from all others and left out: {strays} of {len(keep)} attitudes", "look at those frames"
             )
@@ -228,8 +222,8 @@ def _said(
     if wander:
         text = f"{', '.join(wander)}: scatter over the run is far above that from frame to frame"
         hint = "errors that change slowly: calibration, stars coming and going, a mount that creeps"
-        found.append(Advice("wander", text, hint))
-    return found
+        advice.append(Advice("wander", text, hint))
+    return advice
 
 
 def _jumps(times_s: Array, deviation: Array) -> int:

@@ -9,8 +9,8 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.sensor import Sensor
 from gss.pipeline.attitude import svd
 from gss.pipeline.calibration.photometric import PhotometricCalibration
@@ -37,17 +37,17 @@ def detector_figures(
 ) -> DetectorFigures:
     """Collect the results of the detector's calibrations. Figures that are NaN are omitted."""
 
-    def known(value: float | None) -> float | None:
+    def finite_or_none(value: float | None) -> float | None:
         return value if value is not None and np.isfinite(value) and value > 0 else None
 
-    dark, psf = known(dark_current_e_s), known(psf_sigma_px)
+    dark, psf = finite_or_none(dark_current_e_s), finite_or_none(psf_sigma_px)
     if transfer is None:
         return DetectorFigures(None, None, None, None, dark, psf)
     return DetectorFigures(
-        known(transfer.gain_e_per_dn),
-        known(transfer.read_noise_e),
-        known(transfer.bias_dn),
-        known(transfer.full_well_e),
+        finite_or_none(transfer.gain_e_per_dn),
+        finite_or_none(transfer.read_noise_e),
+        finite_or_none(transfer.bias_dn),
+        finite_or_none(transfer.full_well_e),
         dark,
         psf,
     )
@@ -79,9 +79,9 @@ def calibrated_profile(
     return replace(profile, camera=camera, sensor=sensor, focal_mm=focal_px * pitch_mm, sources=sources)
 
 
-def _measured(sensor: Sensor, found: DetectorFigures) -> Sensor:
-    known: dict[str, Any] = {n: float(v) for n, v in vars(found).items() if v is not None}
-    return replace(sensor, **known)
+def _measured(sensor: Sensor, figures: DetectorFigures) -> Sensor:
+    measured: dict[str, Any] = {n: float(v) for n, v in vars(figures).items() if v is not None}
+    return replace(sensor, **measured)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.rotation import matrix_from_quaternion, rotation_from_vector
 from gss.pipeline.calibration.lens_models import Vector, difference_steps
-from gss.pipeline.calibration.star_stack import Stack
+from gss.pipeline.calibration.star_stack import StarStack
 
 ROUNDS = 40
 DONE = 1e-12
@@ -69,7 +69,7 @@ class _Normal:
 
 
 def adjust(
-    stars: Stack,
+    stars: StarStack,
     vector: Vector,
     cam_from_icrs: Array,
     priors: Mapping[str, Prior] | None = None,
@@ -79,7 +79,7 @@ def adjust(
 ) -> Adjusted:
     """Fit all (f, 3, 3) attitudes and the free parameters by Levenberg–Marquardt, with Huber loss and rejection beyond 5 σ of the
     measured scatter. ``used``: fixed selection of stars, replacing the rejection."""
-    known = priors or {}
+    prior_values = priors or {}
     turns, damping, rejecting = cam_from_icrs, 1e-3, used is None
     keep = np.ones(len(stars), bool) if used is None else used
     residual = _residual(stars, vector.camera(), turns)
@@ -89,13 +89,13 @@ def adjust(
         if rejecting and step >= 3:
             keep = _kept(stars, length, scale)
         weight = _weights(length, scale, stars, keep)
-        normal = _normal(stars, vector, turns, residual, weight, known)
-        before = _cost(length, scale, keep, vector, known)
+        normal = _normal(stars, vector, turns, residual, weight, prior_values)
+        before = _cost(length, scale, keep, vector, prior_values)
         for _ in range(8):
             turn, move = _solve(normal, damping)
             moved, turned = vector.moved(move), _turned(turns, turn)
             trial = _residual(stars, moved.camera(), turned)
-            after = _cost(_length(trial, stars), scale, keep, moved, known)
+            after = _cost(_length(trial, stars), scale, keep, moved, prior_values)
             if after <= before * (1 + 1e-12):
                 break
             damping *= DAMPED
@@ -105,11 +105,11 @@ def adjust(
         damping = max(damping * EASED, 1e-12)
         if step >= (5 if rejecting else 1) and before - after < DONE * before + SETTLED:
             break
-    return _finished(stars, vector, turns, residual, keep, known, rejecting)
+    return _finished(stars, vector, turns, residual, keep, prior_values, rejecting)
 
 
 def _finished(
-    stars: Stack,
+    stars: StarStack,
     vector: Vector,
     turns: Array,
     residual: Array,
@@ -130,17 +130,17 @@ def _finished(
     return Adjusted(vector, turns, residual, keep, spread, covariance, attitudes, freedom)
 
 
-def _residual(stars: Stack, camera: Camera, turns: Array) -> Array:
+def _residual(stars: StarStack, camera: Camera, turns: Array) -> Array:
     cam = np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs)
     residual = stars.pixels - camera.project(cam)
     return np.where(np.isfinite(residual), residual, 1e6)
 
 
-def _length(residual: Array, stars: Stack) -> Array:
+def _length(residual: Array, stars: StarStack) -> Array:
     return np.asarray(np.hypot(residual[:, 0], residual[:, 1]) / stars.sigma_px)
 
 
-def _scale(length: Array, stars: Stack, parameters: int, keep: NDArray[np.bool_]) -> float:
+def _scale(length: Array, stars: StarStack, parameters: int, keep: NDArray[np.bool_]) -> float:
     """Ratio of the typical residual to the stars' stated errors, corrected for the fitted degrees of freedom."""
     if not len(length):
         return 1.0
@@ -148,7 +148,7 @@ def _scale(length: Array, stars: Stack, parameters: int, keep: NDArray[np.bool_]
     return max(float(np.median(length)) / RAYLEIGH_MEDIAN * float(np.sqrt(2 * keep.sum() / freedom)), 1e-3)
 
 
-def _kept(stars: Stack, length: Array, scale: float) -> NDArray[np.bool_]:
+def _kept(stars: StarStack, length: Array, scale: float) -> NDArray[np.bool_]:
     """Mask of stars within the limit; a frame with fewer than two keeps its best two, so that its block can be solved."""
     keep = length < REJECT * scale
     short = np.flatnonzero(np.add.reduceat(keep.astype(int), stars.first) < 2)
@@ -158,7 +158,7 @@ def _kept(stars: Stack, length: Array, scale: float) -> NDArray[np.bool_]:
     return np.asarray(keep)
 
 
-def _weights(length: Array, scale: float, stars: Stack, keep: NDArray[np.bool_]) -> Array:
+def _weights(length: Array, scale: float, stars: StarStack, keep: NDArray[np.bool_]) -> Array:
     huber = np.minimum(1.0, HUBER * scale / np.maximum(length, 1e-12))
     return np.where(keep, huber / (stars.sigma_px * scale) ** 2, 0.0)
 
@@ -188,7 +188,7 @@ def _off(vector: Vector, priors: Mapping[str, Prior]) -> list[tuple[float, float
 
 
 def _normal(
-    stars: Stack, vector: Vector, turns: Array, residual: Array, weight: Array, priors: Mapping[str, Prior]
+    stars: StarStack, vector: Vector, turns: Array, residual: Array, weight: Array, priors: Mapping[str, Prior]
 ) -> _Normal:
     by_turn, by_camera = derivatives(stars, vector, turns)
     weighted = by_turn * weight[:, None, None]
@@ -204,7 +204,7 @@ def _normal(
     return _Normal(blocks, border, corner, turn, move)
 
 
-def derivatives(stars: Stack, vector: Vector, turns: Array) -> tuple[Array, Array]:
+def derivatives(stars: StarStack, vector: Vector, turns: Array) -> tuple[Array, Array]:
     """(n, 2, 3) and (n, 2, p) derivatives of the predicted positions; zero for positions outside the lens's domain."""
     camera = vector.camera()
     cam = np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs)

@@ -62,7 +62,9 @@ def calibrate_checkerboard(
     meet."""
     cv = opencv()
     if min(inner_corners) < 3 or not square_mm > 0:
-        raise BadInput("this is no checkerboard", expected="3 or more inner corners both ways", got=str(inner_corners))
+        raise BadInput(
+            "this is not a valid checkerboard", expected="3 or more inner corners both ways", got=str(inner_corners)
+        )
     sizes = {np.shape(i) for i in images}
     if len(images) < FEWEST_IMAGES or len(sizes) != 1 or len(next(iter(sizes))) != 2:
         raise BadInput(
@@ -111,16 +113,18 @@ def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _corners(cv: Any, image: NDArray[np.uint8], inner: tuple[int, int]) -> Array | None:
-    found, corners = cv.findChessboardCornersSB(image, inner, flags=cv.CALIB_CB_ACCURACY | cv.CALIB_CB_NORMALIZE_IMAGE)
-    return np.asarray(corners, float).reshape(-1, 1, 2) if found else None
+    detected, corners = cv.findChessboardCornersSB(
+        image, inner, flags=cv.CALIB_CB_ACCURACY | cv.CALIB_CB_NORMALIZE_IMAGE
+    )
+    return np.asarray(corners, float).reshape(-1, 1, 2) if detected else None
 
 
 def _made(
     camera: Camera, sigma: Array, corners: Sequence[Array | None], off: list[Array], leaning_rad: list[float]
 ) -> CheckerboardCalibration:
     residual = np.concatenate(off)
-    rest = iter(off)
-    rms = tuple(float("nan") if c is None else float(np.sqrt(np.mean(next(rest) ** 2))) for c in corners)
+    offsets = iter(off)
+    rms = tuple(float("nan") if c is None else float(np.sqrt(np.mean(next(offsets) ** 2))) for c in corners)
     places = np.concatenate([c.reshape(-1, 2) for c in corners if c is not None])
     cell = np.clip((places + 0.5) / np.array([camera.columns, camera.rows]) * GRID, 0, GRID - 1).astype(int)
     covered = len(set(map(tuple, cell.tolist()))) / GRID**2
@@ -135,7 +139,7 @@ def _made(
         text = "the board faced the camera in all pictures: the focal length is uncertain"
         said.append(Advice("focal", text, "lean the board by 30° in some, or take the focal length from stars"))
     rms_all = float(np.sqrt(np.mean(residual**2)))
-    found = tuple(c is not None for c in corners)
+    detected = tuple(c is not None for c in corners)
     return CheckerboardCalibration(
         camera,
         NAMES,
@@ -143,7 +147,7 @@ def _made(
         tuple(float(s) for s in sigma),
         rms_all,
         rms,
-        found,
+        detected,
         places,
         residual,
         covered,

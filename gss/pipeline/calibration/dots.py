@@ -112,7 +112,7 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
             "the dots never moved",
             expected="places that change as the camera turns",
             got=f"{len(inner)} times the same places",
-            hint="measure both dots anew at each turn",
+            hint="measure both dots again at each turn",
         )
 
     def model(p: Array) -> Array:
@@ -122,13 +122,13 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
         return np.asarray(p[2] / np.cos(theta) / (1 - p[2] / focal_mm * np.tan(theta)))
 
     start = np.array([1e-3, 1e-3, float(np.median(distance))])
-    found = least_squares(lambda p: model(p) - distance, start, x_scale=[1e-2, 1e-2, 1.0], loss="soft_l1", f_scale=1e-3)
-    residual = distance - model(found.x)
+    fit = least_squares(lambda p: model(p) - distance, start, x_scale=[1e-2, 1e-2, 1.0], loss="soft_l1", f_scale=1e-3)
+    residual = distance - model(fit.x)
     rms = float(np.sqrt(np.mean(residual**2)))
     freedom = max(len(distance) - 3, 1)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac) * float(np.sum(residual**2)) / freedom
-    tilt = float(np.hypot(found.x[0], found.x[1]))
-    along = np.array([found.x[0], found.x[1]]) / max(tilt, 1e-12)
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * float(np.sum(residual**2)) / freedom
+    tilt = float(np.hypot(fit.x[0], fit.x[1]))
+    along = np.array([fit.x[0], fit.x[1]]) / max(tilt, 1e-12)
     sigma = float(np.sqrt(along @ covariance[:2, :2] @ along))
     across = np.array([-along[1], along[0]])
     turn_sigma = float(np.sqrt(across @ covariance[:2, :2] @ across)) / max(tilt, 1e-12)
@@ -136,9 +136,9 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
     if tilt < 3 * sigma:
         text = f"the tilt of {np.degrees(tilt):.3f}° is within its error of {np.degrees(sigma):.3f}°"
         said.append(Advice("no-tilt", text, "take it as none, or a dot farther out and more turns"))
-    direction = float(np.arctan2(found.x[1], found.x[0])) % (2 * np.pi)
+    direction = float(np.arctan2(fit.x[1], fit.x[0])) % (2 * np.pi)
     return DetectorTilt(
-        tilt, direction, (sigma, turn_sigma), float(found.x[2]), angle, distance, residual, rms, tuple(said)
+        tilt, direction, (sigma, turn_sigma), float(fit.x[2]), angle, distance, residual, rms, tuple(said)
     )
 
 
@@ -159,6 +159,6 @@ def _checked(dots_px: Array, *, still: bool = False) -> Array:
             "the dot never moved",
             expected="places that change as the camera turns",
             got=f"{len(dots)} times the same place",
-            hint="measure the dot anew at each turn",
+            hint="measure the dot again at each turn",
         )
     return dots

@@ -82,20 +82,20 @@ def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px:
             hint="a denser part of the sky, or a larger radius",
         )
     values = np.array(made[:MOST_PAIRS])
-    kept = np.abs(values[:, 0] - np.median(values[:, 0])) < 5 * max(robust_sigma(values[:, 0]), 1e-9)
-    weight = values[kept, 1] ** 2
-    focal = float(np.average(values[kept, 0], weights=weight))
-    erlank = float(np.average(values[kept, 2], weights=weight))
+    inliers = np.abs(values[:, 0] - np.median(values[:, 0])) < 5 * max(robust_sigma(values[:, 0]), 1e-9)
+    weight = values[inliers, 1] ** 2
+    focal = float(np.average(values[inliers, 0], weights=weight))
+    erlank = float(np.average(values[inliers, 2], weights=weight))
     spread = float(np.std(per_frame, ddof=1)) / np.sqrt(len(per_frame)) if len(per_frame) > 2 else float("nan")
     return FocalEstimate(
         focal,
         float(spread),
         erlank,
-        int(kept.sum()),
+        int(inliers.sum()),
         len(per_frame),
         values[:, 0],
         values[:, 3],
-        tuple(_said(values[kept])),
+        tuple(_said(values[inliers])),
     )
 
 

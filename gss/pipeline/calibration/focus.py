@@ -38,7 +38,7 @@ class FocusAdvice:
 def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
     """Return advice on the focus for stars of a measured ``sigma_px``."""
     if not 0 < sigma_px < 50:
-        raise BadInput("this is no width of a star", expected="σ above 0 px", got=f"{sigma_px:g} px")
+        raise BadInput("this is not a valid width of a star", expected="σ above 0 px", got=f"{sigma_px:g} px")
     low, high = 1 / MONITEQ_GOOD[1], 1 / MONITEQ_GOOD[0]
     best = (low + high) / 2
     if np.isfinite(snr):
@@ -136,9 +136,11 @@ def _check_run(position: Array, sigma_px: Array) -> None:
     ok = np.isfinite(sigma_px) & (sigma_px > 0) & (sigma_px <= WIDEST_PX)
     if not ok.all():
         expected = f"σ above 0 px, at most {WIDEST_PX:g} px"
-        raise BadInput("this is no width of a star", expected=expected, got=f"{sigma_px[~ok][0]:g} px")
+        raise BadInput("this is not a valid width of a star", expected=expected, got=f"{sigma_px[~ok][0]:g} px")
     if not (np.abs(position) <= FARTHEST).all():
-        raise BadInput("this is no setting of a lens", expected=f"within ±{FARTHEST:g}", got=f"{position}")
+        raise BadInput(
+            "this is not a valid focus setting of a lens", expected=f"within ±{FARTHEST:g}", got=f"{position}"
+        )
     if len(np.unique(position)) < 3:
         raise BadInput(
             "too few different settings of the focus", expected="3 or more", got=str(len(np.unique(position)))

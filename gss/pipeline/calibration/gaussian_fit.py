@@ -29,10 +29,10 @@ class Spot:
     direction_rad: float
 
 
-def fit_spots(image: NDArray[Any], found: Detections, saturation_dn: float, snr: float) -> list[Spot]:
+def fit_spots(image: NDArray[Any], detections: Detections, saturation_dn: float, snr: float) -> list[Spot]:
     """Fit the stars of a frame that are bright, complete, unsaturated and isolated."""
-    c = found.centroids
-    width = max(found.psf_sigma_px, 0.6)
+    c = detections.centroids
+    width = max(detections.psf_sigma_px, 0.6)
     half = int(np.clip(np.ceil(4.0 * width), 3, 14))
     col, row = np.rint(c.col_px).astype(np.intp), np.rint(c.row_px).astype(np.intp)
     inside = (col >= half) & (row >= half) & (col < image.shape[1] - half) & (row < image.shape[0] - half)

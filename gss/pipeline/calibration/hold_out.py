@@ -8,13 +8,13 @@ import numpy as np
 
 from gss.pipeline.calibration.bundle import Adjusted, Prior, adjust
 from gss.pipeline.calibration.residual_figures import ResidualFigures, residual_figures
-from gss.pipeline.calibration.star_stack import Stack
+from gss.pipeline.calibration.star_stack import StarStack
 
 ROUNDS = 8
 FEWEST_FRAMES = 3
 
 
-def held_out(stars: Stack, fit: Adjusted, priors: Mapping[str, Prior], folds: int) -> ResidualFigures | None:
+def held_out(stars: StarStack, fit: Adjusted, priors: Mapping[str, Prior], folds: int) -> ResidualFigures | None:
     """Cross-validate by frame: fit the camera to the other frames, then only the attitude of each held-out frame. Residuals are
     scaled for the degrees of freedom of the attitude, so that they compare with the scatter of a star. None with fewer than three
     frames."""
@@ -24,14 +24,14 @@ def held_out(stars: Stack, fit: Adjusted, priors: Mapping[str, Prior], folds: in
     fold = np.arange(stars.frames) % count
     residual, used = np.zeros_like(stars.pixels), np.zeros(len(stars), bool)
     for k in range(count):
-        rest, out = fold != k, fold == k
+        training, out = fold != k, fold == k
         trained = adjust(
-            stars.of_frames(rest),
+            stars.of_frames(training),
             fit.vector,
-            fit.cam_from_icrs[rest],
+            fit.cam_from_icrs[training],
             priors,
             rounds=ROUNDS,
-            used=fit.used[rest[stars.frame]],
+            used=fit.used[training[stars.frame]],
         )
         mask = out[stars.frame]
         tried = stars.of_frames(out)
@@ -42,9 +42,9 @@ def held_out(stars: Stack, fit: Adjusted, priors: Mapping[str, Prior], folds: in
             rounds=ROUNDS,
             used=fit.used[mask],
         )
-        kept = np.bincount(tried.frame[fit.used[mask]], minlength=tried.frames)
+        frame_stars = np.bincount(tried.frame[fit.used[mask]], minlength=tried.frames)
         # With two stars no degrees of freedom remain after fitting the attitude.
-        stretch = np.sqrt(2 * kept / np.maximum(2 * kept - 3, 1))
+        stretch = np.sqrt(2 * frame_stars / np.maximum(2 * frame_stars - 3, 1))
         residual[mask] = alone.residual_px * stretch[tried.frame, None]
-        used[mask] = fit.used[mask] & (kept > FEWEST_FRAMES)[tried.frame]
+        used[mask] = fit.used[mask] & (frame_stars > FEWEST_FRAMES)[tried.frame]
     return residual_figures(residual, stars.sigma_px, used)

@@ -145,7 +145,7 @@ def _linearity(v_mag: Array, error_mag: Array, warnings: list[Advice]) -> tuple[
         warnings.append(
             Advice(
                 "linearity",
-                "stars of too similar magnitude to tell the linearity",
+                "the stars' magnitudes are too similar to determine the linearity",
                 "include brighter and fainter stars",
             )
         )
@@ -179,7 +179,7 @@ def _made(
     # The magnitude of a star dimmed by vignetting needs a negative correction.
     v2, v4 = _as_light(value.get("rho2", 0.0), value.get("rho4", 0.0))
     saturation_dn, saturation_mag = _saturation(light, frames, used, zero, exposure_s)
-    kept = error[used]
+    used_errors = error[used]
     return PhotometricCalibration(
         zero,
         sigma["zero"],
@@ -197,9 +197,9 @@ def _made(
         *linearity,
         saturation_dn,
         saturation_mag,
-        float(kept.std(ddof=1)),
-        robust_sigma(kept),
-        histogram(kept, "measured − catalogue, mag", BAR_MAG),
+        float(used_errors.std(ddof=1)),
+        robust_sigma(used_errors),
+        histogram(used_errors, "measured − catalogue, mag", BAR_MAG),
         offsets,
         light.frame,
         light.hip,

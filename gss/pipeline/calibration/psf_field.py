@@ -53,11 +53,13 @@ def psf_over_field(
     """Measure from frames of stars, without saturated, faint and blended stars. Raises BadInput with fewer than a dozen stars."""
     spots: list[Spot] = []
     for image in images:
-        found = find_stars(image, saturation_dn=None if np.isinf(saturation_dn) else saturation_dn, e_per_dn=e_per_dn)
-        spots += fit_spots(image, found, saturation_dn, BRIGHT_SNR)
+        detections = find_stars(
+            image, saturation_dn=None if np.isinf(saturation_dn) else saturation_dn, e_per_dn=e_per_dn
+        )
+        spots += fit_spots(image, detections, saturation_dn, BRIGHT_SNR)
     if len(spots) < FEWEST_STARS:
         raise BadInput(
-            "too few bright stars to tell the width over the field",
+            "too few bright stars to determine the width over the field",
             expected=f"{FEWEST_STARS} single stars, bright but not clipped",
             got=str(len(spots)),
             hint="more frames, or a longer exposure",

@@ -15,7 +15,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.bundle import derivatives
 from gss.pipeline.calibration.lens_models import Vector, vector_of
 from gss.pipeline.calibration.residual_figures import ResidualFigures, ResidualMap
-from gss.pipeline.calibration.star_stack import Stack
+from gss.pipeline.calibration.star_stack import StarStack
 
 GRID = 11
 
@@ -111,10 +111,10 @@ class CameraCalibration:
 
     def parameter(self, name: str) -> Parameter:
         """Return the fitted parameter of that name."""
-        found = next((p for p in self.parameters if p.name == name), None)
-        if found is None:
+        match = next((p for p in self.parameters if p.name == name), None)
+        if match is None:
             raise NotFound("this parameter was not fitted", expected=" | ".join(self.names), got=name)
-        return found
+        return match
 
     def prediction_sigma_px(self, pixels: Array) -> Array:
         """(n,) σ per axis of the calibrated geometry at (n, 2) positions, excluding the part that is absorbed by an attitude fitted
@@ -138,7 +138,7 @@ class CameraCalibration:
 
     def _slopes(self, pixels: Array, vector: Vector) -> tuple[Array, Array]:
         unit = np.nan_to_num(self.camera.unproject(pixels))
-        one = Stack(pixels, np.ones(len(pixels)), unit, np.zeros(len(pixels), np.intp), np.zeros(1, np.intp))
+        one = StarStack(pixels, np.ones(len(pixels)), unit, np.zeros(len(pixels), np.intp), np.zeros(1, np.intp))
         return derivatives(one, vector, np.eye(3)[None])
 
     def _factor(self, name: str) -> float:

@@ -56,8 +56,8 @@ def fit_linear(design: Array, data: Array, sigma: Array | None = None) -> Linear
         weight = np.minimum(1.0, HUBER * spread / np.maximum(scaled, 1e-300)) / own**2
         if settled:
             break
-    kept = scaled[used]
-    scatter = float(np.sqrt(np.sum(kept**2) / max(len(kept) - p, 1)))
+    used_residuals = scaled[used]
+    scatter = float(np.sqrt(np.sum(used_residuals**2) / max(len(used_residuals) - p, 1)))
     shaped = (design[used] / size).T @ (design[used] / size / own[used, None] ** 2)
     covariance = np.linalg.pinv(shaped) * scatter**2 / np.outer(size, size)
     return Linear(coefficients, covariance, residual, used, scatter)

@@ -27,7 +27,7 @@ CLOUD_MAG, CLOUD_SHARE = 0.5, 0.5
 
 
 @dataclass(frozen=True)
-class Screened:
+class ScreenedFrames:
     """Frames to use, without saturated stars; ``scale`` of each relative to the start camera; ``excluded``: name and reason of the
     others."""
 
@@ -37,26 +37,26 @@ class Screened:
     warnings: tuple[Advice, ...]
 
 
-def screen(frames: Sequence[FrameStars], start: Camera) -> Screened:
+def screen(frames: Sequence[FrameStars], start: Camera) -> ScreenedFrames:
     """Exclude frames of another size, with too few stars, with trails (if others remain), mirrored, or of another
     plate scale. ``start``: the camera before calibration."""
     excluded: list[tuple[str, str]] = []
     warnings: list[Advice] = []
-    kept = _of_size(frames, start, excluded, warnings)
-    kept = _without_clipped(kept, warnings)
-    kept = _with_stars(kept, excluded)
-    kept = _steady(kept, excluded, warnings)
-    kept = _upright(kept, start, excluded, warnings)
-    scale = np.array([plate_scale(f, start)[0] for f in kept])
-    kept, scale = _of_one_scale(kept, scale, excluded, warnings)
-    warnings += _clouds(kept)
-    return Screened(tuple(kept), scale, tuple(excluded), tuple(warnings))
+    usable = _of_size(frames, start, excluded, warnings)
+    usable = _without_clipped(usable, warnings)
+    usable = _with_stars(usable, excluded)
+    usable = _steady(usable, excluded, warnings)
+    usable = _upright(usable, start, excluded, warnings)
+    scale = np.array([plate_scale(f, start)[0] for f in usable])
+    usable, scale = _of_one_scale(usable, scale, excluded, warnings)
+    warnings += _clouds(usable)
+    return ScreenedFrames(tuple(usable), scale, tuple(excluded), tuple(warnings))
 
 
 def _of_size(
     frames: Sequence[FrameStars], start: Camera, excluded: list[tuple[str, str]], warnings: list[Advice]
 ) -> list[FrameStars]:
-    kept = [f for f in frames if (f.columns, f.rows) == (start.columns, start.rows)]
+    same_size = [f for f in frames if (f.columns, f.rows) == (start.columns, start.rows)]
     other = [f for f in frames if (f.columns, f.rows) != (start.columns, start.rows)]
     excluded += [(f.name, f"{f.columns} x {f.rows} px: another size than the camera's") for f in other]
     if other:
@@ -64,10 +64,10 @@ def _of_size(
             Advice(
                 "mixed-sizes",
                 f"{counted(len(other), 'frame')} {verb(len(other), 'is', 'are')} not {start.columns} x {start.rows} px",
-                "calibrate each camera, and each binning or window, by itself",
+                "calibrate each camera, binning and window separately",
             )
         )
-    return kept
+    return same_size
 
 
 def _without_clipped(frames: list[FrameStars], warnings: list[Advice]) -> list[FrameStars]:

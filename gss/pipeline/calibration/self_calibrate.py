@@ -25,9 +25,9 @@ from gss.pipeline.calibration.hold_out import held_out
 from gss.pipeline.calibration.lens_models import GEOMETRY, LENS_MODELS, UNITS, vector_of
 from gss.pipeline.calibration.residual_figures import ResidualFigures, residual_figures, residual_map
 from gss.pipeline.calibration.result import CameraCalibration, FrameFit, Frozen, ModelFit, Parameter, StarResiduals
-from gss.pipeline.calibration.screening import Screened, poor_data, screen
+from gss.pipeline.calibration.screening import ScreenedFrames, poor_data, screen
 from gss.pipeline.calibration.sightings import FrameStars
-from gss.pipeline.calibration.star_stack import Stack, attitudes_of, stack
+from gss.pipeline.calibration.star_stack import StarStack, attitudes_of, stack
 from gss.pipeline.calibration.support import hold_unsupported
 
 MODELS = tuple(LENS_MODELS)
@@ -60,18 +60,18 @@ def calibrate_camera(
     single one is used without comparison); "radial-tilt" needs ``focal_mm``, the scale of its polynomial in millimetres.
     ``priors``: bench measurements. Raises BadInput if no frame is suitable or there are fewer equations than unknowns.
     """
-    known = dict(priors or {})
+    prior_values = dict(priors or {})
     chosen_models = _models(models, start, focal_mm)
-    _known_names(known, chosen_models)
+    _known_names(prior_values, chosen_models)
     screened = screen(frames, start)
     _enough(screened, len(frames))
     stars = stack(screened.frames)
     scale_mm = focal_mm if focal_mm is not None else float("nan")
-    trials = _fit_all(stars, start, chosen_models, scale_mm, known, progress)
+    trials = _fit_all(stars, start, chosen_models, scale_mm, prior_values, progress)
     screened, stars, changed = _without_strange(screened, stars, trials)
     if changed:
-        trials = _fit_all(stars, start, chosen_models, scale_mm, known, progress)
-    comparison, outside = _compare(stars, trials, known, folds, progress)
+        trials = _fit_all(stars, start, chosen_models, scale_mm, prior_values, progress)
+    comparison, outside = _compare(stars, trials, prior_values, folds, progress)
     best = next(row.model for row in comparison if row.chosen)
     return _made(screened, stars, start, trials[best], best, comparison, outside[best])
 
@@ -99,7 +99,7 @@ def _known_names(priors: Mapping[str, Prior], models: Sequence[str]) -> None:
         )
 
 
-def _enough(screened: Screened, given: int) -> None:
+def _enough(screened: ScreenedFrames, given: int) -> None:
     stars = sum(map(len, screened.frames))
     unknowns = 3 * len(screened.frames) + 4
     if screened.frames and 2 * stars > unknowns:
@@ -115,7 +115,7 @@ def _enough(screened: Screened, given: int) -> None:
 
 
 def _fit_all(
-    stars: Stack,
+    stars: StarStack,
     start: Camera,
     models: tuple[str, ...],
     focal_mm: float,
@@ -132,7 +132,9 @@ def _fit_all(
     return made
 
 
-def _without_strange(screened: Screened, stars: Stack, trials: Mapping[str, _Trial]) -> tuple[Screened, Stack, bool]:
+def _without_strange(
+    screened: ScreenedFrames, stars: StarStack, trials: Mapping[str, _Trial]
+) -> tuple[ScreenedFrames, StarStack, bool]:
     """Exclude frames that fit far worse than the median under the best model: misidentified, or from another camera."""
     fit = min(trials.values(), key=lambda t: t.fit.scale).fit
     length = np.hypot(fit.residual_px[:, 0], fit.residual_px[:, 1]) / stars.sigma_px
@@ -143,9 +145,9 @@ def _without_strange(screened: Screened, stars: Stack, trials: Mapping[str, _Tri
     names = [(f.name, "does not fit the others") for f, s in zip(screened.frames, strange, strict=True) if s]
     text = f"{counted(len(names), 'frame')} left out: not like the others"
     hint = "look whether they are of the same camera and focus, and whether their stars are identified rightly"
-    kept = tuple(f for f, s in zip(screened.frames, strange, strict=True) if not s)
-    better = Screened(
-        kept,
+    remaining = tuple(f for f, s in zip(screened.frames, strange, strict=True) if not s)
+    better = ScreenedFrames(
+        remaining,
         screened.scale[~strange],
         (*screened.excluded, *names),
         (*screened.warnings, Advice("mixed-cameras", text, hint)),
@@ -154,19 +156,19 @@ def _without_strange(screened: Screened, stars: Stack, trials: Mapping[str, _Tri
 
 
 def _compare(
-    stars: Stack, trials: Mapping[str, _Trial], priors: Mapping[str, Prior], folds: int, progress: Progress
+    stars: StarStack, trials: Mapping[str, _Trial], priors: Mapping[str, Prior], folds: int, progress: Progress
 ) -> tuple[tuple[ModelFit, ...], dict[str, ResidualFigures | None]]:
     """Compute the information criteria on the stars kept by the best-fitting model. They use the logarithm of the misfit because
     the size of the errors is unknown too: with few stars a small improvement is not significant."""
     sharpest = min(trials.values(), key=lambda t: t.fit.scale).fit
-    kept = sharpest.used
-    scaled = stars.sigma_px[kept] * sharpest.scale
-    equations = max(2 * int(kept.sum()) - 3 * stars.frames, 2)
+    sharpest_used = sharpest.used
+    scaled = stars.sigma_px[sharpest_used] * sharpest.scale
+    equations = max(2 * int(sharpest_used.sum()) - 3 * stars.frames, 2)
     bic: dict[str, float] = {}
     aicc: dict[str, float] = {}
     outside: dict[str, ResidualFigures | None] = {}
     for k, (model, trial) in enumerate(trials.items()):
-        r = trial.fit.residual_px[kept]
+        r = trial.fit.residual_px[sharpest_used]
         misfit = equations * float(np.log(max(huber_cost(np.hypot(r[:, 0], r[:, 1]) / scaled), 1e-12) / equations))
         free = len(trial.fit.vector.free)
         bic[model] = misfit + free * float(np.log(equations))
@@ -180,7 +182,7 @@ def _compare(
             len(t.fit.vector.free),
             bic[model] - bic[best],
             aicc[model] - min(aicc.values()),
-            residual_figures(t.fit.residual_px, stars.sigma_px, kept).rms_px,
+            residual_figures(t.fit.residual_px, stars.sigma_px, sharpest_used).rms_px,
             _rms(outside[model]),
             model == best,
             tuple(f.name for f in t.frozen),
@@ -195,8 +197,8 @@ def _rms(figures: ResidualFigures | None) -> float:
 
 
 def _made(
-    screened: Screened,
-    stars: Stack,
+    screened: ScreenedFrames,
+    stars: StarStack,
     start: Camera,
     trial: _Trial,
     model: str,
@@ -259,7 +261,7 @@ def _said(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
         said.append(
             Advice(
                 "unsupported",
-                f"the stars do not tell {names}; held",
+                f"the stars do not determine {names}; held",
                 "more frames, more stars, a wider part of the field",
             )
         )
@@ -269,15 +271,15 @@ def _said(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
     return said
 
 
-def _frames(screened: Screened, stars: Stack, fit: Adjusted) -> tuple[FrameFit, ...]:
+def _frames(screened: ScreenedFrames, stars: StarStack, fit: Adjusted) -> tuple[FrameFit, ...]:
     rows = []
     for k, frame in enumerate(screened.frames):
         own = stars.frame == k
-        kept: NDArray[np.bool_] = own & fit.used
-        rms = float(np.sqrt(np.mean(fit.residual_px[kept] ** 2))) if kept.any() else float("nan")
+        used_stars: NDArray[np.bool_] = own & fit.used
+        rms = float(np.sqrt(np.mean(fit.residual_px[used_stars] ** 2))) if used_stars.any() else float("nan")
         quaternion = quaternion_from_matrix(fit.cam_from_icrs[k])
         covariance = fit.attitude_covariance_rad2[k]
-        left = int(own.sum()) - int(kept.sum())
+        left = int(own.sum()) - int(used_stars.sum())
         rows.append(
             FrameFit(
                 frame.name, frame.time_s, int(own.sum()), left, rms, quaternion, covariance, float(screened.scale[k])
@@ -288,7 +290,7 @@ def _frames(screened: Screened, stars: Stack, fit: Adjusted) -> tuple[FrameFit, 
     return tuple(rows)
 
 
-def _stars(screened: Screened, stars: Stack, fit: Adjusted, before: Array) -> StarResiduals:
+def _stars(screened: ScreenedFrames, stars: StarStack, fit: Adjusted, before: Array) -> StarResiduals:
     return StarResiduals(
         stars.frame,
         np.concatenate([f.hip for f in screened.frames]),

@@ -15,7 +15,7 @@ from gss.pipeline.calibration.sightings import FrameStars
 
 
 @dataclass(frozen=True)
-class Stack:
+class StarStack:
     """All stars of all frames, frame after frame. ``frame``: (n,) index; ``first``: (f,) where each frame begins."""
 
     pixels: Array
@@ -32,20 +32,20 @@ class Stack:
         """Number of frames."""
         return len(self.first)
 
-    def of_frames(self, keep: NDArray[np.bool_]) -> Stack:
+    def of_frames(self, keep: NDArray[np.bool_]) -> StarStack:
         """Return the frames selected by an (f,) mask."""
         stars = keep[self.frame]
         counts = np.bincount(self.frame, minlength=self.frames)[keep]
         frame = np.repeat(np.arange(len(counts)), counts)
         first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
-        return Stack(self.pixels[stars], self.sigma_px[stars], self.icrs[stars], frame, first)
+        return StarStack(self.pixels[stars], self.sigma_px[stars], self.icrs[stars], frame, first)
 
 
-def stack(frames: Sequence[FrameStars]) -> Stack:
+def stack(frames: Sequence[FrameStars]) -> StarStack:
     """Concatenate frames, none of which may be empty."""
     counts = np.array([len(f) for f in frames])
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
-    return Stack(
+    return StarStack(
         np.concatenate([f.pixels for f in frames]),
         np.concatenate([f.sigma_px for f in frames]),
         np.concatenate([f.icrs for f in frames]),
@@ -54,7 +54,7 @@ def stack(frames: Sequence[FrameStars]) -> Stack:
     )
 
 
-def attitudes_of(stars: Stack, camera: Camera) -> Array:
+def attitudes_of(stars: StarStack, camera: Camera) -> Array:
     """(f, 3, 3) cam_from_icrs, fitted to each frame separately with a fixed camera."""
     cam = camera.unproject(stars.pixels)
     ends = np.append(stars.first[1:], len(stars))

@@ -10,14 +10,14 @@ from gss.domain.angles import Array
 from gss.pipeline.calibration.bundle import Adjusted, Prior, adjust
 from gss.pipeline.calibration.lens_models import FREEZING_ORDER, TILT, Vector, most_allowed_sigma
 from gss.pipeline.calibration.result import Frozen
-from gss.pipeline.calibration.star_stack import Stack
+from gss.pipeline.calibration.star_stack import StarStack
 
 TWINS = 0.998  # correlation above which two parameters cannot be separated
 TWIN_GROUPS = ({"centre_col_px", "centre_row_px"}, {"p1", "p2", *TILT})
 
 
 def hold_unsupported(
-    stars: Stack, vector: Vector, turns: Array, priors: Mapping[str, Prior]
+    stars: StarStack, vector: Vector, turns: Array, priors: Mapping[str, Prior]
 ) -> tuple[Adjusted, tuple[Frozen, ...]]:
     """Fit; while a parameter is undetermined or almost fully correlated with another, hold the first of them in the freezing
     order and fit again. A parameter whose prior is narrower than the limit is always determined."""
@@ -38,7 +38,7 @@ def _restarted(start: Vector, fitted: Vector) -> Vector:
     return start.without(tuple(n for n in start.free if n not in fitted.free))
 
 
-def _within_equations(stars: Stack, vector: Vector, frozen: list[Frozen]) -> Vector:
+def _within_equations(stars: StarStack, vector: Vector, frozen: list[Frozen]) -> Vector:
     """Hold parameters until there are fewer unknowns than equations."""
     for group in FREEZING_ORDER:
         if 2 * len(stars) - 3 * stars.frames > len(vector.free):
@@ -63,7 +63,7 @@ def _worst(fit: Adjusted) -> tuple[tuple[str, ...], str]:
             worst = max((n for n in held if n in loose), key=lambda n: sigma[free.index(n)] / limit[free.index(n)])
             return held, f"its σ would be {sigma[free.index(worst)]:.2g}"
         if twins & set(held):
-            return held, "cannot be told apart from another parameter"
+            return held, "cannot be separated from another parameter"
     return (), ""
 
 
@@ -71,9 +71,9 @@ def _twins(fit: Adjusted, sigma: Array) -> set[str]:
     """Return the tangential coefficients or tilts that are almost fully correlated with the centre."""
     free = fit.vector.free
     correlation = fit.covariance / np.maximum(np.outer(sigma, sigma), 1e-300)
-    found = set()
+    twins = set()
     for i, a in enumerate(free):
         for j, b in enumerate(free):
             if a in TWIN_GROUPS[1] and b in TWIN_GROUPS[0] and abs(correlation[i, j]) > TWINS:
-                found.add(a)
-    return found
+                twins.add(a)
+    return twins

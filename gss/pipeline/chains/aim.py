@@ -11,20 +11,21 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.profiles import CameraProfile
-from gss.domain.results import Attitude, Centroids, Matches
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.results import Attitude, Centroids
 from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
-from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.attitude import weighted_covariance_rad2
+from gss.pipeline.chains import proof
 from gss.pipeline.chains.aim_detect import find_centroids
-from gss.pipeline.chains.aim_match import AimCatalogue, Matching, match_stars, prepare
+from gss.pipeline.chains.aim_match import AimCatalogue, AimMatching, match_stars, prepare
 from gss.pipeline.chains.aim_parameters import NAME, AimParameters, default_parameters
-from gss.pipeline.chains.modes import Hint, Mode, next_mode
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_commanded
+from gss.pipeline.chains.modes import AttitudePrior, Mode, next_mode
+from gss.pipeline.chains.onboard import Commanded, Detection, OnboardSolution, Work, with_commanded
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
-from gss.pipeline.identify.soundness import errors_objection, is_handed, separate_stars
+from gss.pipeline.identify.soundness import errors_objection, separate_stars
 from gss.pipeline.regions import Pixels
 from gss.pipeline.track.differential import differential_attitude
+from gss.skytables.bank import OnboardCatalogue
 
 # Moniteq 1983 §3.12, T7.1: the converter takes 25 µs per pixel. The report has no execution times; those per operation are
 # estimates.
@@ -35,43 +36,42 @@ PAIR, TURN_SIGMAS = 2, 3.0
 
 
 def calculate_attitude(
-    matching: Matching,
+    matching: AimMatching,
     centroids: Centroids,
     camera: Camera,
     catalogue: AimCatalogue,
     parameters: AimParameters,
-    hint: Hint | None = None,
-) -> Solution:
+    hint: AttitudePrior | None = None,
+) -> OnboardSolution:
     """Compute the attitude by iterated differential correction (Moniteq 1983 §6.2) and reject false ones by residuals, hint and
     false-match bound. A single camera determines the angle about its axis poorly, as the covariance shows; see
     :mod:`gss.pipeline.track.cameras_together` for two cameras."""
-    chosen, nan = matching.selected, float("nan")
+    chosen = matching.selected
     if matching.reason or matching.cam_from_icrs is None:
-        return Solution(None, None, nan, matching.reason)
+        return proof.rejected(matching.reason)
     rows, unit = matching.row[chosen], matching.unit_cam[chosen]
     reference = catalogue.icrs[rows]
     sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     attitude = differential_attitude(unit, reference, matching.cam_from_icrs)
     if attitude is None:
-        return Solution(None, None, nan, f"{len(chosen)} stars in one direction leave the attitude open")
+        return proof.rejected(f"{len(chosen)} stars in one direction leave the attitude open")
     probability = false_match_probability(matching, attitude, camera, catalogue, parameters)
     reason = _objection(matching, attitude, camera, catalogue, parameters, hint, sigma_rad, probability)
     if reason and parameters.proves:
-        return Solution(None, None, probability, reason)
+        return proof.rejected(reason, probability)
     weights = np.ones(len(chosen))
-    residual_px = centroids.pixels[chosen] - camera.project(reference @ attitude.T)
-    matches = Matches(chosen.astype(np.int32), catalogue.stars.hip[rows].astype(np.int32), weights, residual_px)
     covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
-    return Solution(Attitude(quaternion_from_matrix(attitude), covariance), matches, probability, "")
+    seen_px, result = camera.project(reference @ attitude.T), Attitude(quaternion_from_matrix(attitude), covariance)
+    return proof.solved(result, probability, centroids, chosen, catalogue.stars.hip[rows], weights, seen_px)
 
 
 def _objection(
-    matching: Matching,
+    matching: AimMatching,
     attitude: Array,
     camera: Camera,
     catalogue: AimCatalogue,
     parameters: AimParameters,
-    hint: Hint | None,
+    hint: AttitudePrior | None,
     sigma_rad: Array,
     probability: float,
 ) -> str:
@@ -79,42 +79,30 @@ def _objection(
     chosen = matching.selected
     reference = catalogue.icrs[matching.row[chosen]]
     miss_rad = np.linalg.norm(reference @ attitude.T - matching.unit_cam[chosen], axis=1)
-    if np.max(miss_rad) > 1.05 * parameters.tolerance_rad:
-        return f"matched stars do not fit one attitude: one is {np.max(miss_rad) / camera.pixel_rad:.1f} px off"
-    sound = errors_objection(miss_rad, sigma_rad, parameters.tolerance_rad, camera.pixel_rad)
-    if sound:
-        return sound
-    mirrored = _may_be_mirrored(matching, attitude, reference, sigma_rad, parameters, hint)
-    if mirrored:
-        return mirrored
-    if matching.mode is not Mode.LOST_IN_SPACE and hint is not None:
-        boresight = np.asarray(hint.boresight_icrs, float)
-        off_rad = float(np.arccos(np.clip(boresight @ attitude[2] / np.linalg.norm(boresight), -1, 1)))
-        limit_rad = _hint_error_rad(camera, parameters)
-        if off_rad > limit_rad:
-            return f"boresight is {np.degrees(off_rad):.1f}° from the hint; {np.degrees(limit_rad):.1f}° allowed"
-    if probability > parameters.max_false_probability:
-        return (
-            f"{len(chosen)} of {len(matching.row)} centroids verified could be accidental: "
-            f"bound {probability:.1e}, allowed {parameters.max_false_probability:.0e}"
-        )
-    return ""
+    near = None if matching.mode is Mode.LOST_IN_SPACE else hint
+    limit_rad = proof.hint_error_rad(camera, parameters.assisted_radius_rad, parameters.capture_rad)
+    return (
+        proof.misfit(miss_rad, 1.05 * parameters.tolerance_rad, camera.pixel_rad)
+        or errors_objection(miss_rad, sigma_rad, parameters.tolerance_rad, camera.pixel_rad)
+        or _may_be_mirrored(matching, attitude, reference, sigma_rad, parameters, hint)
+        or (proof.off_hint(near, attitude, limit_rad) if near else "")
+        or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
+    )
 
 
 def _may_be_mirrored(
-    matching: Matching,
+    matching: AimMatching,
     attitude: Array,
     reference: Array,
     sigma_rad: Array,
     parameters: AimParameters,
-    hint: Hint | None,
+    hint: AttitudePrior | None,
 ) -> str:
     """Return why the frame may be mirrored, or "". Two stars alone have no handedness; in tracking, a mirrored pair rarely has the
     orientation of the expected one, so two stars must not imply a large rotation from the hint."""
     unit = matching.unit_cam[matching.selected]
     if len(unit) > PAIR or matching.mode is not Mode.TRACKING or hint is None or hint.quaternion is None:
-        handed = is_handed(unit, reference, parameters.tolerance_rad)
-        return "" if handed else f"{len(unit)} stars in a pattern that is its own mirror image"
+        return proof.mirrored(unit, reference, parameters.tolerance_rad)
     turn = attitude @ matrix_from_quaternion(hint.quaternion).T
     turn_rad = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
     apart_rad = float(np.linalg.norm(unit[1] - unit[0]))
@@ -124,12 +112,8 @@ def _may_be_mirrored(
     return f"two stars would turn the attitude by {np.degrees(turn_rad):.2f}°; {np.degrees(limit_rad):.2f}° believed"
 
 
-def _hint_error_rad(camera: Camera, parameters: AimParameters) -> float:
-    return max(parameters.assisted_radius_rad - camera.half_diagonal_rad, parameters.capture_rad)
-
-
 def false_match_probability(
-    matching: Matching, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
+    matching: AimMatching, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> float:
     """Bound on the expected number of accidental identifications with as many stars as this one.
 
@@ -153,6 +137,7 @@ class AimChain:
     """See :class:`gss.pipeline.chains.onboard.OnboardChain`."""
 
     name = NAME
+    oldest_attitude_s = float("inf")
 
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
@@ -165,10 +150,10 @@ class AimChain:
     def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
         return find_centroids(pixels, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
 
-    def match_stars(self, centroids: Centroids, work: Work) -> Matching:
+    def match_stars(self, centroids: Centroids, work: Work) -> AimMatching:
         return match_stars(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
 
-    def calculate_attitude(self, matching: Matching, centroids: Centroids, work: Work) -> Solution:
+    def calculate_attitude(self, matching: AimMatching, centroids: Centroids, work: Work) -> OnboardSolution:
         return calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:
@@ -178,8 +163,8 @@ class AimChain:
     def detect_ms(self, pixels: int, detection: Detection) -> float:
         return PIXEL_MS * pixels + REGION_MS * (len(detection.centroids) + detection.invalid)
 
-    def match_ms(self, matching: Matching) -> float:
+    def match_ms(self, matching: AimMatching) -> float:
         return OPERATION_MS * matching.operations
 
-    def attitude_ms(self, matching: Matching) -> float:
+    def attitude_ms(self, matching: AimMatching) -> float:
         return ATTITUDE_MS + STAR_MS * len(matching.selected)

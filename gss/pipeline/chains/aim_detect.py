@@ -12,7 +12,7 @@ from gss.domain.results import Centroids
 from gss.pipeline.centroid import brightest_first
 from gss.pipeline.chains.aim_match import AimCatalogue, expected_stars
 from gss.pipeline.chains.aim_parameters import AimParameters
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Detection
 from gss.pipeline.coarse_mask import coarse_mask, dark_mean_dn, windows_mask
 from gss.pipeline.hyperaccuracy import brightest_pixels, inside_frame
@@ -27,7 +27,12 @@ WHOLE_IMAGE = "guidance error: fewer than two predicted windows hold a star, who
 
 
 def find_centroids(
-    pixels: Pixels, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters, mode: Mode, hint: Hint | None
+    pixels: Pixels,
+    camera: Camera,
+    catalogue: AimCatalogue,
+    parameters: AimParameters,
+    mode: Mode,
+    hint: AttitudePrior | None,
 ) -> Detection:
     """Find the spots of the coarse image and locate each in its window.
 
@@ -38,33 +43,33 @@ def find_centroids(
     dark_dn = dark_mean_dn(pixels, p.noise_dn)
     mask = coarse_mask(pixels, dark_dn, p.noise_dn, p.coarse_block_px, p.coarse_sigmas)
     limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, 1000, True)
-    found = search(np.where(mask, pixels, 0), dark_dn + p.threshold_dn, limits, 1)
-    stars = found.blobs.take(found.accepted)
+    regions = search(np.where(mask, pixels, 0), dark_dn + p.threshold_dn, limits, 1)
+    stars = regions.blobs.take(regions.accepted)
     col, row = brightest_pixels(pixels, stars)
     whole = inside_frame(col, row, pixels.shape, 2)
     measured = locate(pixels, stars.take(np.flatnonzero(whole)), dark_dn, p)
-    rejected = list(found.rejected)
-    for k in found.accepted[~whole].tolist():
+    rejected = list(regions.rejected)
+    for k in regions.accepted[~whole].tolist():
         rejected[k] = "window leaves the frame"
     faint = measured.flux_dn < faintest_dn(catalogue, p)
-    for k in found.accepted[whole][faint].tolist():
+    for k in regions.accepted[whole][faint].tolist():
         rejected[k] = f"fainter than V {catalogue.limit_mag:.1f}"
-    keep, notes = ~faint, [found.stopped] if found.stopped else []
+    keep, notes = ~faint, [regions.stopped] if regions.stopped else []
     if mode is Mode.TRACKING and hint is not None:
         half_px = p.capture_rad / camera.pixel_rad
         places = camera.project(expected_stars(catalogue, camera, hint, p).predicted_cam)
         inside = windows_mask(pixels.shape, places, half_px)[row[whole], col[whole]]
         if np.count_nonzero(inside & keep) >= VERIFIED_ENOUGH:
-            for k in found.accepted[whole][keep & ~inside].tolist():
+            for k in regions.accepted[whole][keep & ~inside].tolist():
                 rejected[k] = OUTSIDE
             keep &= inside
         else:
             notes.append(WHOLE_IMAGE)
     centroids = measured.take(keep)
     return Detection(
-        region_records(pixels, replace(found, rejected=tuple(rejected)), dark_dn, p.max_small_regions),
+        region_records(pixels, replace(regions, rejected=tuple(rejected)), dark_dn, p.max_small_regions),
         centroids.take(brightest_first(centroids)[: p.max_centroids]),
-        found.invalid,
+        regions.invalid,
         dark_dn,
         tuple(notes),
     )

@@ -10,15 +10,13 @@ from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.neighbours import LinkLengths, NeighbourLinks, neighbour_links
-from gss.domain.profiles import CameraProfile
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
-from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.attitude import svd
 from gss.pipeline.chains.aim_parameters import AimParameters, detectable_mag
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.identify.neighbour_pattern import (
     PairHypotheses,
     magnitude_fits,
@@ -31,6 +29,9 @@ from gss.pipeline.track.constant_rate import extrapolate
 from gss.pipeline.track.link_walk import walk
 from gss.pipeline.track.predictional import Fit, predictional_fit
 from gss.pipeline.track.search_and_track import VERIFIED_ENOUGH, raises_guidance_error
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.neighbours import NeighbourLinks, link_distances, neighbour_links
+from gss.skytables.pairs import DistanceTable
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -46,7 +47,7 @@ class AimCatalogue:
     stars: OnboardCatalogue
     icrs: Array
     links: NeighbourLinks
-    lengths: LinkLengths
+    lengths: DistanceTable
     tree: cKDTree
     limit_mag: float
 
@@ -59,13 +60,13 @@ def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     links = neighbour_links(icrs) if catalogue.tables.links is None else catalogue.tables.links
-    known = catalogue.v_mag[np.isfinite(catalogue.v_mag)]
-    limit = min(float(known.max()), detectable_mag(profile)) if len(known) else profile.sensor.faint_limit_mag
-    return AimCatalogue(catalogue, icrs, links, LinkLengths.of(links, icrs), cKDTree(icrs), limit)
+    finite_mag = catalogue.v_mag[np.isfinite(catalogue.v_mag)]
+    limit = min(float(finite_mag.max()), detectable_mag(profile)) if len(finite_mag) else profile.sensor.faint_limit_mag
+    return AimCatalogue(catalogue, icrs, links, link_distances(links, icrs), cKDTree(icrs), limit)
 
 
 @dataclass(frozen=True)
-class Expected:
+class PredictedStars:
     """Stars expected in the field: ``rows``, their directions in the predicted camera frame (n, 3), and ``checks``, the number of
     stars examined."""
 
@@ -75,23 +76,25 @@ class Expected:
     checks: int
 
 
-def expected_stars(catalogue: AimCatalogue, camera: Camera, hint: Hint, parameters: AimParameters) -> Expected:
+def expected_stars(
+    catalogue: AimCatalogue, camera: Camera, hint: AttitudePrior, parameters: AimParameters
+) -> PredictedStars:
     """Find the stars of the field predicted from the last attitudes, following the links from the previous field (step 2b)."""
     if hint.quaternion is None:
         raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
     last = matrix_from_quaternion(hint.quaternion)
     ahead = last
     if hint.earlier:
-        step = extrapolate(hint.quaternion, hint.earlier[0])
+        step = extrapolate(hint.quaternion, hint.earlier[0], hint.steps)
         ahead = step if rotation_angle_rad(step, last) <= FURTHEST_STEP_RAD else last
     radius = camera.half_diagonal_rad
     before = np.flatnonzero(catalogue.icrs @ last[2] >= np.cos(radius))
-    found = walk(catalogue.links, catalogue.icrs, before, ahead[2], radius + parameters.capture_rad)
-    return Expected(found.rows, catalogue.icrs[found.rows] @ ahead.T, ahead, found.checks)
+    visited = walk(catalogue.links, catalogue.icrs, before, ahead[2], radius + parameters.capture_rad)
+    return PredictedStars(visited.rows, catalogue.icrs[visited.rows] @ ahead.T, ahead, visited.checks)
 
 
 @dataclass(frozen=True)
-class Matching:
+class AimMatching:
     """Result of MATCH_STARS. ``mode``: search that gave the result. Per centroid, (n,): ``row`` or −1. ``selected``: centroids for
     the attitude, empty with a ``reason``; ``cam_from_icrs``: attitude near which they fit. ``guidance_error``: flag of Fig.
     6.1. ``hypotheses``: number of linked pairs tried; ``checks``: number of stars and links examined."""
@@ -138,8 +141,8 @@ def match_stars(
     catalogue: AimCatalogue,
     parameters: AimParameters,
     mode: Mode = Mode.LOST_IN_SPACE,
-    hint: Hint | None = None,
-) -> Matching:
+    hint: AttitudePrior | None = None,
+) -> AimMatching:
     """Identify centroids: verify expected stars in tracking; use a blind search otherwise and after a guidance error."""
     _check_hint(mode, hint)
     unit = camera.unproject(centroids.pixels)
@@ -155,13 +158,15 @@ def match_stars(
             return _matching(mode, unit, spots, fit, False, 0, checks, parameters)
         mode = Mode.ASSISTED
     fit, pairs = _blind(spots, camera, catalogue, parameters, mode, hint)
-    found = _matching(mode, unit, spots, fit, guidance_error, len(pairs), checks + pairs.checks, parameters)
-    if found.reason and pairs.left_out:
-        return replace(found, reason=f"{found.reason}; {len(pairs)} pairs of stars tried, {pairs.left_out} left out")
-    return found
+    matching = _matching(mode, unit, spots, fit, guidance_error, len(pairs), checks + pairs.checks, parameters)
+    if matching.reason and pairs.left_out:
+        return replace(
+            matching, reason=f"{matching.reason}; {len(pairs)} pairs of stars tried, {pairs.left_out} left out"
+        )
+    return matching
 
 
-def _check_hint(mode: Mode, hint: Hint | None) -> None:
+def _check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
     if mode is Mode.LOST_IN_SPACE:
         return
     if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
@@ -178,7 +183,7 @@ def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> _Spo
 
 
 def _verify(
-    spots: _Spots, expected: Expected, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
+    spots: _Spots, expected: PredictedStars, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> Fit | None:
     """Verify the stars found at their predicted positions with the expected brightness and separations (step 2e)."""
     chord = np.linalg.norm(spots.unit[:, None] - expected.predicted_cam[None], axis=2)
@@ -219,7 +224,7 @@ def _blind(
     catalogue: AimCatalogue,
     parameters: AimParameters,
     mode: Mode,
-    hint: Hint | None,
+    hint: AttitudePrior | None,
 ) -> tuple[Fit | None, PairHypotheses]:
     """Return the best pattern of linked stars, and the pairs that were tried (step 3)."""
     allowed = np.ones(len(catalogue), bool)
@@ -271,7 +276,7 @@ def _matching(
     hypotheses: int,
     checks: int,
     parameters: AimParameters,
-) -> Matching:
+) -> AimMatching:
     row, selected = np.full(len(unit), -1, np.intp), np.empty(0, np.intp)
     if fit is not None:
         selected = spots.index[fit.measured]
@@ -280,7 +285,7 @@ def _matching(
     reason = _too_few(len(unit), len(selected), parameters.min_verified(mode), mode, guidance_error)
     attitude = None if fit is None else fit.cam_from_icrs
     chosen = selected if not reason else selected[:0]
-    return Matching(mode, unit, row, chosen, attitude, guidance_error, hypotheses, checks, reason)
+    return AimMatching(mode, unit, row, chosen, attitude, guidance_error, hypotheses, checks, reason)
 
 
 def _too_few(centroids: int, verified: int, needed: int, mode: Mode, guidance_error: bool) -> str:

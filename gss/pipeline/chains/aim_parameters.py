@@ -6,37 +6,38 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.mean_locator import bias_gain, column_shares
 
 NAME = "aim"
 
 SOURCES: dict[str, str] = {
-    "threshold_dn": "ours: five times the noise of a dark pixel above the dark mean; Moniteq 1983 gives no threshold",
-    "coarse_block_px": "ours: 4 x 4, the read-out block of Moniteq 1983 §3.8; Fig. 6.1 names no size for its coarse image",
-    "coarse_sigmas": "ours: five times the noise of a block",
-    "window_px": "Moniteq 1983 §4.2: 3 x 3 adopted, 4 x 4 is what the sensor reads",
+    "threshold_dn": "GSS: five times the noise of a dark pixel above the dark mean; Moniteq 1983 gives no threshold",
+    "coarse_block_px": "GSS: 4 x 4, the read-out block of Moniteq 1983 §3.8; Fig. 6.1 states no size for its coarse image",
+    "coarse_sigmas": "GSS: five times the noise of a block",
+    "window_px": "Moniteq 1983 §4.2: 3 x 3 adopted; the sensor reads 4 x 4",
     "gain": "Moniteq 1983 §4.2: linear bias corrector; its factor follows from the star's width "
     "and the window (mean_locator.bias_gain)",
-    "dn_at_mag_0": "from the profile's sensor: magnitudes out of the light in a window",
-    "light_share": "from the PSF: how much of a star's light the window holds (K of Moniteq 1983 §4.3)",
+    "dn_at_mag_0": "from the profile's sensor: converts the flux in a window to magnitudes",
+    "light_share": "from the PSF: fraction of a star's light in the window (K of Moniteq 1983 §4.3)",
     "magnitude_error": "Moniteq 1983 §2.1: ξ = 0.5 mag",
-    "tolerance_rad": "ours: a quarter of a pixel, ten times the error of V 6, so that faint companions do not matter; "
-    "Moniteq 1983 §2.1 reckons with δ = 0.01°, 0.74 px",
-    "capture_rad": "ours: 0.3°; Moniteq 1983 §6.1 expects shifts below 1° between pictures and predicts them",
-    "assisted_radius_rad": "ours: half diagonal + 5°; 'large subsection of sky' in Moniteq 1983 Fig. 6.1",
-    "max_hypotheses": "ours: how many pairs of linked stars a blind search tries, best first",
-    "max_centroids": "ours: a field of 3.45° has some ten stars to V 7.5",
-    "min_verified": "ours: four without knowledge, three with a hint (Moniteq 1983 §2.1 asks for three), two in tracking (Fig. 6.1 "
-    "step 2f), where two may turn the attitude by capture_rad only, because two fit a mirrored frame; with acceptance 'document' "
-    "two everywhere (Fig. 6.1 step 3h)",
-    "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
-    "acceptance": "ours 'proved': residuals and the false-match bound decide; 'document': a pattern of two linked stars is enough, "
-    "which by the document's own figure (§2.1) is accidental once in six",
-    "noise": "from the profile's sensor: Moniteq 1983 §4.3's third term; the floor of 0.03 px stands for its systematic error "
-    "of 1 % and for companions",
+    "tolerance_rad": "GSS: a quarter of a pixel, ten times the error of V 6, so that faint companions have no effect; "
+    "Moniteq 1983 §2.1 assumes δ = 0.01°, 0.74 px",
+    "capture_rad": "GSS: 0.3°; Moniteq 1983 §6.1 expects shifts below 1° between pictures and predicts them",
+    "assisted_radius_rad": "GSS: half diagonal + 5°; 'large subsection of sky' in Moniteq 1983 Fig. 6.1",
+    "max_hypotheses": "GSS: number of pairs of linked stars that a blind search tries, best first",
+    "max_centroids": "GSS: a field of 3.45° has about ten stars to V 7.5",
+    "min_verified": "GSS: four without prior, three with a hint (Moniteq 1983 §2.1 requires three), two in tracking (Fig. 6.1 "
+    "step 2f), where two may rotate the attitude by at most capture_rad, because two also match a mirrored frame; with acceptance "
+    "'document' always two (Fig. 6.1 step 3h)",
+    "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
+    "acceptance": "GSS 'proved': residuals and the false-match bound decide; 'document': a pattern of two linked "
+    "stars is sufficient, "
+    "which according to §2.1 is accidental in one of six cases",
+    "noise": "from the profile's sensor: Moniteq 1983 §4.3's third term; the floor of 0.03 px covers its systematic error "
+    "of 1 % and companions",
 }
 
 

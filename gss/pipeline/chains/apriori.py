@@ -5,13 +5,15 @@ Firmware and ground both choose the hint here, so that a replay starts from the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.domain.rotation import quaternion_from_matrix
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_angle_rad
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.sunsat_frames import OrbitElements, cam_from_icrs_of
 
 # Earth's gravity, m³/s², and its equatorial radius, m (WGS 84).
@@ -61,51 +63,88 @@ class Apriori:
         return self.roll_rad, self.pitch_rad, self.yaw_rad
 
 
-def apriori_hint(orbit: KnownOrbit, angles_rad: tuple[float, float, float], at_s: float) -> Hint:
+def apriori_hint(orbit: KnownOrbit, angles_rad: tuple[float, float, float], at_s: float) -> AttitudePrior:
     """Return the attitude for roll, pitch and yaw relative to the orbit frame at a device time, for a camera mounted like
     Sunsat's (``BODY_FROM_CAM``, Jacobs 1995 §1.3)."""
-    return Hint.from_quaternion(quaternion_from_matrix(cam_from_icrs_of(orbit.elements_at(at_s), *angles_rad)))
+    return AttitudePrior.from_quaternion(quaternion_from_matrix(cam_from_icrs_of(orbit.elements_at(at_s), *angles_rad)))
 
 
 @dataclass(frozen=True)
-class Known:
-    """Prior knowledge for matching a frame. ``quaternion``: last attitude, ``earlier``: consecutive attitudes before it, newest
-    first. ``commanded``: from SET_ATTITUDE_HINT, until an attitude is found. ``orbit`` and ``apriori`` are only used
-    together."""
+class TimedAttitude:
+    """Attitude of the frame at a device time: (4,) quaternion cam_from_icrs."""
 
-    quaternion: Array | None = None
-    earlier: tuple[Array, ...] = ()
+    quaternion: Array
+    time_s: float
+
+
+@dataclass(frozen=True)
+class PriorState:
+    """Prior knowledge for matching a frame. ``series``: the last attitude and the consecutive ones before it, newest first;
+    ``failed``: an iteration without an attitude followed them, so that the next attitude starts a new series.
+    ``commanded``: from SET_ATTITUDE_HINT, until an attitude is found. ``orbit`` and ``apriori`` are only used together."""
+
+    series: tuple[TimedAttitude, ...] = ()
+    failed: bool = False
     commanded: Array | None = None
     commanded_radius_rad: float = DEFAULT_RADIUS_RAD
     orbit: KnownOrbit | None = None
     apriori: Apriori | None = None
 
     @property
+    def quaternion(self) -> Array | None:
+        """Quaternion of the last attitude, or None."""
+        return self.series[0].quaternion if self.series else None
+
+    @property
+    def earlier(self) -> tuple[Array, ...]:
+        """Quaternions of the attitudes before the last one."""
+        return tuple(known.quaternion for known in self.series[1:])
+
+    @property
+    def rate_rad_s(self) -> float:
+        """Angular rate between the last two consecutive attitudes; NaN without them or without their times."""
+        if len(self.series) < 2:
+            return math.nan
+        last, before = self.series[0], self.series[1]
+        now, then = matrix_from_quaternion(last.quaternion), matrix_from_quaternion(before.quaternion)
+        return rotation_angle_rad(now, then) / (last.time_s - before.time_s)
+
+    @property
     def has_apriori(self) -> bool:
         """True if an a-priori attitude can be computed."""
         return self.orbit is not None and self.apriori is not None
 
-    def usable(self, wanted: Mode) -> Mode:
-        """Return the wanted mode, or the next weaker mode for which the prior knowledge is sufficient."""
-        if wanted is Mode.TRACKING and self.quaternion is None:
-            wanted = Mode.ASSISTED
-        if wanted is Mode.ASSISTED and self.commanded is None and self.quaternion is None and not self.has_apriori:
+    def usable(self, requested: Mode, at_s: float = math.nan, oldest_s: float = math.inf) -> Mode:
+        """Return the wanted mode, or the next weaker mode for which the prior knowledge is sufficient. Tracking a frame at ``at_s``
+        needs an attitude that is at most ``oldest_s`` old."""
+        if requested is Mode.TRACKING and (not self.series or at_s - self.series[0].time_s > oldest_s):
+            requested = Mode.ASSISTED
+        if requested is Mode.ASSISTED and self.commanded is None and self.quaternion is None and not self.has_apriori:
             return Mode.LOST_IN_SPACE
-        return wanted
+        return requested
 
-    def hint(self, mode: Mode, at_s: float) -> Hint | None:
+    def hint(self, mode: Mode, at_s: float) -> AttitudePrior | None:
         """Return the hint for a mode: in tracking the last attitude; in assisted mode the commanded hint, else the a-priori
         attitude at that device time, else the last attitude; None when lost in space."""
         if mode is Mode.LOST_IN_SPACE:
             return None
-        last = None if self.quaternion is None else Hint.from_quaternion(self.quaternion, self.earlier)
+        last = self._last(at_s)
         if mode is Mode.TRACKING and last is not None:
             return last
         if self.commanded is not None:
-            return Hint.from_quaternion(self.commanded)
-        if self.orbit is not None and self.apriori is not None:
+            return AttitudePrior.from_quaternion(self.commanded)
+        if self.orbit is not None and self.apriori is not None and math.isfinite(at_s):
             return apriori_hint(self.orbit, self.apriori.angles_rad, at_s)
         return last
+
+    def _last(self, at_s: float) -> AttitudePrior | None:
+        if not self.series:
+            return None
+        ages_s = tuple(at_s - known.time_s for known in self.series)
+        # Without frame times, or after a step of the device's clock, the steps are taken as equal.
+        if not all(b > a for a, b in pairwise((0.0, *ages_s))):
+            ages_s = ()
+        return AttitudePrior.from_quaternion(self.series[0].quaternion, self.earlier, ages_s)
 
     def radius_rad(self, mode: Mode) -> float:
         """Maximum error of the hint in an assisted iteration."""
@@ -113,10 +152,11 @@ class Known:
             return self.apriori.radius_rad
         return self.commanded_radius_rad
 
-    def after(self, quaternion: Array | None) -> Known:
-        """Return the knowledge after an iteration: a new attitude clears the commanded hint; without one (None), ``earlier`` is
-        cleared."""
+    def after(self, quaternion: Array | None, time_s: float) -> PriorState:
+        """Return the knowledge after the iteration of a frame at ``time_s``: a new attitude clears the commanded hint; without one
+        (None), only the last attitude is kept, and the next one starts a new series. ``time_s`` NaN: unknown."""
         if quaternion is None:
-            return Known(self.quaternion, (), self.commanded, self.commanded_radius_rad, self.orbit, self.apriori)
-        before = () if self.quaternion is None else (self.quaternion, *self.earlier)
-        return Known(quaternion, before[:REMEMBERED_ATTITUDES], orbit=self.orbit, apriori=self.apriori)
+            return replace(self, series=self.series[:1], failed=True)
+        before = () if self.failed else tuple(known for known in self.series if not known.time_s >= time_s)
+        series = (TimedAttitude(quaternion, time_s), *before)[: 1 + REMEMBERED_ATTITUDES]
+        return PriorState(series, orbit=self.orbit, apriori=self.apriori)

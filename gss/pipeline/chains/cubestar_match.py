@@ -12,9 +12,8 @@ from gss.domain.camera import Brown, BrownUndistort, Camera
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion
-from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.chains.cubestar_parameters import CubestarParameters
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.identify.geometric_voting import (
     Mask,
     Rows,
@@ -26,6 +25,7 @@ from gss.pipeline.identify.geometric_voting import (
     vote,
 )
 from gss.pipeline.track.nearest import match_nearest
+from gss.skytables.bank import OnboardCatalogue
 
 
 def unit_vectors(centroids: Centroids, camera: Camera, undistort: str = "exact") -> Array:
@@ -46,7 +46,7 @@ def document_distortion(camera: Camera) -> BrownUndistort:
 
 
 @dataclass(frozen=True)
-class Matching:
+class CubestarMatching:
     """Result of MATCH_STARS. Per centroid used, (n,): ``row``, the catalogue row with the most votes or −1, ``first_votes``,
     ``verification_votes``. ``selected``: centroids used for the attitude, empty with a ``reason``. ``searched``: number of stars in
     the (reduced) catalogue; ``hits``: number of matching table entries."""
@@ -84,8 +84,8 @@ def match_stars(
     catalogue: OnboardCatalogue,
     parameters: CubestarParameters,
     mode: Mode = Mode.LOST_IN_SPACE,
-    hint: Hint | None = None,
-) -> Matching:
+    hint: AttitudePrior | None = None,
+) -> CubestarMatching:
     """Identify centroids (Erlank 2013 §4.3–4.5). Only the first ``max_centroids`` are used."""
     _check_hint(mode, hint)
     used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
@@ -109,10 +109,10 @@ def match_stars(
     selected = good[mutually_consistent(agree, cluster(votes[good], parameters.vote_margin))]
     reason = _too_few(len(unit), len(selected), parameters.min_verified(mode), mode)
     selected = selected if not reason else selected[:0]
-    return Matching(mode, unit, row, first_votes, votes, selected, int(np.count_nonzero(allowed)), hits, reason)
+    return CubestarMatching(mode, unit, row, first_votes, votes, selected, int(np.count_nonzero(allowed)), hits, reason)
 
 
-def _check_hint(mode: Mode, hint: Hint | None) -> None:
+def _check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
     if mode is Mode.LOST_IN_SPACE:
         return
     if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
@@ -120,7 +120,9 @@ def _check_hint(mode: Mode, hint: Hint | None) -> None:
         raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
 
 
-def _allowed(catalogue: OnboardCatalogue, mode: Mode, hint: Hint | None, parameters: CubestarParameters) -> Mask:
+def _allowed(
+    catalogue: OnboardCatalogue, mode: Mode, hint: AttitudePrior | None, parameters: CubestarParameters
+) -> Mask:
     """Mask of the reduced catalogue: stars within D_max of the approximate boresight (Erlank 2013 §4.3.4); all when lost."""
     if mode is Mode.LOST_IN_SPACE or hint is None:
         return np.ones(len(catalogue), bool)
@@ -130,7 +132,7 @@ def _allowed(catalogue: OnboardCatalogue, mode: Mode, hint: Hint | None, paramet
 
 
 def _tracked(
-    unit: Array, catalogue: OnboardCatalogue, allowed: Mask, hint: Hint | None, parameters: CubestarParameters
+    unit: Array, catalogue: OnboardCatalogue, allowed: Mask, hint: AttitudePrior | None, parameters: CubestarParameters
 ) -> Rows:
     if hint is None or hint.quaternion is None:
         return np.full(len(unit), -1, np.intp)

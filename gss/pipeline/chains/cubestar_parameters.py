@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.sensor import Sensor
 from gss.pipeline.centroid import PixelNoise
 from gss.pipeline.chains.modes import Mode
@@ -15,22 +15,23 @@ from gss.pipeline.chains.modes import Mode
 NAME = "cubestar"
 
 SOURCES: dict[str, str] = {
-    "threshold_dn": "Erlank 2013 §5.3.3 gives 6 above black for its own camera and a semi-urban sky; ours is raised until "
-    "a star 0.25 mag below the catalogue's limit covers min_area_px no longer, so that the frame shows what the bank holds",
+    "threshold_dn": "Erlank 2013 §5.3.3 gives 6 above black for its camera and a semi-urban sky; GSS: raised until "
+    "a star 0.25 mag below the catalogue's limit covers fewer than min_area_px, to match the content of the bank",
     "min_area_px": "Erlank 2013 §5.3.3: six",
     "max_area_px": "Erlank 2013 §5.3.3: sixty",
     "max_invalid": "Erlank 2013 §5.3.3: search stops at more than fifty",
     "max_centroids": "Erlank 2013 §5.3.3–4: twenty",
-    "edge_rule": "Jacobs 1995 §2.2.3, as Erlank 2013 §4.1.2 takes over its region growing: a cut star's centroid is 0.9 px off",
+    "edge_rule": "Jacobs 1995 §2.2.3, because Erlank 2013 §4.1.2 adopts its region growing: the centroid of a star "
+    "cut by the edge has an error of 0.9 px",
     "search_step_px": "Erlank 2013 §4.1.1: every third pixel of every third row",
     "window_px": "Erlank 2013 §4.1.3: 5 x 5",
     "tolerance_rad": "Erlank 2013 §4.3.5: 0.001 rad, about one pixel; other cameras: 1.12 pixels as well",
     "vote_margin": "Erlank 2013 §4.3.3: within one of the most votes",
-    "min_verified": "ours: four without knowledge, three with a hint or in tracking, because two stars fit a mirrored frame; "
-    "Erlank 2013 §4.5 asks for two in tracking: acceptance 'document'",
-    "acceptance": "ours 'proved': no pattern that is its own mirror image, and none where the field says another focal length; "
-    "'document': neither is asked (Erlank 2013 §4.3–4.5)",
-    "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
+    "min_verified": "GSS: four without prior, three with a hint or in tracking, because two stars also match a mirrored frame; "
+    "Erlank 2013 §4.5 requires two in tracking: acceptance 'document'",
+    "acceptance": "GSS 'proved': no mirror-symmetric pattern, and none if the field indicates another focal length; "
+    "'document': without these conditions (Erlank 2013 §4.3–4.5)",
+    "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
     "tracking_radius_rad": "Erlank 2013 §4.5: 0.3°",
     "assisted_radius_rad": "Erlank 2013 §4.3.4: 35°; other cameras: half diagonal + 5°",
     "undistort": "exact inverse of the camera's model; 'document' is Erlank 2013 eq. 4.1.3–4 with inverted signs",

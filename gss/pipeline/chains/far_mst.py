@@ -10,17 +10,25 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.results import Attitude, Centroids, Matches
+from gss.domain.results import Attitude, Centroids
 from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
-from gss.pipeline.attitude import covariance_rad2, foam, q_method, quest, svd
+from gss.pipeline.attitude import (
+    covariance_rad2,
+    foam,
+    foam_covariance_rad2,
+    q_method,
+    quest,
+    svd,
+    svd_covariance_rad2,
+)
+from gss.pipeline.chains import proof
 from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
 from gss.pipeline.chains.far_mst_match import FarMstMatching
 from gss.pipeline.chains.far_mst_parameters import FarMstParameters
 from gss.pipeline.chains.far_mst_verify import star_radius_rad
-from gss.pipeline.chains.onboard import Solution
-from gss.pipeline.identify.focal_census import focal_objection
+from gss.pipeline.chains.onboard import OnboardSolution
 
-NOTHING = float("nan")
+MISFIT_RADII = 1.5
 
 
 def calculate_attitude(
@@ -29,12 +37,12 @@ def calculate_attitude(
     camera: Camera,
     catalogue: FarMstCatalogue,
     parameters: FarMstParameters,
-) -> Solution:
+) -> OnboardSolution:
     """Compute the attitude from the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36). No attitude is given if one
     star does not fit or the field fits another focal length."""
     probability = matching.false_match_probability
     if matching.reason:
-        return Solution(None, None, probability, matching.reason)
+        return proof.rejected(matching.reason, probability)
     chosen = matching.selected
     row, unit = matching.row[chosen], matching.unit_cam[chosen]
     reference, weight = catalogue.icrs[row], matching.weight[chosen]
@@ -42,34 +50,16 @@ def calculate_attitude(
     seen = reference @ matrix_from_quaternion(quaternion).T
     sigma_rad = np.maximum(centroids.sigma_px[chosen], 1e-3) * camera.pixel_rad
     if parameters.acceptance == "bound":
-        off = np.linalg.norm(seen - unit, axis=1) / star_radius_rad(sigma_rad, camera.pixel_rad, parameters)
-        if off.max() > 1.5:
-            pixels = float(np.max(np.linalg.norm(seen - unit, axis=1))) / camera.pixel_rad
-            return Solution(
-                None, None, probability, f"matched stars do not fit one attitude: one is {pixels:.1f} px off"
-            )
-        another = _another_focal_length(matching, centroids, camera, catalogue, parameters, sigma_rad)
-        if another:
-            return Solution(None, None, probability, another)
-    residual_px = centroids.pixels[chosen] - camera.project(seen)
-    matches = Matches(
-        chosen.astype(np.int32), catalogue.bank.hip[row].astype(np.int32), weight / weight.sum(), residual_px
-    )
-    return Solution(Attitude(quaternion, covariance_rad2(unit, sigma_rad)), matches, probability, "")
-
-
-def _another_focal_length(
-    matching: FarMstMatching,
-    centroids: Centroids,
-    camera: Camera,
-    catalogue: FarMstCatalogue,
-    parameters: FarMstParameters,
-    sigma_rad: Array,
-) -> str:
-    good = np.flatnonzero(np.isfinite(matching.unit_cam).all(axis=1))
-    met, reference = np.searchsorted(good, matching.selected), catalogue.icrs[matching.row[matching.selected]]
-    radius_px = float(np.max(star_radius_rad(sigma_rad, camera.pixel_rad, parameters))) / camera.pixel_rad
-    return focal_objection(centroids.pixels[good], met, reference, catalogue.icrs, camera, radius_px)
+        radius_rad = star_radius_rad(sigma_rad, camera.pixel_rad, parameters)
+        miss_rad, radius_px = np.linalg.norm(seen - unit, axis=1), float(np.max(radius_rad)) / camera.pixel_rad
+        reason = proof.misfit(miss_rad, MISFIT_RADII * radius_rad, camera.pixel_rad) or proof.another_focal_length(
+            centroids.pixels, matching.unit_cam, chosen, reference, catalogue.icrs, camera, radius_px
+        )
+        if reason:
+            return proof.rejected(reason, probability)
+    covariance = covariance_of(unit, reference, sigma_rad, parameters.attitude_method)
+    attitude, share = Attitude(quaternion, covariance), weight / weight.sum()
+    return proof.solved(attitude, probability, centroids, chosen, catalogue.bank.hip[row], share, camera.project(seen))
 
 
 def attitude_of(observed: Array, reference: Array, weight: Array, method: str) -> Array:
@@ -77,3 +67,12 @@ def attitude_of(observed: Array, reference: Array, weight: Array, method: str) -
     if method in ("quest", "q_method"):
         return (quest if method == "quest" else q_method)(observed, reference, weight)
     return quaternion_from_matrix((svd if method == "svd" else foam)(observed, reference, weight))
+
+
+def covariance_of(observed: Array, reference: Array, sigma_rad: Array, method: str) -> Array:
+    """(3, 3) covariance in the camera frame in the form of the method (Huffman 2006 eqs. 6.34, 6.53, 6.58)."""
+    if method == "svd":
+        return svd_covariance_rad2(observed, reference, sigma_rad)
+    if method == "foam":
+        return foam_covariance_rad2(observed, reference, sigma_rad)
+    return covariance_rad2(observed, sigma_rad)

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.stars import DistanceTable, OnboardCatalogue
-from gss.pipeline.identify.sin2_directory import Sin2Directory, indexed, sin2_directory
 from gss.pipeline.identify.uniform_density import brightest_per_field
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import DistanceTable
+from gss.skytables.sin2 import Sin2Directory, indexed, sin2_directory
 
 # Huffman 2006 §5.5.4.
 BRIGHTEST = 8
@@ -52,10 +53,10 @@ def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = B
     right_angle = float(np.nextafter(np.float32(np.pi / 2), np.float32(0)))
     # Pairs beyond 90° do not occur in a frame of this camera, and sin² is ambiguous there.
     keep = np.flatnonzero(reduced[table.first] & reduced[table.second] & (table.distance_rad <= right_angle))
-    kept = DistanceTable(
+    distances = DistanceTable(
         table.first[keep], table.second[keep], table.distance_rad[keep], table.min_rad, min(table.max_rad, right_angle)
     )
-    return FarMstCatalogue(bank, icrs, reduced, sin2_directory(kept, len(bank)))
+    return FarMstCatalogue(bank, icrs, reduced, sin2_directory(distances, len(bank)))
 
 
 def _as_stored(bank: OnboardCatalogue, icrs: Array, sin2: NDArray[np.floating]) -> FarMstCatalogue:
@@ -65,9 +66,7 @@ def _as_stored(bank: OnboardCatalogue, icrs: Array, sin2: NDArray[np.floating]) 
     index = bank.tables.index
     if index is None:
         return FarMstCatalogue(bank, icrs, reduced, indexed(first, second, sin2.astype(float), len(bank)))
-    directory = Sin2Directory(
-        first, second, sin2.astype(float), index.k.astype(np.intp), index.start, index.step, len(bank)
-    )
+    directory = Sin2Directory(first, second, sin2.astype(float), index, len(bank))
     return FarMstCatalogue(bank, icrs, reduced, directory)
 
 

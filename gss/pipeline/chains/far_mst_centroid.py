@@ -41,7 +41,7 @@ class Signal:
 
 
 @dataclass(frozen=True)
-class Shapes:
+class ClusterMoments:
     """Moments of m clusters, (m,) each: weighted-sum position, flux, peak, ``aspect`` √(λ1/λ2) of the second moments (including
     the size of a pixel, so that it is finite for a line of pixels), ``length_px`` of a streak with the longer moment,
     and ``spread_px2`` Σ (x − x̄)² v and ``lever_px2`` Σ (x − x̄)², both averaged over the axes, for error propagation."""
@@ -57,20 +57,20 @@ class Shapes:
     lever_px2: Array
 
 
-def shapes_of(signal: Signal, blobs: Blobs) -> Shapes:
+def shapes_of(signal: Signal, blobs: Blobs) -> ClusterMoments:
     """Compute the moments; every pixel of a cluster is weighted with its full value above dark (eq. 4.1)."""
     n, owner = len(blobs), blobs.owner
     row, col = (x.astype(float) for x in np.divmod(blobs.index, blobs.columns))
     value = signal.at(blobs.index)
     if not n:
         none = np.empty(0)
-        return Shapes(none, none, none, none, np.empty(0, np.int32), none, none, none, none)
+        return ClusterMoments(none, none, none, none, np.empty(0, np.int32), none, none, none, none)
     flux = _sum(value, owner, n)
     col_px, row_px = _sum(value * col, owner, n) / flux, _sum(value * row, owner, n) / flux
     dx, dy = col - col_px[owner], row - row_px[owner]
     xx, yy, xy = (_sum(value * m, owner, n) / flux for m in (dx * dx, dy * dy, dx * dy))
     middle, split = (xx + yy) / 2 + PIXEL_PX2, np.hypot((xx - yy) / 2, xy)
-    return Shapes(
+    return ClusterMoments(
         col_px,
         row_px,
         flux,
@@ -87,7 +87,7 @@ def _sum(values: Array, owner: NDArray[np.intp], n: int) -> Array:
     return np.bincount(owner, values, n).astype(float)
 
 
-def weighted_sum(shapes: Shapes, threshold_dn: float, noise_dn: float, p: FarMstParameters) -> Centroids:
+def weighted_sum(shapes: ClusterMoments, threshold_dn: float, noise_dn: float, p: FarMstParameters) -> Centroids:
     """Centroids of the clusters, in their order; ``sigma_px`` per axis according to ``p.sigma_model``."""
     if p.sigma_model == "document":
         sigma = document_sigma_px(shapes.peak_dn / noise_dn)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -13,22 +11,13 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
 from gss.pipeline.centroid import brightest_first
-from gss.pipeline.chains.far_mst_centroid import Shapes, Signal, refine_mle, shapes_of, weighted_sum
+from gss.pipeline.chains.far_mst_centroid import ClusterMoments, Signal, refine_mle, shapes_of, weighted_sum
 from gss.pipeline.chains.far_mst_parameters import PREFILTER_PX, FarMstParameters
 from gss.pipeline.chains.onboard import Detection
 from gss.pipeline.regions import Blobs, Pixels, SearchResult, region_records
 
 Mask = NDArray[np.bool_]
 HALF = PREFILTER_PX // 2
-
-
-def median_dark_dn(frames: Sequence[Pixels]) -> Array:
-    """(rows, columns) dark frame: per-pixel median of a sequence in which no star stays on a pixel (§4.1)."""
-    if not frames or any(f.shape != frames[0].shape for f in frames):
-        raise BadInput(
-            "no dark frame can be made", expected="one frame or more, all of one shape", got=f"{len(frames)}"
-        )
-    return np.asarray(np.median(np.stack([np.asarray(f) for f in frames]), axis=0), float)
 
 
 def find_centroids(pixels: Pixels, parameters: FarMstParameters) -> Detection:
@@ -44,23 +33,23 @@ def find_centroids(pixels: Pixels, parameters: FarMstParameters) -> Detection:
     black_dn = float(np.median(dark_dn))
     share = np.count_nonzero(lit) / lit.size
     if share > p.max_lit_share:
-        note = f"{100 * share:.0f} % of the pixels exceed the threshold: this is no dark sky"
+        note = f"{100 * share:.0f} % of the pixels exceed the threshold: the sky is not dark"
         return Detection((), Centroids.from_pixels(np.empty((0, 2))), 0, black_dn, (note,))
-    kept = prefiltered(lit, p.prefilter, p.prefilter_count)
-    blobs = clusters(kept)
+    filtered = prefiltered(lit, p.prefilter, p.prefilter_count)
+    blobs = clusters(filtered)
     signal = Signal(pixels, dark_dn)
     shapes = shapes_of(signal, blobs)
     reasons, limit = _verdicts(pixels.shape, blobs, shapes, p)
     accepted = np.flatnonzero([r == "" for r in reasons])
-    found = SearchResult(blobs, reasons, accepted, sum(" > max " in r for r in reasons), "")
+    regions = SearchResult(blobs, reasons, accepted, sum(" > max " in r for r in reasons), "")
     stars = weighted_sum(shapes, threshold_dn, max(noise_dn, p.noise_dn), p).take(accepted)
     if p.centroider == "mle":
         stars = refine_mle(signal, max(noise_dn, p.noise_dn), stars, p)
     order = brightest_first(stars)[: p.max_centroids]
     return Detection(
-        region_records(pixels, found, black_dn, p.max_small_regions),
+        region_records(pixels, regions, black_dn, p.max_small_regions),
         stars.take(order),
-        found.invalid,
+        regions.invalid,
         black_dn,
         _notes(shapes, accepted, len(stars) - len(order), limit, p),
     )
@@ -157,7 +146,7 @@ def clusters(lit: Mask) -> Blobs:
 
 
 def _verdicts(
-    shape: tuple[int, ...], blobs: Blobs, shapes: Shapes, p: FarMstParameters
+    shape: tuple[int, ...], blobs: Blobs, shapes: ClusterMoments, p: FarMstParameters
 ) -> tuple[tuple[str, ...], float]:
     """Return why each cluster is rejected, or "", and the aspect ratio allowed in this frame."""
     area = blobs.area_px
@@ -183,7 +172,7 @@ def _reason(area: int, edge: bool, long: bool, aspect: float, limit: float, p: F
 
 
 def _notes(
-    shapes: Shapes, accepted: NDArray[np.intp], left_out: int, limit: float, p: FarMstParameters
+    shapes: ClusterMoments, accepted: NDArray[np.intp], left_out: int, limit: float, p: FarMstParameters
 ) -> tuple[str, ...]:
     notes = []
     if left_out > 0:

@@ -20,15 +20,18 @@ from gss.domain.rotation import matrix_from_quaternion
 from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
 from gss.pipeline.chains.far_mst_parameters import HINT_ERROR_RAD, FarMstParameters
 from gss.pipeline.chains.far_mst_verify import Identified, complete, pair_tolerance_rad, stars_in_view
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
+from gss.pipeline.chains.proof import hint_error_rad
 from gss.pipeline.identify.accidental import tracking_hypotheses
 from gss.pipeline.identify.baselines import Baselines, baselines
 from gss.pipeline.identify.frame_figures import angle_matrix_rad
 from gss.pipeline.identify.geometric_voting import mutually_consistent
 from gss.pipeline.identify.n_vertex import figures, match_figure
-from gss.pipeline.identify.sin2_directory import Rows, Sin2Directory
 from gss.pipeline.identify.triad_pyramid import pyramids
-from gss.pipeline.track.rate_match import constant_rate, mutual_nearest
+from gss.pipeline.track.constant_rate import extrapolate
+from gss.pipeline.track.rate_match import mutual_nearest
+from gss.skytables.kvector import Rows
+from gss.skytables.sin2 import Sin2Directory
 
 MOST_NAMES_PER_FIGURE = 4
 ORDER = (Mode.LOST_IN_SPACE, Mode.ASSISTED, Mode.TRACKING)
@@ -60,7 +63,7 @@ class FarMstMatching:
 
 
 @dataclass
-class _Search:
+class _FrameSearch:
     """State of the search on one frame: inputs, best result and work done so far."""
 
     unit: Array
@@ -69,7 +72,7 @@ class _Search:
     catalogue: FarMstCatalogue
     p: FarMstParameters
     mode: Mode
-    hint: Hint | None
+    hint: AttitudePrior | None
     table: Baselines | None = None
     figures: int = 0
     best: Identified | None = None
@@ -87,7 +90,7 @@ def match_stars(
     catalogue: FarMstCatalogue,
     parameters: FarMstParameters,
     mode: Mode = Mode.LOST_IN_SPACE,
-    hint: Hint | None = None,
+    hint: AttitudePrior | None = None,
 ) -> FarMstMatching:
     """Identify centroids. Only the first ``max_centroids`` are used."""
     _check_hint(mode, hint)
@@ -96,14 +99,14 @@ def match_stars(
     # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     sigma_rad = np.maximum(used.sigma_px[good], 1e-3) * camera.pixel_rad
-    search = _Search(unit[good], sigma_rad, camera, catalogue, parameters, mode, hint)
+    search = _FrameSearch(unit[good], sigma_rad, camera, catalogue, parameters, mode, hint)
     accepted = mode is Mode.TRACKING and _track(search)
     if not accepted and len(good) >= 3:
         accepted = _find_figures(search)
     return _matching(search, used, unit, good, accepted)
 
 
-def _check_hint(mode: Mode, hint: Hint | None) -> None:
+def _check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
     if mode is Mode.LOST_IN_SPACE:
         return
     if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
@@ -111,7 +114,7 @@ def _check_hint(mode: Mode, hint: Hint | None) -> None:
         raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
 
 
-def _find_figures(s: _Search) -> bool:
+def _find_figures(s: _FrameSearch) -> bool:
     """Search with n-vertex or pyramid over the directory, complete or restricted to the stars near the hint."""
     n = min(len(s.unit), s.p.max_vertex_stars)
     tolerance = pair_tolerance_rad(s.sigma_rad[:n], s.camera.pixel_rad, s.p)
@@ -122,15 +125,15 @@ def _find_figures(s: _Search) -> bool:
             return True
         if tried >= s.p.most_hypotheses:
             break
-        found = complete(s.unit, s.sigma_rad, figure, names, s.catalogue, s.camera, s.p)
-        if found is None:
+        completed = complete(s.unit, s.sigma_rad, figure, names, s.catalogue, s.camera, s.p)
+        if completed is None:
             continue
-        if _accept(s, found, method, _lost_hypotheses(s)):
-            return not _off_hint(s, found)
+        if _accept(s, completed, method, _lost_hypotheses(s)):
+            return not _off_hint(s, completed)
     return False
 
 
-def _hypotheses(s: _Search, n: int) -> Iterator[tuple[str, Rows, Rows]]:
+def _hypotheses(s: _FrameSearch, n: int) -> Iterator[tuple[str, Rows, Rows]]:
     """Yield identified figures from the matchers in their order."""
     if s.table is None:
         return
@@ -150,11 +153,11 @@ def _hypotheses(s: _Search, n: int) -> Iterator[tuple[str, Rows, Rows]]:
 
 
 def _vertices(matcher: str, n: int) -> tuple[int, ...]:
-    wanted = {"auto": (5, 4, 3), "n5": (5,), "n4": (4,), "n3": (3,)}[matcher]
-    return tuple(v for v in wanted if v <= n)
+    counts = {"auto": (5, 4, 3), "n5": (5,), "n4": (4,), "n3": (3,)}[matcher]
+    return tuple(v for v in counts if v <= n)
 
 
-def _directory(s: _Search) -> Sin2Directory:
+def _directory(s: _FrameSearch) -> Sin2Directory:
     """Return the directory, or the part of it near the hint."""
     if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
         return s.catalogue.directory
@@ -162,54 +165,53 @@ def _directory(s: _Search) -> Sin2Directory:
     return s.catalogue.directory.restricted(cosine >= np.cos(s.p.assisted_radius_rad))
 
 
-def _lost_hypotheses(s: _Search) -> float:
+def _lost_hypotheses(s: _FrameSearch) -> float:
     """Number of hypotheses: two per matching directory entry, reduced by a hint to the share of boresights it allows."""
     ways = 2.0 * max(1, s.hits)
     if s.mode is Mode.ASSISTED:
-        ways *= (1 - np.cos(hint_error_rad(s.camera, s.p))) / (1 - np.cos(s.p.assisted_radius_rad))
+        ways *= (1 - np.cos(_hint_error_rad(s))) / (1 - np.cos(s.p.assisted_radius_rad))
     return float(ways)
 
 
-def hint_error_rad(camera: Camera, p: FarMstParameters) -> float:
-    """Maximum angle of the boresight from the hint: the radius minus the field's half diagonal."""
-    return max(p.assisted_radius_rad - camera.half_diagonal_rad, HINT_ERROR_RAD)
+def _hint_error_rad(s: _FrameSearch) -> float:
+    return hint_error_rad(s.camera, s.p.assisted_radius_rad, HINT_ERROR_RAD)
 
 
-def _accept(s: _Search, found: Identified, method: str, hypotheses: float) -> bool:
+def _accept(s: _FrameSearch, candidate: Identified, method: str, hypotheses: float) -> bool:
     """True if enough stars are identified, an accident is unlikely and the rest of the field does not contradict it. The best
     result so far is kept for the reason text."""
-    bound = found.bound(hypotheses)
-    if s.best is None or found.count > s.best.count:
-        s.best, s.best_bound, s.method = found, bound, method
-    if found.count < _least(s) or bound > s.p.max_false_probability or found.share < _least_share(s):
+    bound = candidate.bound(hypotheses)
+    if s.best is None or candidate.count > s.best.count:
+        s.best, s.best_bound, s.method = candidate, bound, method
+    if candidate.count < _least(s) or bound > s.p.max_false_probability or candidate.share < _least_share(s):
         return False
-    s.best, s.best_bound, s.method = found, bound, method
+    s.best, s.best_bound, s.method = candidate, bound, method
     return True
 
 
-def _least(s: _Search) -> int:
+def _least(s: _FrameSearch) -> int:
     return s.p.min_identified[ORDER.index(s.mode)]
 
 
-def _least_share(s: _Search) -> float:
+def _least_share(s: _FrameSearch) -> float:
     return s.p.min_share[ORDER.index(s.mode)]
 
 
-def _off_hint(s: _Search, found: Identified) -> bool:
+def _off_hint(s: _FrameSearch, candidate: Identified) -> bool:
     if s.mode is Mode.LOST_IN_SPACE or s.hint is None:
         return False
-    chord = np.linalg.norm(_expected_boresight(s.hint, s.mode) - found.cam_from_icrs[2])
-    return bool(2 * np.arcsin(min(1.0, float(chord) / 2)) > hint_error_rad(s.camera, s.p))
+    chord = np.linalg.norm(_expected_boresight(s.hint, s.mode) - candidate.cam_from_icrs[2])
+    return bool(2 * np.arcsin(min(1.0, float(chord) / 2)) > _hint_error_rad(s))
 
 
-def _as_found(s: _Search, figure: Rows, names: Rows) -> Identified:
+def _as_found(s: _FrameSearch, figure: Rows, names: Rows) -> Identified:
     """Return the document's result: only the stars of the figure."""
     row = np.full(len(s.unit), -1, np.intp)
     row[figure] = names
     return Identified(row, len(figure), len(figure), np.eye(3), float("nan"), float("nan"))
 
 
-def _track(s: _Search) -> bool:
+def _track(s: _FrameSearch) -> bool:
     """Rate match with the catalogue: stars predicted at a constant rate and, in case the rotation stopped, without rotation."""
     predictions = _predictions(s.hint)
     for rotation in predictions:
@@ -219,25 +221,25 @@ def _track(s: _Search) -> bool:
         chosen = _agreeing(s, met, names)
         if len(chosen) < 2:
             continue
-        found = complete(s.unit, s.sigma_rad, met[chosen], names[chosen], s.catalogue, s.camera, s.p)
-        if found is None:
+        completed = complete(s.unit, s.sigma_rad, met[chosen], names[chosen], s.catalogue, s.camera, s.p)
+        if completed is None:
             continue
         tolerance = float(pair_tolerance_rad(s.sigma_rad, s.camera.pixel_rad, s.p).max())
-        ways = tracking_hypotheses(len(s.unit), found.per_sr, tolerance, s.p.tracking_radius_rad)
-        if _accept(s, found, "rate match", len(predictions) * ways):
+        ways = tracking_hypotheses(len(s.unit), completed.per_sr, tolerance, s.p.tracking_radius_rad)
+        if _accept(s, completed, "rate match", len(predictions) * ways):
             return True
     return False
 
 
-def _predictions(hint: Hint | None) -> list[Array]:
+def _predictions(hint: AttitudePrior | None) -> list[Array]:
     """Expected (3, 3) attitudes: extrapolated at the last interval's rate, if there is one, and unchanged."""
     if hint is None or hint.quaternion is None:
         return []
     still = [matrix_from_quaternion(hint.quaternion)]
-    return [constant_rate(hint.quaternion, hint.earlier[0]), *still] if hint.earlier else still
+    return [extrapolate(hint.quaternion, hint.earlier[0], hint.steps), *still] if hint.earlier else still
 
 
-def _expected_boresight(hint: Hint, mode: Mode) -> Array:
+def _expected_boresight(hint: AttitudePrior, mode: Mode) -> Array:
     """(3,) expected boresight: the hint's boresight, in tracking extrapolated at constant rate."""
     if mode is Mode.TRACKING and hint.quaternion is not None:
         return np.asarray(_predictions(hint)[0][2])
@@ -245,7 +247,7 @@ def _expected_boresight(hint: Hint, mode: Mode) -> Array:
     return np.asarray(boresight / np.linalg.norm(boresight))
 
 
-def _agreeing(s: _Search, met: Rows, names: Rows) -> Rows:
+def _agreeing(s: _FrameSearch, met: Rows, names: Rows) -> Rows:
     """Return the indices of the pairs whose angles all agree with the catalogue's."""
     off = np.abs(angle_matrix_rad(s.unit[met]) - angle_matrix_rad(s.catalogue.icrs[names]))
     agree = (off <= pair_tolerance_rad(s.sigma_rad[met], s.camera.pixel_rad, s.p)).astype(np.int64)
@@ -254,7 +256,7 @@ def _agreeing(s: _Search, met: Rows, names: Rows) -> Rows:
     return mutually_consistent(agree, np.flatnonzero(friends >= 1))
 
 
-def _matching(s: _Search, used: Centroids, unit: Array, good: Rows, accepted: bool) -> FarMstMatching:
+def _matching(s: _FrameSearch, used: Centroids, unit: Array, good: Rows, accepted: bool) -> FarMstMatching:
     row = np.full(len(unit), -1, np.intp)
     weight: NDArray[np.float64] = 1.0 / np.maximum(used.sigma_px, 1e-3) ** 2
     if s.best is not None:
@@ -265,7 +267,7 @@ def _matching(s: _Search, used: Centroids, unit: Array, good: Rows, accepted: bo
     )
 
 
-def _reason(s: _Search) -> str:
+def _reason(s: _FrameSearch) -> str:
     n, least, mode = len(s.unit), _least(s), s.mode.value.replace("_", " ")
     if n == 0:
         return "no star found in the frame"

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from gss.domain.profiles import CameraProfile
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import Centroids
-from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.chains import far_mst
 from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue, far_mst_catalogue
 from gss.pipeline.chains.far_mst_detect import find_centroids
 from gss.pipeline.chains.far_mst_match import FarMstMatching, match_stars
 from gss.pipeline.chains.far_mst_parameters import NAME, FarMstParameters, default_parameters
 from gss.pipeline.chains.modes import Mode, next_mode
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_commanded
+from gss.pipeline.chains.onboard import Commanded, Detection, OnboardSolution, Work, with_commanded
 from gss.pipeline.regions import Pixels
+from gss.skytables.bank import OnboardCatalogue
 
 # Huffman 2006 Table 7.2 at 2 σ: 0.170 s for the sliding pre-filter of 1280 x 1024 pixels, 1.4 ms per star; §7.4: 8.3 s for 14
 # frames, 0.22 s of each for matching and QUEST. These are for Matlab in 2006; the planned flight code in C has no figures.
@@ -25,6 +25,7 @@ class FarMstChain:
     """See :class:`gss.pipeline.chains.onboard.OnboardChain`."""
 
     name = NAME
+    oldest_attitude_s = float("inf")
 
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
@@ -40,7 +41,7 @@ class FarMstChain:
     def match_stars(self, centroids: Centroids, work: Work) -> FarMstMatching:
         return match_stars(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
 
-    def calculate_attitude(self, matching: FarMstMatching, centroids: Centroids, work: Work) -> Solution:
+    def calculate_attitude(self, matching: FarMstMatching, centroids: Centroids, work: Work) -> OnboardSolution:
         return far_mst.calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters)
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:

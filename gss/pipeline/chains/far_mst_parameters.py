@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import bdtrc, ndtr
 
 from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.sensor import Sensor
 
 NAME = "far_mst"
@@ -22,36 +22,37 @@ ATTITUDES = ("quest", "q_method", "svd", "foam")
 ACCEPTANCES = ("bound", "document")
 
 SOURCES: dict[str, str] = {
-    "threshold_dn": "Huffman 2006 §4.1: n·σ_noise; n = 2 of his 1 … 5 leaves a star at the limit the most pixels over what "
-    "the pre-filter asks for; σ is the sensor's, or the frame's own where that is larger",
-    "prefilter": "Huffman 2006 §4.2.2: sliding (starCentroid2) is the better above 1.75 σ (Table 8.1), block is starCentroid3",
-    "prefilter_count": "Huffman 2006 §4.1 has 9, §4.2.2 more than half of 25, for spots of 10 px at 1 σ; ours is the smallest "
-    "count that lets less than one noise pixel per frame through at this n",
+    "threshold_dn": "Huffman 2006 §4.1: n·σ_noise; n = 2 of his 1 … 5 leaves a star at the limit the most pixels above the minimum "
+    "of the pre-filter; σ is that of the sensor, or of the frame if larger",
+    "prefilter": "Huffman 2006 §4.2.2: sliding (starCentroid2) is better above 1.75 σ (Table 8.1), block is starCentroid3",
+    "prefilter_count": "Huffman 2006 §4.1 has 9, §4.2.2 more than half of 25, for spots of 10 px at 1 σ; GSS: the smallest "
+    "count that passes less than one noise pixel per frame at this n",
     "min_area_px": "Huffman 2006 §4.2.2: fewer than 4 pixels are a noise spike or a hot pixel",
-    "max_area_px": "ours: V −1.5 smeared over 60 px, the document's 15°/s",
-    "max_aspect_ratio": "Huffman 2006 §4.2.2 uses the ratio for streaks without a limit; ours: 2.5, and where all stars are "
-    "streaks twice their median",
-    "edge_rule": "ours: a star cut by the frame's edge has a false centroid (dossier §4.4: it makes the document's own scatter)",
-    "max_lit_share": "ours: twice the 16 % that noise alone lights at 1 σ (Huffman 2006 §4.1); more is no dark sky",
-    "centroider": "Huffman 2006 §4.2.2 chose the weighted sum; 'mle' is Winick's, which he found 0.1 px better and too slow",
+    "max_area_px": "GSS: V −1.5 smeared over 60 px at the published 15°/s",
+    "max_aspect_ratio": "Huffman 2006 §4.2.2 uses the ratio for streaks without a limit; GSS: 2.5, or twice the "
+    "median if all stars are "
+    "streaks",
+    "edge_rule": "GSS: a star cut by the frame's edge has a wrong centroid (dossier §4.4: it causes the published scatter)",
+    "max_lit_share": "GSS: twice the 16 % of pixels above 1 σ from noise alone (Huffman 2006 §4.1); more indicates a bright sky",
+    "centroider": "Huffman 2006 §4.2.2 chose the weighted sum; 'mle' is Winick's, 0.1 px better according to Huffman, but too slow",
     "sigma_model": "'document' is Huffman 2006 eq. 4.2, fitted to spots of 10 px; 'measured' propagates pixel noise and adds "
-    "what rendered frames show",
-    "max_centroids": "ours: twice the average 16 stars to V 4.5 in the frame",
-    "max_vertex_stars": "ours: figures are made of the brightest sixteen (Huffman 2006 §5.4.4: brightest first)",
+    "the excess seen in rendered frames",
+    "max_centroids": "GSS: twice the average of 16 stars to V 4.5 in the frame",
+    "max_vertex_stars": "GSS: figures use the brightest sixteen stars (Huffman 2006 §5.4.4: brightest first)",
     "matcher": "Huffman 2006 Fig. 8.2: n-vertex with a catalogue, five before four before three stars",
-    "most_figures": "ours: figures looked at for n = 3, 4, 5 before the answer is lost (Huffman 2006 §5.5.4 tries all)",
-    "most_hypotheses": "ours: figures with names that are completed and weighed before the answer is lost",
-    "sigmas": "ours, after dossier §3.15: pairs agree within 3.5 of their standard deviations",
-    "floor_px": "ours: aberration across the frame and the bank's number width",
-    "tracking_radius_rad": "ours: 1°, the move at the document's slowest rate of 1°/s and 1 Hz (Huffman 2006 Table 1.3)",
+    "most_figures": "GSS: maximum figures examined for n = 3, 4, 5 before the search fails (Huffman 2006 §5.5.4 tries all)",
+    "most_hypotheses": "GSS: maximum identified figures that are completed and rated before the search fails",
+    "sigmas": "GSS, after dossier §3.15: pairs agree within 3.5 of their standard deviations",
+    "floor_px": "GSS: aberration across the frame and the numeric resolution of the bank",
+    "tracking_radius_rad": "GSS: 1°, the motion at the lowest published rate of 1°/s and 1 Hz (Huffman 2006 Table 1.3)",
     "assisted_radius_rad": "half diagonal and 5°",
     "attitude_method": "Huffman 2006 §6.1.3 chose QUEST",
-    "acceptance": "'document' takes a unique figure as it is (Huffman 2006 §5.5.4); 'bound' is ours: names for all stars, a "
-    "bound on an accidental identification, and none where the field says another focal length",
-    "max_false_probability": "ours: largest accepted bound",
-    "min_identified": "ours: four without knowledge, three with a hint, two in tracking",
-    "min_share": "ours: a camera whose scale is off fits a small group by accident of its neighbours; a third of what could be "
-    "identified must be, less in tracking",
+    "acceptance": "'document' accepts a unique figure (Huffman 2006 §5.5.4); 'bound' (GSS): all stars identified, a "
+    "bound on an accidental identification, and no other focal length indicated by the field",
+    "max_false_probability": "GSS: largest accepted bound",
+    "min_identified": "GSS: four without prior, three with a hint, two in tracking",
+    "min_share": "GSS: with a wrong plate scale a small group can match accidentally; a third of the identifiable stars "
+    "must be identified, less in tracking",
     "dark_dn": "Huffman 2006 §4.1: per-pixel median over frames of a sequence; without one, the frame's own median",
 }
 
@@ -94,7 +95,7 @@ class FarMstParameters:
     dark_dn: Array | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name, known in (
+        for name, choices in (
             ("prefilter", PREFILTERS),
             ("centroider", CENTROIDERS),
             ("sigma_model", SIGMA_MODELS),
@@ -102,8 +103,8 @@ class FarMstParameters:
             ("attitude_method", ATTITUDES),
             ("acceptance", ACCEPTANCES),
         ):
-            if getattr(self, name) not in known:
-                raise BadInput(f"unknown {name}", expected=" | ".join(known), got=str(getattr(self, name)))
+            if getattr(self, name) not in choices:
+                raise BadInput(f"unknown {name}", expected=" | ".join(choices), got=str(getattr(self, name)))
         least = self.threshold_sigma if self.threshold_dn is None else self.threshold_dn
         if not (least > 0 and self.noise_dn > 0 and 1 <= self.min_area_px <= self.max_area_px):
             raise BadInput(

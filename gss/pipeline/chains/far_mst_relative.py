@@ -106,8 +106,8 @@ def _order(method: str, stars_before: int, stars_after: int, expected: Array | N
         return ()
     if method != "auto":
         return (method,)
-    known = ("rate",) if expected is not None else ()
-    return (*known, "pair") if least == 2 else (*known, "triangle")
+    predicted = ("rate",) if expected is not None else ()
+    return (*predicted, "pair") if least == 2 else (*predicted, "triangle")
 
 
 def _pairs(

@@ -13,9 +13,10 @@ from gss.domain.rotation import matrix_from_quaternion
 from gss.pipeline.attitude import quest
 from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
 from gss.pipeline.chains.far_mst_parameters import FarMstParameters
+from gss.pipeline.chains.proof import solid_angle_sr
 from gss.pipeline.identify.accidental import accidental_bound, chance_within
-from gss.pipeline.identify.sin2_directory import Rows
 from gss.pipeline.track.rate_match import mutual_nearest
+from gss.skytables.kvector import Rows
 
 # The first attitude comes from a few stars, perhaps close together, so the search radius starts wider and then shrinks.
 WIDENINGS = (3.0, 1.5, 1.0)
@@ -86,7 +87,7 @@ def complete(
         met = np.sort(pairs[:, 1])
         rotation = matrix_from_quaternion(quest(unit_cam[met], catalogue.icrs[names[met]], weight[met]))
     names = _still_near(names, unit_cam, radius, rotation, catalogue.icrs)
-    per_sr = max(1, len(in_view)) / _solid_angle_sr(camera)
+    per_sr = max(1, len(in_view)) / solid_angle_sr(camera)
     chance = chance_within(per_sr, ROOM * float(radius.max()))
     return Identified(names, int(np.count_nonzero(names >= 0)), len(in_view), rotation, per_sr, chance)
 
@@ -109,9 +110,3 @@ def stars_in_view(icrs: Array, cam_from_icrs: Array, camera: Camera) -> Rows:
 @lru_cache(maxsize=16)
 def _half_diagonal_rad(camera: Camera) -> float:
     return camera.half_diagonal_rad
-
-
-@lru_cache(maxsize=16)
-def _solid_angle_sr(camera: Camera) -> float:
-    fov_h, fov_v = camera.fov_rad
-    return float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))

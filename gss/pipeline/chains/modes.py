@@ -8,7 +8,6 @@ from enum import StrEnum
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.domain.errors import BadInput
 from gss.domain.rotation import matrix_from_quaternion
 
 
@@ -24,14 +23,6 @@ class Mode(StrEnum):
         """2 lost in space, 1 assisted, 0 tracking."""
         return {Mode.LOST_IN_SPACE: 2, Mode.ASSISTED: 1, Mode.TRACKING: 0}[self]
 
-    @classmethod
-    def from_state(cls, state: int) -> Mode:
-        """Return the mode of a flag."""
-        try:
-            return (cls.TRACKING, cls.ASSISTED, cls.LOST_IN_SPACE)[state]
-        except IndexError:
-            raise BadInput("unknown tracking state", expected="0, 1 or 2", got=str(state)) from None
-
 
 def next_mode(mode: Mode, solved: bool) -> Mode:
     """Return the mode of the next iteration: an attitude leads to tracking, each failure goes back one step.
@@ -45,16 +36,30 @@ def next_mode(mode: Mode, solved: bool) -> Mode:
 
 
 @dataclass(frozen=True)
-class Hint:
+class AttitudePrior:
     """Prior attitude: (3,) boresight in ICRS, and the (4,) quaternion cam_from_icrs if the full attitude is known.
-    ``earlier``: quaternions of the iterations before that one, newest first, for predictors."""
+    ``earlier``: quaternions of the iterations before that one, newest first, for predictors. ``ages_s``: time from the last
+    attitude, and from each earlier one, to the frame; if one is
+    missing, all are taken as one second apart."""
 
     boresight_icrs: Array
     quaternion: Array | None = None
     earlier: tuple[Array, ...] = ()
+    ages_s: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.ages_s) <= len(self.earlier):
+            object.__setattr__(self, "ages_s", tuple(float(k) for k in range(1, len(self.earlier) + 2)))
 
     @classmethod
-    def from_quaternion(cls, quaternion: Array, earlier: tuple[Array, ...] = ()) -> Hint:
+    def from_quaternion(
+        cls, quaternion: Array, earlier: tuple[Array, ...] = (), ages_s: tuple[float, ...] = ()
+    ) -> AttitudePrior:
         """Return a hint with the full attitude."""
         q = np.asarray(quaternion, float)
-        return cls(matrix_from_quaternion(q)[2], q, earlier)
+        return cls(matrix_from_quaternion(q)[2], q, earlier, ages_s)
+
+    @property
+    def steps(self) -> float:
+        """Time from the last attitude to the frame, in units of the time between the last two; 1 without earlier ones."""
+        return self.ages_s[0] / (self.ages_s[1] - self.ages_s[0]) if self.earlier else 1.0

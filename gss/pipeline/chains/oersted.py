@@ -13,23 +13,23 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.profiles import CameraProfile
-from gss.domain.results import Attitude, Centroids, Matches
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.results import Attitude, Centroids
 from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
-from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.attitude import weighted_covariance_rad2
 from gss.pipeline.centroid import brightest_first
-from gss.pipeline.chains.modes import Hint, Mode
-from gss.pipeline.chains.oersted_match import Matching, OerstedCatalogue, match_stars, prepare
+from gss.pipeline.chains import proof
+from gss.pipeline.chains.modes import AttitudePrior, Mode
+from gss.pipeline.chains.oersted_match import OerstedCatalogue, OerstedMatching, match_stars, prepare
 from gss.pipeline.chains.oersted_parameters import NAME, OerstedParameters, default_parameters
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_commanded
+from gss.pipeline.chains.onboard import Commanded, Detection, OnboardSolution, Work, with_commanded
 from gss.pipeline.hyperaccuracy import brightest_pixels, hyperaccurate_centroids, inside_frame
 from gss.pipeline.identify.accidental import accidental_bound, chance_within, tracking_hypotheses
-from gss.pipeline.identify.focal_census import focal_objection
-from gss.pipeline.identify.soundness import errors_objection, is_handed, separate_stars
+from gss.pipeline.identify.soundness import errors_objection, separate_stars
 from gss.pipeline.regions import Pixels, SearchLimits, grid_median_dn, region_records, search
 from gss.pipeline.track.constant_rate import average_estimates
 from gss.pipeline.track.differential import differential_attitude
+from gss.skytables.bank import OnboardCatalogue
 
 # Liebe 1992 Table 4: 2 s for an initial, ½ s for a predictional estimate on a 386 at 33 MHz. The division into steps is estimated.
 DETECT_MS, REGION_MS = 250.0, 0.5
@@ -43,74 +43,74 @@ def find_centroids(pixels: Pixels, parameters: OerstedParameters, limit_mag: flo
     p = parameters
     black_dn = grid_median_dn(pixels)
     limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, MAX_REGIONS, True)
-    found = search(pixels, black_dn + p.threshold_dn, limits, 1)
-    stars = found.blobs.take(found.accepted)
+    regions = search(pixels, black_dn + p.threshold_dn, limits, 1)
+    stars = regions.blobs.take(regions.accepted)
     whole = inside_frame(*brightest_pixels(pixels, stars), pixels.shape, p.window_px // 2)
     measured = hyperaccurate_centroids(pixels, stars.take(np.flatnonzero(whole)), p.window_px, p.noise, p.saturation_dn)
     bright = measured.flux_dn >= p.dn_at_mag_0 * 10 ** (-0.4 * limit_mag)
-    rejected = list(found.rejected)
-    for k in found.accepted[~whole].tolist():
+    rejected = list(regions.rejected)
+    for k in regions.accepted[~whole].tolist():
         rejected[k] = "window leaves the frame"
-    for k in found.accepted[whole][~bright].tolist():
+    for k in regions.accepted[whole][~bright].tolist():
         rejected[k] = f"fainter than V {limit_mag:.1f}"
     centroids = measured.take(bright)
     centroids = centroids.take(brightest_first(centroids)[: p.max_centroids])
     return Detection(
-        region_records(pixels, replace(found, rejected=tuple(rejected)), black_dn, p.max_small_regions),
+        region_records(pixels, replace(regions, rejected=tuple(rejected)), black_dn, p.max_small_regions),
         centroids,
-        found.invalid,
+        regions.invalid,
         black_dn,
-        (found.stopped,) if found.stopped else (),
+        (regions.stopped,) if regions.stopped else (),
     )
 
 
 def calculate_attitude(
-    matching: Matching,
+    matching: OerstedMatching,
     centroids: Centroids,
     camera: Camera,
     catalogue: OerstedCatalogue,
     parameters: OerstedParameters,
-    hint: Hint | None = None,
-) -> Solution:
+    hint: AttitudePrior | None = None,
+) -> OnboardSolution:
     """Compute the least-squares attitude of the selected stars by differential correction, and reject false attitudes by
     residuals, hint and false-match bound."""
-    chosen, nan = matching.selected, float("nan")
+    chosen = matching.selected
     if matching.reason or matching.cam_from_icrs is None:
-        return Solution(None, None, nan, matching.reason)
+        return proof.rejected(matching.reason)
     rows, unit = matching.row[chosen], matching.unit_cam[chosen]
     reference = catalogue.icrs[rows]
     cam_from_icrs = differential_attitude(unit, reference, matching.cam_from_icrs)
     if cam_from_icrs is None:
-        return Solution(None, None, nan, f"{len(chosen)} stars in one direction leave the attitude open")
+        return proof.rejected(f"{len(chosen)} stars in one direction leave the attitude open")
     sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     probability = false_match_probability(matching, cam_from_icrs, camera, catalogue, parameters)
     reason = _objection(matching, cam_from_icrs, camera, catalogue, parameters, hint, sigma_rad, probability)
     reason = reason or _another_focal_length(matching, centroids, camera, catalogue, parameters)
     if reason and parameters.proves:
-        return Solution(None, None, probability, reason)
+        return proof.rejected(reason, probability)
     quaternion = _averaged(quaternion_from_matrix(cam_from_icrs), matching.mode, hint, parameters)
     final = matrix_from_quaternion(quaternion)
     weights = np.ones(len(chosen))
     covariance = weighted_covariance_rad2(unit, weights, sigma_rad)
-    residual_px = centroids.pixels[chosen] - camera.project(reference @ final.T)
-    matches = Matches(chosen.astype(np.int32), catalogue.stars.hip[rows].astype(np.int32), weights, residual_px)
-    return Solution(Attitude(quaternion, covariance), matches, probability, "")
+    seen_px, attitude = camera.project(reference @ final.T), Attitude(quaternion, covariance)
+    return proof.solved(attitude, probability, centroids, chosen, catalogue.stars.hip[rows], weights, seen_px)
 
 
-def _averaged(quaternion: Array, mode: Mode, hint: Hint | None, parameters: OerstedParameters) -> Array:
+def _averaged(quaternion: Array, mode: Mode, hint: AttitudePrior | None, parameters: OerstedParameters) -> Array:
     """Return the newest of the last ``averaged`` estimates, smoothed; unchanged if nothing is averaged."""
     if mode is not Mode.TRACKING or hint is None or hint.quaternion is None or parameters.averaged == 1:
         return quaternion
-    return average_estimates([quaternion, hint.quaternion, *hint.earlier][: parameters.averaged])
+    estimates = [quaternion, hint.quaternion, *hint.earlier][: parameters.averaged]
+    return average_estimates(estimates, ages_s=(0.0, *hint.ages_s)[: len(estimates)])
 
 
 def _objection(
-    matching: Matching,
+    matching: OerstedMatching,
     cam_from_icrs: Array,
     camera: Camera,
     catalogue: OerstedCatalogue,
     parameters: OerstedParameters,
-    hint: Hint | None,
+    hint: AttitudePrior | None,
     sigma_rad: Array,
     probability: float,
 ) -> str:
@@ -118,43 +118,36 @@ def _objection(
     chosen = matching.selected
     reference = catalogue.icrs[matching.row[chosen]]
     miss_rad = np.linalg.norm(reference @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1)
-    if np.max(miss_rad) > 1.05 * parameters.uncertainty_rad:
-        return f"matched stars do not fit one attitude: one is {np.max(miss_rad) / camera.pixel_rad:.1f} px off"
-    sound = errors_objection(miss_rad, sigma_rad, parameters.uncertainty_rad, camera.pixel_rad)
-    if sound:
-        return sound
-    # Two stars have no handedness; in tracking, only the bound tests them.
-    if len(chosen) > 2 and not is_handed(matching.unit_cam[chosen], reference, parameters.uncertainty_rad):
-        return f"{len(chosen)} stars in a pattern that is its own mirror image"
-    if matching.mode is Mode.ASSISTED and hint is not None:
-        boresight = np.asarray(hint.boresight_icrs, float)
-        off_rad = float(np.arccos(np.clip(boresight @ cam_from_icrs[2] / np.linalg.norm(boresight), -1, 1)))
-        limit_rad = _hint_error_rad(camera, parameters)
-        if off_rad > limit_rad:
-            return f"boresight is {np.degrees(off_rad):.1f}° from the hint; {np.degrees(limit_rad):.1f}° allowed"
-    if probability > parameters.max_false_probability:
-        return (
-            f"{len(chosen)} of {len(matching.row)} centroids verified could be accidental: "
-            f"bound {probability:.1e}, allowed {parameters.max_false_probability:.0e}"
-        )
-    return ""
+    unit, tolerance_rad = matching.unit_cam[chosen], parameters.uncertainty_rad
+    near = hint if matching.mode is Mode.ASSISTED else None
+    return (
+        proof.misfit(miss_rad, 1.05 * tolerance_rad, camera.pixel_rad)
+        or errors_objection(miss_rad, sigma_rad, tolerance_rad, camera.pixel_rad)
+        # Two stars have no handedness; in tracking, only the bound tests them.
+        or (proof.mirrored(unit, reference, tolerance_rad) if len(chosen) > 2 else "")
+        or (proof.off_hint(near, cam_from_icrs, _hint_error_rad(camera, parameters)) if near else "")
+        or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
+    )
 
 
 def _another_focal_length(
-    matching: Matching, centroids: Centroids, camera: Camera, catalogue: OerstedCatalogue, parameters: OerstedParameters
+    matching: OerstedMatching,
+    centroids: Centroids,
+    camera: Camera,
+    catalogue: OerstedCatalogue,
+    parameters: OerstedParameters,
 ) -> str:
-    good = np.flatnonzero(np.isfinite(matching.unit_cam).all(axis=1))
-    met, reference = np.searchsorted(good, matching.selected), catalogue.icrs[matching.row[matching.selected]]
-    radius_px = parameters.uncertainty_rad / camera.pixel_rad
-    return focal_objection(centroids.pixels[good], met, reference, catalogue.icrs[catalogue.seen], camera, radius_px)
+    chosen, bank = matching.selected, catalogue.icrs[catalogue.seen]
+    reference, radius_px = catalogue.icrs[matching.row[chosen]], parameters.uncertainty_rad / camera.pixel_rad
+    return proof.another_focal_length(centroids.pixels, matching.unit_cam, chosen, reference, bank, camera, radius_px)
 
 
 def _hint_error_rad(camera: Camera, parameters: OerstedParameters) -> float:
-    return max(parameters.assisted_radius_rad - camera.half_diagonal_rad, parameters.uncertainty_rad)
+    return proof.hint_error_rad(camera, parameters.assisted_radius_rad, parameters.uncertainty_rad)
 
 
 def false_match_probability(
-    matching: Matching,
+    matching: OerstedMatching,
     cam_from_icrs: Array,
     camera: Camera,
     catalogue: OerstedCatalogue,
@@ -169,9 +162,7 @@ def false_match_probability(
     # Companions within each other's tolerance are not independent evidence and count as one star.
     n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * tolerance)
     seen = catalogue.icrs[catalogue.seen]
-    in_view = max(1, int(np.count_nonzero(camera.contains(camera.project(seen @ cam_from_icrs.T)))))
-    width_rad, height_rad = camera.fov_rad
-    per_sr = in_view / (4 * np.arcsin(np.sin(width_rad / 2) * np.sin(height_rad / 2)))
+    per_sr = proof.stars_per_sr(seen, cam_from_icrs, camera)
     if matching.mode is Mode.TRACKING:
         hypotheses = tracking_hypotheses(n, per_sr, tolerance, parameters.capture_rad)
     else:
@@ -193,6 +184,7 @@ class OerstedChain:
     """See :class:`gss.pipeline.chains.onboard.OnboardChain`."""
 
     name = NAME
+    oldest_attitude_s = float("inf")
 
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
@@ -205,10 +197,10 @@ class OerstedChain:
     def find_centroids(self, pixels: Pixels, work: Work) -> Detection:
         return find_centroids(pixels, work.parameters, work.catalogue.triplets.limit_mag)
 
-    def match_stars(self, centroids: Centroids, work: Work) -> Matching:
+    def match_stars(self, centroids: Centroids, work: Work) -> OerstedMatching:
         return match_stars(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
 
-    def calculate_attitude(self, matching: Matching, centroids: Centroids, work: Work) -> Solution:
+    def calculate_attitude(self, matching: OerstedMatching, centroids: Centroids, work: Work) -> OnboardSolution:
         return calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:
@@ -218,10 +210,10 @@ class OerstedChain:
     def detect_ms(self, pixels: int, detection: Detection) -> float:
         return DETECT_MS * pixels / (604 * 576) + REGION_MS * (len(detection.regions) + detection.invalid)
 
-    def match_ms(self, matching: Matching) -> float:
+    def match_ms(self, matching: OerstedMatching) -> float:
         if matching.mode is Mode.TRACKING:
             return PREDICTIONAL_MS
         return INITIAL_MS + CANDIDATE_MS * matching.candidates
 
-    def attitude_ms(self, matching: Matching) -> float:
+    def attitude_ms(self, matching: OerstedMatching) -> float:
         return ATTITUDE_MS + STAR_MS * len(matching.selected)

@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
-from gss.domain.stars import OnboardCatalogue
-from gss.domain.triplets import TripletClasses, TripletTable, build_triplets, faintest_mag
 from gss.pipeline.attitude import svd
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.oersted_parameters import (
     ANGLE_CLASS_RAD,
     BLEND_PX,
@@ -29,6 +27,8 @@ from gss.pipeline.identify.triplet_alone import attitudes_of_triplet
 from gss.pipeline.identify.triplet_vote import TripletVote, vote
 from gss.pipeline.track.constant_rate import extrapolate
 from gss.pipeline.track.predictional import Fit, predictional_fit, shrinking_radii_rad
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.triplets import TripletClasses, TripletTable, build_triplets, faintest_mag
 
 Index = NDArray[np.intp]
 ENOUGH = 5
@@ -81,14 +81,14 @@ def prepare(
 def limit_mag(v_mag: NDArray[np.floating], profile: CameraProfile) -> float:
     """Magnitude limit for using stars of a list of (n,) ``v_mag``. The list must be deeper by the brightness uncertainty (the
     document has 1539 stars for the 1107 it uses), and the detector must detect them. Without magnitudes, the profile's limit."""
-    known = v_mag[np.isfinite(v_mag)]
-    if not len(known):
+    finite_mag = v_mag[np.isfinite(v_mag)]
+    if not len(finite_mag):
         return profile.sensor.faint_limit_mag
-    return min(float(known.max()), detectable_mag(profile)) - faintest_mag(0.0, BRIGHTNESS_ERROR)
+    return min(float(finite_mag.max()), detectable_mag(profile)) - faintest_mag(0.0, BRIGHTNESS_ERROR)
 
 
 @dataclass(frozen=True)
-class Matching:
+class OerstedMatching:
     """Result of MATCH_STARS. Per centroid, (n,): ``row`` or −1, ``votes`` of other triplets (1 in tracking). ``selected``:
     centroids for the attitude, empty with a ``reason``; ``cam_from_icrs``: attitude near which they fit. Numbers of ``triplets``
     measured in the image, matching ``candidates`` in the triplet table, and distances ``compared``."""
@@ -126,8 +126,8 @@ def match_stars(
     catalogue: OerstedCatalogue,
     parameters: OerstedParameters,
     mode: Mode = Mode.LOST_IN_SPACE,
-    hint: Hint | None = None,
-) -> Matching:
+    hint: AttitudePrior | None = None,
+) -> OerstedMatching:
     """Identify centroids: initial estimate when lost or assisted, predictional estimate in tracking (Liebe 1992, "Algorithms").
 
     The predicted image also completes the initial estimate, whose triplets omit the stars near the edge.
@@ -148,7 +148,7 @@ def match_stars(
     return _matching(mode, unit, good, fit, votes, figures, parameters)
 
 
-def _check_hint(mode: Mode, hint: Hint | None) -> None:
+def _check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
     if mode is Mode.LOST_IN_SPACE:
         return
     if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
@@ -157,7 +157,7 @@ def _check_hint(mode: Mode, hint: Hint | None) -> None:
 
 
 def _allowed(
-    catalogue: OerstedCatalogue, mode: Mode, hint: Hint | None, parameters: OerstedParameters
+    catalogue: OerstedCatalogue, mode: Mode, hint: AttitudePrior | None, parameters: OerstedParameters
 ) -> NDArray[np.bool_]:
     if mode is Mode.LOST_IN_SPACE or hint is None:
         return np.ones(len(catalogue), bool)
@@ -177,8 +177,8 @@ def _initial_fit(
     def fit_from(attitude: Array) -> Fit | None:
         return predictional_fit(unit, catalogue.icrs, catalogue.seen, attitude, radii, camera.half_diagonal_rad)
 
-    known = np.flatnonzero(ballot.row >= 0)
-    best = fit_from(svd(unit[known], catalogue.icrs[ballot.row[known]])) if len(known) >= 2 else None
+    named = np.flatnonzero(ballot.row >= 0)
+    best = fit_from(svd(unit[named], catalogue.icrs[ballot.row[named]])) if len(named) >= 2 else None
     compared = 0 if best is None else best.compared
     if best is None or len(best.row) < ENOUGH:
         for k in range(min(parameters.triplets_alone, len(ballot.candidate))):
@@ -194,8 +194,13 @@ def _initial_fit(
 
 
 def _track(
-    unit: Array, good: Index, camera: Camera, catalogue: OerstedCatalogue, parameters: OerstedParameters, hint: Hint
-) -> Matching:
+    unit: Array,
+    good: Index,
+    camera: Camera,
+    catalogue: OerstedCatalogue,
+    parameters: OerstedParameters,
+    hint: AttitudePrior,
+) -> OerstedMatching:
     """Match the image predicted at the attitude extrapolated from the last two, or at the last one if that does not fit."""
     radii = shrinking_radii_rad(parameters.capture_rad, parameters.uncertainty_rad)
     best, compared = None, 0
@@ -210,14 +215,14 @@ def _track(
     return _matching(Mode.TRACKING, unit, good, best, votes, (0, 0, compared), parameters)
 
 
-def predicted_attitudes(hint: Hint) -> list[Array]:
+def predicted_attitudes(hint: AttitudePrior) -> list[Array]:
     """Attitudes to try, (3, 3) each: extrapolated at the rate of the last two estimates, and unchanged."""
     if hint.quaternion is None:
         return []
     last = matrix_from_quaternion(hint.quaternion)
     if not hint.earlier:
         return [last]
-    ahead = extrapolate(hint.quaternion, hint.earlier[0])
+    ahead = extrapolate(hint.quaternion, hint.earlier[0], hint.steps)
     return [ahead, last] if rotation_angle_rad(ahead, last) <= FURTHEST_STEP_RAD else [last]
 
 
@@ -229,13 +234,13 @@ def _matching(
     votes: Index,
     figures: tuple[int, int, int],
     parameters: OerstedParameters,
-) -> Matching:
+) -> OerstedMatching:
     row, selected = np.full(len(unit), -1, np.intp), np.empty(0, np.intp)
     if fit is not None:
         selected = good[fit.measured]
         row[selected] = fit.row
     reason = _too_few(len(unit), figures[0], len(selected), parameters.min_verified(mode), mode)
-    return Matching(
+    return OerstedMatching(
         mode,
         unit,
         row,

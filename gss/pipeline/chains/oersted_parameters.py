@@ -6,38 +6,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.pipeline.centroid import PixelNoise
 from gss.pipeline.chains.modes import Mode
 
 NAME = "oersted"
 
 SOURCES: dict[str, str] = {
-    "threshold_dn": "ours: five times the noise of a dark pixel above the frame's median; Liebe 1992 names no level, but "
-    "registers 8000 stars and uses the 1100 brightest, so the level only finds stars and brightness chooses them",
-    "dn_at_mag_0": "from the profile's sensor: the flux that makes the limit of brightness out of a magnitude",
+    "threshold_dn": "GSS: five times the noise of a dark pixel above the frame's median; Liebe 1992 states no level, but "
+    "detects 8000 stars and uses the 1100 brightest, so that the level detects stars and brightness selects them",
+    "dn_at_mag_0": "from the profile's sensor: the flux that converts the brightness limit from a magnitude",
     "brightness_error": "Liebe 1992, 'Inclusion of Magnitude-Uncertainty': 25 %",
-    "uncertainty_rad": "Liebe 1992, 'Inclusion of Position-Uncertainty': 3′ = 1.39 px of its own camera; others: as many pixels",
+    "uncertainty_rad": "Liebe 1992, 'Inclusion of Position-Uncertainty': 3′ = 1.08 px of its camera; other cameras: "
+    "the same number of pixels",
     "angle_class_rad": "Liebe 1992, ibid.: 5°",
-    "window_px": "ours: the document's hyperaccuracy technique is not described; 5 x 5 inside a border of one pixel",
-    "min_area_px": "ours: a hot pixel is no star",
-    "max_area_px": "ours: the brightest star covers about fifty pixels",
-    "max_invalid": "ours: as Erlank 2013 §5.3.3, search stops at more than fifty too large regions",
-    "max_centroids": "ours: the richest field of 30° has about fifty stars to V 4.5",
-    "capture_rad": "ours: 0.5°; the document says only that the coarse attitude is known, to 0.1° after the initial estimate",
-    "assisted_radius_rad": "ours: half diagonal + 5°; the document has no mode with a boresight only",
-    "min_verified": "ours: four without knowledge, three with a hint, two in tracking; with acceptance 'document' two",
-    "triplets_alone": "ours: so many candidates are followed one by one where the vote of Liebe 1992 names fewer than five "
-    "stars; 0 is the document",
-    "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
-    "acceptance": "ours 'proved': residuals, the false-match bound and the focal length that the field shows decide; 'document': "
-    "whatever the vote or the "
-    "least-distance fit gives is the answer (Liebe 1992 names no test, and Table 2 has its failures)",
-    "averaged": "Liebe 1992, 'Predictional Estimate': several successive estimates averaged; 1 is none, because frames may "
-    "not come at equal times",
+    "window_px": "GSS: the hyperaccuracy technique is not described; 5 x 5 inside a border of one pixel",
+    "min_area_px": "GSS: rejects hot pixels",
+    "max_area_px": "GSS: the brightest star covers about fifty pixels",
+    "max_invalid": "GSS: as in Erlank 2013 §5.3.3, the search stops at more than fifty oversized regions",
+    "max_centroids": "GSS: the densest field of 30° has about fifty stars to V 4.5",
+    "capture_rad": "GSS: 0.5°; the publication states only that the coarse attitude is known, to 0.1° after the initial estimate",
+    "assisted_radius_rad": "GSS: half diagonal + 5°; the publication has no mode with a boresight only",
+    "min_verified": "GSS: four without prior, three with a hint, two in tracking; with acceptance 'document' two",
+    "triplets_alone": "GSS: number of candidates tried one by one if the vote of Liebe 1992 identifies fewer than five "
+    "stars; 0 as published",
+    "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
+    "acceptance": "GSS 'proved': residuals, the false-match bound and the focal length indicated by the field decide; 'document': "
+    "the vote or the "
+    "least-distance fit is the result (Liebe 1992 states no test, and Table 2 shows failures)",
+    "averaged": "Liebe 1992, 'Predictional Estimate': several successive estimates averaged; 1 disables averaging, "
+    "because frames may "
+    "be at unequal intervals",
     "noise": "from the profile's sensor; the floor of 0.045 px is the scatter of stars of V 3 to 4 in "
-    "rendered frames with all stars to V 7, whose light is in the window too",
+    "rendered frames with all stars to V 7, whose light also falls into the window",
 }
 
 
@@ -96,7 +98,7 @@ class OerstedParameters:
 
 NOISE_SIGMAS = 5.0
 DOCUMENT_UNCERTAINTY_RAD = float(np.radians(0.05))
-OWN_PIXEL_RAD = 6.287e-4
+OWN_PIXEL_RAD = 8.073e-4
 UNCERTAINTY_PX = DOCUMENT_UNCERTAINTY_RAD / OWN_PIXEL_RAD
 ANGLE_CLASS_RAD = float(np.radians(5.0))
 BRIGHTNESS_ERROR = 0.25

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.results import Attitude, Centroids, Matches, Outcome, Region, SolveResult
-from gss.domain.stars import OnboardCatalogue
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.regions import Pixels
 from gss.pipeline.trace import Trace
+from gss.skytables.bank import OnboardCatalogue
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Detection:
 
 
 @dataclass(frozen=True)
-class Solution:
+class OnboardSolution:
     """Result of CALCULATE_ATTITUDE. ``attitude`` and ``matches`` are None with a ``reason``. ``false_match_probability``: bound on
     the probability of an accidental identification of this quality; NaN if nothing was identified."""
 
@@ -110,7 +110,7 @@ class Work:
     catalogue: Any
     parameters: Any
     mode: Mode = Mode.LOST_IN_SPACE
-    hint: Hint | None = None
+    hint: AttitudePrior | None = None
 
 
 class OnboardChain(Protocol):
@@ -118,6 +118,10 @@ class OnboardChain(Protocol):
 
     @property
     def name(self) -> str: ...
+
+    @property
+    def oldest_attitude_s(self) -> float:
+        """Greatest age of the last attitude at a frame that is tracked from it."""
 
     def parameters(self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode) -> Any:
         """Return the chain's constants for a camera, with the commanded values."""
@@ -131,7 +135,7 @@ class OnboardChain(Protocol):
     def match_stars(self, centroids: Centroids, work: Work) -> Any:
         """Identify centroids; returns a ``Matched``."""
 
-    def calculate_attitude(self, matching: Any, centroids: Centroids, work: Work) -> Solution:
+    def calculate_attitude(self, matching: Any, centroids: Centroids, work: Work) -> OnboardSolution:
         """Compute the attitude from a ``Matched``, or the reason why there is none."""
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:
@@ -162,14 +166,14 @@ def solve(
             expected=f"{camera.rows} rows x {camera.columns} columns",
             got=" x ".join(map(str, pixels.shape)),
         )
-    kept = trace if trace is not None else Trace(clock)
-    with kept.stage("detect"):
+    stages = trace if trace is not None else Trace(clock)
+    with stages.stage("detect"):
         detection = chain.find_centroids(pixels, work)
-    kept.keep("detection", detection)
-    with kept.stage("match"):
+    stages.keep("detection", detection)
+    with stages.stage("match"):
         matching = chain.match_stars(detection.centroids, work)
-    kept.keep("matching", matching)
-    with kept.stage("attitude"):
+    stages.keep("matching", matching)
+    with stages.stage("attitude"):
         solution = chain.calculate_attitude(matching, detection.centroids, work)
     return SolveResult(
         chain.name,
@@ -181,6 +185,6 @@ def solve(
         solution.matches,
         solution.attitude,
         solution.false_match_probability,
-        dict(kept.timing_s),
+        dict(stages.timing_s),
         detection.notes,
     )

@@ -23,10 +23,10 @@ def with_options(parameters: P, options: Mapping[str, str]) -> P:
     """Return the parameters with the given constants replaced. Raises BadInput for an unknown name (listing the valid ones), a
     value of another type, or one that the chain rejects."""
     changed: Any = parameters
-    known = names(parameters)
+    valid_names = names(parameters)
     for name, text in options.items():
-        if name not in known:
-            raise BadInput("the chain has no such constant", expected=", ".join(known), got=name)
+        if name not in valid_names:
+            raise BadInput("the chain has no such constant", expected=", ".join(valid_names), got=name)
         changed = replace(changed, **{name: _value(name, getattr(parameters, name), text)})
     result: P = changed
     return result
@@ -67,10 +67,10 @@ def _row(own: Sequence[float], text: str) -> tuple[float, ...]:
 
 def parse(pairs: Sequence[str]) -> dict[str, str]:
     """Parse ``NAME=VALUE`` pairs from the command line."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for pair in pairs:
         name, equals, value = pair.partition("=")
         if not equals or not name:
             raise BadInput("unreadable constant", expected="NAME=VALUE", got=pair)
-        found[name.strip()] = value.strip()
-    return found
+        values[name.strip()] = value.strip()
+    return values

@@ -23,13 +23,13 @@ from gss.domain.sensor import Sensor
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.identify.faint import Named, Spots, name_the_rest
 from gss.pipeline.identify.focal_census import focal_objection, plenty
-from gss.pipeline.identify.kvector import PairTable, pair_table
-from gss.pipeline.identify.near import Hint, identify_near
-from gss.pipeline.identify.pyramid import ACCEPT, Found, identify_lost
-from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, Field, Sky, field_of
+from gss.pipeline.identify.near import BoundedPrior, identify_near
+from gss.pipeline.identify.pyramid import ACCEPT, PyramidMatch, identify_lost
+from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, FrameDetections, SkyCatalogue, field_of
 from gss.pipeline.refine import Refined, refine
 from gss.pipeline.streaks import measure_turning
 from gss.pipeline.trace import Clock, Trace
+from gss.skytables.pairs import DistanceTable, distance_table_of_units
 
 NAME = "reference"
 MANY_MORE = 1.5
@@ -48,24 +48,24 @@ class KnownSky:
     """Catalogue data for a known camera: the stars used for identification and their pair distances, and ``deep``, the whole
     table, brightest first, for identifying the remaining detections. ``deep_row``: row in ``deep`` of each star of ``sky``."""
 
-    sky: Sky
-    pairs: PairTable
-    deep: Sky
+    sky: SkyCatalogue
+    pairs: DistanceTable
+    deep: SkyCatalogue
     deep_row: NDArray[np.intp]
 
 
-def known_sky(sky: Sky, camera: Camera, faint_limit_mag: float, merge_px: float = 3.0) -> KnownSky:
+def known_sky(sky: SkyCatalogue, camera: Camera, faint_limit_mag: float, merge_px: float = 3.0) -> KnownSky:
     """Prepare the stars to the camera's limit, without the fainter of pairs that it cannot resolve, and their pair table."""
     order = np.argsort(sky.v_mag, kind="stable")
-    deep = Sky(sky.hip[order], sky.icrs[order], sky.v_mag[order])
+    deep = SkyCatalogue(sky.hip[order], sky.icrs[order], sky.v_mag[order])
     bright = np.arange(np.searchsorted(deep.v_mag, faint_limit_mag, side="right"))
-    close = pair_table(deep.icrs[bright], 0.0, merge_px * camera.pixel_rad)
+    close = distance_table_of_units(deep.icrs[bright], 0.0, merge_px * camera.pixel_rad)
     keep = np.ones(len(bright), bool)
     keep[np.maximum(close.first, close.second)] = False
     rows = bright[keep]
-    kept = Sky(deep.hip[rows], deep.icrs[rows], deep.v_mag[rows])
-    pairs = pair_table(kept.icrs, 2 * merge_px * camera.pixel_rad, camera.diagonal_rad)
-    return KnownSky(kept, pairs, deep, rows)
+    stars = SkyCatalogue(deep.hip[rows], deep.icrs[rows], deep.v_mag[rows])
+    pairs = distance_table_of_units(stars.icrs, 2 * merge_px * camera.pixel_rad, camera.diagonal_rad)
+    return KnownSky(stars, pairs, deep, rows)
 
 
 def solve_known(
@@ -74,7 +74,7 @@ def solve_known(
     sensor: Sensor | None,
     stars: KnownSky,
     *,
-    hint: Hint | None = None,
+    hint: BoundedPrior | None = None,
     deeper: Callable[[], KnownSky] | None = None,
     velocity_c: Array | None = None,
     exposure_s: float | None = None,
@@ -96,7 +96,7 @@ def solve_known(
         )
     trace = Trace(clock)
     with trace.stage("detect"):
-        found = find_stars(
+        detections = find_stars(
             pixels,
             psf_sigma_px=sensor.psf_sigma_px if sensor else None,
             saturation_dn=float(sensor.saturation_dn) if sensor else None,
@@ -104,10 +104,10 @@ def solve_known(
             fast=fast,
         )
     turning = None
-    if found.trailed and exposure_s:
+    if detections.trailed and exposure_s:
         with trace.stage("trails"):
-            turning = turning_of(pixels, found, camera, exposure_s, sensor)
-    result = _identify_known(found.centroids, camera, stars, deeper, hint, trace, found, velocity_c)
+            turning = turning_of(pixels, detections, camera, exposure_s, sensor)
+    result = _identify_known(detections.centroids, camera, stars, deeper, hint, trace, detections, velocity_c, fast)
     return replace(result, turning=turning)
 
 
@@ -116,32 +116,33 @@ def solve_centroids(
     camera: Camera,
     stars: KnownSky,
     *,
-    hint: Hint | None = None,
+    hint: BoundedPrior | None = None,
     velocity_c: Array | None = None,
+    fast: bool | None = None,
     clock: Clock | None = None,
 ) -> SolveResult:
     """As :func:`solve_known`, from given centroids, brightest first."""
-    return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, velocity_c)
+    return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, velocity_c, fast)
 
 
 def turning_of(
-    pixels: NDArray[Any], found: Detections, camera: Camera, exposure_s: float, sensor: Sensor | None
+    pixels: NDArray[Any], detections: Detections, camera: Camera, exposure_s: float, sensor: Sensor | None
 ) -> Turning | None:
     """Return the rate measured from the trails of a frame, if any."""
     return measure_turning(
         pixels,
-        found.centroids,
-        found.background,
+        detections.centroids,
+        detections.background,
         camera,
         exposure_s,
-        found.psf_covariance_px2,
+        detections.psf_covariance_px2,
         psf_sigma_px=sensor.psf_sigma_px if sensor else None,
         e_per_dn=sensor.gain_e_per_dn if sensor else 0.0,
         saturation_dn=float(sensor.saturation_dn) if sensor else float(pixels.max()),
     )
 
 
-def _apparent(sky: Sky, camera: Camera, cam_from_icrs: Array, velocity_c: Array | None) -> Sky:
+def _apparent(sky: SkyCatalogue, camera: Camera, cam_from_icrs: Array, velocity_c: Array | None) -> SkyCatalogue:
     """Return the sky with aberration applied to the stars near the field."""
     if velocity_c is None:
         return sky
@@ -164,30 +165,31 @@ def _identify_known(
     camera: Camera,
     stars: KnownSky,
     deeper: Callable[[], KnownSky] | None,
-    hint: Hint | None,
+    hint: BoundedPrior | None,
     trace: Trace,
-    found: Detections | None,
-    velocity_c: Array | None = None,
+    detections: Detections | None,
+    velocity_c: Array | None,
+    fast: bool | None,
 ) -> SolveResult:
     view = field_of(centroids, camera)
     with trace.stage("identify"):
-        result, said = _where(view, camera, stars, hint)
+        result, said = _where(view, camera, stars, hint, fast)
         if result.evidence is None and deeper is not None and len(view) > MANY_MORE * _expected(stars, camera):
             stars = deeper()
-            again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT)
+            again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT, fast=fast)
             result = result if again.evidence is None else again
-    base = unsolved(camera, centroids, found, (*(found.notes if found else ()), *said))
+    base = unsolved(camera, centroids, detections, (*(detections.notes if detections else ()), *said))
     evidence = result.evidence
     if evidence is None:
         with trace.stage("why not"):
-            reverse = _solves_mirrored(centroids, camera, stars)
+            reverse = _solves_mirrored(centroids, camera, stars, fast)
         return replace(base, reason=MIRRORED if reverse else result.reason, timing_s=dict(trace.timing_s))
     with trace.stage("focal length"):
         another = _another_focal_length(view, camera, stars.sky, evidence)
     if another:
         return replace(base, reason=another, timing_s=dict(trace.timing_s))
     with trace.stage("attitude"):
-        named = _name_all(view, camera, stars, evidence, centroids, found, velocity_c)
+        named = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c)
     seen_both = min(len(view), evidence.predicted)
     if len(named.rows) < EXPLAINED * seen_both:
         reason = f"the best place found explains only {len(named.rows)} of {seen_both} stars"
@@ -197,7 +199,7 @@ def _identify_known(
     return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
 
 
-def _another_focal_length(view: Field, camera: Camera, sky: Sky, evidence: Evidence) -> str:
+def _another_focal_length(view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence) -> str:
     radius_px = max(CENSUS_PX, RADIUS_SIGMA * view.typical_sigma_px)
     places = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
     met = int((((places - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
@@ -207,12 +209,12 @@ def _another_focal_length(view: Field, camera: Camera, sky: Sky, evidence: Evide
 
 
 def _name_all(
-    view: Field,
+    view: FrameDetections,
     camera: Camera,
     stars: KnownSky,
     evidence: Evidence,
     centroids: Centroids,
-    found: Detections | None,
+    detections: Detections | None,
     velocity_c: Array | None,
 ) -> Named:
     """Compute the attitude from the verified stars, then from every star that can be identified.
@@ -231,7 +233,7 @@ def _name_all(
     sigma_px = np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX)
     first = fit_to(evidence.rows, picked, sigma_px[evidence.rows])
     start = first.cam_from_icrs
-    spots = Spots(view.pixels, sigma_px, view.magnitude, found.psf_sigma_px if found else 1.0)
+    spots = Spots(view.pixels, sigma_px, view.magnitude, detections.psf_sigma_px if detections else 1.0)
     named = name_the_rest(spots, deep, first, evidence.rows, picked, fit_to)
     return named if named is not None else Named(evidence.rows, picked, first, np.zeros(len(picked)))
 
@@ -241,12 +243,12 @@ def _expected(stars: KnownSky, camera: Camera) -> float:
     return len(stars.sky) * camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
 
 
-def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky) -> bool:
+def _solves_mirrored(centroids: Centroids, camera: Camera, stars: KnownSky, fast: bool | None) -> bool:
     """True if the left-right mirrored frame can be solved, i.e. the file or the optics are mirrored."""
     if len(centroids) < 5:
         return False
     view = field_of(mirrored(centroids, camera.columns), camera)
-    return identify_lost(view, stars.sky, stars.pairs, camera).evidence is not None
+    return identify_lost(view, stars.sky, stars.pairs, camera, fast=fast).evidence is not None
 
 
 def mirrored(centroids: Centroids, columns: int) -> Centroids:
@@ -254,10 +256,12 @@ def mirrored(centroids: Centroids, columns: int) -> Centroids:
     return replace(centroids, col_px=columns - 1 - centroids.col_px)
 
 
-def unsolved(camera: Camera, centroids: Centroids, found: Detections | None, notes: tuple[str, ...]) -> SolveResult:
+def unsolved(
+    camera: Camera, centroids: Centroids, detections: Detections | None, notes: tuple[str, ...]
+) -> SolveResult:
     """Return a result without a solution, to which a reason or a solution is added."""
-    regions = found.regions if found else ()
-    versions = {"detect": found.loops} if found else {}
+    regions = detections.regions if detections else ()
+    versions = {"detect": detections.loops} if detections else {}
     base = SolveResult(NAME, Outcome.NONE, "", camera, regions, centroids, None, None, float("nan"), {}, notes)
     return replace(base, versions=versions)
 
@@ -278,12 +282,14 @@ def solved(
     )
 
 
-def _where(view: Field, camera: Camera, stars: KnownSky, hint: Hint | None) -> tuple[Found, tuple[str, ...]]:
+def _where(
+    view: FrameDetections, camera: Camera, stars: KnownSky, hint: BoundedPrior | None, fast: bool | None
+) -> tuple[PyramidMatch, tuple[str, ...]]:
     """Identify near the hint if there is one, then over the whole sky."""
     if hint is None:
-        return identify_lost(view, stars.sky, stars.pairs, camera), ()
+        return identify_lost(view, stars.sky, stars.pairs, camera, fast=fast), ()
     near = identify_near(view, stars.sky, camera, hint)
     if near.evidence is not None:
         return near, ()
     note = f"not found near the hint ({near.reason}); the whole sky was searched"
-    return identify_lost(view, stars.sky, stars.pairs, camera), (note,)
+    return identify_lost(view, stars.sky, stars.pairs, camera, fast=fast), (note,)

@@ -16,10 +16,10 @@ from gss.domain.results import Centroids, SolveResult
 from gss.pipeline.chains.reference import MIRRORED, as_velocity, mirrored, solved, turning_of, unsolved
 from gss.pipeline.detect import find_stars
 from gss.pipeline.identify.blind import BlindFound, identify_blind
-from gss.pipeline.identify.blind_proof import Solved
+from gss.pipeline.identify.blind_proof import BlindSolution
 from gss.pipeline.identify.faint import Spots
-from gss.pipeline.identify.patterns import Level
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.patterns import PatternLevel
+from gss.pipeline.identify.verify import SkyCatalogue
 from gss.pipeline.refine import Refined, refine
 from gss.pipeline.trace import Clock, Trace
 
@@ -27,8 +27,8 @@ from gss.pipeline.trace import Clock, Trace
 def solve_foreign(
     pixels: NDArray[Any],
     fov_range_rad: tuple[float, float],
-    sky: Sky,
-    level: Callable[[float], Level],
+    sky: SkyCatalogue,
+    level: Callable[[float], PatternLevel],
     *,
     velocity_c: Array | None = None,
     exposure_s: float | None = None,
@@ -41,24 +41,26 @@ def solve_foreign(
     """
     trace = Trace(clock)
     with trace.stage("detect"):
-        found = find_stars(pixels, fast=fast)
-    centroids = found.centroids
+        detections = find_stars(pixels, fast=fast)
+    centroids = detections.centroids
     shape = (int(pixels.shape[1]), int(pixels.shape[0]))
     with trace.stage("identify"):
-        result = _blind(centroids, found.psf_sigma_px, shape, fov_range_rad, sky, level)
-    notes = found.notes
-    if found.streak_px:
+        result = _blind(centroids, detections.psf_sigma_px, shape, fov_range_rad, sky, level)
+    notes = detections.notes
+    if detections.streak_px:
         notes = (
             *notes,
-            f"stars are trailed by about {found.streak_px:.0f} px; positions are the middles of the trails",
+            f"stars are trailed by about {detections.streak_px:.0f} px; positions are the middles of the trails",
         )
     guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
-    base = unsolved(guess, centroids, found, notes)
+    base = unsolved(guess, centroids, detections, notes)
     place = result.solved
     if place is None:
         with trace.stage("why not"):
             reverse = (
-                _blind(mirrored(centroids, shape[0]), found.psf_sigma_px, shape, fov_range_rad, sky, level, odd=False)
+                _blind(
+                    mirrored(centroids, shape[0]), detections.psf_sigma_px, shape, fov_range_rad, sky, level, odd=False
+                )
                 if len(centroids) >= 5
                 else None
             )
@@ -66,15 +68,15 @@ def solve_foreign(
         return replace(base, reason=MIRRORED if is_mirrored else result.reason, timing_s=dict(trace.timing_s))
     fit = _moving(place, centroids, sky, velocity_c)
     turning = None
-    if found.trailed and exposure_s:
+    if detections.trailed and exposure_s:
         with trace.stage("trails"):
-            turning = turning_of(pixels, found, fit.camera, exposure_s, None)
+            turning = turning_of(pixels, detections, fit.camera, exposure_s, None)
     answer = solved(base, fit, place.rows, sky.hip[place.stars], place.false_match_probability)
     timing_s = dict(trace.timing_s)
     return replace(answer, velocity_c=as_velocity(velocity_c), turning=turning, timing_s=timing_s)
 
 
-def _moving(place: Solved, centroids: Centroids, sky: Sky, velocity_c: Array | None) -> Refined:
+def _moving(place: BlindSolution, centroids: Centroids, sky: SkyCatalogue, velocity_c: Array | None) -> Refined:
     """Repeat the fit with aberration applied to the stars."""
     fit = place.fit
     if velocity_c is None:
@@ -103,8 +105,8 @@ def _blind(
     psf_sigma_px: float,
     shape: tuple[int, int],
     fov_range_rad: tuple[float, float],
-    sky: Sky,
-    level: Callable[[float], Level],
+    sky: SkyCatalogue,
+    level: Callable[[float], PatternLevel],
     odd: bool = True,
 ) -> BlindFound:
     magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))

@@ -12,17 +12,17 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.results import Attitude, Centroids, Matches
+from gss.domain.results import Attitude, Centroids
 from gss.domain.rotation import quaternion_from_matrix
 from gss.pipeline.attitude import triad
-from gss.pipeline.chains.modes import Hint, Mode
-from gss.pipeline.chains.onboard import Detection, Solution
+from gss.pipeline.chains import proof
+from gss.pipeline.chains.modes import AttitudePrior, Mode
+from gss.pipeline.chains.onboard import Detection, OnboardSolution
 from gss.pipeline.chains.sunsat_bound import Census, census, confirmed, false_match_probability, in_view
 from gss.pipeline.chains.sunsat_detect import brightest, dark_rows_dn, find_stars
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, candidates
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
 from gss.pipeline.chains.sunsat_track import off_prediction_px
-from gss.pipeline.identify.focal_census import focal_objection
 from gss.pipeline.regions import Pixels
 
 FOCAL_TOLERANCES = 2.0
@@ -31,10 +31,10 @@ FOCAL_TOLERANCES = 2.0
 def find_in_frame(pixels: Pixels, parameters: SunsatParameters) -> Detection:
     """Find the stars in a whole frame (Jacobs 1995 §2.2)."""
     dark_dn = dark_rows_dn(pixels, parameters.dark_clip_dn, parameters.search_step_px)
-    found = find_stars(pixels.astype(np.float32) - dark_dn.astype(np.float32)[:, None], parameters)
-    centroids = found.centroids.take(brightest(found.centroids))
-    notes = (found.stopped,) if found.stopped else ()
-    return Detection(found.regions, centroids, found.invalid, float(np.median(dark_dn)), notes)
+    detected = find_stars(pixels.astype(np.float32) - dark_dn.astype(np.float32)[:, None], parameters)
+    centroids = detected.centroids.take(brightest(detected.centroids))
+    notes = (detected.stopped,) if detected.stopped else ()
+    return Detection(detected.regions, centroids, detected.invalid, float(np.median(dark_dn)), notes)
 
 
 def match_stars(
@@ -43,7 +43,7 @@ def match_stars(
     catalogue: SunsatCatalogue,
     parameters: SunsatParameters,
     mode: Mode,
-    hint: Hint | None,
+    hint: AttitudePrior | None,
 ) -> SunsatMatching:
     """Identify stars, lost in space or assisted (Jacobs 1995 ch. 3).
 
@@ -82,8 +82,8 @@ def calculate_attitude(
     camera: Camera,
     catalogue: SunsatCatalogue,
     parameters: SunsatParameters,
-    hint: Hint | None = None,
-) -> Solution:
+    hint: AttitudePrior | None = None,
+) -> OnboardSolution:
     """Compute the attitude by TRIAD on the two matched stars farthest apart (§4.1.6.1), and reject false attitudes: every matched
     star must fit, the boresight must agree with the hint, and an accidental match must be improbable.
 
@@ -91,13 +91,13 @@ def calculate_attitude(
     """
     p, chosen = parameters, matching.selected
     if matching.reason:
-        return Solution(None, None, float("nan"), matching.reason)
+        return proof.rejected(matching.reason)
     rows = matching.row[chosen]
     cam_from_icrs, covariance = _triad(matching, centroids, camera, catalogue)
     miss_rad = np.linalg.norm(catalogue.guides.unit[rows] @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1)
-    if np.max(miss_rad) > p.residual_tolerance_rad:
-        off_px = float(np.max(miss_rad)) / camera.pixel_rad
-        return Solution(None, None, float("nan"), f"matched stars do not fit one attitude: one is {off_px:.1f} px off")
+    misfit = proof.misfit(miss_rad, p.residual_tolerance_rad, camera.pixel_rad)
+    if misfit:
+        return proof.rejected(misfit)
     visible = in_view(catalogue, camera, cam_from_icrs)
     extra, guide = confirmed(matching, centroids, cam_from_icrs, visible, camera, catalogue, p)
     probability = false_match_probability(matching, centroids, len(extra), len(visible), camera, catalogue, p)
@@ -110,12 +110,12 @@ def calculate_attitude(
         or _another_focal_length(matching, centroids, catalogue, camera, p)
     )
     if reason:
-        return Solution(None, None, probability, reason)
+        return proof.rejected(reason, probability)
     named, rows = np.concatenate([chosen, extra]), np.concatenate([rows, guide])
     weight = np.concatenate([matching.weight[chosen], np.zeros(len(extra))])
-    residual_px = centroids.pixels[named] - camera.project(catalogue.guides.unit[rows] @ cam_from_icrs.T)
-    matches = Matches(named.astype(np.int32), catalogue.bank.hip[rows].astype(np.int32), weight, residual_px)
-    return Solution(Attitude(quaternion_from_matrix(cam_from_icrs), covariance), matches, probability, "")
+    seen_px = camera.project(catalogue.guides.unit[rows] @ cam_from_icrs.T)
+    attitude = Attitude(quaternion_from_matrix(cam_from_icrs), covariance)
+    return proof.solved(attitude, probability, centroids, named, catalogue.bank.hip[rows], weight, seen_px)
 
 
 def _another_focal_length(
@@ -125,13 +125,9 @@ def _another_focal_length(
     another focal length, with a wrong boresight."""
     if p.acceptance == "document":
         return ""
-    good = np.flatnonzero(np.isfinite(matching.unit_cam).all(axis=1))
-    matched = np.searchsorted(good, matching.selected)
-    bank = catalogue.guides.unit
-    radius_px = FOCAL_TOLERANCES * p.distance_tolerance_rad / camera.pixel_rad
-    return focal_objection(
-        centroids.pixels[good], matched, bank[matching.row[matching.selected]], bank, camera, radius_px
-    )
+    chosen, bank = matching.selected, catalogue.guides.unit
+    reference, radius_px = bank[matching.row[chosen]], FOCAL_TOLERANCES * p.distance_tolerance_rad / camera.pixel_rad
+    return proof.another_focal_length(centroids.pixels, matching.unit_cam, chosen, reference, bank, camera, radius_px)
 
 
 def _triad(
@@ -186,7 +182,12 @@ def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p:
 
 
 def _off_hint(
-    mode: Mode, hint: Hint | None, cam_from_icrs: Array, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters
+    mode: Mode,
+    hint: AttitudePrior | None,
+    cam_from_icrs: Array,
+    camera: Camera,
+    catalogue: SunsatCatalogue,
+    p: SunsatParameters,
 ) -> str:
     """Return why the attitude disagrees with the hint, or ""."""
     if mode is Mode.LOST_IN_SPACE or hint is None:
@@ -194,8 +195,4 @@ def _off_hint(
     if mode is Mode.TRACKING:
         off_px, limit_px = off_prediction_px(cam_from_icrs, camera, catalogue, p, hint)
         return "" if off_px <= limit_px else f"attitude is {off_px:.0f} px from the expected; {limit_px:.0f} px allowed"
-    boresight = np.asarray(hint.boresight_icrs, float)
-    off_rad = float(2 * np.arcsin(np.linalg.norm(boresight / np.linalg.norm(boresight) - cam_from_icrs[2]) / 2))
-    if off_rad <= p.hint_error_rad:
-        return ""
-    return f"boresight is {np.degrees(off_rad):.1f}° from the hint; {np.degrees(p.hint_error_rad):.1f}° allowed"
+    return proof.off_hint(hint, cam_from_icrs, p.hint_error_rad)

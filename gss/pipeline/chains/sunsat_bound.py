@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids
 from gss.pipeline.chains.modes import Mode
+from gss.pipeline.chains.proof import solid_angle_sr
 from gss.pipeline.chains.sunsat_detect import magnitudes
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, near_boresight
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
@@ -129,10 +129,3 @@ def magnitude_share(observed_mag: Array, guide_mag: Array, tolerance_mag: float)
     """Mean share of the guide stars that fit the observed magnitudes."""
     fits = np.abs(observed_mag[:, None] - guide_mag[None, :]) <= tolerance_mag
     return float(fits.mean()) if fits.size else 1.0
-
-
-@lru_cache(maxsize=16)
-def solid_angle_sr(camera: Camera) -> float:
-    """Solid angle of the field of view."""
-    fov_h, fov_v = camera.fov_rad
-    return float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))

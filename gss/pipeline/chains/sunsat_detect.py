@@ -31,7 +31,7 @@ class Streak:
 
 
 @dataclass(frozen=True)
-class Shape:
+class RegionShapes:
     """Shapes of m regions: long and short axis in pixels (between pixel centres), and direction from u towards v in
     (−π/2, π/2]."""
 
@@ -41,7 +41,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Found:
+class DetectedStars:
     """Stars of a search area in order of discovery, and all regions found."""
 
     centroids: Centroids
@@ -63,22 +63,22 @@ def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
     return np.asarray((sample * near).sum(axis=1) / near.sum(axis=1))
 
 
-def find_stars(level_dn: Levels, parameters: SunsatParameters, streak: Streak | None = None) -> Found:
+def find_stars(level_dn: Levels, parameters: SunsatParameters, streak: Streak | None = None) -> DetectedStars:
     """Find the stars of a (rows, columns) search area; ``level_dn``: pixel values above each row's dark average."""
     p = parameters
     limits = SearchLimits(p.min_area_px, p.max_area_px, NO_LIMIT, NO_LIMIT, p.edge_rule)
-    found = search(level_dn, p.threshold_dn, limits, p.search_step_px)
-    found = _without_bad_shapes(found, p, streak)
-    found = _first_stars(found, p)
-    stars = found.blobs.take(found.accepted)
+    candidates = search(level_dn, p.threshold_dn, limits, p.search_step_px)
+    candidates = _without_bad_shapes(candidates, p, streak)
+    candidates = _first_stars(candidates, p)
+    stars = candidates.blobs.take(candidates.accepted)
     centroids = gravity_centroids(level_dn, stars, p)
-    regions = region_records(level_dn, found, 0.0, p.max_small_regions)
-    return Found(centroids, regions, found.invalid, found.stopped)
+    regions = region_records(level_dn, candidates, 0.0, p.max_small_regions)
+    return DetectedStars(centroids, regions, candidates.invalid, candidates.stopped)
 
 
-def moved(found: Found, first_col: int, first_row: int) -> Found:
+def moved(detected: DetectedStars, first_col: int, first_row: int) -> DetectedStars:
     """Convert the result of a window to the pixel coordinates of its frame."""
-    c = found.centroids
+    c = detected.centroids
     shifted = replace(c, col_px=c.col_px + first_col, row_px=c.row_px + first_row)
     regions = tuple(
         replace(
@@ -88,12 +88,12 @@ def moved(found: Found, first_col: int, first_row: int) -> Found:
             row_min=r.row_min + first_row,
             row_max=r.row_max + first_row,
         )
-        for r in found.regions
+        for r in detected.regions
     )
-    return replace(found, centroids=shifted, regions=regions)
+    return replace(detected, centroids=shifted, regions=regions)
 
 
-def shapes(blobs: Blobs) -> Shape:
+def shapes(blobs: Blobs) -> RegionShapes:
     """Second moments about the centre of the region's base, and the lengths through it (eq. 2.4–2.8).
 
     The pixels are assumed square, which is true to 4 %. Pixels "located along the axis" are those that the axis passes through.
@@ -110,7 +110,7 @@ def shapes(blobs: Blobs) -> Shape:
     c, s = np.cos(direction)[owner], np.sin(direction)[owner]
     along, across = c * du + s * dv, c * dv - s * du
     half = 0.5 * (np.abs(c) + np.abs(s))
-    return Shape(_extent(along, across, half, blobs), _extent(across, along, half, blobs), direction)
+    return RegionShapes(_extent(along, across, half, blobs), _extent(across, along, half, blobs), direction)
 
 
 def _extent(along: Array, across: Array, half: Array, blobs: Blobs) -> Array:
@@ -121,17 +121,17 @@ def _extent(along: Array, across: Array, half: Array, blobs: Blobs) -> Array:
     return np.asarray(np.maximum(0.0, high - low))
 
 
-def _without_bad_shapes(found: SearchResult, p: SunsatParameters, streak: Streak | None) -> SearchResult:
-    if not len(found.accepted):
-        return found
-    shape = shapes(found.blobs.take(found.accepted))
-    reasons = list(found.rejected)
-    for k, number in enumerate(found.accepted):
+def _without_bad_shapes(regions: SearchResult, p: SunsatParameters, streak: Streak | None) -> SearchResult:
+    if not len(regions.accepted):
+        return regions
+    shape = shapes(regions.blobs.take(regions.accepted))
+    reasons = list(regions.rejected)
+    for k, number in enumerate(regions.accepted):
         reasons[number] = _shape_reason(
             float(shape.long_px[k] - shape.short_px[k]), float(shape.direction_rad[k]), p, streak
         )
-    accepted = np.array([k for k in found.accepted if not reasons[k]], np.intp)
-    return replace(found, rejected=tuple(reasons), accepted=accepted)
+    accepted = np.array([k for k in regions.accepted if not reasons[k]], np.intp)
+    return replace(regions, rejected=tuple(reasons), accepted=accepted)
 
 
 def _shape_reason(elongation_px: float, direction_rad: float, p: SunsatParameters, streak: Streak | None) -> str:
@@ -148,17 +148,17 @@ def _shape_reason(elongation_px: float, direction_rad: float, p: SunsatParameter
     return ""
 
 
-def _first_stars(found: SearchResult, p: SunsatParameters) -> SearchResult:
+def _first_stars(regions: SearchResult, p: SunsatParameters) -> SearchResult:
     """Truncate the search after the first stars of the scan (§2.3)."""
-    if len(found.accepted) < p.max_found:
-        return found
-    end = int(found.accepted[p.max_found - 1]) + 1
-    stopped = f"search stopped at {p.max_found} stars" if end < len(found.blobs) else ""
-    rejected = found.rejected[:end]
+    if len(regions.accepted) < p.max_found:
+        return regions
+    end = int(regions.accepted[p.max_found - 1]) + 1
+    stopped = f"search stopped at {p.max_found} stars" if end < len(regions.blobs) else ""
+    rejected = regions.rejected[:end]
     return SearchResult(
-        found.blobs.take(np.arange(end)),
+        regions.blobs.take(np.arange(end)),
         rejected,
-        found.accepted[: p.max_found],
+        regions.accepted[: p.max_found],
         sum(" > max " in r for r in rejected),
         stopped,
     )

@@ -155,7 +155,7 @@ class OrbitElements:
 
     def __post_init__(self) -> None:
         if not np.isfinite([self.raan_rad, self.inclination_rad, self.latitude_rad]).all():
-            raise BadInput("orbit elements are no numbers", expected="three finite angles", got=repr(self))
+            raise BadInput("orbit elements are not numbers", expected="three finite angles", got=repr(self))
 
     @property
     def orbit_from_icrs(self) -> Array:

@@ -12,13 +12,14 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
-from gss.domain.stars import DistanceTable, OnboardCatalogue
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.sunsat_detect import magnitudes
 from gss.pipeline.chains.sunsat_parameters import SunsatParameters
 from gss.pipeline.identify.geometric_voting import Mask, reduced_table
-from gss.pipeline.identify.match_groups import Group, Grouping, GroupLimits, Guides, match_groups
+from gss.pipeline.identify.match_groups import Grouping, GroupLimits, Guides, MatchGroup, match_groups
 from gss.pipeline.identify.star_vectors import match_star_vectors
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import DistanceTable
 
 Rows = NDArray[np.intp]
 
@@ -87,7 +88,7 @@ def candidates(
     catalogue: SunsatCatalogue,
     parameters: SunsatParameters,
     mode: Mode,
-    hint: Hint | None,
+    hint: AttitudePrior | None,
     first: int = 0,
 ) -> tuple[SunsatMatching, ...]:
     """Run the Matching algorithm on the eight centroids from index ``first``.
@@ -131,7 +132,7 @@ def _grouping(
     catalogue: SunsatCatalogue,
     p: SunsatParameters,
     mode: Mode,
-    hint: Hint | None,
+    hint: AttitudePrior | None,
 ) -> Grouping:
     allowed = _uncertainty_area(catalogue, camera, p, mode, hint)
     limits = GroupLimits(p.distance_tolerance_rad, p.magnitude_tolerance_mag, p.min_group, p.clique_budget)
@@ -142,7 +143,7 @@ def _grouping(
     return match_groups(unit, v_mag, Guides(g.unit, g.v_mag, table), limits)
 
 
-def _named(empty: SunsatMatching, group: Group, first: int) -> SunsatMatching:
+def _named(empty: SunsatMatching, group: MatchGroup, first: int) -> SunsatMatching:
     order = np.argsort(group.observed)
     selected = group.observed[order] + first
     row, weight = empty.row.copy(), empty.weight.copy()
@@ -160,29 +161,29 @@ def widest_pair(unit: Array, selected: Rows) -> tuple[int, ...]:
     return int(selected[i[k]]), int(selected[j[k]])
 
 
-def check_hint(mode: Mode, hint: Hint | None) -> Hint:
+def check_hint(mode: Mode, hint: AttitudePrior | None) -> AttitudePrior:
     """Return the hint of a mode that needs one. Raises :class:`BadInput` if it is missing."""
     if hint is None:
         raise BadInput(f"{mode.value} needs a hint", expected="a boresight or an attitude", got="none")
     return hint
 
 
-def last_attitude(hint: Hint | None) -> Array:
+def last_attitude(hint: AttitudePrior | None) -> Array:
     """(4,) quaternion of the last attitude for tracking. Raises :class:`BadInput` if the hint has none."""
-    known = check_hint(Mode.TRACKING, hint)
-    if known.quaternion is None:
+    prior = check_hint(Mode.TRACKING, hint)
+    if prior.quaternion is None:
         raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
-    return known.quaternion
+    return prior.quaternion
 
 
 def _uncertainty_area(
-    catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters, mode: Mode, hint: Hint | None
+    catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters, mode: Mode, hint: AttitudePrior | None
 ) -> Mask:
     """Mask of the guide stars that may be in view: all, or those around the expected boresight (§3.3, §4)."""
     if mode is Mode.LOST_IN_SPACE:
         return np.ones(len(catalogue), bool)
-    known = check_hint(mode, hint)
-    return near_boresight(catalogue, known.boresight_icrs, camera.half_diagonal_rad + p.hint_error_rad)
+    prior = check_hint(mode, hint)
+    return near_boresight(catalogue, prior.boresight_icrs, camera.half_diagonal_rad + p.hint_error_rad)
 
 
 def near_boresight(catalogue: SunsatCatalogue, boresight_icrs: Array, radius_rad: float) -> Mask:

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from gss.domain.profiles import CameraProfile
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import Centroids
-from gss.domain.stars import OnboardCatalogue
 from gss.pipeline.chains import sunsat
 from gss.pipeline.chains.modes import Mode, next_mode
-from gss.pipeline.chains.onboard import Commanded, Detection, Solution, Work, with_detection
+from gss.pipeline.chains.onboard import Commanded, Detection, OnboardSolution, Work, with_detection
 from gss.pipeline.chains.sunsat_match import (
     SunsatCatalogue,
     SunsatMatching,
     check_hint,
     prepare,
 )
-from gss.pipeline.chains.sunsat_parameters import NAME, SunsatParameters, default_parameters
+from gss.pipeline.chains.sunsat_parameters import NAME, OLDEST_ATTITUDE_S, SunsatParameters, default_parameters
 from gss.pipeline.chains.sunsat_track import find_in_windows, match_tracking
 from gss.pipeline.regions import Pixels
+from gss.skytables.bank import OnboardCatalogue
 
 # Jacobs 1995 Fig. 2-7: 90 ms for a region of 900 pixels, 100 ms for three of 300; a frame without stars takes 48 629 pixel tests.
 LOOK_MS, STAR_MS, STAR_PIXEL_MS = 0.005, 3.0, 0.1
@@ -31,6 +31,7 @@ class SunsatChain:
     """See :class:`gss.pipeline.chains.onboard.OnboardChain`."""
 
     name = NAME
+    oldest_attitude_s = OLDEST_ATTITUDE_S
 
     def parameters(
         self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode
@@ -55,7 +56,7 @@ class SunsatChain:
             return match_tracking(centroids, work.camera, work.catalogue, work.parameters, hint)
         return sunsat.match_stars(centroids, work.camera, work.catalogue, work.parameters, work.mode, work.hint)
 
-    def calculate_attitude(self, matching: SunsatMatching, centroids: Centroids, work: Work) -> Solution:
+    def calculate_attitude(self, matching: SunsatMatching, centroids: Centroids, work: Work) -> OnboardSolution:
         return sunsat.calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:

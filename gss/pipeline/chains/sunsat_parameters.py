@@ -6,53 +6,58 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.domain.sensor import Sensor
 from gss.pipeline.centroid import PixelNoise
 
 NAME = "sunsat"
+FASTEST_RAD_S, FURTHEST_RAD = float(np.radians(0.241)), float(np.radians(2.0))
+OLDEST_ATTITUDE_S = FURTHEST_RAD / FASTEST_RAD_S
+"""Jacobs 1995 eq. 3.6: the fastest rotation, the greatest error of the attitude that tracking starts from, and the age that it
+then may have; stars are matched again from an older one."""
 
 SOURCES: dict[str, str] = {
-    "threshold_dn": "Jacobs 1995 app. C.1: two to four of its levels above the dark average; ours is 2.5 sigma of the dark "
-    "sky, raised until a star 0.25 mag below the catalogue's limit covers min_area_px no longer",
+    "threshold_dn": "Jacobs 1995 app. C.1: two to four of its levels above the dark average; GSS: 2.5 sigma of the dark "
+    "sky, raised until a star 0.25 mag below the catalogue's limit covers fewer than min_area_px",
     "min_area_px": "Jacobs 1995 §2.2.1.2: ten",
     "max_area_px": "Jacobs 1995 §2.2.1.2: three hundred",
     "max_found": "Jacobs 1995 §2.3: the first twenty stars of the scan",
     "search_step_px": "Jacobs 1995 §2.2.1.3: every third pixel of every third row",
-    "edge_rule": "Jacobs 1995 §2.2.1.3: regions at the border of the search area are no stars",
-    "max_elongation_px": "Jacobs 1995 §2.2.3: ten by rotation and two for inaccuracy, without attitude history",
+    "edge_rule": "Jacobs 1995 §2.2.1.3: regions at the border of the search area are rejected",
+    "max_elongation_px": "Jacobs 1995 §2.2.3: ten for rotation and two for inaccuracy, without attitude history",
     "elongation_slack_px": "Jacobs 1995 eq. 2.9: two",
-    "direction_from_px": "Jacobs 1995 §2.2.3: direction is looked at from an elongation of five",
+    "direction_from_px": "Jacobs 1995 §2.2.3: direction is evaluated from an elongation of five",
     "direction_rad": "Jacobs 1995 eq. 2.10: 30°",
-    "dark_clip_dn": "ours: the frame has no dark columns; a row's dark average is the mean of its pixels this near their median",
+    "dark_clip_dn": "GSS: the frame has no dark columns; a row's dark average is the mean of its pixels within this "
+    "range of the median",
     "k_area": "Jacobs 1995 app. C.1: two",
-    "k_illum_lux": "Jacobs 1995 app. C.1: the mean over stars of the range, with k_area set before; ours over model stars of the "
-    "profile and exposure, since eq. 6.24's 16e-9 is for its own exposure and levels",
+    "k_illum_lux": "Jacobs 1995 app. C.1: the mean over stars of the range, with fixed k_area; GSS: over model stars of the "
+    "profile and exposure, because eq. 6.24's 16e-9 applies to its exposure and levels",
     "distance_tolerance_rad": "Jacobs 1995 Table 3-6 row 4: 150 µrad; other cameras: the same 0.59 pixels",
     "magnitude_tolerance_mag": "Jacobs 1995 Table 3-6 row 4: 0.6",
     "max_observed": "Jacobs 1995 §3.1: eight",
-    "max_rounds": "ours: where eight give no sure answer, the next eight are tried, half of them new; the document tries once",
+    "max_rounds": "GSS: if eight stars give no reliable result, the next eight are tried, half of them new; the "
+    "publication tries once",
     "min_group": "Jacobs 1995 §3.3.5: ICLim ends at one, which is three stars",
     "matcher": "match_groups is Jacobs 1995 §3.3, star_vectors §3.2.2 (Baldini)",
-    "acceptance": "document: the largest group counts (Jacobs 1995 §3.3.5); bound: ours as well, an accidental group must be "
-    "improbable and the field must not show another focal length",
-    "max_false_probability": "ours: largest accepted bound on the chance of an accidental identification",
-    "residual_tolerance_rad": "ours: largest misfit of a matched star in the TRIAD attitude; three distance tolerances",
-    "sure_mag": "ours: half a magnitude above the catalogue's limit a star is found without fail",
-    "saturating_mag": "ours: three magnitudes above the document's bright limit a star may be too large to be one",
-    "sure_named": "ours: below six named stars, less than half as many bright ones that should be in view may be missing, or one",
-    "confirm_windows": "ours: windows searched after three stars fit, so that a false three is found out",
-    "clique_budget": "ours: most steps when a group is split, so that no list takes for ever",
+    "acceptance": "document: the largest group counts (Jacobs 1995 §3.3.5); bound (GSS): in addition, an accidental group must be "
+    "improbable and the field must not indicate another focal length",
+    "max_false_probability": "GSS: largest accepted bound on the probability of an accidental identification",
+    "residual_tolerance_rad": "GSS: largest residual of a matched star in the TRIAD attitude; three distance tolerances",
+    "sure_mag": "GSS: half a magnitude above the catalogue's limit a star is always detected",
+    "saturating_mag": "GSS: three magnitudes above the published bright limit a star may be too large for a valid region",
+    "sure_named": "GSS: below six identified stars, the number of missing expected bright stars must be below half of them, or one",
+    "confirm_windows": "GSS: windows searched after three stars match, to detect a false triple",
+    "clique_budget": "GSS: maximum steps when a group is split, to bound the cost of every list",
     "hint_error_rad": "Jacobs 1995 §3.5: an initial estimate may be 2° off",
     "uncertain_adcs_px": "Jacobs 1995 eq. 4.20: 53 pixels for 0.5° per axis",
     "uncertain_least_px": "Jacobs 1995 eq. 4.20: two",
     "uncertain_mm2": "Jacobs 1995 eq. E.26: 12 mm times an error of half a pixel",
     "rotation_px": "Jacobs 1995 §4.1.6.3: half of ten pixels of elongation",
     "star_sigma_px": "from the profile: radius of a star above threshold by its magnitude",
-    "max_false_tracked": "Jacobs 1995 §4.1.4.1: up to six groups of candidates; at the seventh the first four go",
-    "rate_interval_s": "Jacobs 1995 §4: one attitude a second",
-    "noise": "from the profile's sensor; the floor of 0.03 px is the error of a centre of gravity without noise, as measured",
+    "max_false_tracked": "Jacobs 1995 §4.1.4.1: up to six groups of candidates; at the seventh the first four are dropped",
+    "noise": "from the profile's sensor; the floor of 0.03 px is the measured error of a noise-free centre of gravity",
 }
 
 ZERO_LUX = 2.65e-6  # Jacobs 1995 eq. C.4
@@ -105,7 +110,6 @@ class SunsatParameters:
     uncertain_least_px: float = 2.0
     uncertain_reach_mm: float = 12.0
     rotation_px: float = 5.0
-    rate_interval_s: float = 1.0
     max_small_regions: int = 100
 
     def __post_init__(self) -> None:
@@ -130,9 +134,9 @@ class SunsatParameters:
         return self.residual_tolerances * self.distance_tolerance_rad
 
 
-def _one_of(what: str, got: str, known: tuple[str, ...]) -> None:
-    if got not in known:
-        raise BadInput(f"unknown {what}", expected=" | ".join(known), got=got)
+def _one_of(what: str, got: str, choices: tuple[str, ...]) -> None:
+    if got not in choices:
+        raise BadInput(f"unknown {what}", expected=" | ".join(choices), got=got)
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> SunsatParameters:

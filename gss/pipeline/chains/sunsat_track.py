@@ -13,10 +13,10 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids, Region
 from gss.domain.rotation import matrix_from_quaternion
-from gss.pipeline.chains.modes import Hint, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Detection
 from gss.pipeline.chains.sunsat_detect import (
-    Found,
+    DetectedStars,
     Streak,
     brightest,
     brightness_dn,
@@ -26,7 +26,7 @@ from gss.pipeline.chains.sunsat_detect import (
     moved,
 )
 from gss.pipeline.chains.sunsat_match import SunsatCatalogue, SunsatMatching, last_attitude, widest_pair
-from gss.pipeline.chains.sunsat_parameters import CENTROID_ERROR_PX, SunsatParameters
+from gss.pipeline.chains.sunsat_parameters import CENTROID_ERROR_PX, FASTEST_RAD_S, FURTHEST_RAD, SunsatParameters
 from gss.pipeline.regions import Pixels
 from gss.pipeline.track.predictor import predict_attitude
 from gss.pipeline.track.sphere_field import sphere_field, stars_inside
@@ -38,7 +38,7 @@ FLAT_TRIANGLE = 0.1
 
 
 @dataclass(frozen=True)
-class Expected:
+class ReferenceStars:
     """k reference stars in search order: catalogue ``row``, ``pixels`` (k, 2), half side of each window (k,), and the expected
     streak of each, or None without history."""
 
@@ -51,10 +51,12 @@ class Expected:
         return len(self.row)
 
 
-def expected_stars(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint) -> Expected:
+def expected_stars(
+    camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
+) -> ReferenceStars:
     """Predict the stars in the field and their positions (§4.1.2–4.1.4, §4.1.6.3, §4.1.8)."""
     last = last_attitude(hint)
-    attitude = predict_attitude(last, hint.earlier)
+    attitude = predict_attitude(last, hint.earlier, hint.ages_s)
     row, pixels = _in_view(camera, catalogue, attitude)
     uncertain_px = uncertainty_px(camera, catalogue, p, hint)
     radius_px = np.ceil(_star_radius_px(catalogue.guides.v_mag[row], p.star_sigma_px, p) + uncertain_px + p.rotation_px)
@@ -62,8 +64,8 @@ def expected_stars(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParamete
     if hint.earlier:
         # The motion since the stars' positions at the last attitude determines the streaks.
         back = camera.unproject(pixels) @ (matrix_from_quaternion(last) @ attitude.T).T
-        streak = _streaks(pixels - camera.project(back), catalogue.guides.v_mag[row], p)
-    return Expected(row, pixels, radius_px, streak)
+        streak = _streaks((pixels - camera.project(back)) / hint.ages_s[0], catalogue.guides.v_mag[row], p)
+    return ReferenceStars(row, pixels, radius_px, streak)
 
 
 def _in_view(camera: Camera, catalogue: SunsatCatalogue, attitude: Array) -> tuple[Rows, Array]:
@@ -77,32 +79,34 @@ def _in_view(camera: Camera, catalogue: SunsatCatalogue, attitude: Array) -> tup
     return row[order], pixels[order]
 
 
-def uncertainty_px(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint) -> float:
+def uncertainty_px(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior) -> float:
     """Error of an expected position (eq. 4.20): from another sensor's attitude in the first iteration, afterwards from TRIAD, whose
     error depends on the separation of the pair used in the last iteration. That pair is reconstructed as the widest of the first
-    three stars expected then."""
+    three stars expected then. The prediction multiplies that error by the steps ahead. An attitude without earlier ones is as
+    uncertain as the fastest rotation since (eq. 3.6)."""
     if not hint.earlier:
-        return p.uncertain_adcs_px
+        turned_px = min(FASTEST_RAD_S * hint.ages_s[0], FURTHEST_RAD) / camera.pixel_rad
+        return max(p.uncertain_adcs_px, turned_px)
     _, pixels = _in_view(camera, catalogue, matrix_from_quaternion(last_attitude(hint)))
     first = pixels[:STARS] / np.array([camera.focal_col_px, camera.focal_row_px]) * p.focal_mm
     if len(first) < PAIR:
         return p.uncertain_adcs_px
     widest_mm = float(np.max(np.linalg.norm(first[:, None] - first[None], axis=-1)))
-    error_px = p.uncertain_reach_mm * CENTROID_ERROR_PX / max(widest_mm, 1e-9)
+    error_px = p.uncertain_reach_mm * CENTROID_ERROR_PX / max(widest_mm, 1e-9) * max(1.0, hint.steps)
     return float(np.clip(error_px, p.uncertain_least_px, p.uncertain_adcs_px))
 
 
 def off_prediction_px(
-    cam_from_icrs: Array, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
+    cam_from_icrs: Array, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
 ) -> tuple[float, float]:
     """Return the distance of the field's corners from their expected positions, and its limit, px.
 
     The limit is the reach of the windows on both axes. The test is needed because three stars close together can be in their
     windows although the field is rotated.
     """
-    expected = predict_attitude(last_attitude(hint), hint.earlier)
-    here = camera.corners()
-    step = here @ (cam_from_icrs @ expected.T).T - here
+    expected = predict_attitude(last_attitude(hint), hint.earlier, hint.ages_s)
+    corners = camera.corners()
+    step = corners @ (cam_from_icrs @ expected.T).T - corners
     reach_px = uncertainty_px(camera, catalogue, p, hint) + p.rotation_px
     return float(np.max(np.linalg.norm(step, axis=1))) / camera.pixel_rad, float(np.sqrt(2.0) * reach_px)
 
@@ -118,52 +122,54 @@ def _longest(sigma_px: Array | float, p: SunsatParameters) -> Array:
     return np.asarray(np.maximum(sigma_px, p.star_sigma_px))
 
 
-def _streaks(motion_px: Array, v_mag: Array, p: SunsatParameters) -> tuple[Streak, ...]:
-    """Return the streaks in one exposure from the motion per iteration; u is opposite to the columns.
+def _streaks(rate_px_s: Array, v_mag: Array, p: SunsatParameters) -> tuple[Streak, ...]:
+    """Return the streaks in one exposure from the stars' motion per second; u is opposite to the columns.
 
     The document expects a region to be longer by the full motion (§2.2.3). A motion of a few pixels lengthens the contour of a
     soft spot by less, and of a faint star hardly at all: the motion adds a twelfth of its square to the spot's variance, which
     determines the contour.
     """
-    moved_px = np.linalg.norm(motion_px, axis=1) * p.exposure_s / p.rate_interval_s
+    moved_px = np.linalg.norm(rate_px_s, axis=1) * p.exposure_s
     along_px = np.sqrt(p.star_sigma_px**2 + moved_px**2 / 12)
     longer = 2 * _star_radius_px(v_mag, along_px, p) * (1 - p.star_sigma_px / along_px)
-    direction = np.arctan2(motion_px[:, 1], -motion_px[:, 0])
+    direction = np.arctan2(rate_px_s[:, 1], -rate_px_s[:, 0])
     return tuple(Streak(float(e), float(d)) for e, d in zip(longer, direction, strict=True))
 
 
 def find_in_windows(
-    pixels: Pixels, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
+    pixels: Pixels, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
 ) -> Detection:
     """Find stars in the windows of expected stars, one window at a time until three fit (§4.1.4.1), then a few more for
     confirmation. Every window is cut from the unmodified frame; a star found in two windows counts once."""
     expected = expected_stars(camera, catalogue, p, hint)
     dark_dn = dark_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
-    every: list[Found] = []
-    kept = Centroids.from_pixels(np.empty((0, 2)))
+    every: list[DetectedStars] = []
+    stars = Centroids.from_pixels(np.empty((0, 2)))
     end = len(expected)
     for k in range(len(expected)):
         if k >= end:
             break
-        found = _search_window(pixels, dark_dn, expected, k, p)
-        every.append(found)
-        fresh = _new_ones(kept, found.centroids)
-        kept = _joined(kept, found.centroids.take(fresh))
-        if end == len(expected) and len(kept) >= STARS:
-            test, counts = _three_stars(kept, camera, catalogue, p, expected, k + 1)
+        detected = _search_window(pixels, dark_dn, expected, k, p)
+        every.append(detected)
+        fresh = _new_ones(stars, detected.centroids)
+        stars = _joined(stars, detected.centroids.take(fresh))
+        if end == len(expected) and len(stars) >= STARS:
+            test, counts = _three_stars(stars, camera, catalogue, p, expected, k + 1)
             end = len(counts) + p.confirm_windows if test.found else end
     regions: dict[tuple[int, int, int, int], Region] = {}
-    for found in every:
-        for r in found.regions:
+    for detected in every:
+        for r in detected.regions:
             regions.setdefault((r.col_min, r.row_min, r.col_max, r.row_max), r)
-    centroids = kept.take(brightest(kept))
+    centroids = stars.take(brightest(stars))
     note = f"searched {len(every)} of {len(expected)} windows"
     return Detection(
         tuple(regions.values()), centroids, sum(f.invalid for f in every), float(np.median(dark_dn)), (note,)
     )
 
 
-def _search_window(pixels: Pixels, dark_dn: Array, expected: Expected, k: int, p: SunsatParameters) -> Found:
+def _search_window(
+    pixels: Pixels, dark_dn: Array, expected: ReferenceStars, k: int, p: SunsatParameters
+) -> DetectedStars:
     rows, columns = pixels.shape
     col, row = np.rint(expected.pixels[k]).astype(int).tolist()
     r = int(expected.radius_px[k])
@@ -173,8 +179,8 @@ def _search_window(pixels: Pixels, dark_dn: Array, expected: Expected, k: int, p
     return moved(find_stars(level, p, None if expected.streak is None else expected.streak[k]), left, top)
 
 
-def _new_ones(kept: Centroids, found: Centroids) -> Rows:
-    off = np.linalg.norm(found.pixels[:, None] - kept.pixels[None], axis=-1)
+def _new_ones(existing: Centroids, new: Centroids) -> Rows:
+    off = np.linalg.norm(new.pixels[:, None] - existing.pixels[None], axis=-1)
     return np.flatnonzero((off > SAME_STAR_PX).all(axis=1))
 
 
@@ -188,7 +194,7 @@ def _three_stars(
     camera: Camera,
     catalogue: SunsatCatalogue,
     p: SunsatParameters,
-    expected: Expected,
+    expected: ReferenceStars,
     windows: int,
 ) -> tuple[ThreeStars, list[int]]:
     """Run the three-star test over the first ``windows`` expected stars; also return the number of candidates of each star used."""
@@ -210,7 +216,7 @@ def _three_stars(
 
 
 def match_tracking(
-    centroids: Centroids, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: Hint
+    centroids: Centroids, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
 ) -> SunsatMatching:
     """Identify the stars found in the windows of expected ones; two stars if there are no three (§4.1.4.1)."""
     expected = expected_stars(camera, catalogue, p, hint)
@@ -239,7 +245,9 @@ def match_tracking(
     )
 
 
-def _accidents(counts: list[int], expected: Expected, reference: Array, p: SunsatParameters, camera: Camera) -> float:
+def _accidents(
+    counts: list[int], expected: ReferenceStars, reference: Array, p: SunsatParameters, camera: Camera
+) -> float:
     """Expected number of sets of three (or two) that fit by accident.
 
     The number of false stars per window is estimated as the candidates beyond the first, plus one for unknown ones. A false

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import NotFound
 from gss.pipeline.chains.aim import AimChain
 from gss.pipeline.chains.cubestar_onboard import CubestarChain
@@ -23,6 +24,6 @@ def system(name: str) -> OnboardChain:
         raise NotFound("unknown chain of a sensor", expected=" | ".join(SYSTEMS), got=name) from None
 
 
-def on_board(profile_name: str) -> OnboardChain:
-    """Return the chain that a unit with that camera runs: that of its system, or CubeStar's if it has none."""
-    return SYSTEMS.get(profile_name, SYSTEMS["cubestar"])
+def on_board(profile: CameraProfile) -> OnboardChain:
+    """Return the chain that a unit with that camera runs. Raises NotFound."""
+    return system(profile.chain)

@@ -11,11 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gss.domain.angles import Array
-from gss.pipeline.identify.sin2_directory import Rows, Sin2Directory, sin2_interval, sin2_of
+from gss.skytables.kvector import Rows
+from gss.skytables.sin2 import Sin2Directory, sin2_interval, sin2_of
 
 
 @dataclass(frozen=True)
-class Column:
+class BaselineCandidates:
     """Directed candidates of one baseline: ``key`` = p·stars + q, ascending, for star p and partner q. The partners of p are a
     slice of the keys, found by binary search."""
 
@@ -39,9 +40,9 @@ class Column:
         """True for each of the (n,) pairs that is a candidate."""
         if not len(self.key):
             return np.zeros(len(p), bool)
-        wanted = p * self.stars + q
-        at = np.minimum(np.searchsorted(self.key, wanted), len(self.key) - 1)
-        return np.asarray(self.key[at] == wanted)
+        keys = p * self.stars + q
+        at = np.minimum(np.searchsorted(self.key, keys), len(self.key) - 1)
+        return np.asarray(self.key[at] == keys)
 
 
 @dataclass
@@ -53,16 +54,18 @@ class Baselines:
     low: Rows
     high: Rows
     hits: int = 0
-    _columns: dict[tuple[int, int], Column] = field(default_factory=dict, repr=False)
+    _columns: dict[tuple[int, int], BaselineCandidates] = field(default_factory=dict, repr=False)
 
-    def column(self, i: int, j: int) -> Column:
+    def column(self, i: int, j: int) -> BaselineCandidates:
         """Candidates of baseline (i, j); the same for (j, i)."""
         key = (i, j) if i < j else (j, i)
         if key not in self._columns:
             low, high = int(self.low[key]), int(self.high[key])
             first, second = self.directory.first[low:high], self.directory.second[low:high]
             n = max(self.directory.stars, 1)
-            self._columns[key] = Column(np.sort(np.concatenate([first * n + second, second * n + first])), n)
+            self._columns[key] = BaselineCandidates(
+                np.sort(np.concatenate([first * n + second, second * n + first])), n
+            )
             self.hits += high - low
         return self._columns[key]
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.pipeline.identify.blind_candidates import Candidate, look_up
-from gss.pipeline.identify.blind_proof import Solved, prove
+from gss.pipeline.identify.blind_proof import BlindSolution, prove
 from gss.pipeline.identify.faint import Rows, Spots, name_the_rest
-from gss.pipeline.identify.patterns import Level, codes_of, radii_rad
+from gss.pipeline.identify.patterns import PatternLevel, codes_of, radii_rad
 from gss.pipeline.identify.pyramid import counted
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.verify import SkyCatalogue
 from gss.pipeline.lens import fit_lens
 from gss.pipeline.refine import Refined
 
@@ -80,7 +80,7 @@ class BlindFound:
     """``solved``, or None with the ``reason``; ``hypotheses``: number of candidates tested. ``placed``: True if the pointing was
     verified, even if no lens was found that fits the single stars."""
 
-    solved: Solved | None
+    solved: BlindSolution | None
     hypotheses: int
     reason: str = ""
     placed: bool = False
@@ -90,8 +90,8 @@ def identify_blind(
     spots: Spots,
     shape: tuple[int, int],
     fov_range_rad: tuple[float, float],
-    sky: Sky,
-    level: Callable[[float], Level],
+    sky: SkyCatalogue,
+    level: Callable[[float], PatternLevel],
     *,
     accept: float = ACCEPT,
     odd: bool = True,
@@ -114,19 +114,21 @@ def identify_blind(
         return plain
     for guess in (SQUARE, *ASPECTS, *CENTRES):
         search.suppose(guess)
-        found = _search(search, batches[:ODD_BATCHES], level)
-        if found.solved is not None and (plain.solved is None or _is_better(found.solved, plain.solved)):
-            return found
+        solution = _search(search, batches[:ODD_BATCHES], level)
+        if solution.solved is not None and (plain.solved is None or _is_better(solution.solved, plain.solved)):
+            return solution
         if search.tried > MAX_CANDIDATES or search.full > MAX_ODD_CHECKS:
             break
     return replace(plain, hypotheses=search.tried)
 
 
-def _search(search: _BlindSearch, batches: list[NDArray[np.int32]], level: Callable[[float], Level]) -> BlindFound:
+def _search(
+    search: _BlindSearch, batches: list[NDArray[np.int32]], level: Callable[[float], PatternLevel]
+) -> BlindFound:
     """Test all figures under all fields of view, within the limits on the number of candidates."""
-    for wanted in batches:
+    for batch in batches:
         for fov in _fov_hypotheses(*search.limits):
-            solved = search.run(wanted, fov, level)
+            solved = search.run(batch, fov, level)
             if solved is not None:
                 return BlindFound(solved, search.tried, placed=True)
             if search.unsettled >= MAX_UNSETTLED:
@@ -144,13 +146,13 @@ class _BlindSearch:
         spots: Spots,
         shape: tuple[int, int],
         fov_range_rad: tuple[float, float],
-        sky: Sky,
+        sky: SkyCatalogue,
         accept: float,
     ) -> None:
         self.spots, self.pixels, self.shape = spots, spots.pixels, shape
         self.limits, self.sky, self.accept = fov_range_rad, sky, accept
         self.tried = self.full = 0
-        self.best: Solved | None = None
+        self.best: BlindSolution | None = None
         self.unsettled = 0
         self.guess, self.also = SQUARE, tuple[str, ...]()
 
@@ -161,29 +163,31 @@ class _BlindSearch:
         self.guess, self.also = guess, ALSO
         self.unsettled = 0
 
-    def run(self, wanted: NDArray[np.int32], fov_rad: float, level: Callable[[float], Level]) -> Solved | None:
-        """Test the figures ``wanted`` under one field of view, large circles first because they are few and quickly built."""
+    def run(
+        self, pattern_rows: NDArray[np.int32], fov_rad: float, level: Callable[[float], PatternLevel]
+    ) -> BlindSolution | None:
+        """Test the figures ``pattern_rows`` under one field of view, large circles first because they are few and quickly built."""
         columns, rows = self.shape
         ratio = min(1.0, rows / columns)
         window = _fov_window(fov_rad, self.limits)
         camera = self.guess.camera(columns, rows, fov_rad)
         unit = camera.unproject(self.pixels)
-        codes, ids, size = codes_of(unit[wanted], wanted)
+        codes, ids, size = codes_of(unit[pattern_rows], pattern_rows)
         span = np.linalg.norm(self.pixels[ids[:, 0]] - self.pixels[ids[:, 1]], axis=1)
         wide = span > SMALLEST_FIGURE * columns
         weak: list[Candidate] = []
         for radius in reversed(radii_rad(window[0] * ratio, window[1] * ratio)):
-            found, count = look_up(
+            candidates, count = look_up(
                 level(radius), codes[wide], ids[wide], size[wide], camera, window, self.pixels, self.sky
             )
             self.tried += count
-            solved = self._prove_first([c for c in found if c.hits >= STRONG_HITS])
+            solved = self._prove_first([c for c in candidates if c.hits >= STRONG_HITS])
             if solved is not None:
                 return solved
-            weak += [c for c in found if c.hits < STRONG_HITS]
+            weak += [c for c in candidates if c.hits < STRONG_HITS]
         return self._prove_first(weak)
 
-    def _prove_first(self, candidates: list[Candidate]) -> Solved | None:
+    def _prove_first(self, candidates: list[Candidate]) -> BlindSolution | None:
         for candidate in sorted(candidates, key=lambda c: -c.hits)[:MOST_PROVED]:
             self.full += 1
             solved = prove(
@@ -213,7 +217,7 @@ class _BlindSearch:
                 self.best = solved
         return None
 
-    def _settle(self, solved: Solved) -> Solved | None:
+    def _settle(self, solved: BlindSolution) -> BlindSolution | None:
         """Fit lens and attitude to all stars that can be identified; None if strong distortion led the first fit astray."""
         settled = self._name(solved, self.also)
         for _ in range(FULLER_ROUNDS):
@@ -230,7 +234,7 @@ class _BlindSearch:
         # A camera with this many free parameters must fit all detections; otherwise it could fit any frame.
         return None if settled is not None and self.also and self._is_loose(settled) else settled
 
-    def _name(self, solved: Solved, also: tuple[str, ...]) -> Solved | None:
+    def _name(self, solved: BlindSolution, also: tuple[str, ...]) -> BlindSolution | None:
         spots = replace(self.spots, sigma_px=np.maximum(self.spots.sigma_px, MIN_SIGMA_PX))
         start = solved.fit
 
@@ -240,17 +244,17 @@ class _BlindSearch:
         named = name_the_rest(spots, self.sky, start, solved.rows, solved.stars, fit_to)
         return None if named is None else replace(solved, rows=named.rows, stars=named.stars, fit=named.fit)
 
-    def _is_loose(self, settled: Solved) -> bool:
+    def _is_loose(self, settled: BlindSolution) -> bool:
         """True if the camera does not explain the detections: too few are identified, or the residuals exceed their errors."""
         sigma_px = np.maximum(self.spots.sigma_px[settled.rows], MIN_SIGMA_PX)
         return self.is_thin(settled) or settled.fit.rms_px > LOOSE * float(np.median(sigma_px))
 
-    def is_thin(self, settled: Solved) -> bool:
+    def is_thin(self, settled: BlindSolution) -> bool:
         """True if too few of the bright detections are identified for a correct camera."""
         among = min(len(self.pixels), THIN_AMONG)
         return int((settled.rows < among).sum()) < THIN * among
 
-    def is_doubtful(self, settled: Solved) -> bool:
+    def is_doubtful(self, settled: BlindSolution) -> bool:
         """True if so few stars of a wide field are identified that the optical axis may be off-centre. A narrow field is not
         sensitive to that."""
         return settled.fit.camera.fov_rad[0] > WIDE_RAD and self.is_thin(settled)
@@ -268,7 +272,7 @@ class _BlindSearch:
         )
 
 
-def _is_better(fuller: Solved, settled: Solved) -> bool:
+def _is_better(fuller: BlindSolution, settled: BlindSolution) -> bool:
     """True if ``fuller`` identifies more stars, or as many with clearly smaller residuals."""
     more = len(fuller.rows) - len(settled.rows)
     return more > 0 or (more == 0 and fuller.fit.rms_px < BETTER * settled.fit.rms_px)

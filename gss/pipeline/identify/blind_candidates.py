@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.pipeline.identify.patterns import Level
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.patterns import PatternLevel
+from gss.pipeline.identify.verify import SkyCatalogue
 
 CODE_RADIUS = 0.014
 PROBES = 14
@@ -21,18 +21,18 @@ class Candidate:
     camera: Camera
     cam_from_icrs: Array
     hits: int
-    level: Level
+    level: PatternLevel
 
 
 def look_up(
-    level: Level,
+    level: PatternLevel,
     codes: Array,
     ids: NDArray[np.int32],
     size: Array,
     camera: Camera,
     window: tuple[float, float],
     pixels: Array,
-    sky: Sky,
+    sky: SkyCatalogue,
 ) -> tuple[list[Candidate], int]:
     """Return the candidates of one level that at least one more star supports, and the number before that test."""
     near = level.tree.query_ball_point(codes, CODE_RADIUS, return_sorted=False)
@@ -56,13 +56,13 @@ def look_up(
 
 
 def _probe(
-    level: Level,
+    level: PatternLevel,
     ids: NDArray[np.int32],
     pattern: NDArray[np.intp],
     factor: Array,
     camera: Camera,
     pixels: Array,
-    sky: Sky,
+    sky: SkyCatalogue,
 ) -> list[Candidate]:
     """Map the other bright detections to the sky with each candidate's attitude and count those that coincide with a star."""
     c = len(ids)
@@ -75,8 +75,8 @@ def _probe(
         v = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
         return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
-    seen, known = rays(pixels[ids]), sky.icrs[level.stars[pattern]]
-    u, _, vt = np.linalg.svd(np.einsum("cki,ckj->cij", seen, known))
+    seen, reference = rays(pixels[ids]), sky.icrs[level.stars[pattern]]
+    u, _, vt = np.linalg.svd(np.einsum("cki,ckj->cij", seen, reference))
     sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
     u[:, :, 2] *= sign[:, None]
     rotation = u @ vt

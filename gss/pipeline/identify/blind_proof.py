@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
-from gss.pipeline.identify.verify import Sky, in_view, pair_up
+from gss.pipeline.identify.verify import SkyCatalogue, in_view, pair_up
 from gss.pipeline.refine import Refined, refine
 
 WIDE_HALF_DIAGONAL_RAD = np.radians(12.0)
@@ -29,7 +29,7 @@ COUNT_AMONG = (8, 16, 40, 10_000)
 
 
 @dataclass(frozen=True)
-class Solved:
+class BlindSolution:
     """Accepted identification: rows of the detections and of the sky, with the fitted geometry."""
 
     rows: NDArray[np.intp]
@@ -45,10 +45,10 @@ def prove(
     pixels: Array,
     magnitude: Array,
     sigma_px: Array,
-    sky: Sky,
+    sky: SkyCatalogue,
     hypotheses: float,
     also: tuple[str, ...] = (),
-) -> Solved | None:
+) -> BlindSolution | None:
     """Match and refine alternately from a narrow and from a wide acquisition radius; return the more certain result.
 
     ``also``: camera parameters that are free in addition to focal length and lens once enough stars are matched. The
@@ -67,10 +67,10 @@ def _is_wide(camera: Camera) -> bool:
     return bool(camera.half_diagonal_rad > WIDE_HALF_DIAGONAL_RAD)
 
 
-def _visible(sky: Sky, camera: Camera, cam_from_icrs: Array, wanted: int) -> tuple[NDArray[np.intp], Array]:
-    """Return the brightest ``wanted`` stars in view and their pixels, without faint companions blended with a brighter star."""
+def _visible(sky: SkyCatalogue, camera: Camera, cam_from_icrs: Array, count: int) -> tuple[NDArray[np.intp], Array]:
+    """Return the brightest ``count`` stars in view and their pixels, without faint companions blended with a brighter star."""
     rows, pixels = in_view(sky, camera, cam_from_icrs)
-    rows, pixels = rows[:wanted], pixels[:wanted]
+    rows, pixels = rows[:count], pixels[:count]
     keep = np.ones(len(rows), bool)
     if len(rows) > 1:
         keep[cKDTree(pixels).query_pairs(MERGE_PX, output_type="ndarray").max(axis=1)] = False
@@ -83,18 +83,18 @@ def _prove(
     pixels: Array,
     magnitude: Array,
     sigma_px: Array,
-    sky: Sky,
+    sky: SkyCatalogue,
     hypotheses: float,
     acquire_px: float,
     also: tuple[str, ...],
-) -> Solved | None:
-    wanted = int(1.5 * len(pixels)) + 5
+) -> BlindSolution | None:
+    count = int(1.5 * len(pixels)) + 5
     sigma = np.maximum(sigma_px, 0.15)
     radius = acquire_px
     fit = Refined(camera, cam_from_icrs, np.zeros((0, 2)), np.zeros(0), radius)
     first, expected = np.zeros((0, 2)), 0
     for round_ in range(6):
-        seen, predicted = _visible(sky, fit.camera, fit.cam_from_icrs, wanted)
+        seen, predicted = _visible(sky, fit.camera, fit.cam_from_icrs, count)
         if len(seen) < 4:
             return None
         p, m = pair_up(predicted, pixels, np.full(len(seen), radius))
@@ -135,7 +135,7 @@ def _prove(
     offset = np.linalg.norm(first[stars] - pixels[rows], axis=1)
     tail = _tail(rows, offset, acquire_px, expected, len(pixels), camera, brightness)
     fit = replace(fit, residual_px=fit.residual_px[keep], weight=fit.weight[keep])
-    return Solved(rows, stars, fit, len(seen), false_match_probability(hypotheses, tail))
+    return BlindSolution(rows, stars, fit, len(seen), false_match_probability(hypotheses, tail))
 
 
 def _tail(

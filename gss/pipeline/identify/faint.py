@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array
 from gss.pipeline.identify.flux_line import FluxLine, flux_line
-from gss.pipeline.identify.verify import Sky, in_view
+from gss.pipeline.identify.verify import SkyCatalogue, in_view
 from gss.pipeline.refine import Refined, prediction_sigma_px
 from gss.pipeline.small import distances2, median
 
@@ -87,7 +87,7 @@ class _Expected:
     reach_px: Array
 
 
-def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows, refit: Refit) -> Named | None:
+def name_the_rest(spots: Spots, sky: SkyCatalogue, fit: Refined, rows: Rows, stars: Rows, refit: Refit) -> Named | None:
     """Match all detections, given a verified ``fit`` and its matches (``rows`` of the spots are ``stars`` of the sky).
 
     ``sky`` is the whole table, brightest first. ``refit(rows, stars, sigma_px)`` fits the attitude, and the camera if it is free,
@@ -102,16 +102,16 @@ def name_the_rest(spots: Spots, sky: Sky, fit: Refined, rows: Rows, stars: Rows,
         line = flux_line(spots.magnitude[named.rows], sky.v_mag[named.stars], spots.magnitude_sigma[named.rows])
         expected = _expect(spots, sky, named.fit, line)
         excess = _excess_px(spots, named)
-        found, which, chance = _assign(spots, expected, line, max(excess, FLOOR_PX), proved, named.fit)
-        if len(found) < max(LEAST_NAMED, len(rows) // 2):
+        spot_rows, which, chance = _assign(spots, expected, line, max(excess, FLOOR_PX), proved, named.fit)
+        if len(spot_rows) < max(LEAST_NAMED, len(rows) // 2):
             return None
         shift2 = (expected.shift_px[which] ** 2).sum(1)
-        settled = _same(found, named.rows) and _same(expected.stars[which], named.stars)
+        settled = _same(spot_rows, named.rows) and _same(expected.stars[which], named.stars)
         if settled and not excess and not shift2.any():
             named = replace(named, chance=chance)  # the current fit already used these stars with these errors
             break
-        sigma = np.sqrt(spots.sigma_px[found] ** 2 + shift2 + excess**2)
-        named = Named(found, expected.stars[which], refit(found, expected.stars[which], sigma), chance)
+        sigma = np.sqrt(spots.sigma_px[spot_rows] ** 2 + shift2 + excess**2)
+        named = Named(spot_rows, expected.stars[which], refit(spot_rows, expected.stars[which], sigma), chance)
         if settled:
             break
     return named if named.fit.rms_px <= np.hypot(MAX_EXCESS_PX, float(np.median(spots.sigma_px))) else None
@@ -131,11 +131,11 @@ def _excess_px(spots: Spots, named: Named) -> float:
     return float(np.sqrt(max(median(squares) / MEDIAN_SQUARE - CHANCE_EXCESS * own2, 0.0)))
 
 
-def _expect(spots: Spots, sky: Sky, fit: Refined, line: FluxLine) -> _Expected:
+def _expect(spots: Spots, sky: SkyCatalogue, fit: Refined, line: FluxLine) -> _Expected:
     """Return the catalogue stars on the detector down to the faintest detection, with the effect of companions on each."""
     faintest = float((line.v_mag(spots.magnitude) + BRIGHTNESS_SIGMA * line.sigma(spots.magnitude)).max())
     brighter = int(np.searchsorted(sky.v_mag, min(faintest + 1.0, float(sky.v_mag[-1])), side="right"))
-    part = Sky(sky.hip[:brighter], sky.icrs[:brighter], sky.v_mag[:brighter])
+    part = SkyCatalogue(sky.hip[:brighter], sky.icrs[:brighter], sky.v_mag[:brighter])
     stars, pixels = in_view(part, fit.camera, fit.cam_from_icrs, MAX_GATE_PX)
     own = 10 ** (-0.4 * (sky.v_mag[stars] - 5))
     light, shift, reach = own.copy(), np.zeros((len(stars), 2)), np.full(len(stars), MAX_GATE_PX)
@@ -178,9 +178,9 @@ def _assign(
     difference = np.abs(line.v_mag(spots.magnitude[s]) - expected.v_mag[e])
     window = BRIGHTNESS_SIGMA * noise
     bright = difference <= window
-    known = (proved[s] == expected.stars[e]) & (difference <= PROVED_WINDOW_MAG) & ~bright
-    window = np.where(known, PROVED_WINDOW_MAG, window)
-    fits = (bright | known) & (expected.share[e] >= OWN_SHARE)
+    same_star = (proved[s] == expected.stars[e]) & (difference <= PROVED_WINDOW_MAG) & ~bright
+    window = np.where(same_star, PROVED_WINDOW_MAG, window)
+    fits = (bright | same_star) & (expected.share[e] >= OWN_SHARE)
     s, e, gate, window = s[fits], e[fits], gate[fits], window[fits]
     chance = _chance(s, e, gate, window, expected, len(spots.pixels), fit)
     rivals = np.bincount(s, minlength=len(spots.pixels))[s] + np.bincount(e, minlength=len(expected.stars))[e]

@@ -16,17 +16,6 @@ SMALLEST = 1e-300
 LEVELS = 30
 
 
-def binomial_tail(at_least: int, trials: int, chance: float) -> float:
-    """Probability of at least ``at_least`` successes in independent trials."""
-    if at_least <= 0:
-        return 1.0
-    if at_least > trials:
-        return 0.0
-    if chance <= 0:
-        return SMALLEST
-    return max(float(betainc(at_least, trials - at_least + 1, min(chance, 1.0))), SMALLEST)
-
-
 def brightness_tail(observed_mag: Array, catalogue_mag: Array, spread_mag: float) -> float:
     """Probability that randomly chosen stars agree in relative brightness as well as these pairs.
 

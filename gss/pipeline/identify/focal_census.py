@@ -58,19 +58,19 @@ def focal_objection(
                 break
         return most
 
-    here, in_view = census(1.0, known_unit, enough=True)
-    if plenty(here, in_view, len(pixels)):
+    at_scale_one, in_view = census(1.0, known_unit, enough=True)
+    if plenty(at_scale_one, in_view, len(pixels)):
         return ""
     scales = (*AS_KNOWN, *OTHERS)
     met = [census(scale, unit)[0] for scale, unit in zip(scales, _seen_with(camera, scales, pixels), strict=True)]
-    here, counts = max(here, *met[: len(AS_KNOWN)]), met[len(AS_KNOWN) :]
+    at_scale_one, counts = max(at_scale_one, *met[: len(AS_KNOWN)]), met[len(AS_KNOWN) :]
     best = int(np.argmax(counts))
-    gain = counts[best] - here
+    gain = counts[best] - at_scale_one
     chance = min(1.0, in_view * np.pi * radius_px**2 / (camera.columns * camera.rows))
-    if gain <= 0 or len(OTHERS) * float(bdtrc(gain - 1, max(len(pixels) - here, gain), chance)) > ACCIDENT:
+    if gain <= 0 or len(OTHERS) * float(bdtrc(gain - 1, max(len(pixels) - at_scale_one, gain), chance)) > ACCIDENT:
         return ""
     return (
-        f"{here} stars of the bank are where the focal length of the camera puts them, "
+        f"{at_scale_one} stars of the bank are where the focal length of the camera puts them, "
         f"{counts[best]} where one of {100 * (OTHERS[best] - 1):+.2g} % would: it is not this focal length"
     )
 
@@ -89,7 +89,7 @@ def _without_furthest(pixels: Array) -> Rows:
 
 
 def plenty(met: int, in_view: int, centroids: int) -> bool:
-    """True if so many of the possible matches are found that no other focal length needs to be tried."""
+    """True if enough of the possible matches are found that no other focal length needs to be tried."""
     return met >= PLENTY * min(centroids, in_view)
 
 
@@ -112,13 +112,13 @@ def _met(
         radius = np.full(len(seen), radius_px)
         if not last:
             radius *= _lever(places, pixels[spots], weight, WIDEST_PX / radius_px)
-        star, found = _nearest(places, pixels, radius)
-        met, in_view = len(found), len(seen)
+        star, spot = _nearest(places, pixels, radius)
+        met, in_view = len(spot), len(seen)
         if met < 2 or last:
             break
         stars, weight = near[seen[star]], (radius_px / radius[star]) ** 2
-        settled = np.array_equal(found, spots) and np.array_equal(seen[star], named)
-        spots, named = found, seen[star]
+        settled = np.array_equal(spot, spots) and np.array_equal(seen[star], named)
+        spots, named = spot, seen[star]
     return met, in_view
 
 

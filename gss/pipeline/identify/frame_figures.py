@@ -28,10 +28,10 @@ def pair_match(before: Array, after: Array, flux_before: Array, flux_after: Arra
     Pairs are tried brightest first; one is accepted if exactly one pair of the other frame has the same separation. The order
     of the two stars follows from brightness, the document's fallback if the motion is unknown. Duplicate separations do not match.
     """
-    here, there = angle_matrix_rad(before), angle_matrix_rad(after)
+    angles_before, angles_after = angle_matrix_rad(before), angle_matrix_rad(after)
     a, b = np.triu_indices(len(after), 1)
     for i, j in figures(len(before), 2):
-        close = np.flatnonzero(np.abs(there[a, b] - here[i, j]) <= tolerance_rad)
+        close = np.flatnonzero(np.abs(angles_after[a, b] - angles_before[i, j]) <= tolerance_rad)
         if len(close) != 1:
             continue
         k, m = int(a[close[0]]), int(b[close[0]])
@@ -43,20 +43,20 @@ def pair_match(before: Array, after: Array, flux_before: Array, flux_after: Arra
 
 def triangle_match(before: Array, after: Array, tolerance_rad: float, most_figures: int = 500) -> Rows:
     """Match three stars by their three angles (§5.5.2): the first triad in the order of ``figures`` with exactly one partner."""
-    here, there = angle_matrix_rad(before), angle_matrix_rad(after)
+    angles_before, angles_after = angle_matrix_rad(before), angle_matrix_rad(after)
     for triad in figures(len(before), 3)[:most_figures]:
-        partner = triad_partner(triad, before, after, here, there, tolerance_rad)
+        partner = triad_partner(triad, before, after, angles_before, angles_after, tolerance_rad)
         if partner is not None:
             return np.column_stack([triad, partner])
     return NOTHING
 
 
 def triad_partner(
-    triad: tuple[int, ...], before: Array, after: Array, here: Array, there: Array, tolerance_rad: float
+    triad: tuple[int, ...], before: Array, after: Array, angles_before: Array, angles_after: Array, tolerance_rad: float
 ) -> Rows | None:
     """Return the (3,) matching stars of the other frame, or None unless exactly one triad of the same handedness fits."""
     sides = ((0, 1), (1, 2), (0, 2))
-    alike = [np.abs(there - here[triad[p], triad[q]]) <= tolerance_rad for p, q in sides]
+    alike = [np.abs(angles_after - angles_before[triad[p], triad[q]]) <= tolerance_rad for p, q in sides]
     for same in alike:
         np.fill_diagonal(same, False)
     matrix = candidate_star_matrix(*alike)

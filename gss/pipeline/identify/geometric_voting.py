@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
-from gss.domain.stars import DistanceTable, OnboardCatalogue
+from gss.skytables.bank import OnboardCatalogue
+from gss.skytables.pairs import DistanceTable, expanded
 
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -31,7 +32,7 @@ class Ballot:
 
 
 @dataclass(frozen=True)
-class Pairs:
+class ImagePairs:
     """All pairs i < j of n imaged stars and their distances."""
 
     i: Rows
@@ -39,10 +40,10 @@ class Pairs:
     distance_rad: Array
 
 
-def pairs_of(unit_cam: Array) -> Pairs:
+def pairs_of(unit_cam: Array) -> ImagePairs:
     """Return all pairs of (n, 3) unit vectors. Uses chords, because eq. 4.3.1's arccosine is inaccurate at small angles."""
     i, j = np.triu_indices(len(unit_cam), 1)
-    return Pairs(i, j, _angle_rad(unit_cam[i] - unit_cam[j]))
+    return ImagePairs(i, j, _angle_rad(unit_cam[i] - unit_cam[j]))
 
 
 def _angle_rad(chord: Array) -> Array:
@@ -56,13 +57,9 @@ def reduced_table(table: DistanceTable, allowed: Mask) -> DistanceTable:
     return DistanceTable(table.first[keep], table.second[keep], table.distance_rad[keep], table.min_rad, table.max_rad)
 
 
-def vote(pairs: Pairs, stars: int, table: DistanceTable, rows: int, tolerance_rad: float) -> Ballot:
+def vote(pairs: ImagePairs, stars: int, table: DistanceTable, rows: int, tolerance_rad: float) -> Ballot:
     """Run the first round for ``stars`` imaged stars and a catalogue of ``rows`` stars, by binary search in the table."""
-    low = np.searchsorted(table.distance_rad, pairs.distance_rad - tolerance_rad, side="left")
-    high = np.searchsorted(table.distance_rad, pairs.distance_rad + tolerance_rad, side="right")
-    count = high - low
-    pair = np.repeat(np.arange(len(count)), count)
-    entry = np.arange(len(pair)) + np.repeat(low - np.cumsum(count) + count, count)
+    pair, entry = expanded(*table.ranges(pairs.distance_rad - tolerance_rad, pairs.distance_rad + tolerance_rad))
     first, second = table.first[entry], table.second[entry]
     i, j = pairs.i[pair] * rows, pairs.j[pair] * rows
     lists = np.bincount(np.concatenate([i + first, i + second, j + first, j + second]), minlength=stars * rows)
@@ -72,15 +69,15 @@ def vote(pairs: Pairs, stars: int, table: DistanceTable, rows: int, tolerance_ra
     return Ballot(np.where(most > 0, row, -1), most, len(pair))
 
 
-def agreement(pairs: Pairs, row: Rows, catalogue: OnboardCatalogue, tolerance_rad: float) -> NDArray[np.int64]:
+def agreement(pairs: ImagePairs, row: Rows, catalogue: OnboardCatalogue, tolerance_rad: float) -> NDArray[np.int64]:
     """(n, n) symmetric 0/1 matrix: 1 if the assumed catalogue stars of two imaged stars have the measured separation. Two imaged
     stars with the same catalogue star never agree."""
     agree = np.zeros((len(row), len(row)), np.int64)
     a, b = row[pairs.i], row[pairs.j]
-    known = np.flatnonzero((a >= 0) & (b >= 0) & (a != b))
+    voted = np.flatnonzero((a >= 0) & (b >= 0) & (a != b))
     icrs = catalogue.icrs.astype(float)
-    apart_rad = _angle_rad(icrs[a[known]] - icrs[b[known]])
-    ok = known[np.abs(apart_rad - pairs.distance_rad[known]) <= tolerance_rad]
+    apart_rad = _angle_rad(icrs[a[voted]] - icrs[b[voted]])
+    ok = voted[np.abs(apart_rad - pairs.distance_rad[voted]) <= tolerance_rad]
     agree[pairs.i[ok], pairs.j[ok]] = agree[pairs.j[ok], pairs.i[ok]] = 1
     return agree
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
-from gss.domain.stars import DistanceTable
+from gss.skytables.pairs import DistanceTable, expanded
 
 Rows = NDArray[np.intp]
 Flags = NDArray[np.bool_]
@@ -34,7 +34,7 @@ class GroupLimits:
 
 
 @dataclass(frozen=True)
-class Group:
+class MatchGroup:
     """Observed stars and their guide stars, (k,) each. ``misfit_rad``: sum of the differences of all distances, the document's
     quality measure of a group."""
 
@@ -51,8 +51,8 @@ class Grouping:
     """``group``: the winner, or None with a ``reason``. ``largest``: all groups of the largest size, best first. ``pairs``: number
     of matching star pairs, ``operations``: number of table entries read and splitting steps."""
 
-    group: Group | None
-    largest: tuple[Group, ...]
+    group: MatchGroup | None
+    largest: tuple[MatchGroup, ...]
     pairs: int
     operations: int
     reason: str
@@ -103,8 +103,8 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
     spent = _Budget(limits.budget)
     size = largest_possible(graph.confidence())
     while size >= limits.min_group:
-        rest = _pruned(graph, size - 1)
-        cliques = _cliques(rest, size, spent)
+        pruned = _pruned(graph, size - 1)
+        cliques = _cliques(pruned, size, spent)
         groups = [g for g in (group_of(c, unit, guides) for c in cliques) if not mirrored(g, unit, guides.unit)]
         if spent.left < 0:
             return Grouping(None, (), pairs, entries + limits.budget, "groups are too many to be split")
@@ -129,10 +129,7 @@ def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimi
     apart = _angle_rad(unit[i], unit[j])
     ok = np.isfinite(apart)
     i, j, apart = i[ok], j[ok], apart[ok]
-    low = np.searchsorted(table.distance_rad, apart - limits.distance_rad, side="left")
-    count = np.searchsorted(table.distance_rad, apart + limits.distance_rad, side="right") - low
-    pair = np.repeat(np.arange(len(count)), count)
-    entry = np.arange(len(pair)) + np.repeat(low - np.cumsum(count) + count, count)
+    pair, entry = expanded(*table.ranges(apart - limits.distance_rad, apart + limits.distance_rad))
     i, j, first, second = i[pair], j[pair], table.first[entry].astype(np.intp), table.second[entry].astype(np.intp)
     straight, crossed = bright[i, first] & bright[j, second], bright[i, second] & bright[j, first]
     one = np.concatenate([i[straight] * stars + first[straight], i[crossed] * stars + second[crossed]])
@@ -168,7 +165,7 @@ def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]
     joined: list[set[int]] = [set() for _ in graph.observed]
     for a, b in zip(graph.a.tolist(), graph.b.tolist(), strict=True):
         joined[a].add(b)
-    found: list[list[int]] = []
+    cliques: list[list[int]] = []
 
     def grow(chosen: list[int], open_: set[int], done: set[int]) -> None:
         spent.left -= 1
@@ -176,7 +173,7 @@ def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]
             return
         if not open_:
             if not done:
-                found.append(sorted(chosen))
+                cliques.append(sorted(chosen))
             return
         pivot = max(sorted(open_ | done), key=lambda k: len(joined[k] & open_))
         for k in sorted(open_ - joined[pivot]):
@@ -184,35 +181,35 @@ def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]
             open_, done = open_ - {k}, done | {k}
 
     grow([], set(range(len(joined))), set())
-    return [(graph.observed[c], graph.guide[c]) for c in sorted(found)]
+    return [(graph.observed[c], graph.guide[c]) for c in sorted(cliques)]
 
 
-def group_of(match: tuple[Rows, Rows], unit: Array, guides: Guides) -> Group:
+def group_of(match: tuple[Rows, Rows], unit: Array, guides: Guides) -> MatchGroup:
     """Return a set of matches as a group with its quality."""
     observed, guide = match
     i, j = np.triu_indices(len(observed), 1)
     seen = _angle_rad(unit[observed[i]], unit[observed[j]])
-    known = _angle_rad(guides.unit[guide[i]], guides.unit[guide[j]])
-    return Group(observed, guide, float(np.sum(np.abs(seen - known))))
+    reference_rad = _angle_rad(guides.unit[guide[i]], guides.unit[guide[j]])
+    return MatchGroup(observed, guide, float(np.sum(np.abs(seen - reference_rad))))
 
 
-def mirrored(group: Group, unit: Array, guide_unit: Array) -> bool:
+def mirrored(group: MatchGroup, unit: Array, guide_unit: Array) -> bool:
     """True if the observed stars are the mirror image of the guide stars (§3.3.3), tested on the largest triangle at the kernel."""
     o, g = unit[group.observed], guide_unit[group.guide]
     i, j = np.triu_indices(len(o) - 1, 1)
     seen = np.einsum("ij,ij->i", np.cross(o[1 + i], o[1 + j]), np.broadcast_to(o[0], (len(i), 3)))
-    known = np.einsum("ij,ij->i", np.cross(g[1 + i], g[1 + j]), np.broadcast_to(g[0], (len(i), 3)))
-    widest = int(np.argmax(np.abs(known)))
-    return bool(seen[widest] * known[widest] < 0)
+    reference = np.einsum("ij,ij->i", np.cross(g[1 + i], g[1 + j]), np.broadcast_to(g[0], (len(i), 3)))
+    widest = int(np.argmax(np.abs(reference)))
+    return bool(seen[widest] * reference[widest] < 0)
 
 
-def ranked(groups: list[Group]) -> tuple[Group, ...]:
+def ranked(groups: list[MatchGroup]) -> tuple[MatchGroup, ...]:
     """Return the largest groups, best quality first."""
     most = max(len(g) for g in groups)
     return tuple(sorted((g for g in groups if len(g) == most), key=lambda g: g.misfit_rad))
 
 
-def winner(groups: list[Group], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[Group | None, str]:
+def winner(groups: list[MatchGroup], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[MatchGroup | None, str]:
     """Return the best of the largest groups, or None and the reason if the result is ambiguous."""
     largest = ranked(groups)
     best = largest[0]
@@ -221,12 +218,12 @@ def winner(groups: list[Group], unit: Array, guides: Guides, limits: GroupLimits
     return None, f"{len(largest)} different groups of {len(best)} stars fit the catalogue"
 
 
-def _one_answer(one: Group, other: Group, unit: Array, guides: Guides, limits: GroupLimits) -> bool:
+def _one_answer(one: MatchGroup, other: MatchGroup, unit: Array, guides: Guides, limits: GroupLimits) -> bool:
     """True if both groups give the same answer: they have two matches in common (§3.3.5), or all distances between the two are
     nearly right (stars with a large error can split a constellation into parts that share fewer matches)."""
     first = dict(zip(one.observed.tolist(), one.guide.tolist(), strict=True))
     if sum(first.get(o) == g for o, g in zip(other.observed.tolist(), other.guide.tolist(), strict=True)) > 1:
         return True
     seen = _angle_rad(unit[one.observed][:, None], unit[other.observed][None])
-    known = _angle_rad(guides.unit[one.guide][:, None], guides.unit[other.guide][None])
-    return bool(np.all(np.abs(seen - known) <= SPLIT_TOLERANCES * limits.distance_rad))
+    reference_rad = _angle_rad(guides.unit[one.guide][:, None], guides.unit[other.guide][None])
+    return bool(np.all(np.abs(seen - reference_rad) <= SPLIT_TOLERANCES * limits.distance_rad))

@@ -14,7 +14,7 @@ import numpy as np
 
 from gss.domain.angles import Array
 from gss.pipeline.identify.baselines import Baselines
-from gss.pipeline.identify.sin2_directory import Rows
+from gss.skytables.kvector import Rows
 
 FLATTEST = 1e-7
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.pipeline.identify.pyramid import Found, counted
-from gss.pipeline.identify.verify import Evidence, Field, Sky, verify
+from gss.pipeline.identify.pyramid import PyramidMatch, counted
+from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
 
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -24,28 +24,30 @@ TRIES = 6
 
 
 @dataclass(frozen=True)
-class Hint:
+class BoundedPrior:
     """A prior attitude and the largest rotation, rad, by which it may be off."""
 
     cam_from_icrs: Array
     radius_rad: float
 
 
-def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept: float = ACCEPT) -> Found:
+def identify_near(
+    field: FrameDetections, sky: SkyCatalogue, camera: Camera, hint: BoundedPrior, *, accept: float = ACCEPT
+) -> PyramidMatch:
     """Identify with a prior attitude. Candidates are (detection, catalogue star) pairs within the radius; consistent pairs vote."""
     n = min(len(field), MAX_STARS)
     if n < 3:
-        return Found(None, 0, f"{counted(len(field))} found: at least 3 are needed near a known attitude")
+        return PyramidMatch(None, 0, f"{counted(len(field))} found: at least 3 are needed near a known attitude")
     reach = np.cos(min(camera.half_diagonal_rad + hint.radius_rad, np.pi))
     local = np.flatnonzero(sky.icrs @ hint.cam_from_icrs[2] > reach)
     expected = sky.icrs[local] @ hint.cam_from_icrs.T
     chord2 = 2 - 2 * field.unit[:n] @ expected.T
-    seen, known = np.nonzero(chord2 < (2 * np.sin(hint.radius_rad / 2) + 3 * field.sigma_rad[:n, None]) ** 2)
+    seen, reference = np.nonzero(chord2 < (2 * np.sin(hint.radius_rad / 2) + 3 * field.sigma_rad[:n, None]) ** 2)
     if len(seen) > MAX_CANDIDATES:
-        seen, known = seen[:MAX_CANDIDATES], known[:MAX_CANDIDATES]
+        seen, reference = seen[:MAX_CANDIDATES], reference[:MAX_CANDIDATES]
     if len(seen) < 3:
-        return Found(None, len(seen), "no catalogue stars near where the hint expects them")
-    agree = _agreement(field, seen, field.unit[seen], expected[known], known)
+        return PyramidMatch(None, len(seen), "no catalogue stars near where the hint expects them")
+    agree = _agreement(field, seen, field.unit[seen], expected[reference], reference)
     hypotheses = int(agree.sum()) // 2
     best: Evidence | None = None
     for _ in range(TRIES):
@@ -63,16 +65,18 @@ def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept:
         # Square of twice the triangle's area.
         area2 = (side @ side) * (others * others).sum(1) - (others @ side) ** 2
         trio = np.array([p, q, members[area2.argmax()]])
-        evidence = verify(field, sky, camera, rows=seen[trio], stars=local[known[trio]], hypotheses=max(hypotheses, 1))
+        evidence = verify(
+            field, sky, camera, rows=seen[trio], stars=local[reference[trio]], hypotheses=max(hypotheses, 1)
+        )
         if evidence is not None and _is_near(evidence, hint):
             if evidence.false_match_probability <= accept:
-                return Found(evidence, hypotheses)
+                return PyramidMatch(evidence, hypotheses)
             if best is None or evidence.false_match_probability < best.false_match_probability:
                 best = evidence
         agree[p] = agree[:, p] = False
     if best is None:
-        return Found(None, hypotheses, "no three stars agree with the catalogue near the hint")
-    return Found(
+        return PyramidMatch(None, hypotheses, "no three stars agree with the catalogue near the hint")
+    return PyramidMatch(
         None,
         hypotheses,
         f"best candidate near the hint has {len(best.rows)} of {len(field)} stars, but a false-match probability of "
@@ -80,12 +84,12 @@ def identify_near(field: Field, sky: Sky, camera: Camera, hint: Hint, *, accept:
     )
 
 
-def _agreement(field: Field, seen: Rows, unit: Array, expected: Array, known: Rows) -> Mask:
+def _agreement(field: FrameDetections, seen: Rows, unit: Array, expected: Array, reference: Rows) -> Mask:
     """(k, k) mask of candidate pairs with the right separation and different stars."""
     variance = field.sigma_rad[seen] ** 2
     tolerance = TOLERANCE_SIGMA * np.sqrt(variance[:, None] + variance)
     a, b = _distances(np.stack([unit, expected]))
-    return np.asarray((np.abs(a - b) < tolerance) & (seen[:, None] != seen) & (known[:, None] != known))
+    return np.asarray((np.abs(a - b) < tolerance) & (seen[:, None] != seen) & (reference[:, None] != reference))
 
 
 def _distances(unit: Array) -> Array:
@@ -95,6 +99,6 @@ def _distances(unit: Array) -> Array:
     return np.asarray(2 * np.arcsin(np.sqrt(np.minimum(np.maximum(half2, 0.0), 1.0))))
 
 
-def _is_near(evidence: Evidence, hint: Hint) -> bool:
+def _is_near(evidence: Evidence, hint: BoundedPrior) -> bool:
     cosine = (float((evidence.cam_from_icrs * hint.cam_from_icrs).sum()) - 1) / 2
     return math.acos(min(max(cosine, -1.0), 1.0)) <= 2 * hint.radius_rad + 0.01

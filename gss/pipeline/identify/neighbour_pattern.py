@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array, separation_rad
-from gss.domain.neighbours import LinkLengths
+from gss.skytables.pairs import DistanceTable, expanded
 
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -49,7 +49,7 @@ def pair_hypotheses(
     unit_cam: Array,
     spot_mag: Array,
     saturated: Mask,
-    lengths: LinkLengths,
+    links: DistanceTable,
     star_mag: Array,
     allowed: Mask,
     tolerance_rad: float,
@@ -62,12 +62,9 @@ def pair_hypotheses(
     order = np.lexsort((i, j))
     i, j = i[order], j[order]
     apart = separation_rad(unit_cam[i], unit_cam[j])
-    low = np.searchsorted(lengths.length_rad, apart - tolerance_rad, "left")
-    high = np.searchsorted(lengths.length_rad, apart + tolerance_rad, "right")
-    count = high - low
-    pair = np.repeat(np.arange(len(i)), count)
-    link = np.arange(len(pair)) + np.repeat(low - np.cumsum(count) + count, count)
-    first, second = lengths.first[link], lengths.second[link]
+    pair, link = expanded(*links.ranges(apart - tolerance_rad, apart + tolerance_rad))
+    checks = len(link)
+    first, second = links.first[link].astype(np.intp), links.second[link].astype(np.intp)
     keep = allowed[first] & allowed[second]
     pair, first, second = pair[keep], first[keep], second[keep]
     both = np.stack([np.stack([first, second], 1), np.stack([second, first], 1)], 1).reshape(-1, 2)
@@ -76,15 +73,13 @@ def pair_hypotheses(
     fits &= magnitude_fits(spot_mag[j[pair]], saturated[j[pair]], star_mag[both[:, 1]], error_mag)
     index = np.flatnonzero(fits)
     used = index[:most]
-    return PairHypotheses(
-        i[pair[used]], j[pair[used]], both[used, 0], both[used, 1], int(count.sum()), len(index) - len(used)
-    )
+    return PairHypotheses(i[pair[used]], j[pair[used]], both[used, 0], both[used, 1], checks, len(index) - len(used))
 
 
 def pair_attitudes(unit_cam: Array, icrs: Array, h: PairHypotheses) -> Array:
     """(h, 3, 3) attitudes that align the midpoint and direction of each pair of spots with those of its stars."""
-    here, there = _axes(unit_cam[h.i], unit_cam[h.j]), _axes(icrs[h.a], icrs[h.b])
-    return np.asarray(np.einsum("hka,hkb->hab", here, there))
+    camera_axes, icrs_axes = _axes(unit_cam[h.i], unit_cam[h.j]), _axes(icrs[h.a], icrs[h.b])
+    return np.asarray(np.einsum("hka,hkb->hab", camera_axes, icrs_axes))
 
 
 def _axes(p: Array, q: Array) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array
-from gss.pipeline.identify.verify import Sky
+from gss.pipeline.identify.verify import SkyCatalogue
 
 STARS_PER_CIRCLE = 20.0
 BRIGHTEST = 8
@@ -25,7 +25,7 @@ OTHERS = np.array([[k for k in range(4) if k not in pair] for pair in PAIRS.toli
 
 
 @dataclass(frozen=True)
-class Level:
+class PatternLevel:
     """Figures of one size. ``radius_rad``: radius of the circle they were taken from. ``stars``: (p, 4) rows of the sky in the
     order A, B, C, D; ``size_rad``: (p,) distance A–B; ``tree``: over (p, 4) codes; ``bright``: tree over the circle's stars."""
 
@@ -46,7 +46,7 @@ def radii_rad(lowest_fov_rad: float, highest_fov_rad: float) -> list[float]:
     return [float(LEVEL_RATIO ** (first + k)) for k in range(count + 1)]
 
 
-def build_level(sky: Sky, radius_rad: float) -> Level:
+def build_level(sky: SkyCatalogue, radius_rad: float) -> PatternLevel:
     """Build all figures of a star that is among the eight brightest of its circle with three of the other seven."""
     share = (1 - np.cos(radius_rad)) / 2
     count = int(min(len(sky), max(STARS_PER_CIRCLE / share, 60)))
@@ -61,7 +61,7 @@ def build_level(sky: Sky, radius_rad: float) -> Level:
     anchors = np.flatnonzero((rank < BRIGHTEST) & (have >= 3))
     quads = _quads(anchors, other, offsets, have)
     codes, stars, size = codes_of(unit[quads], quads)
-    return Level(radius_rad, stars, size, cKDTree(codes), bright, count)
+    return PatternLevel(radius_rad, stars, size, cKDTree(codes), bright, count)
 
 
 def _quads(

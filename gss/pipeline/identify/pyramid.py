@@ -7,29 +7,23 @@ together, and a candidate is accepted by its false-match probability instead of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.pipeline.identify.kvector import PairTable
-from gss.pipeline.identify.verify import Evidence, Field, Sky, verify
+from gss.pipeline.identify.pair_search import MAX_JOINED_ROWS, pair_search
+from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
+from gss.pipeline.kernels import kernels
+from gss.skytables.pairs import DistanceTable
 
-TOLERANCE_SIGMA = 3.5
 ACCEPT = 1e-6
 MAX_STARS = 120
 LEAST_MATCHED = 4  # three stars are not sufficient evidence over the whole sky, whatever their false-match probability
-MAX_JOINED_ROWS = 3_000_000
-ROWS_AT_ONCE = 4_000_000
-ROWS_PER_PAIR = 600  # fixed cost of one join, in rows
-COLLINEAR = 4.0
 
 
 @dataclass(frozen=True)
-class Found:
+class PyramidMatch:
     """The accepted evidence, or None and the reason. ``hypotheses``: number of pointings tried."""
 
     evidence: Evidence | None
@@ -38,36 +32,36 @@ class Found:
 
 
 def identify_lost(
-    field: Field, sky: Sky, table: PairTable, camera: Camera, *, scale_error: float = 0.0, accept: float = ACCEPT
-) -> Found:
+    field: FrameDetections,
+    sky: SkyCatalogue,
+    table: DistanceTable,
+    camera: Camera,
+    *,
+    scale_error: float = 0.0,
+    accept: float = ACCEPT,
+    fast: bool | None = None,
+) -> PyramidMatch:
     """Identify a field without prior attitude.
 
-    ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors.
+    ``scale_error``: relative uncertainty of distances from the camera's calibration, added to the centroid errors. ``fast``:
+    see :func:`gss.pipeline.kernels.kernels`.
     """
     n = min(len(field), MAX_STARS)
     if n < LEAST_MATCHED:
-        return Found(None, 0, f"{counted(len(field))} found: at least {LEAST_MATCHED} are needed without a hint")
-    search = _Search(field, sky, table, n, scale_error)
+        return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {LEAST_MATCHED} are needed without a hint")
+    search = pair_search(field, sky, table, n, scale_error, kernels(fast))
     best: Evidence | None = None
-    for i, j in _pair_order(n):
-        if search.joined_rows > MAX_JOINED_ROWS:
-            return Found(None, search.hypotheses, _too_long(search, best))
-        for first, second, third, rows in search.candidates(i, j):
-            evidence = verify(
-                field,
-                sky,
-                camera,
-                rows=np.array([i, j, third]),
-                stars=np.array([first, second, *rows]),
-                hypotheses=search.hypotheses,
-            )
-            if evidence is None or len(evidence.rows) < LEAST_MATCHED:
-                continue
-            if evidence.false_match_probability <= accept:
-                return Found(evidence, search.hypotheses)
-            if best is None or evidence.false_match_probability < best.false_match_probability:
-                best = evidence
-    return Found(None, search.hypotheses, _why_not(field, best, accept))
+    for trial in search.run():
+        rows, stars = np.array(trial.rows), np.array(trial.stars)
+        evidence = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=search.hypotheses)
+        if evidence is None or len(evidence.rows) < LEAST_MATCHED:
+            continue
+        if evidence.false_match_probability <= accept:
+            return PyramidMatch(evidence, search.hypotheses)
+        if best is None or evidence.false_match_probability < best.false_match_probability:
+            best = evidence
+    reason = _too_long(search.hypotheses, best) if search.is_too_long else _why_not(field, best, accept)
+    return PyramidMatch(None, search.hypotheses, reason)
 
 
 def counted(stars: int) -> str:
@@ -75,14 +69,7 @@ def counted(stars: int) -> str:
     return f"{stars} star{'' if stars == 1 else 's'}"
 
 
-def _pair_order(n: int) -> Iterator[tuple[int, int]]:
-    """Yield pairs (i, j), i < j, bright ones first, in an order that spreads the pairs of any one (false) star."""
-    for total in range(1, 2 * n - 2):
-        for i in range(max(0, total - n + 1), (total + 1) // 2):
-            yield i, total - i
-
-
-def _why_not(field: Field, best: Evidence | None, accept: float) -> str:
+def _why_not(field: FrameDetections, best: Evidence | None, accept: float) -> str:
     if best is None:
         return f"no four of the {len(field)} stars fit the catalogue: another camera than stated, or too few catalogue stars"
     return (
@@ -91,107 +78,6 @@ def _why_not(field: Field, best: Evidence | None, accept: float) -> str:
     )
 
 
-def _too_long(search: _Search, best: Evidence | None) -> str:
+def _too_long(hypotheses: int, best: Evidence | None) -> str:
     tail = "" if best is None else f"; best false-match probability {best.false_match_probability:.1e}"
-    return f"budget of {MAX_JOINED_ROWS} combinations used up after {search.hypotheses} hypotheses{tail}"
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """(3, …) cross product; numpy's version has more overhead than the work on a dozen vectors."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
-class _Search:
-    """Candidate lists of one field, built once per anchor star and joined once per pair."""
-
-    def __init__(self, field: Field, sky: Sky, table: PairTable, n: int, scale_error: float) -> None:
-        self.sky, self.table, self.n = sky, table, n
-        self.unit = field.unit[:n]
-        chord = np.linalg.norm(self.unit[:, None] - self.unit[None], axis=-1)
-        self.distance = 2 * np.arcsin(np.minimum(1.0, chord / 2))
-        s2 = field.sigma_rad[:n] ** 2
-        self.tolerance = TOLERANCE_SIGMA * np.sqrt(s2[:, None] + s2) + scale_error * self.distance
-        low, high = np.maximum(self.distance - self.tolerance, 0), self.distance + self.tolerance
-        start, stop = table.ranges(low.ravel(), high.ravel())
-        self.start, self.stop = start.reshape(n, n), stop.reshape(n, n)
-        cos_low, cos_high = np.cos(high), np.cos(low)
-        self.cos_middle, self.cos_half = (cos_low + cos_high) / 2, (cos_high - cos_low) / 2
-        self.xyz = np.ascontiguousarray(sky.icrs.T)
-        self.anchors: dict[int, tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]] = {}
-        self.hypotheses = 0
-        self.joined_rows = 0
-
-    def _anchor(self, i: int) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]:
-        """Return all candidates of the pairs with star i, grouped by the catalogue star of i: (offsets, other star, partner)."""
-        if i not in self.anchors:
-            lists = [(k, slice(self.start[i, k], self.stop[i, k])) for k in range(self.n) if k != i]
-            first = np.concatenate([self.table.first[s] for _, s in lists])
-            second = np.concatenate([self.table.second[s] for _, s in lists])
-            k = np.repeat([k for k, _ in lists], [s.stop - s.start for _, s in lists]).astype(np.int64)
-            me = np.concatenate([first, second]).astype(np.int64)
-            other = np.concatenate([second, first]).astype(np.int64)
-            # One sort of packed 64-bit words is several times faster than an argsort and three gathers.
-            packed = np.sort(me << 40 | np.concatenate([k, k]) << 32 | other)
-            offsets = np.concatenate([[0], np.cumsum(np.bincount(me, minlength=len(self.sky)))])
-            self.anchors[i] = (offsets, (packed >> 32 & 0xFF).astype(np.int32), (packed & 0xFFFFFFFF).astype(np.int32))
-        return self.anchors[i]
-
-    def candidates(self, i: int, j: int) -> list[tuple[int, int, int, list[int]]]:
-        """(star of i, star of j, third row, [its star]) that at least one more star agrees with, best supported first."""
-        s = slice(self.start[i, j], self.stop[i, j])
-        a = np.concatenate([self.table.first[s], self.table.second[s]])
-        b = np.concatenate([self.table.second[s], self.table.first[s]])
-        self.hypotheses += len(a)
-        if not len(a):
-            return []
-        offsets, anchor_k, anchor_c = self._anchor(i)
-        count = offsets[a + 1] - offsets[a]
-        rows = int(count.sum())
-        self.joined_rows += rows + ROWS_PER_PAIR
-        if rows > ROWS_AT_ONCE:
-            return []  # too unspecific to be evidence, and its join would take gigabytes
-        h = np.repeat(np.arange(len(a)), count)
-        pos = np.arange(len(h)) + (offsets[a] - (np.cumsum(count) - count))[h]
-        k, c = anchor_k.take(pos), anchor_c.take(pos)
-        off = -self.cos_middle[j].take(k)
-        for axis in self.xyz:  # by coordinate, because indexing whole vectors takes several times as long
-            off += axis[b].take(h) * axis.take(c)
-        fits = np.flatnonzero(np.abs(off) <= self.cos_half[j].take(k))
-        h, k, c = h[fits], k[fits], c[fits]
-        fits = np.flatnonzero((k != j) & (c != b[h]))
-        return self._supported(i, j, a, b, h[fits], k[fits], c[fits])
-
-    def _supported(
-        self,
-        i: int,
-        j: int,
-        a: NDArray[np.int32],
-        b: NDArray[np.int32],
-        h: NDArray[np.intp],
-        k: NDArray[np.int32],
-        c: NDArray[np.int32],
-    ) -> list[tuple[int, int, int, list[int]]]:
-        if not len(h):
-            return []
-        u, icrs = self.unit, self.sky.icrs
-        seen = u[k] @ _cross(u[i], u[j])
-        known = (_cross(icrs[a[h]].T, icrs[b[h]].T) * icrs[c].T).sum(0)
-        # Nearly collinear triangles have no reliable handedness; they are tested later on the whole field.
-        flat = (
-            COLLINEAR
-            * self.tolerance[i, j]
-            * np.maximum(self.distance[i, j], np.maximum(self.distance[i, k], self.distance[j, k]))
-        )
-        right = (seen * known > 0) | (np.maximum(np.abs(seen), np.abs(known)) < flat)
-        h, k, c, seen = h[right], k[right], c[right], seen[right]
-        if not len(h):
-            return []
-        votes = np.bincount(h, minlength=len(a))
-        need = min(2, self.n - 2)
-        out = []
-        strong = np.flatnonzero(votes >= need)
-        for which in strong[np.argsort(-votes[strong], kind="stable")][:8]:
-            mine = np.flatnonzero(h == which)
-            widest = mine[np.argmax(np.abs(seen[mine]))]
-            out.append((int(a[which]), int(b[which]), int(k[widest]), [int(c[widest])]))
-        return out
+    return f"budget of {MAX_JOINED_ROWS} combinations used up after {hypotheses} hypotheses{tail}"

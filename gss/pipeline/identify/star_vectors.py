@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array, separation_rad
 from gss.pipeline.identify.match_groups import (
-    Group,
     Grouping,
     GroupLimits,
     Guides,
+    MatchGroup,
     Rows,
     group_of,
     mirrored,
@@ -38,12 +38,12 @@ def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags
     vectors = [np.flatnonzero(row) for row in fits]
     first_pairs = int(np.count_nonzero(_partners(vectors[0], vectors[1], unit, 0, 1, guides, limits)))
     looked = _strike_out(vectors, unit, guides, limits)
-    found, steps = _constellations(vectors, unit, guides, limits)
+    constellations, steps = _constellations(vectors, unit, guides, limits)
     operations = looked + steps
     if steps > limits.budget:
         return Grouping(None, (), first_pairs, operations, "constellations are too many to be put together")
     everyone = np.arange(n)
-    groups: list[Group] = [group_of((everyone, rows), unit, guides) for rows in found]
+    groups: list[MatchGroup] = [group_of((everyone, rows), unit, guides) for rows in constellations]
     groups = [g for g in groups if not mirrored(g, unit, guides.unit)]
     if not groups:
         return Grouping(None, (), first_pairs, operations, f"no constellation of all {n} stars fits the catalogue")
@@ -82,7 +82,7 @@ def _constellations(vectors: list[Rows], unit: Array, guides: Guides, limits: Gr
     if any(len(v) == 0 for v in vectors):
         return [], 0
     fit = {(i, j): _partners(vectors[i], vectors[j], unit, i, j, guides, limits) for j in range(1, n) for i in range(j)}
-    found: list[Rows] = []
+    constellations: list[Rows] = []
     steps = 0
 
     def grow(places: list[int]) -> None:
@@ -92,7 +92,7 @@ def _constellations(vectors: list[Rows], unit: Array, guides: Guides, limits: Gr
             return
         j = len(places)
         if j == n:
-            found.append(np.array([vectors[k][place] for k, place in enumerate(places)], np.intp))
+            constellations.append(np.array([vectors[k][place] for k, place in enumerate(places)], np.intp))
             return
         open_ = np.ones(len(vectors[j]), bool)
         for i, place in enumerate(places):
@@ -101,4 +101,4 @@ def _constellations(vectors: list[Rows], unit: Array, guides: Guides, limits: Gr
             grow([*places, place])
 
     grow([])
-    return found, steps
+    return constellations, steps

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from gss.domain.angles import Array
 from gss.pipeline.identify.baselines import Baselines
 from gss.pipeline.identify.n_vertex import figures, match_figure
-from gss.pipeline.identify.sin2_directory import Rows
+from gss.skytables.kvector import Rows
 
 
 @dataclass(frozen=True)

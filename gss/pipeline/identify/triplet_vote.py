@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array, separation_rad
 from gss.domain.camera import Camera
-from gss.domain.triplets import TripletTable, features
+from gss.skytables.triplets import TripletTable, features
 
 Index = NDArray[np.intp]
 OUTLINE_PER_SIDE = 64
@@ -60,9 +60,9 @@ def vote(
     triplet = np.stack([star, first, second], axis=1)
     if not len(star):
         return TripletVote(row, votes, triplet, none, none, 0)
-    which, found = table.look_up(table.classes.key(*features(unit_cam[star], unit_cam[first], unit_cam[second])))
-    keep = np.flatnonzero(allowed[found])
-    which, candidate = which[keep], found[keep].astype(np.intp)
+    which, entries = table.look_up(table.classes.key(*features(unit_cam[star], unit_cam[first], unit_cam[second])))
+    keep = np.flatnonzero(allowed[entries])
+    which, candidate = which[keep], entries[keep].astype(np.intp)
     centroid = star[which]
     agree = agreement_of_candidates(unit_cam, centroid, icrs, candidate, tolerance_rad)
     # Each measured star counts as one supporter, even if several of its candidates agree.
@@ -81,8 +81,10 @@ def agreement_of_candidates(
     unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tolerance_rad: float
 ) -> NDArray[np.bool_]:
     """(c, c) mask of candidate pairs for different stars whose distance is the measured one."""
-    here, there = unit_cam[centroid], icrs[candidate]
-    off = np.abs(separation_rad(here[:, None], here[None]) - separation_rad(there[:, None], there[None]))
+    observed, reference = unit_cam[centroid], icrs[candidate]
+    off = np.abs(
+        separation_rad(observed[:, None], observed[None]) - separation_rad(reference[:, None], reference[None])
+    )
     other = (centroid[:, None] != centroid) & (candidate[:, None] != candidate)
     return np.asarray((off <= tolerance_rad) & other)
 
@@ -93,9 +95,9 @@ def consistent_set(agree: NDArray[np.bool_], count: Index) -> Index:
         return np.empty(0, np.intp)
     leader = int(np.argmax(count))
     free = agree[leader].copy()
-    kept = [leader]
+    members = [leader]
     for k in np.argsort(-count, kind="stable").tolist():
         if free[k]:
-            kept.append(k)
+            members.append(k)
             free &= agree[k]
-    return np.array(kept, np.intp)
+    return np.array(members, np.intp)

@@ -30,11 +30,11 @@ def brightest_per_field(icrs: Array, order: NDArray[np.intp], radius_rad: float,
     if not len(order):
         return chosen
     ranked = icrs[order]
-    found = cKDTree(ranked).query_ball_point(
+    in_field = cKDTree(ranked).query_ball_point(
         lattice(radius_rad / 4), 2 * np.sin(min(radius_rad, np.pi) / 2), return_sorted=True
     )
-    for inside in found:
+    for inside in in_field:
         chosen[inside[:count]] = True
-    kept = np.zeros(len(order), bool)
-    kept[order[chosen]] = True
-    return kept
+    selected = np.zeros(len(order), bool)
+    selected[order[chosen]] = True
+    return selected

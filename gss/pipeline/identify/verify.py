@@ -23,7 +23,7 @@ _EYE = np.eye(3)
 
 
 @dataclass(frozen=True)
-class Sky:
+class SkyCatalogue:
     """The stars a camera can image, brightest first: (n,) Hipparcos numbers, (n, 3) ICRS unit vectors, (n,) V magnitudes."""
 
     hip: NDArray[np.int32]
@@ -35,7 +35,7 @@ class Sky:
 
 
 @dataclass(frozen=True)
-class Field:
+class FrameDetections:
     """Detections of one frame, brightest first: rows in Centroids, (n, 2) pixels, (n, 3) camera vectors, their errors, and
     magnitudes with an arbitrary zero point."""
 
@@ -55,7 +55,7 @@ class Field:
         return median(self.sigma_px) if len(self) else 0.1
 
 
-def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -> Field:
+def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -> FrameDetections:
     """Convert centroids to a field with the geometry of a known camera. Positions outside the distortion's domain are dropped."""
     pixels = centroids.pixels
     sigma_px = np.maximum(centroids.sigma_px, min_sigma_px)
@@ -64,12 +64,14 @@ def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -
     steps[n : 2 * n, 0] += 0.5
     steps[2 * n :, 1] += 0.5
     unit = camera.unproject(steps) if n else np.zeros((0, 3))
-    here, right, below = unit[:n], unit[n : 2 * n], unit[2 * n :]
-    right, below = right - here, below - here
+    centre, right, below = unit[:n], unit[n : 2 * n], unit[2 * n :]
+    right, below = right - centre, below - centre
     px_rad = 2 * np.sqrt(np.maximum((right * right).sum(1), (below * below).sum(1)))
     magnitude = -2.5 * np.log10(np.fmin(np.fmax(centroids.flux_dn, 1e-12), 1e300))
-    ok = np.isfinite(here).all(axis=1) & np.isfinite(px_rad)
-    return Field(np.flatnonzero(ok), pixels[ok], here[ok], sigma_px[ok], (px_rad * sigma_px)[ok], magnitude[ok])
+    ok = np.isfinite(centre).all(axis=1) & np.isfinite(px_rad)
+    return FrameDetections(
+        np.flatnonzero(ok), pixels[ok], centre[ok], sigma_px[ok], (px_rad * sigma_px)[ok], magnitude[ok]
+    )
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,9 @@ class Evidence:
     false_match_probability: float
 
 
-def in_view(sky: Sky, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0) -> tuple[NDArray[np.intp], Array]:
+def in_view(
+    sky: SkyCatalogue, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0
+) -> tuple[NDArray[np.intp], Array]:
     """Return the rows of the sky on the detector, and their (m, 2) pixels."""
     near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > _reach_cosine(camera))
     pixels = camera.project(sky.icrs[near] @ cam_from_icrs.T)
@@ -111,8 +115,8 @@ def pair_up(predicted: Array, measured: Array, radius: Array) -> tuple[NDArray[n
 
 
 def verify(
-    field: Field,
-    sky: Sky,
+    field: FrameDetections,
+    sky: SkyCatalogue,
     camera: Camera,
     *,
     rows: NDArray[np.intp],
@@ -159,7 +163,9 @@ def _first_offset(
     return np.asarray(np.where(seen[at] == stars, np.sqrt((off * off).sum(1)) / radius[at], np.inf))
 
 
-def _radius(field: Field, camera: Camera, unit: Array, used: Array, weights: Array, calibration_px: float) -> Array:
+def _radius(
+    field: FrameDetections, camera: Camera, unit: Array, used: Array, weights: Array, calibration_px: float
+) -> Array:
     """Acceptance radius of each predicted star, px, from the centroid error and the attitude error at its position."""
     total = float(weights.sum())
     information = (total + 1e-12 * 2 * total) * _EYE - (used * weights[:, None]).T @ used

@@ -23,10 +23,10 @@ def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float
     i, j = np.nonzero(chord <= 2 * np.sin(radius_rad / 2))
     order = np.argsort(chord[i, j], kind="stable")
     free_i, free_j = np.ones(len(unit_cam), bool), np.ones(len(predicted_cam), bool)
-    kept: list[int] = []
+    pairs: list[int] = []
     for k in order.tolist():
         if free_i[i[k]] and free_j[j[k]]:
             free_i[i[k]] = free_j[j[k]] = False
-            kept.append(k)
-    kept.sort(key=lambda k: int(i[k]))
-    return i[kept], j[kept]
+            pairs.append(k)
+    pairs.sort(key=lambda k: int(i[k]))
+    return i[pairs], j[pairs]

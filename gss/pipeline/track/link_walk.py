@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
-from gss.domain.neighbours import NeighbourLinks
+from gss.skytables.neighbours import NeighbourLinks
 
 Index = NDArray[np.intp]
 
@@ -27,13 +27,13 @@ class Walk:
     checks: int
 
 
-def walk(links: NeighbourLinks, icrs: Array, known: Index, centre_icrs: Array, radius_rad: float) -> Walk:
-    """Find the stars within ``radius_rad`` of a direction, starting from the ``known`` rows of the previous field. Without known
+def walk(links: NeighbourLinks, icrs: Array, seeds: Index, centre_icrs: Array, radius_rad: float) -> Walk:
+    """Find the stars within ``radius_rad`` of a direction, starting from the ``seeds`` rows of the previous field. Without known
     stars, or if the list is too small for links, use a linear search."""
-    if not len(known):
+    if not len(seeds):
         return linear_search(icrs, centre_icrs, radius_rad)
     least = float(np.cos(radius_rad))
-    cosine = {int(r): float(icrs[r] @ centre_icrs) for r in known}
+    cosine = {int(r): float(icrs[r] @ centre_icrs) for r in seeds}
     start = _downhill(links, icrs, centre_icrs, max(cosine, key=lambda r: (cosine[r], -r)), cosine)
     queue, inside = deque([start]), {start}
     while queue:

@@ -1,39 +1,49 @@
-"""Attitude prediction from the last attitudes at equal time steps (Jacobs 1995 §4.1.8, app. E.2)."""
+"""Attitude prediction from the last attitudes and their times (Jacobs 1995 §4.1.8, app. E.2)."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from gss.domain.angles import Array
 from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
 
-# Weights, newest first: constant acceleration (eq. 4.22), constant velocity (eq. 4.23), last value.
-WEIGHTS: dict[int, tuple[float, ...]] = {3: (2.5, -2.0, 0.5), 2: (2.0, -1.0), 1: (1.0,)}
+EVERY_SECOND_S = (1.0, 2.0, 3.0)
+LONGEST_CURVED = 1.5
+"""Steps ahead up to which the acceleration is used; further ahead its error, which grows with the square, exceeds its use."""
 
 
-def predict(samples: Array) -> Array:
-    """Predict the next value of (k, …) samples, newest first; only the newest three are used."""
-    values = np.asarray(samples, float)
-    weights = WEIGHTS[min(3, len(values))]
-    return np.asarray(np.tensordot(weights, values[: len(weights)], axes=1))
+def weights(ages_s: Sequence[float]) -> Array:
+    """(k,) weights of one to three samples of those ages, newest first, for the value now: constant acceleration, constant
+    velocity or the last value. At equal steps they are 2.5, −2, 0.5 (eq. 4.22) and 2, −1 (eq. 4.23)."""
+    age = np.asarray(ages_s[:3], float)
+    if len(age) == 1:
+        return np.ones(1)
+    ahead, step = age[0], np.diff(age)
+    out = np.zeros(len(age))
+    out[:2] = 1 + ahead / step[0], -ahead / step[0]
+    if len(age) == len(EVERY_SECOND_S) and ahead <= LONGEST_CURVED * step[0]:
+        # The acceleration is the change of the velocity between the middles of the two intervals.
+        out += ahead**2 / step.sum() * np.array([1 / step[0], -1 / step[0] - 1 / step[1], 1 / step[1]])
+    return out
 
 
-def predict_angles_rad(samples_rad: Array) -> Array:
-    """As :func:`predict`, for angles (k, …) that may jump by 2π: differences are wrapped to the shortest."""
-    values = np.asarray(samples_rad, float)
-    unrolled = np.unwrap(values, axis=0)
-    return predict(unrolled)
+def predict(samples: Array, ages_s: Sequence[float] = EVERY_SECOND_S) -> Array:
+    """Predict the value now of (k, …) samples, newest first; only the newest three are used."""
+    values = np.asarray(samples, float)[:3]
+    return np.asarray(np.tensordot(weights(ages_s[: len(values)]), values, axes=1))
 
 
-def predict_attitude(last: Array, earlier: tuple[Array, ...]) -> Array:
-    """Predict the (3, 3) attitude one step ahead from quaternions: the last, and the earlier ones, newest first.
+def predict_attitude(last: Array, earlier: tuple[Array, ...], ages_s: Sequence[float] = EVERY_SECOND_S) -> Array:
+    """Predict the (3, 3) attitude now from quaternions: the last, and the earlier ones, newest first, with their ages.
 
     The document predicts roll, pitch and yaw relative to the orbit frame. Here the weights are applied to the small rotation
     vectors relative to the last attitude, which have no singularity; the orbital rotation is part of the motion.
     """
     newest = matrix_from_quaternion(last)
     against = [rotation_vector_rad(matrix_from_quaternion(q) @ newest.T) for q in earlier[:2]]
-    return np.asarray(rotation_from_vector(predict(np.array([np.zeros(3), *against]))) @ newest)
+    return np.asarray(rotation_from_vector(predict(np.array([np.zeros(3), *against]), ages_s)) @ newest)
 
 
 def rotation_vector_rad(matrix: Array) -> Array:

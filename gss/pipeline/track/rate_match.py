@@ -11,15 +11,8 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.rotation import matrix_from_quaternion
 
 Rows = NDArray[np.intp]
-
-
-def constant_rate(latest: Array, earlier: Array) -> Array:
-    """(3, 3) attitude one interval after quaternion ``latest`` (4,), which is one interval after ``earlier`` (4,)."""
-    now = matrix_from_quaternion(latest)
-    return np.asarray(now @ matrix_from_quaternion(earlier).T @ now)
 
 
 def turned(unit_cam: Array, relative: Array, camera: Camera) -> tuple[Array, NDArray[np.bool_]]:

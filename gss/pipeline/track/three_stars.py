@@ -66,9 +66,9 @@ class ThreeStars:
             column = columns[len(chosen)]
             for k in column.observed.tolist():
                 if all(self._same_distance(pair, (k, column.reference)) for pair in chosen):
-                    rest = grow([*chosen, (k, column.reference)])
-                    if rest:
-                        return rest
+                    grown = grow([*chosen, (k, column.reference)])
+                    if grown:
+                        return grown
             return []
 
         return grow([])
@@ -78,8 +78,8 @@ class ThreeStars:
             return False
         self.operations += 1
         seen = _angle_rad(self.unit_cam[one[0]], self.unit_cam[other[0]])
-        known = _angle_rad(self.reference_unit[one[1]], self.reference_unit[other[1]])
-        return abs(seen - known) <= self.tolerance_rad
+        reference_rad = _angle_rad(self.reference_unit[one[1]], self.reference_unit[other[1]])
+        return abs(seen - reference_rad) <= self.tolerance_rad
 
 
 def _angle_rad(a: Array, b: Array) -> float:

@@ -1,6 +1,7 @@
 """The database tables, by aggregate. Importing this package registers all of them."""
 
 from gss.store.models.accounts import ApiToken, AuditRow, OneTimeLink, SignIn, User
+from gss.store.models.automation import DerivedParameter, Procedure, ProcedureRun
 from gss.store.models.base import Base, UtcDateTime
 from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarList
 from gss.store.models.console import Alarm, Authority, Choice, Job, Stack, StackRun
@@ -15,6 +16,7 @@ from gss.store.models.link import (
     TelemetryRollup,
     Transfer,
 )
+from gss.store.models.passes import OrbitSet, PassPlan, Station
 from gss.store.models.studies import Analysis, Calibration
 
 __all__ = [
@@ -31,17 +33,23 @@ __all__ = [
     "Command",
     "CommandStage",
     "Contact",
+    "DerivedParameter",
     "Device",
     "DeviceTable",
     "Event",
     "Frame",
     "Job",
     "OneTimeLink",
+    "OrbitSet",
+    "PassPlan",
+    "Procedure",
+    "ProcedureRun",
     "SignIn",
     "Solution",
     "Stack",
     "StackRun",
     "StarList",
+    "Station",
     "TelemetryPacket",
     "TelemetryRollup",
     "Transfer",

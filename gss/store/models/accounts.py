@@ -12,7 +12,7 @@ from gss.store.models.base import Base
 
 
 class User(Base):
-    """User account. ``password_hash`` is "" until the one-time link was used."""
+    """User account. ``password_hash`` is "" until the one-time link was used. ``disabled_reason``: "" while enabled."""
 
     __tablename__ = "users"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -24,13 +24,18 @@ class User(Base):
     created_by: Mapped[str] = mapped_column(String(60))
     password_changed: Mapped[datetime | None]
     last_sign_in: Mapped[datetime | None]
+    disabled_reason: Mapped[str] = mapped_column(String(200), server_default="")
 
 
 class SignIn(Base):
-    """Session in a browser. ``expires``: latest end; it ends earlier after a period without requests."""
+    """Session in a browser. ``expires``: latest end; it ends earlier after a period without requests. ``device_hash``: hash of
+    the cookie that recognizes the browser at a later sign-in."""
 
     __tablename__ = "sign_ins"
-    __table_args__ = (Index("ix_sign_ins_user_id_ended", "user_id", "ended"),)
+    __table_args__ = (
+        Index("ix_sign_ins_user_id_ended", "user_id", "ended"),
+        Index("ix_sign_ins_device_hash", "device_hash"),
+    )
     id: Mapped[int] = mapped_column(primary_key=True)
     user_id: Mapped[int] = mapped_column(ForeignKey("users.id"))
     key_hash: Mapped[str] = mapped_column(String(64), unique=True)
@@ -41,6 +46,7 @@ class SignIn(Base):
     end_reason: Mapped[str] = mapped_column(String(60))
     address: Mapped[str] = mapped_column(String(60))
     agent: Mapped[str] = mapped_column(String(200))
+    device_hash: Mapped[str] = mapped_column(String(64), server_default="")
 
 
 class ApiToken(Base):
@@ -61,7 +67,7 @@ class ApiToken(Base):
 
 
 class OneTimeLink(Base):
-    """One-time link. ``kind``: setup (no user yet) or password (of ``user_id``)."""
+    """One-time link. ``kind``: setup (no user yet) or password (of ``user_id``). ``created_by``: "" for the server's own."""
 
     __tablename__ = "one_time_links"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -71,6 +77,7 @@ class OneTimeLink(Base):
     created: Mapped[datetime]
     expires: Mapped[datetime]
     used: Mapped[datetime | None]
+    created_by: Mapped[str] = mapped_column(String(60), server_default="")
 
 
 class AuditRow(Base):

@@ -12,7 +12,8 @@ from gss.store.models.base import Base
 
 
 class Catalogue(Base):
-    """Built sub-catalogue: request, manifest and report; the image is a blob."""
+    """Built sub-catalogue: request, manifest and report; the image is a blob. ``profile`` and ``instrument_version``: name
+    and version (SHA-256) of the instrument; the version is null if unknown."""
 
     __tablename__ = "catalogues"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -30,6 +31,7 @@ class Catalogue(Base):
     request: Mapped[dict[str, Any]]
     manifest: Mapped[dict[str, Any]]
     report: Mapped[dict[str, Any]]
+    instrument_version: Mapped[str | None] = mapped_column(String(64))
 
 
 class DeviceTable(Base):

@@ -44,7 +44,8 @@ class Choice(Base):
 
 
 class Authority(Base):
-    """Holder of command authority, from taking to releasing. The open row, if any, is the current holder."""
+    """Holder of command authority, from taking to releasing. The open row, if any, is the current holder. ``transfer``:
+    empty, ``request`` (``transfer_user`` requests authority) or ``offer`` (the holder offers it to that user)."""
 
     __tablename__ = "authorities"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -53,6 +54,10 @@ class Authority(Base):
     ended: Mapped[datetime | None] = mapped_column(index=True)
     ended_by: Mapped[str] = mapped_column(String(60), default="")
     reason: Mapped[str] = mapped_column(Text, default="")
+    transfer: Mapped[str] = mapped_column(String(10), default="")
+    transfer_user: Mapped[str] = mapped_column(String(60), default="")
+    transfer_note: Mapped[str] = mapped_column(Text, default="")
+    transfer_at: Mapped[datetime | None] = mapped_column(default=None)
 
 
 class Stack(Base):

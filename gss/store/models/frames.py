@@ -9,11 +9,14 @@ from sqlalchemy import ForeignKey, Index, String, Text, false, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from gss.store.models.base import Base
+from gss.store.models.packed_detail import PackedDetail
 
 
 class Frame(Base):
     """Frame: its metadata and the hash of its pixels. Pixels are little-endian, row by row. ``pixels_removed``: when
-    retention deleted them; ``favourite``: retention never does."""
+    retention deleted them; ``favourite``: retention never does. ``profile`` and ``instrument_version``: name and version
+    (SHA-256) of the instrument; null: unknown. ``stored_bytes``: what the pixels take in the store; null in rows written before
+    version 0011 of the schema, whose pixels are not compressed."""
 
     __tablename__ = "frames"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -39,10 +42,13 @@ class Frame(Base):
     parameters: Mapped[dict[str, Any]] = mapped_column(default=dict)
     pixels_removed: Mapped[datetime | None]
     favourite: Mapped[bool] = mapped_column(default=False)
+    instrument_version: Mapped[str | None] = mapped_column(String(64))
+    stored_bytes: Mapped[int | None]
 
 
 class Solution(Base):
-    """Result of one chain or of the device for one frame. ``detail`` holds the overlay data. ``operational``: the
+    """Result of one chain or of the device for one frame. ``detail``: regions and stars, without the
+    overlays that follow from the attitude. ``operational``: the
     frame's ground result wherever one is shown; at most one per frame. ``camera_name``: camera profile that was
     assumed, "field of view" or "blind"; empty in rows written before version 0007 of the schema."""
 
@@ -81,4 +87,4 @@ class Solution(Base):
     notes: Mapped[list[Any]] = mapped_column(default=list)
     camera_name: Mapped[str] = mapped_column(String(40), default="", server_default="")
     operational: Mapped[bool] = mapped_column(default=False, server_default=false())
-    detail: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    detail: Mapped[dict[str, Any]] = mapped_column(PackedDetail, default=dict)

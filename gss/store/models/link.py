@@ -26,7 +26,8 @@ class Device(Base):
 
 
 class Contact(Base):
-    """Contact, from opening the line to closing it."""
+    """Contact, from opening the line to closing it. ``instrument`` and ``instrument_version``: of the device that answered
+    last, as named by it, and the SHA-256 of that instrument's package; null: unknown."""
 
     __tablename__ = "contacts"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -39,6 +40,8 @@ class Contact(Base):
     capture: Mapped[str] = mapped_column(String(300), default="")
     captures: Mapped[list[Any]] = mapped_column(default=list)
     note: Mapped[str] = mapped_column(Text, default="")
+    instrument: Mapped[str | None] = mapped_column(String(40))
+    instrument_version: Mapped[str | None] = mapped_column(String(64))
 
 
 class Command(Base):

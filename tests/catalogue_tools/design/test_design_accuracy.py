@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from gss.catalogue_tools.design import accuracy as a
-from gss.catalogue_tools.design.camera import DesignCamera, design_camera
+from gss.catalogue_tools.design.camera import DesignCamera
 from gss.catalogue_tools.design.in_view import bright_rows, look, pairs_in_view
 from gss.catalogue_tools.design.radiometry import limit_mag, saturation_mag
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.rotation import matrix_from_quaternion
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.attitude import quest
 
 STARS = load_stars(8.0)
@@ -36,7 +37,7 @@ def scatter_rad(c: DesignCamera, attitude: np.ndarray, rows: int, trials: int, s
 @pytest.mark.parametrize("name", ["sunsat", "far_mst"])
 def test_expected_accuracy_is_the_scatter_of_quest(name: str) -> None:
     """For three attitudes the predicted σ across and about the boresight is QUEST's own scatter within 12 %."""
-    c = design_camera(name)
+    c = DesignCamera.from_profile(shipped_camera(name))
     rows = bright_rows(STARS, limit_mag(c))
     attitudes = look(c, 3, 11)
     pairs = pairs_in_view(STARS.icrs[:rows], attitudes, c.shape)
@@ -48,11 +49,11 @@ def test_expected_accuracy_is_the_scatter_of_quest(name: str) -> None:
 
 def test_roll_is_worse_than_across_by_the_lever_arm() -> None:
     """Stars on a ring of tangent radius t: roll is 1/t times the cross error up to the field's own width (Huffman §7.2)."""
-    c = design_camera("sunsat")
+    c = DesignCamera.from_profile(shipped_camera("sunsat"))
     turn = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     t = 0.07
     plane = t * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    pairs = a.Pairs(np.zeros(8, np.intp), np.arange(8), plane, np.array([8]))
+    pairs = a.StarsInFields(np.zeros(8, np.intp), np.arange(8), plane, np.array([8]))
     square = c.edited(pitch_row_um=c.pitch_col_um)
     across, about = a.sigma_rad(square, pairs, np.full(8, 0.1))
     assert about[0] / across[0] == pytest.approx(1 / t, rel=0.02)
@@ -61,8 +62,8 @@ def test_roll_is_worse_than_across_by_the_lever_arm() -> None:
 
 def test_too_few_stars_give_no_accuracy() -> None:
     """Two stars are not enough, and a camera that sees none has an accuracy of nothing, not an error."""
-    c = design_camera("sunsat")
-    pairs = a.Pairs(np.zeros(2, np.intp), np.arange(2), np.array([[0.0, 0.05], [0.05, 0.0]]), np.array([2]))
+    c = DesignCamera.from_profile(shipped_camera("sunsat"))
+    pairs = a.StarsInFields(np.zeros(2, np.intp), np.arange(2), np.array([[0.0, 0.05], [0.05, 0.0]]), np.array([2]))
     assert np.isnan(a.sigma_rad(c, pairs, np.full(2, 0.1))[0]).all()
     nothing = a.summary(np.array([np.nan]), np.array([np.nan]))
     assert nothing.share == 0.0
@@ -74,7 +75,7 @@ def test_too_few_stars_give_no_accuracy() -> None:
 
 def test_longer_exposures_and_fainter_stars_help() -> None:
     """The noise equivalent angle falls with the exposure, and the limit deepens; a given limit never grows."""
-    c = design_camera("far_mst")
+    c = DesignCamera.from_profile(shipped_camera("far_mst"))
     attitudes = look(c, 60, 2)
     pairs = pairs_in_view(STARS.icrs, attitudes, c.shape)
     times = c.exposure_s * np.array([0.3, 1.0, 3.0])
@@ -90,7 +91,7 @@ def test_longer_exposures_and_fainter_stars_help() -> None:
 
 def test_a_saturated_star_counts_no_better_than_the_brightest_that_does_not() -> None:
     """Sirius in Sunsat's camera is centred no better than a star at the saturation limit."""
-    c = design_camera("sunsat")
+    c = DesignCamera.from_profile(shipped_camera("sunsat"))
     sigma = a.star_sigma_px(c, STARS, 200)
     at_limit = int(np.searchsorted(STARS.v_mag, saturation_mag(c)))
     assert sigma[0] == pytest.approx(sigma[at_limit], rel=0.02)

@@ -69,8 +69,8 @@ def test_two_stages_keep_light_off_the_inner_front_and_edges_out_of_sight() -> N
     assert made.length_mm > b.one_stage(lens, field, sun).length_mm
 
 
-def test_impossible_baffles_are_told() -> None:
-    """A source inside the field, a lens without radius, a tube without length: each says what was expected."""
+def test_impossible_baffles_are_rejected() -> None:
+    """A source inside the field, a lens without radius, a tube without length: each error states the expected value."""
     with pytest.raises(BadInput, match="corner of the field"):
         b.one_stage(9.0, np.radians(30), np.radians(20))
     with pytest.raises(BadInput, match="lens has a radius"):

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from gss.catalogue_tools.design import limits_erlank, limits_huffman, limits_jacobs, limits_moniteq, stray_light
-from gss.catalogue_tools.design.camera import design_camera
+from gss.catalogue_tools.design.camera import DesignCamera
+from gss.instruments.registry import shipped_camera
 
-ICX = replace(design_camera("sunsat"), transmission=1.0, exposure_s=1.0, psf_sigma_px=1.5)
+ICX = replace(DesignCamera.from_profile(shipped_camera("sunsat")), transmission=1.0, exposure_s=1.0, psf_sigma_px=1.5)
 
 
 def edge_mv(sigma_px: float) -> float:
@@ -49,9 +50,9 @@ def test_huffman_prints_his_largest_gain_and_our_dossier_his_ratios() -> None:
     """Eq. 3.10: 117 e per count; SNR of eq. 3.18 with Table 4.1's values, without the superfluous gain."""
     assert limits_huffman.largest_useful_gain(120_000, 10) == pytest.approx(117, abs=0.5)
     assert limits_huffman.quantisation_e(117) == pytest.approx(33.8, abs=0.05)
-    table_4_1 = limits_huffman.Imager(np.pi * 1e-4, 0.1, 2.5, 41, 40)
+    table_4_1 = limits_huffman.HuffmanImager(np.pi * 1e-4, 0.1, 2.5, 41, 40)
     assert table_4_1.noise_e == pytest.approx(40.51, abs=0.01)
-    table_7_1 = limits_huffman.Imager(1.77e-4, 0.1, 2.5, 41, 39)
+    table_7_1 = limits_huffman.HuffmanImager(1.77e-4, 0.1, 2.5, 41, 39)
     for v, electrons, ratio in ((0, 336_631, 216.9), (3, 21_240, 13.7), (6, 1_340, 0.86)):
         assert limits_huffman.star_e(table_7_1, v) == pytest.approx(electrons, rel=5e-4)
         assert limits_huffman.snr(table_7_1, v) == pytest.approx(ratio, rel=5e-3)
@@ -60,7 +61,7 @@ def test_huffman_prints_his_largest_gain_and_our_dossier_his_ratios() -> None:
 
 def test_huffman_limit_reaches_the_threshold() -> None:
     """A star at the limit has the camera's threshold for its SNR; eq. 4.2 gives 0.61 px at SNR 1."""
-    c = design_camera("far_mst")
+    c = DesignCamera.from_profile(shipped_camera("far_mst"))
     i = limits_huffman.imager_of(c)
     assert limits_huffman.snr(i, limits_huffman.limit_mag(c)) == pytest.approx(c.threshold_snr)
     assert limits_huffman.centroid_px(1.0) == pytest.approx(0.61)
@@ -86,7 +87,7 @@ def test_erlank_printed_limit_needs_less_than_two_pixels() -> None:
 
 def test_moniteq_prints_ratios_exposure_lens_and_smear() -> None:
     """§4.4: S/N 293 and 147 for 1 and 2 %, 280 for the 50 mm lens in 4 s, 1.5 s useful, 0.88 px; 1″ of Table 4.2."""
-    d = limits_moniteq.Detector()
+    d = limits_moniteq.MoniteqDetector()
     assert limits_moniteq.snr_for_position(0.01) == pytest.approx(293, abs=0.5)
     assert limits_moniteq.snr_for_position(0.02) == pytest.approx(147, abs=0.5)
     assert limits_moniteq.snr(d, 10.0, 6.0, 4.0) == pytest.approx(280, rel=0.02)
@@ -99,7 +100,7 @@ def test_moniteq_prints_ratios_exposure_lens_and_smear() -> None:
 
 def test_moniteq_lens_area_belongs_to_a_smaller_constant() -> None:
     """14.5 and 7.25 cm² follow with C = 7.4; the report's own bound of 8.6 gives 15.6 and 7.8 (errata)."""
-    d = limits_moniteq.Detector()
+    d = limits_moniteq.MoniteqDetector()
     for sigma, printed, ours in ((0.01, 14.5, 15.6), (0.02, 7.25, 7.8)):
         assert limits_moniteq.lens_area_cm2(d, 6.0, sigma) == pytest.approx(ours, abs=0.05)
         assert limits_moniteq.lens_area_cm2(d, 6.0, sigma, c_bound=7.4) == pytest.approx(printed, rel=0.01)

@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 
 from gss.catalogue_tools.design import radiometry as r
-from gss.catalogue_tools.design.camera import DesignCamera, design_camera, document_cameras
+from gss.catalogue_tools.design.camera import DesignCamera
 from gss.catalogue_tools.design.centroid_bound import bound_px, centroid_sigma_px, exact_bound_px, psf_advice
 from gss.domain.errors import BadInput, NotFound
-from gss.domain.profiles import PROFILES
+from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.pipeline.psf import cut_stamps, fit_stars
 from gss.pipeline.render import spots
 
 
 def test_documents_cameras_keep_their_zero_point_noise_and_field() -> None:
     """A design camera made of a profile has the profile's electrons, noise, pixel and aperture."""
-    for c in document_cameras():
-        p = PROFILES[c.name]
+    for c in map(DesignCamera.from_profile, shipped_registry().cameras_with_chain().values()):
+        p = shipped_camera(c.name)
         assert c.zero_point_e_s == pytest.approx(p.sensor.zero_point_e_s)
         assert c.noise_e == pytest.approx(p.sensor.noise_e(c.exposure_s))
         assert c.camera.pixel_rad == pytest.approx(p.camera.pixel_rad, rel=1e-9)
         assert c.aperture_cm2 == pytest.approx(p.aperture_cm2)
         assert 0 < c.efficiency <= 1
-    fov = np.degrees(design_camera("sunsat").fov_rad)
+    fov = np.degrees(DesignCamera.from_profile(shipped_camera("sunsat")).fov_rad)
     assert fov == pytest.approx([11.17, 8.32], abs=0.005)
 
 
@@ -42,17 +42,17 @@ def test_documents_cameras_keep_their_zero_point_noise_and_field() -> None:
         ({"colour": 1.0}, "no such part"),
     ],
 )
-def test_impossible_cameras_are_told(changes: dict[str, float], said: str) -> None:
-    """Each impossible number is refused with what was expected."""
-    with pytest.raises(BadInput, match=said) as told:
-        design_camera("sunsat").edited(**changes)
-    assert told.value.expected
+def test_impossible_cameras_are_rejected(changes: dict[str, float], said: str) -> None:
+    """Each impossible number is rejected with the expected range."""
+    with pytest.raises(BadInput, match=said) as error:
+        DesignCamera.from_profile(shipped_camera("sunsat")).edited(**changes)
+    assert error.value.expected
 
 
-def test_unknown_camera_is_told() -> None:
+def test_an_unknown_camera_is_rejected() -> None:
     """The documents' cameras are listed."""
     with pytest.raises(NotFound, match="sunsat"):
-        design_camera("hubble")
+        shipped_camera("hubble")
 
 
 def test_brightest_pixel_share_is_that_of_drawn_spots() -> None:
@@ -71,7 +71,7 @@ def test_brightest_pixel_share_is_that_of_drawn_spots() -> None:
 
 def test_limits_reach_the_threshold_and_fainter_ones_do_not() -> None:
     """At either limit the SNR is the threshold; a longer exposure, a larger lens and less noise go fainter."""
-    for c in document_cameras():
+    for c in map(DesignCamera.from_profile, shipped_registry().cameras_with_chain().values()):
         assert float(r.snr_brightest_pixel(c, r.limit_brightest_pixel_mag(c))) == pytest.approx(c.threshold_snr)
         assert float(r.snr_window(c, r.limit_window_mag(c))) == pytest.approx(c.threshold_snr)
         assert r.limit_window_mag(c) >= r.limit_brightest_pixel_mag(c)
@@ -86,7 +86,10 @@ def test_limits_reach_the_threshold_and_fainter_ones_do_not() -> None:
 
 def test_documents_limits_are_near_ours_where_the_profile_was_made_for_them() -> None:
     """Sunsat's V 6 and saturation at 2.5, and FAR-MST's 4.5, lie within 0.6 mag of our radiometry at SNR 5."""
-    sunsat, far = design_camera("sunsat"), design_camera("far_mst")
+    sunsat, far = (
+        DesignCamera.from_profile(shipped_camera("sunsat")),
+        DesignCamera.from_profile(shipped_camera("far_mst")),
+    )
     assert r.limit_mag(sunsat) == pytest.approx(6.0, abs=0.6)
     assert r.saturation_mag(sunsat) == pytest.approx(2.5, abs=0.3)
     assert r.limit_mag(far) == pytest.approx(4.5, abs=0.3)
@@ -94,7 +97,7 @@ def test_documents_limits_are_near_ours_where_the_profile_was_made_for_them() ->
 
 def test_half_a_magnitude_is_lost_at_the_rate_that_blurs() -> None:
     """The streak found costs 0.5 mag, and the rate draws that streak in one exposure."""
-    for c in document_cameras():
+    for c in map(DesignCamera.from_profile, shipped_registry().cameras_with_chain().values()):
         blur = r.motion_blur(c)
         assert float(r.blur_loss_mag(c.psf_sigma_px, np.array([blur.streak_px]))[0]) == pytest.approx(0.5, abs=1e-6)
         assert blur.rate_rad_s * c.exposure_s / c.camera.pixel_rad == pytest.approx(blur.streak_px)
@@ -131,7 +134,7 @@ def test_bound_table_is_the_exact_bound() -> None:
 
 def test_best_star_image_is_the_documents_half_pixel() -> None:
     """Moniteq §4.2's pixel over σ of 2 to 2.5 is where noise and pixel bias together are least; sharper is called sharp."""
-    c = design_camera("sunsat")
+    c = DesignCamera.from_profile(shipped_camera("sunsat"))
     advice = psf_advice(c)
     assert 2.0 <= 1 / advice.best_px <= 3.0
     assert psf_advice(replace(c, psf_sigma_px=0.3)).kind == "sharp"
@@ -143,7 +146,12 @@ def test_best_star_image_is_the_documents_half_pixel() -> None:
 def test_dark_current_may_fill_the_converter() -> None:
     """Erlank §3.4.4: 1008 of 4096 counts per second fill a pixel in 4.06 s; then every star saturates."""
     c = replace(
-        design_camera("cubestar"), bits=12, gain_e_per_dn=1.0, bias_dn=0.0, dark_current_e_s=1008.0, background_e_s=0.0
+        DesignCamera.from_profile(shipped_camera("cubestar")),
+        bits=12,
+        gain_e_per_dn=1.0,
+        bias_dn=0.0,
+        dark_current_e_s=1008.0,
+        background_e_s=0.0,
     )
     assert r.longest_exposure_s(c) == pytest.approx(4.06, abs=0.01)
     assert r.saturation_mag(replace(c, exposure_s=5.0)) == float("inf")

@@ -1,11 +1,11 @@
-"""Tokens of programs, and what each role may."""
+"""Tokens of programs, and the permissions of each role."""
 
 from __future__ import annotations
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
-from gss.domain.errors import BadInput, Conflict, NotPermitted, TooOften
+from gss.domain.errors import BadInput, Conflict, NotPermitted, RateLimited
+from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.operations.accounts.accounts import AccountService
 from gss.operations.accounts.attempts import BY_TOKEN_ADDRESS
 from gss.operations.accounts.passwords import Passwords
@@ -21,8 +21,8 @@ def accounts(database, clock) -> AccountService:
     return service
 
 
-def test_a_token_is_known_by_its_hash_until_its_end(accounts, database, clock):
-    """It acts under its own name and role; the key is told once and stored nowhere."""
+def test_a_token_is_found_by_its_hash_until_it_expires(accounts, database, clock):
+    """It acts under its own name and role; the key is shown once and not stored."""
     made = accounts.tokens.add("night run", "engineer", 7, by="ann")
     who = accounts.who_has_token(made.key, "a")
     assert (who.name, who.may("campaigns"), who.may("link.open")) == ("token:night run", True, False)
@@ -31,20 +31,20 @@ def test_a_token_is_known_by_its_hash_until_its_end(accounts, database, clock):
         assert all(made.key not in str(vars(row)) for row in session.query(ApiToken))
     clock.forward(7 * 86400)
     assert accounts.who_has_token(made.key, "a") is None
-    assert "over" in accounts.why_over(who)
+    assert "expired" in accounts.ended_reason(who)
 
 
 def test_scopes_narrow_a_token_and_never_widen_it(accounts):
-    """Only permissions of the role can be asked for."""
+    """A scope contains only permissions of the role."""
     made = accounts.tokens.add("metrics", "viewer", 1, by="ann", scopes=["metrics"])
     who = accounts.who_has_token(made.key, "a")
     assert who.permissions == {"metrics"}
-    with pytest.raises(BadInput, match="not all"):
+    with pytest.raises(BadInput, match="lacks"):
         accounts.tokens.add("more", "viewer", 1, by="ann", scopes=["admin.users"])
 
 
-def test_a_revoked_token_is_worth_nothing_at_once(accounts):
-    """So is one whose maker was switched off or is no admin any more."""
+def test_a_revoked_token_is_rejected_at_once(accounts):
+    """So is a token whose creator was disabled or is not an admin any more."""
     made = accounts.tokens.add("t", "operator", 1, by="ann")
     assert accounts.who_has_token(made.key, "a") is not None
     accounts.require("token:t", "command.link")
@@ -63,8 +63,8 @@ def test_a_revoked_token_is_worth_nothing_at_once(accounts):
     assert accounts.who_has_token(hers.key, "a") is None
 
 
-def test_with_a_token_those_that_it_made_are_revoked(accounts, clock):
-    """And what they made; not those of people, of other tokens, or of the next one that has the name."""
+def test_revoking_a_token_revokes_the_tokens_it_created(accounts, clock):
+    """Also indirectly created tokens; not those of people, of other tokens, or of a later token with the same name."""
     people = accounts.tokens.add("people", "viewer", 9, by="ann")
     parent = accounts.tokens.add("parent", "admin", 9, by="shell:root")
     clock.forward(60)
@@ -81,8 +81,8 @@ def test_with_a_token_those_that_it_made_are_revoked(accounts, clock):
     assert all(accounts.who_has_token(made.key, "a") for made in (second, hers))
 
 
-def test_two_living_tokens_have_two_names(accounts):
-    """A name on the record must mean one key; after revoking it is free again."""
+def test_active_tokens_have_different_names(accounts):
+    """A name in the audit log must identify one key; after revocation the name is free."""
     first = accounts.tokens.add("t", "viewer", 1, by="ann")
     with pytest.raises(Conflict):
         accounts.tokens.add("t", "admin", 1, by="ann")
@@ -90,12 +90,12 @@ def test_two_living_tokens_have_two_names(accounts):
     assert accounts.tokens.add("t", "viewer", 1, by="ann").row.id != first.row.id
 
 
-def test_guessing_tokens_is_braked_and_the_right_one_still_works(accounts):
-    """Bad tokens make their address wait; whoever has a good one is not held up."""
+def test_guessed_tokens_are_rate_limited_and_a_valid_one_still_works(accounts):
+    """Invalid tokens delay their address; a caller with a valid token is not delayed."""
     made = accounts.tokens.add("t", "viewer", 1, by="ann")
     for number in range(BY_TOKEN_ADDRESS.free):
         assert accounts.who_has_token(f"gss_{number}", "a") is None
-    with pytest.raises(TooOften):
+    with pytest.raises(RateLimited):
         accounts.who_has_token("gss_one_more", "a")
     assert accounts.who_has_token(made.key, "a") is not None
 
@@ -104,13 +104,15 @@ def test_guessing_tokens_is_braked_and_the_right_one_still_works(accounts):
     ("name", "days"), [("", 1), ("x" * 51, 1), ("a\nb", 1), ("t", 0), ("t", 400), ("t", float("nan"))]
 )
 def test_a_token_has_a_name_and_an_end(accounts, name, days):
-    """Nothing endless, nothing that cannot be shown."""
+    """Tokens expire and have a printable name."""
     with pytest.raises(BadInput):
         accounts.tokens.add(name, "viewer", days, by="ann")
 
 
-def test_roles_stand_side_by_side(accounts):
-    """Viewer is in all, admin has all; operator, manager and engineer each have something the others lack."""
+def test_roles_have_distinct_permissions(accounts):
+    """Every role includes viewer and admin includes all; operator, manager and engineer each have a permission the
+    others lack.
+    """
     assert all(ROLES["viewer"] <= role for role in ROLES.values())
     assert ROLES["admin"] == ALL
     middle = [ROLES[name] for name in ("operator", "catalogue manager", "engineer")]
@@ -119,12 +121,12 @@ def test_roles_stand_side_by_side(accounts):
 
 
 def test_there_is_a_permission_for_each_group_of_the_dictionary():
-    """No command is outside the table."""
+    """Every command is in the permission table."""
     assert {f"command.{c.subsystem}" for c in load_dictionary().commands} <= set(COMMANDS)
 
 
-def test_a_refusal_says_who_could():
-    """An operator knows whom to ask."""
+def test_a_rejection_names_the_roles_that_have_the_permission():
+    """The operator sees which role to contact."""
     with pytest.raises(NotPermitted) as caught:
         require(ROLES["viewer"], "catalogues.build", "viewer")
     assert "catalogues.build" in caught.value.message

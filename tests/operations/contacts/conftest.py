@@ -1,4 +1,4 @@
-"""A ground station in this process on a sensor in memory: everything is real but the clock, which is the sensor's."""
+"""A ground station in this process with a sensor in memory. Only the clock is simulated: it is the sensor's."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import shared_roles
 from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.commanding import CommandService
+from gss.operations.contacts.contacts import ContactService
 from gss.operations.events import EventBus
-from gss.operations.line.contacts import ContactService
-from gss.operations.line.dispatcher import Dispatcher
-from gss.operations.line.line_events import LineEventQueue
+from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.line.raw_capture import Retention
 from gss.operations.telemetry.alarms import AlarmService
@@ -28,7 +28,7 @@ DAWN = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
 
 class Station:
-    """Link, telemetry, commands, alarms and contacts. ``spoil``: what the line does to each piece that comes down."""
+    """Link, telemetry, commands, alarms and contacts. ``spoil`` modifies each block of received bytes."""
 
     def __init__(self, sensor: Any, database: Database, folder: Path, retention: Retention) -> None:
         self.sensor, self.database, self.folder = sensor, database, folder / "captures"
@@ -38,7 +38,16 @@ class Station:
         self.bus = EventBus(database, self.now)
         parts = (self.dictionary, database, self.bus)
         self.events = LineEventQueue(self.now, sensor.monotonic_s)
-        self.link = LinkService(*parts, self.folder, self.now, sensor.monotonic_s, self.events, retention=retention)
+        self.link = LinkService(
+            self.dictionary,
+            shared_roles(),
+            *parts[1:],
+            self.folder,
+            self.now,
+            sensor.monotonic_s,
+            self.events,
+            retention=retention,
+        )
         self.telemetry = TelemetryService(*parts, self.now, lambda: self.link.contact_id, lambda: True)
         self.alarms = AlarmService(self.dictionary, self.telemetry, self.link, database, self.bus, self.now)
         self.commands = CommandService(
@@ -64,22 +73,22 @@ class Station:
         self.link.start()
 
     def now(self) -> datetime:
-        """The moment, by the sensor's clock."""
+        """Time by the sensor's clock."""
         return DAWN + timedelta(seconds=self.sensor.now_s)
 
     def read(self, *args: Any) -> bytes:
-        """What comes down, as the line leaves it."""
+        """Received bytes after the disturbances of the line."""
         return self.spoil(self._read(*args))
 
     def open(self) -> int:
-        """Open the line, wait for the sensor, and give the contact's id."""
+        """Open the link, wait for the sensor, and return the contact's id."""
         self.link.open_later(self.sensor.url)
         self.wait(lambda: self.link.hello is not None)
         assert self.link.contact_id is not None
         return self.link.contact_id
 
     def close(self) -> None:
-        """Close the line and wait for the contact's end."""
+        """Close the link and wait for the contact's end."""
         contact_id = self.link.contact_id
         self.link.close()
         self.wait(lambda: self.link.contact_id is None)
@@ -87,7 +96,7 @@ class Station:
             self.wait(lambda: any(e.text.startswith("line closed") for e in self.bus.after(0, 1000)))
 
     def stop(self) -> None:
-        """Give the line back."""
+        """Close the link."""
         self.link.stop()
         self.dispatcher.stop()
 
@@ -103,7 +112,7 @@ class Station:
         return self.commands.get(row.id)
 
     def wait(self, done: Callable[[], bool]) -> None:
-        """Until something holds; the real time is only the limit after which a broken thing is given up."""
+        """Wait until ``done()`` is true. The timeout in real time only limits how long a failing test runs."""
         limit_s = time.monotonic() + 60
         while not done():
             assert time.monotonic() < limit_s, [event.text for event in self.bus.after(0, 1000)][-5:]
@@ -112,7 +121,7 @@ class Station:
 
 @pytest.fixture
 def make_station(sensor_in_memory, database, tmp_path) -> Iterator[Callable[..., Station]]:
-    """Stations; the line is given back at the end."""
+    """Factory of stations; each closes its link at the end."""
     made: list[Station] = []
 
     def make(retention: Retention | None = None) -> Station:

@@ -1,17 +1,22 @@
-"""Contacts from opening to closing: counters, silences with their cause, notes, the capture's files, the record's gaps."""
+"""Contacts from opening to closing: counters, gaps with their cause, notes, capture files."""
 
 from __future__ import annotations
 
 import pytest
+from sqlalchemy import insert
 
 from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.domain.errors import NotFound
-from gss.operations.line.contact_report import contact_report
-from gss.operations.line.raw_capture import Retention, capture_files, read_captures
+from gss.instruments.registry import shipped_version
+from gss.operations.contacts.contact_report import contact_report
+from gss.operations.contacts.contacts import MOST_LISTED
+from gss.operations.line.capture_files import capture_files
+from gss.operations.line.raw_capture import Retention, read_captures
+from gss.store.models import Command
 
 
-def test_a_contact_is_told_whole(station):
-    """Times, bytes of this contact alone, counters, commands, packets, capture; the next contact counts from zero."""
+def test_a_contact_has_times_counters_packets_and_captures(station):
+    """Bytes of this contact alone; the next contact counts from zero."""
     first = station.open()
     station.command("GET_STATUS")
     station.listen(12)
@@ -19,12 +24,13 @@ def test_a_contact_is_told_whole(station):
     detail = station.contacts.detail(first)
     assert detail.row.ended is not None
     assert 12 <= detail.duration_s < 20
-    assert [c.name for c in detail.commands] == ["GET_STATUS"]
+    assert [c.name for c in detail.commands.rows] == ["GET_STATUS"]
     assert detail.packets["housekeeping"] >= 12
     assert "ground_line" not in detail.packets
     assert (detail.counters["bad_crc"], detail.counters["gaps"], detail.error_rate) == (0, 0, 0.0)
     assert detail.counters["bytes"] == detail.row.rx_bytes > 1000
     assert detail.counters["sent_good"] >= 2
+    assert (detail.row.instrument, detail.row.instrument_version) == ("cubestar", shipped_version("cubestar"))
     assert detail.silences == []
     (file,) = detail.captures
     assert file.present
@@ -39,8 +45,8 @@ def test_a_contact_is_told_whole(station):
     assert station.contacts.total() == 2
 
 
-def test_a_note_is_kept_and_on_record(station):
-    """Who noted what; an unknown contact is told."""
+def test_a_note_is_stored_with_its_author(station):
+    """A note on an unknown contact is rejected."""
     contact_id = station.open()
     assert station.contacts.note(contact_id, "first light", user="ann").row.note == "first light"
     assert any(e.text == f"ann noted on contact {contact_id}: first light" for e in station.bus.after(0, 1000))
@@ -50,8 +56,8 @@ def test_a_note_is_kept_and_on_record(station):
         station.contacts.file(contact_id, "contact-000009-000.raw")
 
 
-def test_silence_is_a_span_with_a_cause(station):
-    """Six seconds in which the line gives nothing: one silence, lost on the line by the sequence counts."""
+def test_a_silence_is_a_span_with_a_cause(station):
+    """Six seconds without data give one silence, attributed to the line by the sequence counts."""
     contact_id = station.open()
     station.listen(5)
     station.spoil = lambda data: b""
@@ -67,8 +73,8 @@ def test_silence_is_a_span_with_a_cause(station):
     assert (gap.missing, gap.explained, record.unexplained) == (6, True, ())
 
 
-def test_a_line_that_stood_still_and_then_gave_everything_has_lost_nothing(station):
-    """Seven seconds late: a silence whose cause is told, and a record without a gap."""
+def test_a_line_that_paused_and_then_delivered_everything_has_lost_nothing(station):
+    """Data that arrive seven seconds late give a silence with a stated cause and a record without a gap."""
     contact_id = station.open()
     station.listen(4)
     held: list[bytes] = []
@@ -85,11 +91,13 @@ def test_a_line_that_stood_still_and_then_gave_everything_has_lost_nothing(stati
     record = station.contacts.record(contact_id)
     assert (record.gaps, len(record.late)) == ((), 1)
     (silence,) = station.contacts.detail(contact_id).silences
-    assert silence.cause.startswith("came late")
+    assert silence.cause.startswith("received late")
 
 
 def test_every_gap_of_a_noisy_line_is_explained(station):
-    """Bit errors for a minute: packets are missing, each gap has its cause, and what is held and missing is what was sent."""
+    """With bit errors for a minute packets are missing, each gap has a cause, and stored plus missing packets equal
+    those sent.
+    """
     contact_id = station.open()
     faults = LineFaults(FaultRates(bit_error_rate=2e-4), 1)
     station.spoil = faults.apply
@@ -106,7 +114,7 @@ def test_every_gap_of_a_noisy_line_is_explained(station):
 
 
 def test_a_restart_of_the_device_leaves_nothing_unexplained(station):
-    """RESET: the clock and the sequence counts start anew, and no gap is blamed on the line."""
+    """RESET: the clock and the sequence counts restart, and no gap is attributed to the line."""
     contact_id = station.open()
     station.listen(5)
     station.commands.send("RESET", {}, confirm="RESET", user="ann", source="form")
@@ -118,8 +126,8 @@ def test_a_restart_of_the_device_leaves_nothing_unexplained(station):
     assert any(e.text.startswith("BOOT") for e in station.bus.after(0, 1000))
 
 
-def test_a_device_that_keeps_quiet_by_itself_is_unexplained(station):
-    """Nothing was lost on the line, and yet there is a hole: that is what the check is for."""
+def test_a_device_that_stops_sending_leaves_an_unexplained_gap(station):
+    """Nothing was lost on the line, so the gap has no known cause."""
     contact_id = station.open()
     station.listen(4)
     device, advance = station.sensor.device, station.sensor.device._send_housekeeping
@@ -133,7 +141,7 @@ def test_a_device_that_keeps_quiet_by_itself_is_unexplained(station):
 
 
 def test_a_lost_line_ends_the_contact_and_is_the_cause(station):
-    """The cable is pulled: the contact ends, the next one is another, and nothing is unexplained."""
+    """A disconnected cable ends the contact, the next contact is another one, and nothing is unexplained."""
     first = station.open()
     station.listen(3)
     station.sensor.cut = True
@@ -143,7 +151,7 @@ def test_a_lost_line_ends_the_contact_and_is_the_cause(station):
 
 
 def test_capture_rotates_without_losing_a_byte(make_station):
-    """Small files: several of them, every byte of both directions in order; the list names them all."""
+    """With small files there are several; they contain every byte of both directions in order and are all listed."""
     station = make_station(Retention(file_bytes=1500, keep_bytes=1 << 30))
     seen: list[bytes] = []
     station.spoil = lambda data: (seen.append(data), data)[1]
@@ -159,8 +167,8 @@ def test_capture_rotates_without_losing_a_byte(make_station):
     assert [c.file for c in station.contacts.detail(contact_id).captures] == [p.name for p in files]
 
 
-def test_dropped_captures_are_listed_as_gone(make_station):
-    """What retention took is named and not there."""
+def test_deleted_captures_are_listed_as_deleted(make_station):
+    """Files that retention deleted are listed and marked as missing."""
     station = make_station(Retention(file_bytes=1000, keep_bytes=3000))
     contact_id = station.open()
     station.listen(20)
@@ -171,8 +179,8 @@ def test_dropped_captures_are_listed_as_gone(make_station):
     assert sum(c.bytes for c in captures if c.present) <= 3000 + 2 * 1600
 
 
-def test_the_report_counts_iterations_and_draws_their_series(station):
-    """A minute of the cycle: every iteration counted, quality and series over the contact."""
+def test_the_report_counts_iterations_and_plots_their_series(station):
+    """A minute of the cycle: every iteration is counted, with quality and series over the contact."""
     contact_id = station.open()
     station.command("START_CYCLE")
     station.listen(15)
@@ -185,3 +193,24 @@ def test_the_report_counts_iterations_and_draws_their_series(station):
     assert report.telemetry_packets == sum(report.detail.packets.values())
     assert {s.key for s in report.series} >= {"housekeeping.stars_matched", "attitude.sigma_cross_arcsec"}
     assert all(share == 0 for _, share in report.quality)
+
+
+def test_a_contact_with_many_commands_lists_the_newest(station):
+    """The response stays bounded, and the totals are those of the whole contact."""
+    contact_id = station.open()
+    station.listen(2)
+    row = {
+        "contact_id": contact_id,
+        "name": "GET_STATUS",
+        "arguments": {},
+        "user": "ann",
+        "source": "api",
+        "result": "done",
+    }
+    with station.database.unit_of_work() as session:
+        rows = [row | {"request_id": n, "created": station.now()} for n in range(1, 3 * MOST_LISTED)]
+        session.execute(insert(Command), rows)
+    station.close()
+    commands = station.contacts.detail(contact_id).commands
+    assert (len(commands.rows), commands.total) == (MOST_LISTED, 3 * MOST_LISTED - 1)
+    assert [c.request_id for c in commands.rows] == list(range(2 * MOST_LISTED, 3 * MOST_LISTED))

@@ -1,4 +1,4 @@
-"""A small store with everything in it that upkeep looks at."""
+"""A small store with all content that maintenance checks."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from typing import Any
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import shared_roles
 from gss.operations.jobs import JobService
-from gss.operations.line.line_events import LineEventQueue
+from gss.operations.line.dispatcher import LineEventQueue
+from gss.operations.line.line_capture import RawCapture
 from gss.operations.line.link import LinkService
-from gss.operations.line.raw_capture import RECEIVED, RawCapture
+from gss.operations.line.raw_capture import RECEIVED
 from gss.operations.upkeep.backup import BackupService
 from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
@@ -30,8 +32,8 @@ MB = 1 << 20
 
 
 @dataclass
-class Store:
-    """Services on one folder, and a disk whose room is what the test says."""
+class UpkeepStore:
+    """Services on one folder, and a disk whose free space the test sets."""
 
     folder: Path
     database: Database
@@ -46,7 +48,7 @@ class Store:
     trust: ClockTrust
 
     def add_frame(self, content: bytes, age_days: float, **values: Any) -> int:
-        """A frame of one row, received so long ago, with a solution."""
+        """Store a frame of one row received ``age_days`` ago, with a solution, and return its id."""
         at = self.clock() - timedelta(days=age_days)
         row: dict[str, Any] = {"source": "device", "name": "f", "taken": at, "received": at, "bits": 8, "dtype": "|u1"}
         row |= {"columns": len(content), "rows": 1, "complete": True, "rows_held": [[0, 0]], "parameters": {}}
@@ -65,7 +67,7 @@ class Store:
         return frame.id
 
     def add_packets(self, packet: str, count: int, age_days: float, every_s: float, request_id: int = 0) -> None:
-        """So many packets of one kind, the first so long ago."""
+        """Store ``count`` packets of one kind, the first received ``age_days`` ago."""
         start = self.clock() - timedelta(days=age_days)
         rows = [
             TelemetryPacket(
@@ -81,7 +83,7 @@ class Store:
             telemetry.add_batch(session, rows)
 
     def end(self, job: Any) -> Any:
-        """The job after its end."""
+        """Return the job after its end."""
         for _ in range(4000):
             found = self.jobs.get(job.id)
             if found.finished is not None:
@@ -90,7 +92,7 @@ class Store:
         pytest.fail("the job did not end")
 
     def fill(self) -> None:
-        """A contact with a capture, frames, a catalogue, a calibration with its dark frame."""
+        """Store a contact with a capture, frames, a catalogue, and a calibration with its dark frame."""
         with self.database.unit_of_work() as session:
             contact = devices.open_contact(session, "socket://x", self.clock(), "contact-000001")
             capture = RawCapture(self.folder / "captures", contact.id)
@@ -109,17 +111,24 @@ class Store:
             self.add_frame(bytes([k]) * 500, age_days=10 - k)
 
     def blob_path(self, content: bytes) -> Path:
-        """Where those bytes are."""
+        """Return the path of those bytes."""
         key = hashlib.sha256(content).hexdigest()
         return self.folder / "blobs" / key[:2] / key[2:]
 
 
 @pytest.fixture
-def store(database, bus, clock, tmp_path) -> Iterator[Store]:
-    """An empty one."""
+def store(database, bus, clock, tmp_path) -> Iterator[UpkeepStore]:
+    """An empty store."""
     blobs, jobs = BlobStore(str(tmp_path / "blobs")), JobService(database, bus, clock, lambda _: None)
     link = LinkService(
-        load_dictionary(), database, bus, tmp_path / "captures", clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+        load_dictionary(),
+        shared_roles(),
+        database,
+        bus,
+        tmp_path / "captures",
+        clock,
+        lambda: 0.0,
+        LineEventQueue(clock, lambda: 0.0),
     )
     room, lock = [100_000 * MB], tmp_path / "upkeep.lock"
     disk = DiskGuard(tmp_path, 2000 * MB, 200 * MB, lambda _: (room[0], 200_000 * MB))
@@ -129,5 +138,5 @@ def store(database, bus, clock, tmp_path) -> Iterator[Store]:
     url = f"sqlite:///{tmp_path / 'gss.db'}"
     captures, folder = tmp_path / "captures", tmp_path / "backups"
     backups = BackupService(database, url, blobs, captures, folder, lock, disk, jobs, bus, clock, trust)
-    yield Store(tmp_path, database, blobs, jobs, retention, backups, link, disk, clock, room, trust)
+    yield UpkeepStore(tmp_path, database, blobs, jobs, retention, backups, link, disk, clock, room, trust)
     jobs.stop()

@@ -1,4 +1,4 @@
-"""Backups: whole or not there, verified before anything is put back, and what is put back is served again."""
+"""Backups: complete or absent, verified before anything is restored, and usable by a server afterwards."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ import pytest
 from sqlalchemy import select
 
 from gss.domain.errors import BadInput, Conflict, CorruptData, GssError, NotFound, StoreDown
+from gss.operations.accounts.audit import AuditService
+from gss.operations.accounts.audit_anchor import ANCHORS, AnchorFile
 from gss.operations.jobs import Cancelled
 from gss.operations.upkeep import backup
 from gss.operations.upkeep.check_store import check_store
@@ -38,23 +40,27 @@ def opened(folder: Path) -> Database:
     return Database(open_engine(f"sqlite:///{folder / 'gss.db'}"))
 
 
-def test_what_was_backed_up_comes_back_whole(store, clock, tmp_path):
-    """Rows, bytes and captures are the same; the store that was put back passes its own check."""
+def test_a_backup_is_restored_completely(store, clock, tmp_path):
+    """Rows, bytes and captures are the same; the restored store passes its own check."""
     store.fill()
     made = store.backups.make()
     done = restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
     database = opened(tmp_path / "new")
     assert rows(database) == rows(store.database)
     blobs = BlobStore(str(tmp_path / "new" / "blobs"))
-    assert check_store(database, blobs, tmp_path / "new" / "captures").whole
+    audit = AuditService(database, clock, AnchorFile(tmp_path / "new" / ANCHORS))
+    assert check_store(database, blobs, tmp_path / "new" / "captures", audit).whole
+    assert "restored from backup" in audit.verify().anchors
     assert done.files == len(made.blobs) == 7
     (capture,) = (tmp_path / "captures").glob("*.raw")
     assert (tmp_path / "new" / "captures" / capture.name).read_bytes() == capture.read_bytes()
     database.close()
 
 
-def test_command_ids_begin_anew_behind_all_that_may_have_been_sent(store, clock, tmp_path):
-    """The record does not know what was sent after the backup; an id that the device remembers would bring an old answer."""
+def test_command_ids_restart_after_all_that_may_have_been_sent(store, clock, tmp_path):
+    """The record lacks commands sent after the backup; the device would answer an id that it still stores with an old
+    result.
+    """
     made = store.backups.make()
     restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
     database = opened(tmp_path / "new")
@@ -63,8 +69,8 @@ def test_command_ids_begin_anew_behind_all_that_may_have_been_sent(store, clock,
     database.close()
 
 
-def test_the_second_backup_copies_only_what_is_new_and_old_ones_go(store, clock, tmp_path):
-    """Bytes are kept once for all backups; with the last backup that needs them they go."""
+def test_the_second_backup_copies_only_new_bytes_and_old_ones_are_deleted(store, clock, tmp_path):
+    """Bytes are stored once for all backups; they are deleted with the last backup that needs them."""
     store.fill()
     first = store.backups.make()
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "backups" / "blobs").rglob("*") if p.is_file()}
@@ -80,8 +86,8 @@ def test_the_second_backup_copies_only_what_is_new_and_old_ones_go(store, clock,
     restore(tmp_path / "backups" / second.name, tmp_path / "new", clock)
 
 
-def test_a_file_that_rotted_in_the_backups_is_copied_again(store, clock, tmp_path):
-    """The next backup reads what earlier ones brought; a changed bit of the same size does not pass, and the record tells it."""
+def test_a_damaged_file_in_the_backups_is_copied_again(store, clock, tmp_path):
+    """The next backup reads the bytes of earlier ones; a changed bit of the same size is detected and recorded."""
     store.fill()
     store.backups.make()
     key = hashlib.sha256(bytes([1]) * 500).hexdigest()
@@ -91,12 +97,12 @@ def test_a_file_that_rotted_in_the_backups_is_copied_again(store, clock, tmp_pat
     restore(tmp_path / "backups" / made.name, tmp_path / "new", clock)
     assert BlobStore(str(tmp_path / "new" / "blobs")).get(key) == bytes([1]) * 500
     with store.database.unit_of_work() as session:
-        told = [event.text for event in session.scalars(select(Event)) if "damaged in the backups" in event.text]
-    assert len(told) == 1
-    assert key[:12] in told[0]
+        reported = [event.text for event in session.scalars(select(Event)) if "damaged in the backups" in event.text]
+    assert len(reported) == 1
+    assert key[:12] in reported[0]
 
 
-def test_everything_a_backup_names_is_on_the_disk_before_it_has_its_name(store, tmp_path, monkeypatch):
+def test_all_content_of_a_backup_is_on_disk_before_it_is_renamed(store, tmp_path, monkeypatch):
     """Files and folders of the pool are synchronised, and only then the backup is renamed."""
     store.fill()
     synced, really = [], backup._sync_one
@@ -112,8 +118,8 @@ def test_everything_a_backup_names_is_on_the_disk_before_it_has_its_name(store, 
     assert wanted | {path.parent for path in wanted} | {pool} <= {path for path, named in synced if not named}
 
 
-def test_no_key_of_the_backup_opens_what_was_put_back(store, clock, tmp_path):
-    """What was revoked after the backup must not come to life: sessions are ended, links void, tokens revoked; users stay."""
+def test_no_credential_of_the_backup_is_valid_after_a_restore(store, clock, tmp_path):
+    """What was revoked after the backup must stay revoked: sessions are ended, links void, tokens revoked; users stay."""
     at, later = clock(), clock() + timedelta(days=9)
     with store.database.unit_of_work() as session:
         user = User(name="ann", role="admin", enabled=True, password_hash="x", created=at, created_by="t")
@@ -139,8 +145,8 @@ def test_no_key_of_the_backup_opens_what_was_put_back(store, clock, tmp_path):
     database.close()
 
 
-def test_the_tar_file_is_as_good_as_the_folder(store, clock, tmp_path):
-    """What the page gives away can be put back."""
+def test_the_tar_file_can_be_restored_like_the_folder(store, clock, tmp_path):
+    """The backup that the page downloads can be restored."""
     store.fill()
     made = store.backups.make()
     file = tmp_path / "elsewhere" / "backup.tar"
@@ -158,8 +164,8 @@ def test_the_tar_file_is_as_good_as_the_folder(store, clock, tmp_path):
 
 
 @pytest.mark.parametrize("what", ["database", "blob", "manifest", "gone", "newer", "not a backup", "full folder"])
-def test_what_is_not_whole_is_refused_and_nothing_is_put_in_place(store, clock, tmp_path, what):
-    """One bit anywhere, a missing file, a newer version, a folder with something in it."""
+def test_an_incomplete_backup_is_rejected_and_nothing_is_restored(store, clock, tmp_path, what):
+    """One wrong bit anywhere, a missing file, a newer version, a target folder that is not empty."""
     store.fill()
     made = store.backups.make()
     folder = tmp_path / "backups" / made.name
@@ -185,7 +191,7 @@ def test_what_is_not_whole_is_refused_and_nothing_is_put_in_place(store, clock, 
         wanted = NotFound
     else:
         (tmp_path / "new").mkdir()
-        (tmp_path / "new" / "gss.db").write_bytes(b"somebody's")
+        (tmp_path / "new" / "gss.db").write_bytes(b"of another program")
         wanted = Conflict
     with pytest.raises(wanted):
         restore(folder, tmp_path / "new", clock)
@@ -194,8 +200,8 @@ def test_what_is_not_whole_is_refused_and_nothing_is_put_in_place(store, clock, 
     assert not list(tmp_path.glob(".new*"))
 
 
-def test_a_manifest_or_tar_that_names_paths_is_refused(store, clock, tmp_path):
-    """No name of a backup reaches the disk outside of the new folder."""
+def test_a_manifest_or_tar_with_paths_is_rejected(store, clock, tmp_path):
+    """No name in a backup can write outside the new folder."""
     evil = tmp_path / "evil.tar"
     for name in ("../evil", "/etc/evil", "2026-01-01T000000Z/../../evil", "blobs/ab/../../evil"):
         with tarfile.open(evil, "w") as tar:
@@ -213,8 +219,8 @@ def test_a_manifest_or_tar_that_names_paths_is_refused(store, clock, tmp_path):
             restore(folder, tmp_path / "new", clock)
 
 
-def test_a_seal_or_manifest_of_anything_is_refused_in_words(store, clock, tmp_path):
-    """Empty, no text, no JSON, too deep, or values of another kind: our own errors, never one of Python's."""
+def test_any_invalid_seal_or_manifest_is_rejected_with_a_message(store, clock, tmp_path):
+    """Empty, no text, no JSON, too deep, or values of another kind: errors of GSS, never one of Python's."""
     store.fill()
     made = store.backups.make()
     folder = tmp_path / "backups" / made.name
@@ -239,7 +245,7 @@ def test_a_seal_or_manifest_of_anything_is_refused_in_words(store, clock, tmp_pa
 
 
 def test_a_backup_is_not_restored_among_the_backups(store, clock, tmp_path):
-    """Not into itself, a folder in it, or beside it: what looks for backups there would find a data folder."""
+    """Not into itself, a folder in it, or beside it: a search for backups there would find a data folder."""
     store.fill()
     made = store.backups.make()
     backups = tmp_path / "backups"
@@ -250,13 +256,13 @@ def test_a_backup_is_not_restored_among_the_backups(store, clock, tmp_path):
 
 
 @pytest.mark.parametrize("when", ["copying", "0 of", "3 of", "sealing"])
-def test_killed_while_it_is_made_there_is_no_backup_and_the_next_one_cleans_up(store, clock, tmp_path, when):
-    """Under its own name it is there only when it is whole."""
+def test_a_backup_killed_while_it_is_made_is_absent_and_the_next_one_cleans_up(store, clock, tmp_path, when):
+    """It gets its name only when it is complete."""
     store.fill()
 
     def until(_done, _total, text):
         if when in text:
-            # kill -9 leaves everything as it is at this moment: a copy of it is what the next server finds
+            # kill -9 leaves everything as it is at this time; the next server finds a copy of it
             shutil.copytree(tmp_path / "backups", tmp_path / "left")
             raise Cancelled
 
@@ -270,30 +276,30 @@ def test_killed_while_it_is_made_there_is_no_backup_and_the_next_one_cleans_up(s
     assert sorted(p.name for p in (tmp_path / "backups").iterdir()) == sorted([made.name, "blobs"])
 
 
-def test_a_store_that_does_not_answer_ends_the_backup(store, monkeypatch):
-    """What it holds is not lost: a backup without it must not count as one, and older ones must not go for it."""
+def test_an_unavailable_store_ends_the_backup(store, monkeypatch):
+    """A backup without the store's bytes must not count as one, and older ones must not be deleted for it."""
     store.fill()
     whole = store.backups.make()
     store.add_frame(b"n" * 77, age_days=0)
 
     def silent(key):
-        raise StoreDown("the store does not answer")
+        raise StoreDown("the store does not respond")
 
     monkeypatch.setattr(store.blobs, "get", silent)
-    with pytest.raises(StoreDown, match="does not answer"):
+    with pytest.raises(StoreDown, match="does not respond"):
         store.backups.make()
     assert [made.name for made in store.backups.every()] == [whole.name]
 
 
-def test_two_backups_at_once_are_refused_and_a_full_disk_makes_none(store, tmp_path):
-    """One at a time; and none where it would leave too little room."""
+def test_two_simultaneous_backups_are_rejected_and_a_full_disk_makes_none(store, tmp_path):
+    """One at a time; none if it would leave too little free space."""
     store.fill()
 
     def again(_done, _total, text):
         if "copying" in text:
             store.backups.make()
 
-    with pytest.raises(Conflict, match="under way"):
+    with pytest.raises(Conflict, match="is running"):
         store.backups.make(again)
     store.room[0] = store.disk.stop_bytes + 1000
     with pytest.raises(StoreDown, match="nearly full"):
@@ -301,33 +307,33 @@ def test_two_backups_at_once_are_refused_and_a_full_disk_makes_none(store, tmp_p
     assert store.backups.every() == []
 
 
-def test_the_check_of_the_store_tells_each_kind_of_harm(store, tmp_path):
+def test_the_check_of_the_store_reports_each_kind_of_damage(store, tmp_path):
     """Missing and damaged bytes, wrong sizes, left-overs, torn and short captures, broken references, a damaged page."""
     store.fill()
-    captures = tmp_path / "captures"
-    assert check_store(store.database, store.blobs, captures).whole
+    captures, audit = tmp_path / "captures", AuditService(store.database, store.clock, AnchorFile(tmp_path / ANCHORS))
+    assert check_store(store.database, store.blobs, captures, audit).whole
     store.blob_path(bytes([1]) * 500).unlink()
     flip(store.blob_path(bytes([2]) * 500))
-    store.blobs.put(b"nobody's")
+    store.blobs.put(b"unreferenced")
     (capture,) = captures.glob("*.raw")
     capture.write_bytes(capture.read_bytes()[:-3])
     with store.database.engine.connect() as connection:
         connection.exec_driver_sql("PRAGMA foreign_keys=OFF")
         connection.exec_driver_sql("UPDATE frames SET contact_id = 99, columns = 400 WHERE id = 4")
         connection.commit()
-    found = {f.name: f for f in check_store(store.database, store.blobs, captures).findings}
+    found = {f.name: f for f in check_store(store.database, store.blobs, captures, audit).findings}
     states = {name: f.state for name, f in found.items()}
     assert states == {
         "database": "ok",
         "schema": "ok",
         "references": "error",
-        "bytes missing": "error",
-        "bytes damaged": "error",
-        "bytes of other sizes": "error",
-        "bytes left over": "note",
-        "captures gone": "ok",
-        "captures torn": "note",
-        "captures short": "error",
+        "missing files": "error",
+        "damaged files": "error",
+        "wrong file sizes": "error",
+        "unused files": "note",
+        "removed captures": "ok",
+        "truncated captures": "note",
+        "short captures": "error",
         "audit": "ok",
     }
-    assert found["bytes missing"].examples[0].startswith("frame 2")
+    assert found["missing files"].examples[0].startswith("frame 2")

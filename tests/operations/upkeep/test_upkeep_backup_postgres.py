@@ -1,4 +1,4 @@
-"""A backup of a PostgreSQL database is its own dump, and comes back into an empty database whole."""
+"""A backup of a PostgreSQL database is its own dump, and is restored completely into an empty database."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from sqlalchemy.exc import DatabaseError
 
 from gss.domain.errors import BadInput, Conflict, StoreDown
 from gss.operations.accounts.audit import AuditService
+from gss.operations.accounts.audit_anchor import ANCHORS, AnchorFile
 from gss.operations.upkeep.check_store import check_store
 from gss.operations.upkeep.restore import NEW_IDS, restore
 from gss.store import commands
@@ -20,7 +21,7 @@ from gss.store.engine import Database, migrate, open_engine
 from gss.store.models import Frame, SignIn, User
 
 pytestmark = [pytest.mark.postgres, pytest.mark.timeout(120)]
-PASSWORD = "never-to-be-told"
+PASSWORD = "never-to-be-logged"
 
 
 @pytest.fixture
@@ -49,12 +50,13 @@ def database(urls: tuple[str, str]) -> Iterator[Database]:
 
 
 @pytest.fixture
-def filled(store: Any, urls: tuple[str, str], clock: Any) -> Any:
-    """The store of the other tests of backups on that database, with a deed on the record and somebody signed in."""
+def filled(store: Any, urls: tuple[str, str], clock: Any, tmp_path: Path) -> Any:
+    """The store of the other backup tests on that database, with an audit entry and an active session."""
     store.backups._url = urls[0]
     store.fill()
     store.add_packets("housekeeping", 5, age_days=1, every_s=1.0, request_id=0xFFFF_FFFE)
-    AuditService(store.database, clock).record("ann", "POST /x", "frame 1", "done", "äöü 'quoted' \\ back")
+    audit = AuditService(store.database, clock, AnchorFile(tmp_path / "anchors"))
+    audit.record("ann", "POST /x", "frame 1", "done", "äöü 'quoted' \\ back")
     with store.database.unit_of_work() as session:
         users = {"enabled": True, "password_hash": "", "created": clock(), "created_by": "test"}
         user = User(name="ann", role="admin", **users)
@@ -66,7 +68,7 @@ def filled(store: Any, urls: tuple[str, str], clock: Any) -> Any:
 
 
 def content(database: Database) -> dict[str, list[Any]]:
-    """Every row of every table but those that a restore changes on purpose."""
+    """Return every row of every table except those that a restore changes on purpose."""
     changed = {"choices", "commands", "sign_ins", "one_time_links", "api_tokens"}
     found = {}
     with database.unit_of_work() as session:
@@ -77,8 +79,10 @@ def content(database: Database) -> dict[str, list[Any]]:
     return found
 
 
-def test_a_postgresql_database_comes_back_whole(filled: Any, urls: tuple[str, str], clock: Any, tmp_path: Path) -> None:
-    """Rows, bytes, captures, counters and the guard of the record; sessions are ended, and command ids begin anew."""
+def test_a_postgresql_database_is_restored_completely(
+    filled: Any, urls: tuple[str, str], clock: Any, tmp_path: Path
+) -> None:
+    """Rows, bytes, captures, counters and the audit log's triggers; sessions are ended, and command ids restart."""
     made = filled.backups.make()
     folder = tmp_path / "backups" / made.name
     assert (made.kind, made.database) == ("postgresql", "gss.sql")
@@ -88,11 +92,15 @@ def test_a_postgresql_database_comes_back_whole(filled: Any, urls: tuple[str, st
     before = content(filled.database)
     restore(folder, tmp_path / "new", clock, database_url=urls[1])
     database = Database(open_engine(urls[1]))
-    assert content(database) == before
+    after = content(database)
+    (accepted,) = [row for row in after["audit"] if row not in before["audit"]]
+    assert f"restored from backup {made.name}" in accepted
+    assert after | {"audit": before["audit"]} == before
     assert len(before["telemetry_packets"]) == 5
     assert not (tmp_path / "new" / "gss.db").exists()
     blobs = BlobStore(str(tmp_path / "new" / "blobs"))
-    assert check_store(database, blobs, tmp_path / "new" / "captures").whole
+    audit = AuditService(database, clock, AnchorFile(tmp_path / "new" / ANCHORS))
+    assert check_store(database, blobs, tmp_path / "new" / "captures", audit).whole
     with database.unit_of_work() as session:
         assert commands.last_request_id(session) == NEW_IDS
         assert [row.end_reason for row in session.scalars(select(SignIn))] == ["restored from a backup"]
@@ -112,20 +120,22 @@ def test_a_postgresql_database_comes_back_whole(filled: Any, urls: tuple[str, st
     assert not (tmp_path / "other").exists()
 
 
-def test_a_server_that_is_gone_leaves_no_backup_and_no_password(filled: Any, tmp_path: Path) -> None:
-    """Its own words are told, the half backup is not there."""
+def test_an_unreachable_server_leaves_no_backup_and_no_password(filled: Any, tmp_path: Path) -> None:
+    """The server's message is reported, and the partial backup is removed."""
     url = make_url(filled.backups._url).set(port=1)
     filled.backups._url = url.render_as_string(hide_password=False)
-    with pytest.raises(StoreDown, match="pg_dump did not succeed") as refused:
+    with pytest.raises(StoreDown, match="pg_dump failed") as refused:
         filled.backups.make()
     assert PASSWORD not in str(refused.value)
     assert filled.backups.every() == []
 
 
-def test_a_socket_and_encryption_in_the_url_hold_for_the_dump_too(
+def test_a_socket_and_encryption_in_the_url_apply_to_the_dump_too(
     filled: Any,
 ) -> None:
-    """The address may be in the query, as for a Unix socket; a host that must be encrypted is not spoken to in the clear."""
+    """The address may be in the query, as for a Unix socket; a host that requires encryption is not contacted
+    unencrypted.
+    """
     url = make_url(filled.backups._url)
     port = str(url.port)
     by_query = url.set(host=None, port=None).update_query_dict({"host": str(url.host), "port": port})

@@ -1,5 +1,8 @@
-"""A disk that fills up, on a file system of two megabytes: nothing is half written, every loss is counted and told, and when
-there is room again everything goes on. A damaged page stops the server with words."""
+"""A full disk, on a file system of two megabytes, and a damaged database page.
+
+Nothing is partly written, every loss is counted and reported, and operation continues when there is room. A damaged
+page stops the server with a message.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +18,19 @@ from pathlib import Path
 
 import pytest
 
-from gss.device.dictionary_file import load_dictionary
 from gss.device.session_events import Telemetry
 from gss.domain.errors import CorruptData, StoreDown
 from gss.domain.limits import State
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import shared_roles
 from gss.operations.events import EventBus
-from gss.operations.jobs import JobService
-from gss.operations.line.dispatcher import Dispatcher
-from gss.operations.line.line_events import LineBatch, LineEventQueue
+from gss.operations.jobs import JobKind, JobRequest, JobService
+from gss.operations.line.capture_files import capture_files
+from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
+from gss.operations.line.line_capture import RawCapture
+from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
-from gss.operations.line.raw_capture import RECEIVED, RawCapture, Retention, capture_files, read_captures
+from gss.operations.line.raw_capture import RECEIVED, Retention, read_captures
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.upkeep.disk import DiskGuard, DiskWatch
@@ -38,14 +44,14 @@ SIZE = 2 << 20
 
 
 class SmallDisk:
-    """A folder that takes only so much: a tmpfs where this process may mount one; else no file may grow beyond its limit."""
+    """A folder of limited size: a tmpfs if this process may mount one; otherwise the size of each file is limited."""
 
     def __init__(self, folder: Path, mounted: bool) -> None:
         self.folder, self._mounted = folder, mounted
 
     @contextmanager
     def full(self, left: int = 0) -> Iterator[None]:
-        """Inside, no more than ``left`` bytes fit."""
+        """Within this context at most ``left`` more bytes can be written."""
         if not self._mounted:
             largest = max((p.stat().st_size for p in self.folder.rglob("*") if p.is_file()), default=0)
             soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -58,7 +64,7 @@ class SmallDisk:
         ballast, block = self.folder / "ballast", os.sysconf("SC_PAGE_SIZE")
         with ballast.open("wb", buffering=0) as file:
             for size in (1 << 16, block):
-                with contextlib.suppress(OSError):  # full: that is what it is for
+                with contextlib.suppress(OSError):  # full, as intended
                     while free_bytes(self.folder) > left:
                         file.write(bytes(size))
         try:
@@ -83,8 +89,8 @@ def small_disk(tmp_path) -> Iterator[SmallDisk]:
         subprocess.run(["umount", "-l", str(folder)], check=True, capture_output=True)
 
 
-def test_a_capture_on_a_full_disk_holds_whole_records_only_and_goes_on(small_disk):
-    """What does not fit leaves nothing of itself; the next that fits is written."""
+def test_a_capture_on_a_full_disk_has_complete_records_and_continues(small_disk):
+    """A record that does not fit leaves no part of itself; the next one that fits is written."""
     capture = RawCapture(small_disk.folder, 1, Retention(1 << 20, 1 << 20))
     capture.write(1.0, RECEIVED, b"before" * 10)
     with small_disk.full():
@@ -98,11 +104,11 @@ def test_a_capture_on_a_full_disk_holds_whole_records_only_and_goes_on(small_dis
     assert (records[0][2], records[-1][2], torn) == (b"before" * 10, b"after", [])
 
 
-def test_the_contact_outlives_a_full_disk_and_the_hole_is_told(small_disk, sensor_in_memory, database, bus, clock):
-    """The line goes on without its capture; the bytes that are missing there are counted, announced and an alarm."""
+def test_a_contact_survives_a_full_disk_and_the_loss_is_reported(small_disk, sensor_in_memory, database, bus, clock):
+    """The link continues without its capture; the missing bytes are counted, announced and raise an alarm."""
     sensor = sensor_in_memory()
     events = LineEventQueue(clock, sensor.monotonic_s)
-    link = LinkService(DICTIONARY, database, bus, small_disk.folder, clock, sensor.monotonic_s, events)
+    link = LinkService(DICTIONARY, shared_roles(), database, bus, small_disk.folder, clock, sensor.monotonic_s, events)
     telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
     alarms = AlarmService(DICTIONARY, telemetry, link, database, bus, clock)
     watch = DiskWatch(DiskGuard(small_disk.folder, 0, 0), alarms, link, telemetry)
@@ -124,16 +130,16 @@ def test_the_contact_outlives_a_full_disk_and_the_hole_is_told(small_disk, senso
         watch.tick()
         assert [(v.title, v.level) for v in alarms.opened()] == [("Raw capture", State.CRITICAL)]
         before = telemetry.latest_packet("housekeeping").device_time_s
-        until(lambda: telemetry.latest_packet("housekeeping").device_time_s > before + 2, "the line to go on")
-    until(lambda: not link.capture.fails, "the capture to go on")
+        until(lambda: telemetry.latest_packet("housekeeping").device_time_s > before + 2, "the link to continue")
+    until(lambda: not link.capture.fails, "the capture to continue")
     watch.tick()
     assert alarms.opened()[0].row.state == "cleared"
     assert link.contact_id == contact
     link.stop()
     dispatcher.stop()
     texts = [event.text for event in bus.after(0, 500)]
-    assert len([t for t in texts if "record has a hole" in t]) == 1
-    assert any(f"{link.capture.lost_bytes} bytes of the line are not in it" in t for t in texts)
+    assert len([t for t in texts if "data from now on is missing" in t]) == 1
+    assert any(f"{link.capture.lost_bytes} bytes are missing from it" in t for t in texts)
     torn: list[int] = []
     assert len(list(read_captures(capture_files(small_disk.folder), lambda _, n: torn.append(n)))) > 3
     assert torn == []
@@ -144,10 +150,10 @@ def housekeeping(k: int) -> tuple[Telemetry]:
     return (Telemetry("housekeeping", float(k), 0, fields, fields),)
 
 
-def test_a_database_on_a_full_disk_loses_no_row_it_has_and_values_go_on(small_disk, clock, tmp_path):
-    """Telemetry is judged and shown without a store; what was not stored is counted; the file stays whole."""
+def test_a_database_on_a_full_disk_loses_no_row_and_values_continue(small_disk, clock, tmp_path):
+    """Telemetry is judged and shown without a store; packets not stored are counted; the file stays intact."""
     url = f"sqlite:///{small_disk.folder / 'gss.db'}"
-    # The pages that the file needs for its schema first; then the disk is full.
+    # First the pages that the file needs for its schema; then the disk is full.
     migrate(url)
     database = Database(open_engine(url))
     bus = EventBus(database, clock)
@@ -158,13 +164,13 @@ def test_a_database_on_a_full_disk_loses_no_row_it_has_and_values_go_on(small_di
             telemetry.handle(LineBatch(housekeeping(k), clock(), 10.0 * k))
             if telemetry.unstored > 20:
                 break
-        with pytest.raises(StoreDown, match="cannot be used now"):
+        with pytest.raises(StoreDown, match="cannot be used"):
             bus.record("x", "ok", "y" * 200_000)
         assert telemetry.latest_packet("housekeeping").values["latchups"] == k
         assert telemetry.store_fails
     telemetry.handle(LineBatch(housekeeping(k + 1), clock(), 10.0 * k + 10))
     assert telemetry.store_fails == ""
-    assert any(f"{telemetry.unstored} packets of before" in event.text for event in bus.after(0, 100))
+    assert any(f"{telemetry.unstored} earlier packets" in event.text for event in bus.after(0, 100))
     with database.engine.connect() as connection:
         assert connection.exec_driver_sql("PRAGMA integrity_check").scalar() == "ok"
         stored = connection.exec_driver_sql("SELECT count(*) FROM telemetry_packets").scalar()
@@ -172,23 +178,23 @@ def test_a_database_on_a_full_disk_loses_no_row_it_has_and_values_go_on(small_di
     database.close()
 
 
-def test_bytes_on_a_full_disk_are_refused_and_no_half_file_stays(small_disk):
-    """A frame that does not fit is not there; the others are."""
+def test_bytes_on_a_full_disk_are_rejected_and_leave_no_partial_file(small_disk):
+    """A frame that does not fit is absent; the others are stored."""
     blobs = BlobStore(str(small_disk.folder / "blobs"))
     kept = blobs.put(b"kept" * 1000)
-    with small_disk.full(), pytest.raises(StoreDown, match="stored"):
+    with small_disk.full(), pytest.raises(StoreDown, match="read or written"):
         blobs.put(bytes(range(256)) * 2000)
     assert blobs.get(kept) == b"kept" * 1000
     assert list(blobs.keys()) == [kept]
 
 
-def test_large_things_stop_before_the_disk_is_full_and_making_room_does_not(database, bus, clock, tmp_path):
-    """Jobs, imports and downloads are refused with words while there is still room to say so; retention may always run."""
+def test_large_jobs_stop_before_the_disk_is_full_and_retention_does_not(database, bus, clock, tmp_path):
+    """Jobs, imports and downloads are rejected while there is still room for messages; retention may always run."""
     room = [10_000]
     guard = DiskGuard(tmp_path, 5000, 1000, lambda _: (room[0], 20_000))
     jobs = JobService(database, bus, clock, guard.check)
     for kind in ("retention", "catalogue"):
-        jobs.resumable(kind, lambda run: {})
+        jobs.register(JobKind(kind, JobRequest, lambda request, run: {}))
     assert (guard.look().level, guard.has_room_for_rows()) == (State.OK, True)
     room[0] = 4000
     assert guard.look().level is State.WARNING
@@ -198,8 +204,8 @@ def test_large_things_stop_before_the_disk_is_full_and_making_room_does_not(data
     room[0] = 900
     assert (guard.look().level, guard.has_room_for_rows()) == (State.CRITICAL, True)
     with pytest.raises(StoreDown, match="nearly full"):
-        jobs.begin("catalogue", "t", {})
-    assert jobs.begin("retention", "t", {}).state == "queued"
+        jobs.begin("catalogue", "t", JobRequest())
+    assert jobs.begin("retention", "t", JobRequest()).state == "queued"
     room[0] = 200
     assert not guard.has_room_for_rows()
     jobs.stop()
@@ -217,8 +223,8 @@ def damage(path: Path, table: str) -> None:
         file.write(b"\xa5" * size)
 
 
-def test_a_damaged_page_keeps_the_server_from_starting_and_names_the_way_out(database, bus, tmp_path, capsys):
-    """Half a record is not served: the words name the check, the restore, and where the rest is."""
+def test_a_damaged_page_prevents_the_start_and_the_message_states_what_to_do(database, bus, tmp_path, capsys):
+    """A damaged record is not served: the message names the check, the restore, and the location of the data."""
     from gss.cli import main
 
     for k in range(300):
@@ -234,8 +240,8 @@ def test_a_damaged_page_keeps_the_server_from_starting_and_names_the_way_out(dat
     assert "ERROR database" in capsys.readouterr().out
 
 
-def test_a_page_that_is_damaged_while_the_server_runs_is_told(database, bus, tmp_path):
-    """Whoever meets it gets the words, never a silent loss, and the database remembers it for the health page."""
+def test_a_page_damaged_while_the_server_runs_is_reported(database, bus, tmp_path):
+    """The operation that reads it fails with a message, and the health page shows the damage from then on."""
     for k in range(300):
         bus.record("x", "ok", f"line {k} " + "." * 200)
     database.close()
@@ -245,8 +251,8 @@ def test_a_page_that_is_damaged_while_the_server_runs_is_told(database, bus, tmp
     assert "malformed" in database.damage
 
 
-def test_pages_of_a_large_file_are_read_beside_the_work(database, bus, tmp_path, monkeypatch):
-    """Above the size at which the start leaves it out; damage is told on the health page and on the record."""
+def test_pages_of_a_large_file_are_checked_in_the_background(database, bus, tmp_path, monkeypatch):
+    """Above the size at which the start skips the check; damage is shown on the health page and recorded."""
     monkeypatch.setattr(engine, "QUICK_CHECK_BYTES", 1 << 30)
     small = PageCheck(database, bus)
     small.start()
@@ -257,7 +263,7 @@ def test_pages_of_a_large_file_are_read_beside_the_work(database, bus, tmp_path,
     whole = PageCheck(database, bus)
     whole.start()
     whole.wait()
-    assert (whole.state, database.damage) == ("its pages were read after the start", "")
+    assert (whole.state, database.damage) == ("its pages were checked after the start", "")
     database.close()
     damage(tmp_path / "gss.db", "telemetry_packets")
     migrate(f"sqlite:///{tmp_path / 'gss.db'}")

@@ -1,4 +1,4 @@
-"""Backup files that are small and unpack to more than a disk holds."""
+"""Small backup files that unpack to more than a disk can store."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gss.operations.upkeep.restore import restore
 
 
 @pytest.mark.parametrize("kind", ["sparse", "gzip"])
-def test_a_tar_that_unpacks_to_far_more_than_it_is_is_refused(kind: str, clock: Any, tmp_path: Path) -> None:
-    """A sparse member and a compressed gigabyte of zeros are refused before they are written."""
+def test_a_tar_that_unpacks_to_far_more_than_its_size_is_rejected(kind: str, clock: Any, tmp_path: Path) -> None:
+    """A sparse member and a compressed gigabyte of zeros are rejected before they are written."""
     evil, member = tmp_path / "evil.tar", tarfile.TarInfo("2026-01-01T000000Z/gss.db")
     if kind == "gzip":
         member.size = 1 << 30
@@ -24,7 +24,7 @@ def test_a_tar_that_unpacks_to_far_more_than_it_is_is_refused(kind: str, clock: 
         member.pax_headers = {"GNU.sparse.size": str(1 << 40), "GNU.sparse.map": "0,0", "GNU.sparse.numblocks": "1"}
         with tarfile.open(evil, "w", format=tarfile.PAX_FORMAT) as tar:
             tar.addfile(member)
-    with pytest.raises((BadInput, CorruptData), match=r"too large when it is unpacked|this is no backup") as refused:
+    with pytest.raises((BadInput, CorruptData), match=r"too large when it is unpacked|not a backup") as refused:
         restore(evil, tmp_path / "new", clock)
     assert "larger disk" not in refused.value.hint
     assert [p.name for p in tmp_path.iterdir()] == ["evil.tar"]

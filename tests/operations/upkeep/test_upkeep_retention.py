@@ -1,7 +1,8 @@
-"""Retention takes what it may, keeps what it must, says what it took, and survives a crash at any point."""
+"""Retention deletes only what it may, reports what it deleted, and survives a crash at any point."""
 
 from __future__ import annotations
 
+import random
 import sqlite3
 from dataclasses import asdict, replace
 from datetime import timedelta
@@ -11,13 +12,13 @@ from sqlalchemy import func, select
 
 from gss.domain.errors import BadInput
 from gss.operations.events import EventBus
-from gss.operations.jobs import JobService
+from gss.operations.jobs import JobKind, JobService
 from gss.operations.upkeep import removal
 from gss.operations.upkeep import retention as room
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.forecast import forecast
 from gss.operations.upkeep.removal import confirmation
-from gss.operations.upkeep.retention import DailyRetention, Policy, RetentionService
+from gss.operations.upkeep.retention import DailyRetention, Policy, RemovalJob, RetentionService
 from gss.store import upkeep
 from gss.store.engine import Database, open_engine
 from gss.store.models import Calibration, Frame, Job, Solution, TelemetryPacket
@@ -33,16 +34,16 @@ def count(database, model) -> int:
         return session.scalar(select(func.count()).select_from(model))
 
 
-def test_nothing_goes_until_somebody_says_so(store):
-    """Every age and size is for ever at first."""
+def test_nothing_is_deleted_by_default(store):
+    """Every age and size is unlimited at first."""
     store.fill()
     store.add_packets("housekeeping", 50, 400, 1)
     result = store.end(store.retention.run(user="ann")).result["removed"]
     assert result == {"frames": 0, "bytes": 0, "packets": 0, "thinned": 0, "events": 0}
 
 
-def test_old_pixels_go_and_rows_solutions_and_favourites_stay(store):
-    """By age: not favourites, not what a calibration was made from, not the newest, not bytes that another frame has too."""
+def test_old_pixels_are_deleted_and_rows_solutions_and_favourites_stay(store):
+    """By age: except favourites, frames of a calibration, the newest, and bytes that another frame shares."""
     old = [store.add_frame(bytes([k]) * 100, age_days=40) for k in range(6)]
     with store.database.unit_of_work() as session:
         upkeep.set_favourite(session, old[1], True)
@@ -58,7 +59,7 @@ def test_old_pixels_go_and_rows_solutions_and_favourites_stay(store):
     assert (count(store.database, Frame), count(store.database, Solution)) == (8, 8)
 
 
-def test_the_oldest_pixels_go_while_all_are_too_large_together(store):
+def test_the_oldest_pixels_are_deleted_while_the_total_is_too_large(store):
     """By size: oldest first, no more than needed."""
     ids = [store.add_frame(bytes([k]) * 1000, age_days=k + 1) for k in range(5)]
     store.retention.choose(Policy(frames_gb=3.2e-6, keep_frames=1), user="ann")
@@ -67,8 +68,8 @@ def test_the_oldest_pixels_go_while_all_are_too_large_together(store):
 
 
 @pytest.mark.parametrize("batch", [7, 2000])
-def test_packets_are_thinned_to_one_a_minute_and_then_go(store, batch, monkeypatch):
-    """What was asked for stays at thinning; the first of each minute stays; beyond the last age none does."""
+def test_packets_are_thinned_to_one_a_minute_and_then_deleted(store, batch, monkeypatch):
+    """Answers to requests survive thinning; the first packet of each minute stays; beyond the last age none does."""
     monkeypatch.setattr(upkeep.thin_packets, "__defaults__", (batch,))
     monkeypatch.setattr(upkeep.remove_packets, "__defaults__", (batch,))
     store.clock.at = store.clock.at.replace(second=0)
@@ -87,8 +88,10 @@ def test_packets_are_thinned_to_one_a_minute_and_then_go(store, batch, monkeypat
 
 
 @pytest.mark.parametrize("kept_times", [1, 2, 3, 4])
-def test_killed_between_any_two_steps_the_next_server_does_the_rest(store, clock, tmp_path, monkeypatch, kept_times):
-    """After a crash no row promises bytes that are gone, and in the end exactly the same has gone."""
+def test_after_a_kill_between_any_two_steps_the_next_server_completes_them(
+    store, clock, tmp_path, monkeypatch, kept_times
+):
+    """After a crash no row refers to missing bytes, and in the end exactly the same content is deleted."""
     monkeypatch.setattr(room, "FRAMES_AT_ONCE", 2)
     ids = [store.add_frame(bytes([k]) * 100, age_days=40) for k in range(6)]
     store.add_packets("housekeeping", 10, 40, 1)
@@ -98,7 +101,7 @@ def test_killed_between_any_two_steps_the_next_server_does_the_rest(store, clock
     class Killed(BaseException):
         pass
 
-    def dying(run):
+    def dying(request, run):
         def keep(checkpoint, session=None):
             run.keep(checkpoint, session)
             times.append(1)
@@ -113,11 +116,11 @@ def test_killed_between_any_two_steps_the_next_server_does_the_rest(store, clock
                 raise Killed
 
         try:
-            return work(replace(run, keep=keep))
+            return work(request, replace(run, keep=keep))
         except Killed:
             return {}
 
-    store.jobs.resumable("retention", dying)
+    store.jobs.register(JobKind("retention", RemovalJob, dying))
     store.end(store.retention.run(user="ann"))
     (database,) = after
     second = JobService(database, EventBus(database, clock), clock, lambda _: None)
@@ -143,8 +146,8 @@ def test_killed_between_any_two_steps_the_next_server_does_the_rest(store, clock
     database.close()
 
 
-def test_the_forecast_says_when_the_disk_is_full_and_what_goes_next(store):
-    """A week's growth into the room that is left; under a policy that holds it, it never is."""
+def test_the_forecast_states_when_the_disk_is_full_and_what_is_deleted_next(store):
+    """A week's growth into the free space; under a policy that limits the store it is never full."""
     for k in range(7):
         store.add_frame(bytes([k]) * 1_000_000, age_days=k + 0.5)
     store.room[0] = store.disk.stop_bytes + 10_000_000
@@ -158,10 +161,10 @@ def test_the_forecast_says_when_the_disk_is_full_and_what_goes_next(store):
     assert second.next_removal == store.clock() + timedelta(days=13.5)
 
 
-def test_a_young_store_is_judged_by_the_time_it_has_and_a_new_one_not_at_all(store, bus, clock):
-    """Half a day's growth is half a day's; in the first hour nothing is said. Backups are kept, too."""
+def test_a_young_store_is_forecast_from_its_age_and_a_new_one_not_at_all(store, bus, clock):
+    """Half a day's growth is half a day's; in the first hour there is no forecast. Backups are kept, too."""
     bus.record("server", "ok", "started")
-    store.add_frame(b"a" * 1_000_000, age_days=0)
+    store.add_frame(random.Random(5).randbytes(1_000_000), age_days=0)
     clock.forward(840)
     new = forecast(store.database, store.retention, store.disk, store.backups.folder)
     assert (new.bytes_per_day, new.full_in_days) == (None, None)
@@ -175,7 +178,7 @@ def test_a_young_store_is_judged_by_the_time_it_has_and_a_new_one_not_at_all(sto
     assert later.bytes_now == later.database_bytes + later.frames_bytes + later.captures_bytes + later.backups_bytes
 
 
-def test_it_runs_once_a_day_and_not_while_the_clock_is_in_doubt(store, bus, clock):
+def test_it_runs_once_a_day_and_not_while_the_clock_is_untrusted(store, bus, clock):
     """A clock that jumps a year ahead must not make everything old: removal waits for an hour of steady running."""
     ids = [store.add_frame(bytes([k]) * 100, age_days=1) for k in range(3)]
     store.retention.choose(Policy(frames_days=30, keep_frames=0), user="ann")
@@ -199,7 +202,7 @@ def test_it_runs_once_a_day_and_not_while_the_clock_is_in_doubt(store, bus, cloc
     live(1, 60)
     assert (runs(), clocks.last_jump_s, clocks.steady()) == (0, pytest.approx(366 * 86400), False)
     assert any("jumped forward" in event.text for event in bus.after(0, 100))
-    clock.forward(-366 * 86400)  # somebody set it right
+    clock.forward(-366 * 86400)  # an operator corrects it
     live(1, 2)
     live(1800, 2)
     store.end(store.jobs.newest(1)[0])
@@ -211,31 +214,34 @@ def test_it_runs_once_a_day_and_not_while_the_clock_is_in_doubt(store, bus, cloc
     assert runs() == 2
 
 
-def test_a_policy_that_cannot_be_is_refused():
-    """Negative ages, and packets that would go before they are thinned."""
+def test_an_impossible_policy_is_rejected():
+    """Negative ages, and packets that would be deleted before they are thinned."""
     for wrong in ({"frames_days": -1}, {"telemetry_days": 5, "telemetry_thin_days": 5}, {"frames_gb": float("nan")}):
         with pytest.raises(BadInput):
             Policy(**wrong)
 
 
-def test_started_again_a_removal_and_a_backup_follow_the_policy_in_force(store):
-    """A strict policy that was taken back removes nothing through an old job; the new job is its asker's."""
+def test_a_restarted_removal_or_backup_follows_the_current_policy(store):
+    """A withdrawn strict policy deletes nothing through an old job; the new job belongs to the user who requested it."""
     for _ in range(3):
         store.add_frame(b"x" * 10, age_days=9)
     store.retention.choose(Policy(backups_keep=1), user="ann")
     strict = store.jobs.begin(
-        "retention", "t", {"policy": asdict(Policy(frames_days=1, keep_frames=0)), "user": "ann"}, lambda run: {}
+        "retention", "t", RemovalJob(Policy(frames_days=1, keep_frames=0), user="ann"), lambda run: {}
     )
     once = store.end(store.backups.start(keep=1, user="ann"))
     store.end(strict)
     store.retention.choose(Policy(), user="ann")
     removal = store.end(store.jobs.again(strict.id, user="bob"))
-    assert (removal.request, removal.result["removed"]["frames"]) == ({"policy": asdict(Policy()), "user": "bob"}, 0)
+    assert (removal.request, removal.result["removed"]["frames"]) == (
+        {"policy": asdict(Policy()), "user": "bob", "confirmed": None},
+        0,
+    )
     assert store.end(store.jobs.again(once.id, user="bob")).request == {"keep": 0, "user": "bob"}
 
 
-def test_started_again_a_removal_needs_a_new_confirmation(store, clock, monkeypatch):
-    """The confirmation of an ended removal holds for that removal only; one that continues after a crash keeps it."""
+def test_a_restarted_removal_needs_a_new_confirmation(store, clock, monkeypatch):
+    """The confirmation of an ended removal applies to that removal only; one that continues after a crash keeps it."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 0))
     store.retention.choose(Policy(frames_days=1, keep_frames=0), user="ann")
     for k in range(3):
@@ -247,7 +253,7 @@ def test_started_again_a_removal_needs_a_new_confirmation(store, clock, monkeypa
         store.add_frame(bytes([9 + k]) * 10, age_days=9)
     again = store.end(store.jobs.again(first.id, user="bob"))
     assert (again.state, len(pixels_left(store.database))) == ("failed", 3)
-    assert "waits for confirmation" in again.text
+    assert "needs confirmation" in again.text
     row = Job(kind="retention", title="t", state="running", text="", created=clock(), result={}, done=0, total=0)
     row.attempts, row.request = 0, first.request
     with store.database.unit_of_work() as session:
@@ -256,8 +262,8 @@ def test_started_again_a_removal_needs_a_new_confirmation(store, clock, monkeypa
     assert (store.end(row).state, len(pixels_left(store.database))) == ("done", 0)
 
 
-def test_resumed_after_a_crash_a_removal_follows_the_policy_in_force(store, clock, tmp_path):
-    """A policy that was taken back while the server was down removes nothing through the job that it left."""
+def test_a_removal_resumed_after_a_crash_follows_the_current_policy(store, clock, tmp_path):
+    """A policy withdrawn while the server was down deletes nothing through the job that it left."""
     for _ in range(3):
         store.add_frame(b"x" * 10, age_days=9)
     begun = Policy(frames_days=1, keep_frames=0)

@@ -1,4 +1,4 @@
-"""A wrong clock deletes nothing that is stored: retention waits for a person, and so does a removal of an unusual share."""
+"""A wrong clock deletes nothing that is stored: retention and unusually large removals wait for a confirmation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.domain.errors import BadInput, Conflict
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.upkeep import removal
-from gss.operations.upkeep.clock_trust import NAME, ClockTrust
+from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.removal import confirmation
 from gss.operations.upkeep.retention import DailyRetention, Policy
@@ -27,8 +27,8 @@ POLICY = Policy(
 )
 
 
-class Server:
-    """What a start of the server makes of the stored mission: clocks, daily removal, alarms."""
+class RestartedServer:
+    """The effects of a server start on the stored mission: clocks, daily removal, alarms."""
 
     def __init__(self, store: Any, bus: Any) -> None:
         self.store, self.clock, self.mono_s = store, store.clock, 0.0
@@ -42,7 +42,7 @@ class Server:
         self.watch = RetentionWatch(store.trust, store.retention, self.alarms)
 
     def live(self, seconds: float, times: int) -> None:
-        """The status thread's looks, and the jobs that they start."""
+        """Run the checks of the status thread and the jobs that they start."""
         for _ in range(times):
             self.clock.forward(seconds)
             self.mono_s += seconds
@@ -53,16 +53,16 @@ class Server:
         self.watch.tick()
 
     def titles(self) -> list[str]:
-        """Alarms that are raised now."""
+        """Return the titles of raised alarms."""
         return [view.title for view in self.alarms.opened() if view.row.state == "raised"]
 
     def runs(self) -> list[Any]:
-        """Removals, newest first."""
+        """Return the removals, newest first."""
         return [job for job in self.store.jobs.newest(50) if job.kind == "retention"]
 
 
 def held(store: Any) -> dict[str, Any]:
-    """Everything of the mission: rows, bytes, captures, backups."""
+    """Return the complete mission: rows, bytes, captures, backups."""
     with store.database.unit_of_work() as session:
         tables = [t for t in Base.metadata.sorted_tables if t.name not in ("choices", "events", "alarms", "jobs")]
         rows = {t.name: session.scalar(select(func.count()).select_from(t)) for t in tables}
@@ -79,7 +79,7 @@ def mission(store, bus):
     store.add_packets("housekeeping", 200, 3, 60)
     store.backups.make()
     store.retention.choose(POLICY, user="ann")
-    server = Server(store, bus)
+    server = RestartedServer(store, bus)
     server.live(HOUR_S, 30)
     assert [job.state for job in server.runs()] == ["done", "done"]
     assert server.titles() == []
@@ -89,11 +89,13 @@ def mission(store, bus):
 @pytest.mark.parametrize("start_s", [YEARS_S, 31 * DAY_S, -99 * DAY_S], ids=["ten years", "a month", "99 days back"])
 @pytest.mark.parametrize("step_s", [HOUR_S, DAY_S], ids=["hours", "days"])
 def test_a_start_with_a_wrong_clock_deletes_nothing(mission, bus, clock, start_s, step_s):
-    """Hours and days later, and after another start, every row, pixel, capture and backup is there, and an alarm says why."""
+    """Hours and days later, and after another start, every row, pixel, capture and backup exists, and an alarm states
+    the reason.
+    """
     before = held(mission)
     clock.forward(start_s)
     for _ in range(2):
-        server = Server(mission, bus)
+        server = RestartedServer(mission, bus)
         server.live(step_s, 40)
         assert server.titles() == ["Server clock"]
         with pytest.raises(Conflict, match="clock is in doubt"):
@@ -106,8 +108,10 @@ def test_a_start_with_a_wrong_clock_deletes_nothing(mission, bus, clock, start_s
 
 
 def test_a_jump_while_the_server_runs_counts_too(mission, bus, clock):
-    """Ten years forward without a restart, steady for days: nothing goes; set right, the daily removal continues unasked."""
-    server, before, runs = Server(mission, bus), held(mission), 2
+    """Ten years forward without a restart, steady for days: nothing is deleted; after the correction the daily removal
+    continues without confirmation.
+    """
+    server, before, runs = RestartedServer(mission, bus), held(mission), 2
     clock.forward(YEARS_S)
     server.live(HOUR_S, 60)
     assert (held(mission), server.titles(), len(server.runs())) == (before, ["Server clock"], runs)
@@ -116,25 +120,27 @@ def test_a_jump_while_the_server_runs_counts_too(mission, bus, clock):
     assert (server.titles(), len(server.runs())) == ([], runs + 1)
 
 
-def test_a_person_confirms_the_clock_and_then_the_removal(mission, bus, clock, monkeypatch):
-    """After years off the server the confirmed clock is trusted; the large removal still asks, once, and takes what was shown."""
+def test_an_operator_confirms_the_clock_and_then_the_removal(mission, bus, clock, monkeypatch):
+    """After years without the server the confirmed clock is trusted; the large removal still needs one confirmation and
+    deletes what was shown.
+    """
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 2))
     clock.forward(YEARS_S)
-    server = Server(mission, bus)
+    server = RestartedServer(mission, bus)
     server.live(HOUR_S, 3)
-    with pytest.raises(BadInput, match="not that of the server's clock"):
+    with pytest.raises(BadInput, match="differs from the server's clock"):
         mission.trust.confirm(clock() - timedelta(days=1), user="ann")
     assert mission.trust.confirm(clock(), user="ann").doubt == ""
     server.live(HOUR_S, 1)
     assert (server.titles(), server.runs()[0].state) == (["Retention"], "failed")
-    assert "waits for confirmation" in server.runs()[0].text
+    assert "needs confirmation" in server.runs()[0].text
     assert "3 of 4 frames" in mission.retention.waiting()
     with pytest.raises(Conflict, match="unusually large"):
         mission.retention.run(user="ann")
     seen = mission.retention.preview(POLICY)
     assert seen.unusual
     less = confirmation(mission.retention.preview(Policy(**vars(POLICY) | {"frames_days": 0}), seen.at))
-    with pytest.raises(Conflict, match="more would be removed"):
+    with pytest.raises(Conflict, match="more data would be removed"):
         mission.retention.run(user="ann", confirmed=less)
     job = mission.end(mission.retention.run(user="ann", confirmed=confirmation(seen)))
     assert (job.state, job.result["removed"]["frames"], job.result["removed"]["packets"]) == ("done", 3, 200)
@@ -143,8 +149,8 @@ def test_a_person_confirms_the_clock_and_then_the_removal(mission, bus, clock, m
     assert len(mission.backups.every()) == 1
 
 
-def test_an_old_confirmation_confirms_nothing(mission, clock, monkeypatch):
-    """A preview of two hours ago, or of another clock, is refused."""
+def test_an_old_confirmation_is_invalid(mission, clock, monkeypatch):
+    """A preview of two hours ago, or of another clock, is rejected."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 0))
     clock.forward(25 * DAY_S)
     mission.trust.confirm(clock(), user="ann")
@@ -155,12 +161,12 @@ def test_an_old_confirmation_confirms_nothing(mission, clock, monkeypatch):
             mission.retention.run(user="ann", confirmed=confirmation(seen))
 
 
-def test_a_jump_of_a_plausible_pause_still_asks_before_a_large_removal(mission, bus, clock, monkeypatch):
-    """29 days ahead is a plausible pause; what is left of the store would go, so a person is asked."""
+def test_a_jump_of_a_plausible_pause_still_needs_confirmation_of_a_large_removal(mission, bus, clock, monkeypatch):
+    """29 days ahead is a plausible pause; the rest of the store would be deleted, so a confirmation is needed."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 2))
     before = held(mission)
     clock.forward(29 * DAY_S)
-    server = Server(mission, bus)
+    server = RestartedServer(mission, bus)
     server.live(HOUR_S, 30)
     assert (server.titles(), held(mission)) == (["Retention"], before)
     mission.retention.choose(Policy(frames_days=3000), user="ann")
@@ -171,10 +177,12 @@ def test_a_jump_of_a_plausible_pause_still_asks_before_a_large_removal(mission, 
 @pytest.mark.parametrize(
     "policy", [Policy(telemetry_days=3), Policy(telemetry_days=0.5), Policy(telemetry_thin_days=2)]
 )
-def test_daily_retention_goes_on_where_a_day_is_a_large_share(store, bus, clock, policy, monkeypatch):
-    """A store that keeps only a few days removes a day's packets each day, unasked, however large a share that is."""
+def test_daily_retention_continues_when_a_day_is_a_large_share(store, bus, clock, policy, monkeypatch):
+    """A store that keeps only a few days deletes a day's packets each day without confirmation, however large their
+    share.
+    """
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 5))
-    server = Server(store, bus)
+    server = RestartedServer(store, bus)
     store.retention.choose(policy, user="ann")
     for _ in range(12):
         store.add_packets("housekeeping", 48, 0, 1800)
@@ -186,10 +194,10 @@ def test_daily_retention_goes_on_where_a_day_is_a_large_share(store, bus, clock,
     assert left <= (12 if policy.telemetry_thin_days else 5) * 48
 
 
-def test_a_removal_after_weeks_without_retention_asks_first(store, bus, monkeypatch):
-    """Everything stored has arrived since the last removal, which was weeks ago: that makes no large removal usual."""
+def test_a_removal_after_weeks_without_retention_needs_confirmation(store, bus, monkeypatch):
+    """Everything stored has arrived since the last removal weeks ago; this does not make a large removal usual."""
     monkeypatch.setattr(removal, "FEW", dict.fromkeys(removal.FEW, 5))
-    server = Server(store, bus)
+    server = RestartedServer(store, bus)
     store.retention.choose(Policy(telemetry_days=300), user="ann")
     server.live(HOUR_S, 3)
     assert [job.state for job in server.runs()] == ["done"]
@@ -205,9 +213,9 @@ def test_a_removal_after_weeks_without_retention_asks_first(store, bus, monkeypa
 
 
 def test_without_a_trusted_time_nothing_is_deleted(mission, clock):
-    """Unknown is no leave to delete; a start takes the newest stored row, not the clock."""
+    """An unknown time permits no deletion; a start uses the newest stored row, not the clock."""
     with mission.database.unit_of_work() as session:
-        choices.forget(session, NAME)
+        choices.forget(session, choices.TRUSTED_TIME)
     assert mission.trust.state().doubt == "no trusted time is stored"
     with pytest.raises(Conflict):
         mission.retention.run(user="ann")
@@ -217,8 +225,8 @@ def test_without_a_trusted_time_nothing_is_deleted(mission, clock):
     assert "days ahead" in again.state().doubt
 
 
-def test_backups_of_a_wrong_clock_push_no_others_out(store, clock):
-    """Backups dated in the future neither go nor count, and the one just made always stays."""
+def test_backups_with_a_wrong_date_displace_no_others(store, clock):
+    """Backups dated in the future are neither deleted nor counted, and the one just made always stays."""
     old = store.backups.make()
     clock.forward(YEARS_S)
     future = store.backups.make()

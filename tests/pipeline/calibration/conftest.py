@@ -12,10 +12,11 @@ import pytest
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.profiles import CameraProfile, profile
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.domain.stars import StarTable
+from gss.instruments.registry import shipped_camera
 from gss.pipeline.calibration.sightings import FrameStars, of_centroids
 from gss.pipeline.psf import cut_stamps, fit_stars
 from gss.pipeline.render import Rendered, render, stars_near, truth_of
@@ -28,7 +29,7 @@ def sky() -> StarTable:
 
 
 def attitudes(camera: Camera, count: int, fewest: int, limit_mag: float, seed: int) -> list[Array]:
-    """Random attitudes that show so many stars."""
+    """Return random attitudes with at least ``fewest`` visible stars each."""
     rng, stars, made = np.random.default_rng(seed), sky().brighter_than(limit_mag), []
     while len(made) < count:
         turn = matrix_from_quaternion(random_quaternion(rng))
@@ -80,7 +81,7 @@ def rendered_frames(
     name: str, count: int = 30, exposure: float = 2.0, seed: int = 1
 ) -> tuple[tuple[FrameStars, ...], tuple[Array, ...]]:
     """Rendered frames of a profile with noise, measured by the detector; and each star's true error (n, 2) px."""
-    known = profile(name)
+    known = shipped_camera(name)
     rng, exposure_s = (
         np.random.default_rng([seed, 5]),
         min(exposure * known.sensor.exposure_s, known.sensor.exposure_max_s),
@@ -152,4 +153,4 @@ def rough_camera() -> Callable[[Camera], Camera]:
 @pytest.fixture(scope="session")
 def known() -> Callable[[str], CameraProfile]:
     """A profile by name."""
-    return profile
+    return shipped_camera

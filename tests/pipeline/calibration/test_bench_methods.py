@@ -11,9 +11,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gss.domain.camera import Brown, Camera, RadialTilt
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.camera_record import camera_from, record_of
 from gss.domain.errors import BadInput, CorruptData
-from gss.domain.profiles import CameraProfile
 from gss.pipeline.calibration import checkerboard
 from gss.pipeline.calibration.checkerboard import calibrate_checkerboard
 from gss.pipeline.calibration.dots import detector_tilt, optical_centre
@@ -67,8 +67,8 @@ def test_centre_of_a_dot_that_jumps_is_the_middle_of_its_box(known: Known) -> No
         optical_centre(np.zeros((3, 2)))
 
 
-def test_tilt_is_fitted_to_pairs_of_dots(known: Known) -> None:
-    """Jacobs' 0.733° in its direction from 36 pairs with a fiftieth of a pixel, within a few of its own σ."""
+def test_tilt_is_fitted_to_pairs_of_spots(known: Known) -> None:
+    """Jacobs' 0.733° in its direction from 36 pairs with an error of 0.02 px, within a small multiple of σ."""
     own = known("sunsat")
     lens = own.camera.distortion
     assert isinstance(lens, RadialTilt)
@@ -112,7 +112,7 @@ def test_documents_coefficients_have_the_same_root() -> None:
 
 
 def test_focal_length_comes_from_pairs_of_a_night(night: Night, known: Known) -> None:
-    """FAR-MST within 0.05 % and its σ; Erlank's small-angle form on the same pairs is close; distortion is told."""
+    """FAR-MST within 0.05 % and its σ; Erlank's small-angle form on the same pairs is close; distortion is reported."""
     camera = known("far_mst").camera
     made = focal_from_pairs(night(camera, limit_mag=5.5), camera.with_focal_scaled(1.03))
     focal = camera.focal_col_px
@@ -172,9 +172,10 @@ def _board(rays: np.ndarray, camera: Camera, turn: Rotation, middle_mm: np.ndarr
 
 
 @needs_opencv
-def test_checkerboard_gives_back_the_camera_that_drew_it() -> None:
-    """Every number within four of its σ, the focal length within 1.5 %, corners within a tenth of a pixel; a picture without
-    a board is told."""
+def test_checkerboard_gives_the_camera_that_rendered_it() -> None:
+    """Every number within four of its σ, the focal length within 1.5 %, corners within 0.1 px; a picture without a
+    board is rejected.
+    """
     camera = Camera(320, 240, 350.0, 352.0, 163.0, 117.0, Brown(-0.25, 0.08, 0.002, -0.001))
     rng, images, rays = np.random.default_rng(3), [], _rays(camera, 3)
     places = [(-55, -45), (50, -45), (-55, 40), (50, 40), (0, 0), (-30, 20), (40, 0), (0, -40), (-60, 0), (20, 40)]
@@ -202,17 +203,17 @@ def test_checkerboard_gives_back_the_camera_that_drew_it() -> None:
         calibrate_checkerboard([images[0], images[1], images[2][:100]], (8, 6), 14.0)
 
 
-def test_absent_library_is_told_with_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without OpenCV the answer says which part to install and which way needs nothing."""
+def test_a_missing_library_is_reported_with_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without OpenCV the error names the package and the method that does not need it."""
 
     def missing(_: str) -> None:
         raise ImportError("no module")
 
     monkeypatch.setattr(checkerboard.importlib, "import_module", missing)
-    with pytest.raises(BadInput, match="OpenCV") as told:
+    with pytest.raises(BadInput, match="OpenCV") as error:
         calibrate_checkerboard([np.zeros((20, 20), np.uint8)] * 4, (8, 6), 14.0)
-    assert "pip install" in told.value.hint
-    assert "star frames" in told.value.hint
+    assert "pip install" in error.value.hint
+    assert "star frames" in error.value.hint
 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat", "aim"])

@@ -1,4 +1,4 @@
-"""Bad nights: what is wrong is found, named and, where possible, left out."""
+"""Frames with faults: each fault is detected, named and, where possible, excluded."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from gss.domain.camera import Camera
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.profiles import CameraProfile
 from gss.pipeline.calibration.apply import camera_difference
 from gss.pipeline.calibration.bundle import Prior
 from gss.pipeline.calibration.result import CameraCalibration
@@ -39,28 +39,28 @@ def _with_light(frame: FrameStars, zero: float, loss_mag: float = 0.0) -> FrameS
 
 
 def test_a_good_night_has_no_warning(night: Night, known: Known) -> None:
-    """Nothing is said where nothing is wrong."""
+    """Faultless frames give no warning."""
     camera = known("cubestar").camera
     made = calibrate_camera([_with_light(f, 20.0) for f in night(camera, limit_mag=5.0)], camera, models=["brown-4"])
     assert made.warnings == ()
     assert not _excluded(made)
 
 
-def test_too_few_stars_are_refused_with_advice(night: Night, known: Known) -> None:
-    """Fewer equations than unknowns: what was expected, what came, what to do."""
+def test_too_few_stars_are_rejected_with_advice(night: Night, known: Known) -> None:
+    """Fewer equations than unknowns: expected number, actual number, instruction."""
     camera = known("cubestar").camera
     frames = [f.take(np.arange(2)) for f in night(camera, frames=6)]
-    with pytest.raises(BadInput) as told:
+    with pytest.raises(BadInput) as error:
         calibrate_camera(frames, camera)
-    assert told.value.expected
-    assert "0 in 0 of 6 frames" in told.value.got
-    assert told.value.hint
+    assert error.value.expected
+    assert "0 in 0 of 6 frames" in error.value.got
+    assert error.value.hint
     with pytest.raises(BadInput):
         calibrate_camera([], camera)
 
 
-def test_few_stars_freeze_what_they_cannot_tell(night: Night, known: Known) -> None:
-    """Two frames of five stars: a focal length perhaps, but nobody is told of distortion."""
+def test_few_stars_freeze_undetermined_parameters(night: Night, known: Known) -> None:
+    """Two frames of five stars may give a focal length, but no distortion."""
     camera = known("cubestar").camera
     made = calibrate_camera([f.take(np.arange(5)) for f in night(camera, frames=2)], camera)
     assert {"few-stars", "few-frames"} <= _codes(made)
@@ -68,29 +68,29 @@ def test_few_stars_freeze_what_they_cannot_tell(night: Night, known: Known) -> N
     assert len(made.parameters) < 10
 
 
-def test_stars_in_one_part_of_the_field_are_told(night: Night, known: Known) -> None:
-    """A corner only: severe, with the share of the field."""
+def test_stars_in_one_part_of_the_field_are_reported(night: Night, known: Known) -> None:
+    """A corner only: a severe warning with the share of the field."""
     camera = known("far_mst").camera
     corner = [f.take((f.pixels < [640, 500]).all(axis=1)) for f in night(camera, limit_mag=6.0)]
     made = calibrate_camera(corner, camera)
-    told = next(w for w in made.warnings if w.code == "one-part")
-    assert told.severe
-    assert "%" in told.text
+    warning = next(w for w in made.warnings if w.code == "one-part")
+    assert warning.severe
+    assert "%" in warning.text
 
 
-def test_wrong_plate_scale_is_told_and_corrected(night: Night, known: Known) -> None:
-    """A focal length 8 % off: said, and the right one found."""
+def test_wrong_plate_scale_is_reported_and_corrected(night: Night, known: Known) -> None:
+    """A focal length 8 % off is reported, and the right one is fitted."""
     camera = known("far_mst").camera
     made = calibrate_camera(night(camera), camera.with_focal_scaled(1 / 1.08))
-    told = next(w for w in made.warnings if w.code == "plate-scale")
-    assert "1.0800" in told.text
+    warning = next(w for w in made.warnings if w.code == "plate-scale")
+    assert "1.0800" in warning.text
     assert camera_difference(made.camera, camera).rms_px < 0.05
     scale, _ = plate_scale(night(camera)[0], camera.with_focal_scaled(0.5))
     assert scale == pytest.approx(2, rel=0.005)
 
 
-def test_trails_leave_frames_out(night: Night, known: Known) -> None:
-    """A camera that moved in some exposures: those are left out; in all: used, and severe."""
+def test_frames_with_trails_are_excluded(night: Night, known: Known) -> None:
+    """If the camera moved in some exposures, those are excluded; if in all, they are used with a severe warning."""
     camera = known("cubestar").camera
     frames = night(camera, frames=12)
     some = [replace(f, streak_px=9.0) if k < 3 else f for k, f in enumerate(frames)]
@@ -102,7 +102,7 @@ def test_trails_leave_frames_out(night: Night, known: Known) -> None:
 
 
 def test_mirrored_frames_are_recognised(night: Night, known: Known) -> None:
-    """One reversed file among others is left out; a night of them is refused."""
+    """One mirrored file among others is excluded; if all are mirrored, they are rejected."""
     camera = known("oersted").camera
     frames = night(camera, frames=10)
     assert not any(is_mirrored(f, camera) for f in frames)
@@ -110,13 +110,13 @@ def test_mirrored_frames_are_recognised(night: Night, known: Known) -> None:
     made = calibrate_camera(one, camera)
     assert _excluded(made) == {"frame 0": "mirrored"}
     assert "mirrored" in _codes(made)
-    with pytest.raises(BadInput, match="do not suffice") as told:
+    with pytest.raises(BadInput, match="do not suffice") as error:
         calibrate_camera([_mirrored(f) for f in frames], camera)
-    assert "right way round" in told.value.hint
+    assert "right way round" in error.value.hint
 
 
-def test_frames_of_another_lens_are_left_out(night: Night, known: Known) -> None:
-    """Four frames at another focal length do not spoil sixteen."""
+def test_frames_of_another_lens_are_excluded(night: Night, known: Known) -> None:
+    """Four frames at another focal length do not affect the other sixteen."""
     camera = known("far_mst").camera
     mixed = night(camera, frames=16) + [
         replace(f, name=f"other {k}") for k, f in enumerate(night(camera.with_focal_scaled(1.1), frames=4, seed=7))
@@ -127,8 +127,8 @@ def test_frames_of_another_lens_are_left_out(night: Night, known: Known) -> None
     assert camera_difference(made.camera, camera).rms_px < 0.05
 
 
-def test_a_slightly_different_camera_is_found_by_its_misfit(night: Night, known: Known) -> None:
-    """Refocused by two parts in a thousand: too little for the plate scale's gap, seen by residuals."""
+def test_a_slightly_different_camera_is_detected_by_residuals(night: Night, known: Known) -> None:
+    """Refocused by 0.2 %: too little for the plate-scale test, detected by residuals."""
     camera = known("far_mst").camera
     mixed = night(camera, frames=16) + [
         replace(f, name=f"other {k}") for k, f in enumerate(night(camera.with_focal_scaled(1.004), frames=2, seed=7))
@@ -138,7 +138,7 @@ def test_a_slightly_different_camera_is_found_by_its_misfit(night: Night, known:
     assert camera_difference(made.camera, camera).rms_px < 0.05
 
 
-def test_frames_of_another_size_are_left_out(night: Night, known: Known) -> None:
+def test_frames_of_another_size_are_excluded(night: Night, known: Known) -> None:
     """A binned frame among the others is named."""
     camera = known("oersted").camera
     frames = night(camera, frames=8)
@@ -148,8 +148,8 @@ def test_frames_of_another_size_are_left_out(night: Night, known: Known) -> None
     assert "302 x 288" in _excluded(made)["binned"]
 
 
-def test_clouds_are_told(night: Night, known: Known) -> None:
-    """A magnitude of light lost, or half the stars gone: both are clouds."""
+def test_clouds_are_reported(night: Night, known: Known) -> None:
+    """A loss of one magnitude, or of half the stars: both are reported as clouds."""
     camera = known("cubestar").camera
     frames = [_with_light(f, 20.0) for f in night(camera, frames=12, limit_mag=5.0)]
     dim = [_with_light(f, 20.0, 1.0) if k == 4 else f for k, f in enumerate(frames)]
@@ -159,8 +159,8 @@ def test_clouds_are_told(night: Night, known: Known) -> None:
     assert "clouds" not in {w.code for w in screen(frames, camera).warnings}
 
 
-def test_clipped_stars_take_no_part(night: Night, known: Known) -> None:
-    """Saturated stars are left out, and said where they are many."""
+def test_clipped_stars_are_excluded(night: Night, known: Known) -> None:
+    """Saturated stars are excluded, with a warning if there are many."""
     camera = known("cubestar").camera
     rng = np.random.default_rng(1)
     frames = []
@@ -173,8 +173,8 @@ def test_clipped_stars_take_no_part(night: Night, known: Known) -> None:
     assert made.residuals.noise_px == pytest.approx(0.1, rel=0.06)
 
 
-def test_places_that_are_no_numbers_are_refused(night: Night, known: Known) -> None:
-    """NaN, errors of nothing and arrays of unequal length are stopped at the door."""
+def test_invalid_positions_are_rejected(night: Night, known: Known) -> None:
+    """NaN, zero errors and arrays of unequal length are rejected."""
     frame = night(known("oersted").camera, frames=1)[0]
     with pytest.raises(BadInput, match="not numbers"):
         replace(frame, pixels=frame.pixels * np.nan)
@@ -184,8 +184,8 @@ def test_places_that_are_no_numbers_are_refused(night: Night, known: Known) -> N
         replace(frame, v_mag=frame.v_mag[1:])
 
 
-def test_unknown_models_are_refused(night: Night, known: Known) -> None:
-    """A typing error is told with what there is; millimetres need a focal length."""
+def test_unknown_models_are_rejected(night: Night, known: Known) -> None:
+    """The error lists the known models; millimetres need a focal length."""
     camera: Camera = known("oersted").camera
     frames = night(camera, frames=6)
     with pytest.raises(BadInput, match="unknown lens model"):

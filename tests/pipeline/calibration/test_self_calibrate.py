@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from gss.domain.camera import Brown, Camera, RadialTilt
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import pointing_difference_rad
-from gss.domain.profiles import PROFILES, CameraProfile
 from gss.domain.rotation import matrix_from_quaternion
+from gss.instruments.registry import shipped_registry
 from gss.pipeline.calibration.apply import calibrated_profile, camera_difference
 from gss.pipeline.calibration.bundle import Prior
 from gss.pipeline.calibration.self_calibrate import calibrate_camera
@@ -22,12 +23,14 @@ BROWN_MODELS = ("pinhole", "brown-2", "brown-4", "brown-5")
 CENTRE = ("centre_col_px", "centre_row_px")
 
 
-@pytest.mark.parametrize("name", PROFILES)
+@pytest.mark.parametrize("name", shipped_registry().cameras_with_chain())
 def test_camera_is_recovered_from_rendered_frames(
     name: str, rendered: Callable, rough_camera: Callable, known: Callable[[str], CameraProfile]
 ) -> None:
-    """From 30 frames of pixels: the map from sky to pixels within a few hundredths, the focal length within 0.02 % where the
-    lens has no term that stands for it, what is off is told by σ, and the scatter left is that of the centroids."""
+    """From 30 rendered frames: the map from sky to pixels within a few hundredths of a pixel, the focal length within
+    0.02 % if no lens term is degenerate with it; σ covers the errors, and the residual scatter is that of the
+    centroids.
+    """
     own = known(name)
     frames, errors = rendered(name)
     start = rough_camera(own.camera)
@@ -112,8 +115,8 @@ def test_covariance_matches_a_dense_solver(night: Night, known: Callable[[str], 
     assert 0.8 < ours[0] / sigma[0] < 1.2
 
 
-def test_attitudes_come_with_it(night: Night, rough_camera: Callable, known: Callable[[str], CameraProfile]) -> None:
-    """Every frame has an attitude within a few of its own standard deviations of the true one."""
+def test_attitudes_are_returned(night: Night, rough_camera: Callable, known: Callable[[str], CameraProfile]) -> None:
+    """Every frame has an attitude within a small multiple of its standard deviation of the true one."""
     camera = known("cubestar").camera
     frames = night(camera, frames=12, seed=6)
     made = calibrate_camera(frames, rough_camera(camera), models=["brown-4"])
@@ -140,10 +143,10 @@ def test_false_stars_do_no_harm(night: Night, known: Callable[[str], CameraProfi
     assert made.residuals.noise_px == pytest.approx(0.1, rel=0.06)
 
 
-def test_criterion_picks_the_lens_that_was(
+def test_criterion_selects_the_true_lens_model(
     night: Night, rough_camera: Callable, known: Callable[[str], CameraProfile]
 ) -> None:
-    """Pinhole, two and four coefficients are each recognised, and comparing tells how much worse the others do."""
+    """Pinhole, two and four coefficients are each recognised, and the comparison states how much worse the others are."""
     bare = known("far_mst").camera
     for lens, name in (
         (Brown(), "pinhole"),
@@ -184,10 +187,10 @@ def test_tilt_and_polynomial_are_recovered_with_the_centre_from_the_bench(
     assert camera_difference(made.camera, own.camera).rms_px < 0.03
 
 
-def test_what_the_stars_cannot_tell_is_held_and_named(
+def test_undetermined_parameters_are_held_and_named(
     night: Night, rough_camera: Callable, known: Callable[[str], CameraProfile]
 ) -> None:
-    """Behind a long lens the centre cannot be told from attitude: it stays, with a reason and a warning."""
+    """Behind a long lens the centre is degenerate with attitude: it is held, with a reason and a warning."""
     camera = known("aim").camera
     made = calibrate_camera(night(camera, limit_mag=8.0, seed=1), rough_camera(camera))
     assert {f.name for f in made.frozen} >= set(CENTRE)
@@ -222,10 +225,10 @@ def test_residual_maps_show_the_lens_and_then_nothing(
     assert np.sqrt(np.mean(after.mean_px[full] ** 2 * after.count[full][:, None])) == pytest.approx(0.1, rel=0.3)
 
 
-def test_a_lens_model_that_is_worse_than_the_camera_before_is_told(
+def test_a_lens_model_worse_than_the_previous_camera_is_reported(
     night: Night, known: Callable[[str], CameraProfile]
 ) -> None:
-    """A camera whose lens is known, calibrated as if it had none: the result says which of the two to keep."""
+    """A camera with known distortion calibrated without it: the result states which of the two to keep."""
     camera = replace(known("far_mst").camera, distortion=Brown(-0.1, 0.02))
     frames = night(camera, frames=10, seed=6)
     codes = {

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.domain.camera_profile import CameraProfile
 from gss.domain.frames import cam_from_icrs
-from gss.domain.profiles import CameraProfile
 from gss.domain.results import Centroids
 from gss.pipeline.calibration.trails import trail_px
 from gss.pipeline.detect import find_stars
@@ -33,8 +33,8 @@ def test_length_of_trails_is_measured(length_px: float, bearing: float, known: K
     assert trail_px(picture.pixels, found, float(own.sensor.saturation_dn)) == pytest.approx(length_px, rel=0.3)
 
 
-def test_nothing_is_said_of_too_few_stars(known: Known) -> None:
-    """Three stars, or none, tell no trail; noise tells none either."""
+def test_too_few_stars_give_no_trail(known: Known) -> None:
+    """Three stars, or none, determine no trail; neither does noise."""
     image = np.random.default_rng(2).poisson(50, (200, 200)).astype(np.uint16)
     assert trail_px(image, Centroids.from_pixels(np.empty((0, 2)))) == 0.0
     assert trail_px(image, Centroids.from_pixels(np.full((3, 2), 50.0))) == 0.0

@@ -1,240 +1,307 @@
-/** One door to the server: JSON in, JSON out, and errors as the problem the server described. */
+/**
+ * The console's API requests by name. Paths, parameters, bodies and responses are type-checked against the server's
+ * OpenAPI.
+ */
+import { base } from '../lib/base';
 import { decode } from '../sky/decode';
+import type { paths } from './generated/schema';
+import { body, fetched, given, http, multipart, OutlivingRequest } from './http';
 import type * as T from './types';
 
-export class ApiError extends Error {
-  constructor(
-    readonly status: number,
-    readonly problem: T.Problem,
-  ) {
-    super(problem.message);
-  }
-}
+export { ApiError, door, search } from './http';
 
-/** What the session lends to every request, and whom a 401 is told (state/session.svelte.ts fills it in). */
-export const door = {
-  mark: '1',
-  refused: (): Promise<void> => Promise.resolve(),
-  back: (): Promise<void> => Promise.resolve(),
-};
-const OPEN = ['/session', '/session/password', '/setup', '/password-links', '/password-links/check'];
-
-function problemOf(status: number, body: unknown): T.Problem {
-  const given = (body ?? {}) as Partial<T.Problem> & { detail?: unknown };
-  const fallback = typeof given.detail === 'string' ? given.detail : `the server answered ${status}`;
-  return {
-    id: given.id ?? '',
-    message: given.message ?? fallback,
-    expected: given.expected ?? '',
-    got: given.got ?? '',
-    hint: given.hint ?? '',
-  };
+const { GET, POST, PUT, DELETE } = http;
+/** The query of a GET operation. */
+export type Query<P extends keyof paths> = paths[P] extends { get: { parameters: { query?: infer Q } } }
+  ? Partial<NonNullable<Q>>
+  : never;
+/** The body of a POST operation. */
+export type Body<P extends keyof paths> = paths[P] extends {
+  post: { requestBody: { content: { 'application/json': infer B } } };
 }
-
-function gone(signal: AbortSignal | null | undefined): Promise<never> {
-  return new Promise((_, reject) => signal?.addEventListener('abort', () => reject(new DOMException('no longer wanted', 'AbortError')), { once: true }));
-}
-
-/** The answer, or the problem the server described; a read that found nobody signed in waits until somebody is. */
-async function fetched(path: string, init?: RequestInit): Promise<Response> {
-  let response: Response;
-  try {
-    response = await fetch(`/api${path}`, init);
-  } catch (error) {
-    if (error instanceof DOMException && error.name === 'AbortError') throw error;
-    const hint = init?.method === undefined ? 'The page reads it again when the server is back.' : 'The request is not repeated. Check whether it took effect before you repeat it.';
-    throw new ApiError(0, { id: '', message: 'no answer from the server', expected: '', got: '', hint });
-  }
-  if (response.ok) return response;
-  if (response.status === 401 && !OPEN.includes(path)) {
-    await door.refused();
-    if (init?.method === undefined) {
-      await Promise.race([door.back(), gone(init?.signal)]);
-      return fetched(path, init);
-    }
-  }
-  throw new ApiError(response.status, problemOf(response.status, await response.json().catch(() => null)));
-}
-
-async function answer<R>(path: string, init?: RequestInit): Promise<R> {
-  const response = await fetched(path, init);
-  return (response.status === 204 ? null : await response.json()) as R;
-}
+  ? B
+  : never;
+type TableKind = Body<'/api/tables'>['kind'];
+type Arguments = Record<string, T.ArgumentValue>;
 
 /** False only if no connection to the server could be made. */
 async function probe(signal: AbortSignal): Promise<boolean> {
   try {
-    await fetch('/api/health', { signal, cache: 'no-store' });
+    await fetch(`${base}/api/health`, { signal, cache: 'no-store' });
     return true;
   } catch {
     return signal.aborted;
   }
 }
 
-export const get = <R>(path: string, signal?: AbortSignal): Promise<R> => answer<R>(path, signal ? { signal } : undefined);
-/** What browsers keep of a page that is gone, with room to spare. */
-const KEPT = 32_768;
-/** How a change is sent. It leaves even when its page is left or closed in the same moment: whoever pressed ABORT has sent it. */
-function change(method: string, body?: unknown): RequestInit {
-  const text = body === undefined ? null : JSON.stringify(body);
-  return { method, headers: { 'X-GSS': door.mark, 'Content-Type': 'application/json' }, body: text, keepalive: (text?.length ?? 0) < KEPT };
-}
-export const post = <R>(path: string, body?: unknown, signal?: AbortSignal): Promise<R> => answer<R>(path, { ...change('POST', body), ...(signal && { signal, keepalive: false }) });
-
-export const send = <R>(method: 'PUT' | 'DELETE', path: string, body?: unknown): Promise<R> =>
-  answer<R>(path, change(method, body));
-
 export interface RawImage {
   columns: number;
   rows: number;
   bits: number;
-  /** What is painted: the values themselves, or 16-bit steps of a floating-point image. */
+  /** The values to paint: the pixel values, or 16-bit steps of a floating-point image. */
   pixels: Uint8Array | Uint16Array;
-  /** DN of a painted step: `offset + scale · step`. */
+  /** DN of a step: `offset + scale · step`. */
   offset: number;
   scale: number;
 }
 
-async function raw(id: number, signal?: AbortSignal): Promise<RawImage> {
-  const response = await fetched(`/frames/${id}/raw`, signal ? { signal } : undefined);
-  const columns = Number(response.headers.get('X-Columns'));
-  const rows = Number(response.headers.get('X-Rows'));
-  const bits = Number(response.headers.get('X-Bits'));
-  const buffer = await response.arrayBuffer();
-  const [dtype, count] = [response.headers.get('X-Dtype') ?? '', columns * rows];
+async function raw(frame_id: number, signal?: AbortSignal): Promise<RawImage> {
+  const { response, data } = await GET('/api/frames/{frame_id}/raw', {
+    params: { path: { frame_id } },
+    parseAs: 'arrayBuffer',
+    signal,
+  });
+  const header = (name: string): string | null => response.headers.get(name);
+  const [columns, rows, bits] = [Number(header('X-Columns')), Number(header('X-Rows')), Number(header('X-Bits'))];
+  const [buffer, dtype, count] = [data as ArrayBuffer, header('X-Dtype') ?? '', columns * rows];
   const aside = buffer.byteLength >= count * 4 ? (await import('../sky/painter')).decodeAside : decode;
   return { columns, rows, bits, ...(await aside(buffer, dtype, count)) };
 }
 
-export function query(values: Record<string, string | number | undefined>): string {
-  const used = Object.entries(values).filter(([, v]) => v !== undefined && v !== '');
-  return used.length ? `?${new URLSearchParams(used.map(([k, v]) => [k, String(v)] as [string, string])).toString()}` : '';
-}
+const session = {
+  session: () => body(GET('/api/session')),
+  signIn: (name: string, password: string) => body(POST('/api/session', { body: { name, password } })),
+  signOut: () => body(DELETE('/api/session')),
+  changePassword: (old: string, fresh: string) => body(PUT('/api/session/password', { body: { old, new: fresh } })),
+  setUp: (token: string, name: string, password: string) =>
+    body(POST('/api/setup', { body: { token, name, password } })),
+  welcome: (token: string, password: string) => body(POST('/api/password-links', { body: { token, password } })),
+  checkLink: (kind: 'setup' | 'password', token: string) =>
+    body(POST('/api/password-links/check', { body: { kind, token } })),
+  authority: () => body(GET('/api/authority')),
+  authorityAction: (action: 'take' | 'release' | 'request' | 'accept' | 'decline' | 'break', note = '') =>
+    action === 'break'
+      ? body(POST('/api/authority/break', { body: { reason: note } }))
+      : action === 'take' || action === 'release'
+        ? body(POST(`/api/authority/${action}`))
+        : body(POST(`/api/authority/${action}`, { body: { note } })),
+  offerAuthority: (user: string, note: string) => body(POST('/api/authority/offer', { body: { user, note } })),
+};
+
+/** All units of the server; ABORT of one of them, whichever unit this page shows. */
+const fleet = {
+  fleet: () => body(GET('/api/fleet')),
+  abortUnit: async (name: string): Promise<T.Abort> => {
+    const url = `${location.origin}/units/${encodeURIComponent(name)}/api/commands/abort`;
+    return (await (await fetched(new OutlivingRequest(url, { method: 'POST' }))).json()) as T.Abort;
+  },
+};
+
+const line = {
+  link: () => body(GET('/api/link')),
+  openLink: (url: string) => body(POST('/api/link/open', { body: { url } })),
+  closeLink: () => body(POST('/api/link/close')),
+  acknowledgeDictionary: () => body(POST('/api/link/acknowledge-dictionary')),
+  dictionary: () => body(GET('/api/dictionary')),
+  probe,
+  contact: (contact_id: number) => body(GET('/api/contacts/{contact_id}', { params: { path: { contact_id } } })),
+  contactRecord: (contact_id: number) =>
+    body(GET('/api/contacts/{contact_id}/record', { params: { path: { contact_id } } })),
+  noteContact: (contact_id: number, note: string) =>
+    body(PUT('/api/contacts/{contact_id}/note', { params: { path: { contact_id } }, body: { note } })),
+  contacts: () => body(GET('/api/contacts')),
+  contactPage: async (limit: number, offset: number): Promise<{ total: number; contacts: T.Contact[] }> => {
+    const { data = [], response } = await GET('/api/contacts', { params: { query: { limit, offset } } });
+    return { total: Number(response.headers.get('X-Total') ?? data.length), contacts: data };
+  },
+  replay: () => body(GET('/api/replay')),
+  startReplay: (contact_id: number, speed: number | null) =>
+    body(POST('/api/contacts/{contact_id}/replay', { params: { path: { contact_id } }, body: { speed } })),
+  steerReplay: (change: { speed?: number | null; paused?: boolean; at?: string }) =>
+    body(PUT('/api/replay', { body: change })),
+  endReplay: () => body(DELETE('/api/replay')),
+  events: (after: number, limit = 200) => body(GET('/api/events', { params: { query: { after, limit } } })),
+  eventsOf: (start: string, end: string, limit = 500) =>
+    body(GET('/api/events', { params: { query: { start, end, limit } } })),
+};
+
+const commanding = {
+  findCommands: (filter: Query<'/api/commands'>, signal?: AbortSignal) =>
+    body(GET('/api/commands', { params: { query: given({ limit: 200, ...filter }) }, signal })),
+  commands: (limit = 100, contact?: number) =>
+    body(GET('/api/commands', { params: { query: given({ limit, contact }) } })),
+  send: (name: string, args: Arguments, confirm = '') =>
+    body(POST('/api/commands', { body: { name, arguments: args, confirm } })),
+  check: (name: string, args: Arguments, signal?: AbortSignal) =>
+    body(POST('/api/commands/check', { body: { name, arguments: args }, signal, keepalive: false })),
+  retry: (command_id: number) => body(POST('/api/commands/{command_id}/retry', { params: { path: { command_id } } })),
+  resolve: (command_id: number, note: string) =>
+    body(POST('/api/commands/{command_id}/resolve', { params: { path: { command_id } }, body: { note } })),
+  withdraw: (command_id: number) =>
+    body(POST('/api/commands/{command_id}/withdraw', { params: { path: { command_id } } })),
+  /** Sent even if its page closes immediately. */
+  abort: (signal: AbortSignal) => body(POST('/api/commands/abort', { signal })),
+  stacks: () => body(GET('/api/stacks')),
+  saveStack: (stack: T.StackIn, stack_id: number | null) =>
+    stack_id === null
+      ? body(POST('/api/stacks', { body: stack }))
+      : body(PUT('/api/stacks/{stack_id}', { params: { path: { stack_id } }, body: stack })),
+  dropStack: (stack_id: number) => body(DELETE('/api/stacks/{stack_id}', { params: { path: { stack_id } } })),
+  checkStack: (stack_id: number) => body(POST('/api/stacks/{stack_id}/check', { params: { path: { stack_id } } })),
+  runStack: (stack_id: number, confirm: string[]) =>
+    body(POST('/api/stacks/{stack_id}/run', { params: { path: { stack_id } }, body: { confirm } })),
+  stackRuns: () => body(GET('/api/stack-runs', { params: { query: { limit: 20 } } })),
+  checkSteps: (steps: T.StackIn['steps']) => body(POST('/api/stacks/check', { body: { steps } })),
+  goOn: (run_id: number, skip: string, confirm: string[]) =>
+    body(POST('/api/stack-runs/{run_id}/go-on', { params: { path: { run_id } }, body: { skip, confirm } })),
+  runAction: (run_id: number, action: 'pause' | 'resume' | 'stop') =>
+    body(POST(`/api/stack-runs/{run_id}/${action}`, { params: { path: { run_id } } })),
+  schedule: () => body(GET('/api/schedule')),
+  refreshSchedule: () => body(POST('/api/schedule/refresh')),
+  checkScheduled: (entry: Body<'/api/schedule/check'>, signal?: AbortSignal) =>
+    body(POST('/api/schedule/check', { body: entry, signal, keepalive: false })),
+  addScheduled: (entry: Body<'/api/schedule'>) => body(POST('/api/schedule', { body: entry })),
+  cancelScheduled: (schedule_id: number) =>
+    body(POST('/api/schedule/{schedule_id}/cancel', { params: { path: { schedule_id } } })),
+};
+
+const telemetry = {
+  latest: () => body(GET('/api/telemetry/latest')),
+  cycles: (limit = 12) => body(GET('/api/telemetry/cycles', { params: { query: { limit } } })),
+  history: (name: string[], start: string, end: string, points = 600) =>
+    body(GET('/api/telemetry/history', { params: { query: { name, start, end, points } } })),
+  alarms: (open: boolean, limit = 200) => body(GET('/api/alarms', { params: { query: { open, limit } } })),
+  alarmAction: (alarm_id: number, action: 'acknowledge' | 'unshelve' | 'clear', note: string) =>
+    body(POST(`/api/alarms/{alarm_id}/${action}`, { params: { path: { alarm_id } }, body: { note } })),
+  shelve: (alarm_id: number, minutes: number, note: string) =>
+    body(POST('/api/alarms/{alarm_id}/shelve', { params: { path: { alarm_id } }, body: { minutes, note } })),
+  limits: () => body(GET('/api/telemetry/limits')),
+  chooseLimitSet: (name: string) => body(PUT('/api/telemetry/limits/set', { body: { name, note: '' } })),
+};
+
+const frames = {
+  frames: (filter: Query<'/api/frames'>) => body(GET('/api/frames', { params: { query: given(filter) } })),
+  frame: (frame_id: number, signal?: AbortSignal) =>
+    body(GET('/api/frames/{frame_id}', { params: { path: { frame_id } }, signal })),
+  frameReplay: (frame_id: number, signal?: AbortSignal) =>
+    body(GET('/api/frames/{frame_id}/replay', { params: { path: { frame_id } }, signal })),
+  raw,
+  histogram: (frame_id: number, signal?: AbortSignal) =>
+    body(GET('/api/frames/{frame_id}/histogram', { params: { path: { frame_id } }, signal })),
+  solve: (frame_id: number, request: T.SolveIn) =>
+    body(POST('/api/frames/{frame_id}/solve', { params: { path: { frame_id } }, body: request })),
+  pin: (frame_id: number, solution_id: number) =>
+    body(PUT('/api/frames/{frame_id}/operational', { params: { path: { frame_id } }, body: { solution_id } })),
+  solution: (solution_id: number, signal?: AbortSignal) =>
+    body(GET('/api/solutions/{solution_id}', { params: { path: { solution_id } }, signal })),
+  importFrame: (file: File, profile: string) =>
+    // OpenAPI describes an uploaded file as a string
+    body(POST('/api/frames/import', { body: { file: file as unknown as string, profile }, bodySerializer: multipart })),
+  uploadFrame: (frame_id: number, slot: number, solve: boolean) =>
+    body(POST('/api/frames/{frame_id}/upload', { params: { path: { frame_id } }, body: { slot, solve } })),
+};
+
+const instruments = {
+  instruments: () => body(GET('/api/instruments')),
+  instrument: (name: string) => body(GET('/api/instruments/{name}', { params: { path: { name } } })),
+  instrumentDiff: (old: string, now: string) =>
+    body(GET('/api/instruments/diff', { params: { query: { old, new: now } } })),
+  checkPackage: (file: File) =>
+    body(POST('/api/instruments/check', { body: { file: file as unknown as string }, bodySerializer: multipart })),
+  addInstrument: (file: File) =>
+    body(POST('/api/instruments', { body: { file: file as unknown as string }, bodySerializer: multipart })),
+};
+
+const catalogues = {
+  catalogues: () => body(GET('/api/catalogues')),
+  catalogue: (catalogue_id: number) =>
+    body(GET('/api/catalogues/{catalogue_id}', { params: { path: { catalogue_id } } })),
+  build: (request: T.CatalogueRequest) => body(POST('/api/catalogues', { body: request })),
+  preview: (request: T.CatalogueRequest, ambiguity: boolean, signal?: AbortSignal) =>
+    body(
+      POST('/api/catalogues/preview', { params: { query: { ambiguity } }, body: request, signal, keepalive: false }),
+    ),
+  catalogueDiff: (old: number, now: number) =>
+    body(GET('/api/catalogues/diff', { params: { query: { old, new: now } } })),
+  timeline: (device?: number) => body(GET('/api/catalogues/timeline', { params: { query: given({ device }) } })),
+  starLists: () => body(GET('/api/catalogues/sources')),
+  addStarList: (file: File, mapping: Record<string, string | number>) =>
+    body(
+      POST('/api/catalogues/sources', {
+        body: { file: file as unknown as string, mapping: JSON.stringify(mapping) },
+        bodySerializer: multipart,
+      }),
+    ),
+  upload: (catalogue_id: number, bank: string) =>
+    body(POST('/api/catalogues/{catalogue_id}/upload', { params: { path: { catalogue_id } }, body: { bank } })),
+  sky: (mag = 4.5, at?: string) => body(GET('/api/sky', { params: { query: given({ mag, at }) } })),
+  figures: () => body(GET('/api/sky/figures')),
+  profiles: () => body(GET('/api/profiles')),
+  chains: () => body(GET('/api/chains')),
+  designCameras: () => body(GET('/api/design/cameras')),
+  design: (request: T.DesignQuestion, signal?: AbortSignal) =>
+    body(POST('/api/design', { body: request, signal, keepalive: false })),
+  runDesign: (request: T.DesignQuestion) => body(POST('/api/design/run', { body: request })),
+};
+
+const transfers = {
+  transfers: (limit = 20) => body(GET('/api/transfers', { params: { query: { limit } } })),
+  transferAction: (transfer_id: number, action: 'pause' | 'resume' | 'abort') =>
+    body(POST(`/api/transfers/{transfer_id}/${action}`, { params: { path: { transfer_id } } })),
+  startDownload: (request: Body<'/api/transfers/download'>) => body(POST('/api/transfers/download', { body: request })),
+  tables: (kind: TableKind) => body(GET('/api/tables', { params: { query: { kind, limit: 100 } } })),
+  tablesOnBoard: () => body(GET('/api/tables/on-board')),
+  tableDefaults: (kind: TableKind, profile: string) =>
+    body(GET('/api/tables/defaults', { params: { query: { kind, profile } } })),
+  addTable: (table: Body<'/api/tables'>) => body(POST('/api/tables', { body: table })),
+  uploadTable: (table_id: number, bank: string) =>
+    body(POST('/api/tables/{table_id}/upload', { params: { path: { table_id } }, body: { bank } })),
+};
+
+const studies = {
+  jobs: (limit = 20) => body(GET('/api/jobs', { params: { query: { limit } } })),
+  cancelJob: (job_id: number) => body(POST('/api/jobs/{job_id}/cancel', { params: { path: { job_id } } })),
+  experiments: () => body(GET('/api/campaigns/experiments')),
+  runExperiments: (request: Body<'/api/campaigns/experiments'>) =>
+    body(POST('/api/campaigns/experiments', { body: request })),
+  reprocess: (request: Body<'/api/campaigns/reprocess'>) => body(POST('/api/campaigns/reprocess', { body: request })),
+  compareChains: () => body(GET('/api/campaigns/chains')),
+  calibrations: () => body(GET('/api/calibrations')),
+  calibration: (calibration_id: number) =>
+    body(GET('/api/calibrations/{calibration_id}', { params: { path: { calibration_id } } })),
+  calibrate: (request: Body<'/api/calibrations'>) => body(POST('/api/calibrations', { body: request })),
+  compareCalibrations: (older: number, newer: number) =>
+    body(GET('/api/calibrations/diff', { params: { query: { older, newer } } })),
+  useCalibration: (calibration_id: number) =>
+    body(POST('/api/calibrations/{calibration_id}/use', { params: { path: { calibration_id } } })),
+  useDocumented: (profile: string) => body(POST('/api/calibrations/documented', { body: { profile } })),
+  calibrationTable: (calibration_id: number) =>
+    body(POST('/api/calibrations/{calibration_id}/table', { params: { path: { calibration_id } } })),
+  analyses: (kind = '') => body(GET('/api/analyses', { params: { query: { kind } } })),
+  sheet: (analysis_id: number) => body(GET('/api/analyses/{analysis_id}/sheet', { params: { path: { analysis_id } } })),
+  analysis: (analysis_id: number) => body(GET('/api/analyses/{analysis_id}', { params: { path: { analysis_id } } })),
+  analyse: (request: Body<'/api/analyses'>) => body(POST('/api/analyses', { body: request })),
+};
+
+const passes = {
+  spacecraft: () => body(GET('/api/spacecraft')),
+  setOrbit: (orbit: T.OrbitIn) => body(PUT('/api/spacecraft', { body: orbit })),
+  stations: () => body(GET('/api/stations')),
+  saveStation: (station: T.StationIn, station_id: number | null) =>
+    station_id === null
+      ? body(POST('/api/stations', { body: station }))
+      : body(PUT('/api/stations/{station_id}', { params: { path: { station_id } }, body: station })),
+  dropStation: (station_id: number) => body(DELETE('/api/stations/{station_id}', { params: { path: { station_id } } })),
+  plans: () => body(GET('/api/pass-plans', { params: { query: { limit: 50 } } })),
+  activePlans: () => body(GET('/api/pass-plans/active')),
+  addPlan: (plan: T.PlanIn) => body(POST('/api/pass-plans', { body: plan })),
+  dropPlan: (plan_id: number) => body(DELETE('/api/pass-plans/{plan_id}', { params: { path: { plan_id } } })),
+  armPlan: (plan_id: number, confirm: string[]) =>
+    body(POST('/api/pass-plans/{plan_id}/arm', { params: { path: { plan_id } }, body: { confirm } })),
+  stopPlan: (plan_id: number) => body(POST('/api/pass-plans/{plan_id}/stop', { params: { path: { plan_id } } })),
+  passes: (days: number, station: number | null) => body(GET('/api/passes', { params: { query: { days, station } } })),
+};
 
 export const api = {
-  session: () => get<T.SessionInfo>('/session'),
-  signIn: (name: string, password: string) => post<T.SessionInfo>('/session', { name, password }),
-  signOut: () => send<null>('DELETE', '/session'),
-  changePassword: (old: string, fresh: string) => send<T.SessionInfo>('PUT', '/session/password', { old, new: fresh }),
-  setUp: (token: string, name: string, password: string) => post<T.SessionInfo>('/setup', { token, name, password }),
-  welcome: (token: string, password: string) => post<T.SessionInfo>('/password-links', { token, password }),
-  checkLink: (kind: 'setup' | 'password', token: string) => post<null>('/password-links/check', { kind, token }),
-  link: () => get<T.Link>('/link'),
-  openLink: (url: string) => post<T.Link>('/link/open', { url }),
-  closeLink: () => post<T.Link>('/link/close'),
-  acknowledgeDictionary: () => post<T.Link>('/link/acknowledge-dictionary'),
-  dictionary: () => get<T.Dictionary>('/dictionary'),
-  findCommands: (filter: Record<string, string | number | undefined>, signal?: AbortSignal) => get<T.Command[]>(`/commands${query({ limit: 200, ...filter })}`, signal),
-  commands: (limit = 100, contact?: number) => get<T.Command[]>(`/commands${query({ limit, contact })}`),
-  send: (name: string, args: Record<string, T.ArgumentValue>, confirm = '') => post<T.Command>('/commands', { name, arguments: args, confirm }),
-  check: (name: string, args: Record<string, T.ArgumentValue>, signal?: AbortSignal) => post<T.Check>('/commands/check', { name, arguments: args }, signal),
-  retry: (id: number) => post<T.Command>(`/commands/${id}/retry`),
-  resolve: (id: number, note: string) => post<T.Command>(`/commands/${id}/resolve`, { note }),
-  /** Keeps `keepalive` beside the signal: a press of ABORT leaves even when its page is closed in the same moment. */
-  abort: (signal: AbortSignal) => answer<T.Abort>('/commands/abort', { ...change('POST'), signal }),
-  probe,
-  latest: () => get<T.Latest>('/telemetry/latest'),
-  cycles: (limit = 12) => get<T.Cycle[]>(`/telemetry/cycles?limit=${limit}`),
-  history: (names: string[], start: string, end: string, points = 600) => {
-    const q = new URLSearchParams(names.map((n) => ['name', n]));
-    q.set('start', start);
-    q.set('end', end);
-    q.set('points', String(points));
-    return get<T.History>(`/telemetry/history?${q.toString()}`);
-  },
-  frames: (filters: Record<string, string | number | undefined>) => get<T.FramePage>(`/frames${query(filters)}`),
-  frame: (id: number, signal?: AbortSignal) => get<T.FrameDetail>(`/frames/${id}`, signal),
-  frameReplay: (id: number, signal?: AbortSignal) => get<T.FrameReplay>(`/frames/${id}/replay`, signal),
-  raw,
-  histogram: (id: number, signal?: AbortSignal) => get<T.Histogram>(`/frames/${id}/histogram`, signal),
-  solve: (id: number, body: T.SolveIn) => post<T.SolutionDetail>(`/frames/${id}/solve`, body),
-  pin: (id: number, solutionId: number) => send<T.FrameDetail>('PUT', `/frames/${id}/operational`, { solution_id: solutionId }),
-  solution: (id: number, signal?: AbortSignal) => get<T.SolutionDetail>(`/solutions/${id}`, signal),
-  importFrame: (file: File, profile: string) => {
-    const form = new FormData();
-    form.append('file', file);
-    if (profile) form.append('profile', profile);
-    return answer<T.FrameDetail>('/frames/import', { method: 'POST', headers: { 'X-GSS': door.mark }, body: form });
-  },
-  catalogues: () => get<T.Catalogue[]>('/catalogues'),
-  catalogue: (id: number) => get<T.CatalogueDetail>(`/catalogues/${id}`),
-  build: (body: T.CatalogueIn) => post<T.Job>('/catalogues', body),
-  preview: (body: T.CatalogueIn, ambiguity: boolean, signal?: AbortSignal) => post<T.Preview>(`/catalogues/preview${ambiguity ? '?ambiguity=true' : ''}`, body, signal),
-  catalogueDiff: (old: number, now: number) => get<T.CatalogueDiff>(`/catalogues/diff?old=${old}&new=${now}`),
-  timeline: (device?: number) => get<T.Timeline>(`/catalogues/timeline${query({ device })}`),
-  starLists: () => get<T.StarList[]>('/catalogues/sources'),
-  addStarList: (file: File, mapping: Record<string, string | number>) => {
-    const form = new FormData();
-    form.append('file', file);
-    form.append('mapping', JSON.stringify(mapping));
-    return answer<T.StarList>('/catalogues/sources', { method: 'POST', headers: { 'X-GSS': door.mark }, body: form });
-  },
-  upload: (id: number, bank: string) => post<T.Transfer>(`/catalogues/${id}/upload`, { bank }),
-  transfers: (limit = 20) => get<T.Transfer[]>(`/transfers?limit=${limit}`),
-  transferAction: (id: number, action: 'pause' | 'resume' | 'abort') => post<T.Transfer>(`/transfers/${id}/${action}`),
-  jobs: (limit = 20) => get<T.Job[]>(`/jobs?limit=${limit}`),
-  cancelJob: (id: number) => post<T.Job>(`/jobs/${id}/cancel`),
-  events: (after: number, limit = 200) => get<T.EventRow[]>(`/events?after=${after}&limit=${limit}`),
-  eventsOf: (start: string, end: string, limit = 500) => get<T.EventRow[]>(`/events${query({ start, end, limit })}`),
-  authority: () => get<T.Authority>('/authority'),
-  authorityAction: (action: 'take' | 'release' | 'break', reason = '') => post<T.Authority>(`/authority/${action}`, action === 'break' ? { reason } : undefined),
-  withdraw: (id: number) => post<T.Command>(`/commands/${id}/withdraw`),
-  alarms: (open: boolean, limit = 200) => get<T.AlarmRow[]>(`/alarms${query({ open: String(open), limit })}`),
-  alarmAction: (id: number, action: 'acknowledge' | 'unshelve' | 'clear', note: string) => post<T.AlarmRow>(`/alarms/${id}/${action}`, { note }),
-  shelve: (id: number, minutes: number, note: string) => post<T.AlarmRow>(`/alarms/${id}/shelve`, { minutes, note }),
-  limits: () => get<T.Limits>('/telemetry/limits'),
-  chooseLimitSet: (name: string) => send<T.Limits>('PUT', '/telemetry/limits/set', { name, note: '' }),
-  stacks: () => get<T.Stack[]>('/stacks'),
-  saveStack: (body: T.StackIn, id: number | null) => (id === null ? post<T.Stack>('/stacks', body) : send<T.Stack>('PUT', `/stacks/${id}`, body)),
-  dropStack: (id: number) => send<null>('DELETE', `/stacks/${id}`),
-  checkStack: (id: number) => post<T.StackCheck>(`/stacks/${id}/check`),
-  runStack: (id: number, confirm: string[]) => post<T.StackRun>(`/stacks/${id}/run`, { confirm }),
-  stackRuns: () => get<T.StackRun[]>('/stack-runs?limit=20'),
-  checkSteps: (steps: T.StackIn['steps']) => post<T.StackCheck>('/stacks/check', { steps }),
-  goOn: (run: number, skip: string, confirm: string[]) => post<T.StackRun>(`/stack-runs/${run}/go-on`, { skip, confirm }),
-  runAction: (id: number, action: 'pause' | 'resume' | 'stop') => post<T.StackRun>(`/stack-runs/${id}/${action}`),
-  schedule: () => get<T.Schedule>('/schedule'),
-  refreshSchedule: () => post<T.Command>('/schedule/refresh'),
-  checkScheduled: (body: unknown, signal?: AbortSignal) => post<T.ScheduleCheck>('/schedule/check', body, signal),
-  addScheduled: (body: unknown) => post<T.Command>('/schedule', body),
-  cancelScheduled: (id: number) => post<T.Command>(`/schedule/${id}/cancel`),
-  tables: (kind: string) => get<T.Table[]>(`/tables${query({ kind, limit: 100 })}`),
-  tablesOnBoard: () => get<T.OnBoardTable[]>('/tables/on-board'),
-  tableDefaults: (kind: string, profile: string) => get<{ content: Record<string, string | number> }>(`/tables/defaults${query({ kind, profile })}`),
-  addTable: (body: unknown) => post<T.TableDetail>('/tables', body),
-  uploadTable: (id: number, bank: string) => post<T.Transfer>(`/tables/${id}/upload`, { bank }),
-  startDownload: (body: unknown) => post<T.Transfer>('/transfers/download', body),
-  uploadFrame: (id: number, slot: number, solve: boolean) => post<T.Transfer>(`/frames/${id}/upload`, { slot, solve }),
-  experiments: () => get<T.ExperimentEntry[]>('/campaigns/experiments'),
-  runExperiments: (body: { names: string[]; trials: number | null; seed: number }) => post<T.Job>('/campaigns/experiments', body),
-  reprocess: (body: { chain: string; again: boolean }) => post<T.Job>('/campaigns/reprocess', body),
-  compareChains: () => get<T.ChainRecord[]>('/campaigns/chains'),
-  calibrations: () => get<T.CalibrationRow[]>('/calibrations'),
-  calibration: (id: number) => get<T.CalibrationDetail>(`/calibrations/${id}`),
-  calibrate: (body: unknown) => post<T.Job>('/calibrations', body),
-  compareCalibrations: (older: number, newer: number) => get<T.CalibrationDiff>(`/calibrations/diff${query({ older, newer })}`),
-  useCalibration: (id: number) => post<T.CalibrationDetail>(`/calibrations/${id}/use`),
-  useDocumented: (profile: string) => post<null>('/calibrations/documented', { profile }),
-  calibrationTable: (id: number) => post<T.TableDetail>(`/calibrations/${id}/table`),
-  analyses: () => get<T.AnalysisRow[]>('/analyses'),
-  analysis: (id: number) => get<T.AnalysisDetail>(`/analyses/${id}`),
-  analyse: (body: unknown) => post<T.Job>('/analyses', body),
-  contact: (id: number) => get<T.ContactDetail>(`/contacts/${id}`),
-  noteContact: (id: number, note: string) => send<T.ContactDetail>('PUT', `/contacts/${id}/note`, { note }),
-  replay: () => get<T.Replay>('/replay'),
-  startReplay: (id: number, speed: number | null) => post<T.Replay>(`/contacts/${id}/replay`, { speed }),
-  steerReplay: (body: { speed?: number | null; paused?: boolean; at?: string }) => send<T.Replay>('PUT', '/replay', body),
-  endReplay: () => send<T.Replay>('DELETE', '/replay'),
-  contacts: () => get<T.Contact[]>('/contacts'),
-  contactPage: async (limit: number, offset: number): Promise<{ total: number; contacts: T.Contact[] }> => {
-    const response = await fetched(`/contacts${query({ limit, offset })}`);
-    const contacts = (await response.json()) as T.Contact[];
-    return { total: Number(response.headers.get('X-Total') ?? contacts.length), contacts };
-  },
-  sky: (mag = 4.5, at?: string) => get<T.Sky>(`/sky${query({ mag, at })}`),
-  figures: () => get<T.Figure[]>('/sky/figures'),
-  profiles: () => get<T.Profile[]>('/profiles'),
-  designCameras: () => get<T.DesignCameras>('/design/cameras'),
-  design: (body: T.DesignIn, signal?: AbortSignal) => post<T.Design>('/design', body, signal),
-  runDesign: (body: T.DesignIn) => post<T.Job>('/design/run', body),
+  ...session,
+  ...fleet,
+  ...line,
+  ...commanding,
+  ...telemetry,
+  ...frames,
+  ...instruments,
+  ...catalogues,
+  ...transfers,
+  ...studies,
+  ...passes,
 };

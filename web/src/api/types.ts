@@ -1,7 +1,11 @@
-/** Short names for the shapes of the HTTP contract; the shapes themselves are generated from openapi.json (`npm run types`). */
-import type { components } from './schema';
+/** Short names for the types of the HTTP API, which are generated from Python (`npm run types`). */
+import type { components } from './generated/schema';
 
 type S = components['schemas'];
+/** Types of the messages of the event stream, by topic. */
+export type Topics = S['StreamTopics'];
+export type Topic = keyof Topics;
+export type FleetUnit = S['FleetUnitOut'];
 export type Link = S['LinkOut'];
 export type Direction = S['DirectionOut'];
 export type Bank = S['BankOut'];
@@ -14,7 +18,7 @@ export type Command = S['CommandOut'];
 export type Abort = S['AbortOut'];
 export type Stage = S['StageOut'];
 export type ByteGroup = S['ByteGroupOut'];
-export type Value = S['ValueOut'];
+export type Value = S['FieldValue'];
 export type Latest = S['LatestOut'];
 export type History = S['HistoryOut'];
 export type Cycle = S['CycleOut'];
@@ -47,13 +51,19 @@ export type ScheduleCheck = S['ScheduleCheckOut'];
 export type Limits = S['LimitsOut'];
 export type Limit = S['LimitOut'];
 export type ContactDetail = S['ContactDetailOut'];
+export type ContactRecord = S['RecordOut'];
 export type Replay = S['ReplayOut'];
 export type Table = S['TableOut'];
 export type TableDetail = S['TableDetailOut'];
 export type OnBoardTable = S['OnBoardTableOut'];
 export type ExperimentEntry = S['ExperimentOut'];
 export type ChainRecord = S['ChainRecordOut'];
-export type DesignIn = S['DesignIn'];
+export type Instruments = S['InstrumentsOut'];
+export type InstrumentDetail = S['InstrumentDetailOut'];
+export type CameraNumber = S['CameraNumberOut'];
+export type FileDifference = S['FileDifferenceOut'];
+export type PackageCheck = S['PackageCheckOut'];
+export type DesignQuestion = S['DesignQuestion'];
 export type Design = S['DesignOut'];
 export type DesignCameras = S['DesignCamerasOut'];
 export type DesignFigure = S['DesignFigureOut'];
@@ -64,7 +74,7 @@ export type FieldCount = S['FieldCountOut'];
 export type Sky = S['SkyOut'];
 export type Figure = S['FigureOut'];
 export type Profile = S['ProfileOut'];
-export type CatalogueIn = S['CatalogueIn'];
+export type CatalogueRequest = S['CatalogueRequest'];
 export type Catalogue = S['CatalogueOut'];
 export type CatalogueDetail = S['CatalogueDetailOut'];
 export type Preview = S['PreviewOut'];
@@ -88,7 +98,7 @@ export interface Problem {
   hint: string;
 }
 export type ArgumentValue = number | string | boolean;
-/** What a job of experiments leaves in its result. */
+/** The result of an experiments job. */
 export interface ExperimentRecord {
   name: string;
   title: string;
@@ -105,9 +115,22 @@ export type CalibrationDetail = S['CalibrationDetailOut'];
 export type CalibrationDiff = S['CalibrationDiffOut'];
 export type AnalysisRow = S['AnalysisOut'];
 export type AnalysisDetail = S['AnalysisDetailOut'];
+export type PerformanceSheet = S['SheetOut'];
+export type SheetFigure = S['SheetFigureOut'];
 export type ReportView = S['ReportViewOut'];
 export type ReportPlot = S['PlotOut'];
 export type ReportArrows = S['ArrowsOut'];
 export type ReportCells = S['CellsOut'];
-/** Who is signed in, as GET /api/session tells. */
+/** Who is signed in, as returned by GET /api/session. */
 export type SessionInfo = S['SessionOut'];
+export type Spacecraft = S['SpacecraftOut'];
+export type OrbitIn = S['OrbitIn'];
+export type Station = S['StationOut'];
+export type StationIn = S['StationIn'];
+export type Pass = S['PassOut'];
+export type Passes = S['PassesOut'];
+export type TrackPoint = S['TrackPointOut'];
+export type Plan = S['PlanOut'];
+export type PlanIn = S['PlanIn'];
+export type PlanItem = S['PlanItemOut'];
+export type PlanItemIn = S['PlanItemIn'];

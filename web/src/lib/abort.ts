@@ -1,24 +1,33 @@
 /**
- * One press of ABORT, from the key to its end. A press is never lost: it is followed to the device's report, or it ends as
- * `not_sent` or `unknown`, which the strip shows until an operator acknowledges it.
- *
- * The request is tried for WINDOW_MS after the press and then cancelled. Nothing is sent later than that: by then the state of the
- * sensor may have changed, and sending ABORT again is the operator's decision.
+ * One press of ABORT, from the key to its end. A press is never lost: it is followed to the device's report, or it
+ * ends as `not_sent` or `unknown`, which the strip shows until an operator acknowledges it.
+ * The request is tried for WINDOW_MS after the press and then cancelled. Nothing is sent later: by then the state of
+ * the sensor may have changed, and sending ABORT again is the operator's decision.
  */
 import { ApiError } from '../api/client';
 import type { Abort, Command, Stage } from '../api/types';
 
 export const WINDOW_MS = 5_000;
 const PAUSE_MS = 500;
-/** The server answers when ABORT is queued for the line, before it is sent and recorded; after this long without a record its stages cannot be shown. */
+/**
+ * The server answers when ABORT is queued for the line, before it is sent and recorded. After this time without a
+ * record its stages cannot be shown.
+ */
 export const RECORD_MS = 10_000;
-/** The server may record a command late: the history is searched this often, and before this age of a press it is not said to lack it. */
+/**
+ * The server may record a command late: the interval of history searches, and the minimum age of a press before it is
+ * reported as missing.
+ */
 export const SEARCH_EVERY_MS = 3_000;
 export const SEARCH_UNTIL_MS = 60_000;
-/** Clocks of page and server agree to about a second; a command recorded this much before the press can be its command. */
+/**
+ * Clocks of page and server agree to about a second; a command recorded up to this long before the press can be its
+ * command.
+ */
 const CLOCK_MS = 2_000;
 
-/** `sending`: the request is under way. `taken`: the server queued ABORT for the line and has not recorded it yet. `recorded`: the server
+/** `sending`: the request is under way. `taken`: the server queued ABORT for the line and has not recorded it yet.
+ *  `recorded`: the server
  *  has the command and reports its stages. */
 export type Fate = 'sending' | 'taken' | 'recorded' | 'not_sent' | 'unknown';
 export interface Press {
@@ -32,20 +41,20 @@ export interface Press {
   /** The id on the line, once the server has taken the request. */
   requestId: number | null;
   command: Command | null;
-  /** Whether the server's command history was searched since, and has no ABORT of this press. */
+  /** Whether the server's command history was searched since then and contains no ABORT of this press. */
   notInHistory: boolean;
-  /** Whether the server itself answered with an error. */
+  /** Whether the server answered with an error. */
   answered: boolean;
 }
-export type Answer = Pick<Press, 'reason' | 'answered'> & { fate: 'not_sent' | 'unknown' }
+export type Answer = Pick<Press, 'reason' | 'answered'> & { fate: 'not_sent' | 'unknown' };
 
 export interface AbortParts {
   post: (signal: AbortSignal) => Promise<Abort>;
-  /** ABORT commands created in a span, from the server's history. */
+  /** ABORT commands created in a time span, from the server's history. */
   history: (startMs: number, endMs: number, signal: AbortSignal) => Promise<Command[]>;
   /** Whether the event stream is open. */
   online: () => boolean;
-  /** Request the server's health: false only if no connection could be made. */
+  /** Request the server's health; false only if no connection could be made. */
   probe: (signal: AbortSignal) => Promise<boolean>;
   /** UTC on the server's clock, milliseconds. */
   now: () => number;
@@ -62,24 +71,28 @@ function isAnswer(error: unknown): error is ApiError {
 }
 
 /**
- * What an error says about the press. `mayHaveLeft`: a try broke without an answer while the server may have been reachable. A browser
- * reports a refused connection and a broken one alike, so only two cases are "not sent": the server refused the request, or no
- * connection could be made. After a try that may have left, a refusal of a later one says nothing about the first.
+ * What an error means for the press. `mayHaveLeft`: an attempt ended without an answer while the server may have been
+ * reachable. A browser reports a refused and a broken connection alike, so only two cases are "not sent": the server
+ * refused the request, or no connection could be made. After an attempt that may have left, a later refusal says
+ * nothing about the first one.
  */
 export function answerOf(error: unknown, mayHaveLeft: boolean, timedOut: boolean): Answer {
   if (isAnswer(error)) {
     const { message, got } = error.problem;
     const words = `the server answered ${error.status}: ${message}${got ? ` (${got})` : ''}`;
     if (error.status >= 500) return { fate: 'unknown', reason: words, answered: true };
-    return mayHaveLeft ? { fate: 'unknown', reason: `an earlier try broke before the server answered; ${words}`, answered: false } : { fate: 'not_sent', reason: words, answered: true };
+    return mayHaveLeft
+      ? { fate: 'unknown', reason: `an earlier try broke before the server answered; ${words}`, answered: false }
+      : { fate: 'not_sent', reason: words, answered: true };
   }
-  if (timedOut) return { fate: 'unknown', reason: `no answer from the server within ${WINDOW_MS / 1000} s`, answered: false };
+  if (timedOut)
+    return { fate: 'unknown', reason: `no answer from the server within ${WINDOW_MS / 1000} s`, answered: false };
   return mayHaveLeft
     ? { fate: 'unknown', reason: 'the connection broke before the server answered', answered: false }
     : { fate: 'not_sent', reason: 'the server could not be reached', answered: false };
 }
 
-/** Tries of one press that ended without an answer, and what the probes beside them found. */
+/** Attempts of one press that ended without an answer, and the results of the probes made with them. */
 class LostTries {
   private reachable = false;
   private pending = 0;
@@ -87,10 +100,12 @@ class LostTries {
   add(online: boolean, probe: Promise<boolean>): void {
     this.reachable ||= online;
     this.pending += 1;
-    void probe.catch(() => true).then((reached) => {
-      this.reachable ||= reached;
-      this.pending -= 1;
-    });
+    void probe
+      .catch(() => true)
+      .then((reached) => {
+        this.reachable ||= reached;
+        this.pending -= 1;
+      });
   }
 
   /** False only if the stream was closed and every probe failed. */
@@ -99,7 +114,9 @@ class LostTries {
   }
 }
 
-/** True if this can be the command of that press: its request id decides; without one the time of the press. */
+/**
+ * True if this can be the command of that press: decided by its request id, or without one by the time of the press.
+ */
 function belongs(command: Command, press: Press): boolean {
   if (command.name !== 'ABORT' || command.user !== press.user) return false;
   if (press.requestId !== null) return press.requestId === command.request_id;
@@ -121,7 +138,18 @@ export class Presses {
   /** Send ABORT. Returns when the press is recorded by the server, or has ended as not sent or unknown. */
   async press(): Promise<void> {
     const key = `${this.parts.now()}-${this.list.length}`;
-    const press: Press = { key, user: this.parts.user(), pressedMs: this.parts.now(), fate: 'sending', reason: '', tries: 0, requestId: null, command: null, notInHistory: false, answered: false };
+    const press: Press = {
+      key,
+      user: this.parts.user(),
+      pressedMs: this.parts.now(),
+      fate: 'sending',
+      reason: '',
+      tries: 0,
+      requestId: null,
+      command: null,
+      notInHistory: false,
+      answered: false,
+    };
     this.put(press);
     const cancel = new AbortController();
     const stop = this.parts.later(() => cancel.abort(), WINDOW_MS);
@@ -145,7 +173,8 @@ export class Presses {
         }
         stop();
         const answer = answerOf(error, lost.mayHaveLeft, timedOut);
-        const since = answered || timedOut ? '' : ` in ${tries} ${tries === 1 ? 'try' : 'tries'} within ${WINDOW_MS / 1000} s`;
+        const since =
+          answered || timedOut ? '' : ` in ${tries} ${tries === 1 ? 'try' : 'tries'} within ${WINDOW_MS / 1000} s`;
         return this.change(key, { ...answer, reason: answer.reason + since });
       }
     }
@@ -160,11 +189,15 @@ export class Presses {
     this.reconcile(this.reported);
     if (command) return;
     this.parts.later(() => {
-      if (this.list.some((p) => p.key === key && p.fate === 'taken')) this.change(key, { fate: 'unknown', reason: `the server queued ABORT for the line (#${request_id}) and has not recorded it` });
+      if (this.list.some((p) => p.key === key && p.fate === 'taken'))
+        this.change(key, {
+          fate: 'unknown',
+          reason: `the server queued ABORT for the line (#${request_id}) and has not recorded it`,
+        });
     }, RECORD_MS);
   }
 
-  /** Take over what the stream or the history reports of commands. */
+  /** Merge commands reported by the stream or the history. */
   reconcile(commands: readonly Command[]): void {
     this.reported = commands;
     for (const press of this.list) {
@@ -174,7 +207,7 @@ export class Presses {
     this.claim(commands);
   }
 
-  /** Give presses without a command the one that the server created for them. */
+  /** Assign to presses without a command the one that the server created for them. */
   private claim(commands: readonly Command[]): void {
     const taken = new Set(this.list.map((p) => p.command?.id));
     for (const press of this.list.filter((p) => p.command === null && p.fate !== 'sending')) {
@@ -185,8 +218,10 @@ export class Presses {
     }
   }
 
-  /** Search the server's history for presses without an answer, again and again until each is found or the history surely lacks it.
-   *  Ends when the event stream closes; call it again when the server is back. */
+  /**
+   * Search the server's history for presses without an answer, repeatedly until each is found or is certainly missing.
+   * Ends when the event stream closes; call it again when the server is back.
+   */
   async check(): Promise<void> {
     if (this.searching) return;
     this.searching = true;
@@ -205,20 +240,23 @@ export class Presses {
     const stop = this.parts.later(() => cancel.abort(), SEARCH_EVERY_MS);
     const old = this.parts.now() - press.pressedMs >= SEARCH_UNTIL_MS;
     const end = press.requestId === null ? press.pressedMs + WINDOW_MS : this.parts.now();
-    const commands = await Promise.race([this.parts.history(press.pressedMs - CLOCK_MS, end + CLOCK_MS, cancel.signal), ended(cancel.signal)]).catch(() => null);
+    const commands = await Promise.race([
+      this.parts.history(press.pressedMs - CLOCK_MS, end + CLOCK_MS, cancel.signal),
+      ended(cancel.signal),
+    ]).catch(() => null);
     stop();
     if (!commands) return;
     this.claim(commands);
     if (old && !this.list.find((p) => p.key === press.key)?.command) this.change(press.key, { notInHistory: true });
   }
 
-  /** Acknowledge: everything that has ended leaves the strip. */
+  /** Acknowledge: remove every ended press from the strip. */
   acknowledge(): void {
     this.list = this.list.filter((p) => !isOver(p));
     this.publish();
   }
 
-  /** Only completed presses make room for a new one. The others stay, however many there are. */
+  /** Only completed presses are removed for a new one. The others stay, however many there are. */
   private put(press: Press): void {
     this.list = [press, ...this.list.filter((p) => !isGood(p))];
     this.publish();
@@ -234,24 +272,37 @@ export class Presses {
     try {
       this.parts.save(JSON.stringify(this.list));
     } catch {
-      /* Storage that is full or blocked must not keep ABORT from being sent: the presses then do not survive a reload. */
+      /* Storage that is full or blocked must not prevent ABORT; the presses are then lost on a reload. */
     }
   }
 }
 
-/** Presses of the page before it was loaded again; one that was under way has lost its answer. */
+/** Presses made before the page was reloaded; one that was in progress has lost its answer. */
 function restored(load: () => string | null): Press[] {
   try {
     const list = JSON.parse(load() ?? '[]') as Press[];
-    return list.map((p) => (p.fate === 'sending' || p.fate === 'taken' ? { ...p, fate: 'unknown', reason: p.fate === 'sending' ? 'the page was loaded again before the server answered' : 'the page was loaded again before the server recorded it' } : p));
+    return list.map((p) =>
+      p.fate === 'sending' || p.fate === 'taken'
+        ? {
+            ...p,
+            fate: 'unknown',
+            reason:
+              p.fate === 'sending'
+                ? 'the page was loaded again before the server answered'
+                : 'the page was loaded again before the server recorded it',
+          }
+        : p,
+    );
   } catch {
     return [];
   }
 }
 
-/** Rejects when the window is over, also where the request itself does not notice. */
+/** Rejects when the window is over, even if the request itself does not notice. */
 function ended(signal: AbortSignal): Promise<never> {
-  const over = new Promise<never>((_, reject) => signal.addEventListener('abort', () => reject(new DOMException('no answer in time', 'AbortError')), { once: true }));
+  const over = new Promise<never>((_, reject) =>
+    signal.addEventListener('abort', () => reject(new DOMException('no answer in time', 'AbortError')), { once: true }),
+  );
   over.catch(() => undefined);
   return over;
 }
@@ -260,10 +311,14 @@ const BAD_ENDS = ['rejected', 'failed', 'unknown', 'resolved', 'withdrawn'];
 
 /** True if nothing more is expected of the press without the operator. */
 export function isOver(p: Press): boolean {
-  return p.fate === 'not_sent' || p.fate === 'unknown' || (p.command !== null && (p.command.result === 'completed' || BAD_ENDS.includes(p.command.result)));
+  return (
+    p.fate === 'not_sent' ||
+    p.fate === 'unknown' ||
+    (p.command !== null && (p.command.result === 'completed' || BAD_ENDS.includes(p.command.result)))
+  );
 }
 
-/** True if the server's history can still show what became of the press. */
+/** True if the server's history can still show the result of the press. */
 export function isOpen(p: Press): boolean {
   return !p.notInHistory && (p.fate === 'unknown' || (p.fate === 'not_sent' && !p.answered));
 }
@@ -279,15 +334,30 @@ export function needsOperator(p: Press): boolean {
 }
 
 export type Point = 'done' | 'now' | 'failed' | 'unknown' | 'to_come';
-export interface Step { name: 'pressed' | 'sent' | 'accepted' | 'completed'; point: Point; at: string | null }
+export interface Step {
+  name: 'pressed' | 'sent' | 'accepted' | 'completed';
+  point: Point;
+  at: string | null;
+}
 
-/** Pressed, sent, accepted, completed: of the seven stages of a command those that an operator waits for. */
+/** Pressed, sent, accepted, completed: those of a command's seven stages that matter to an operator. */
 export function stepsOf(press: Press): Step[] {
   const pressed: Step = { name: 'pressed', point: 'done', at: new Date(press.pressedMs).toISOString() };
-  const sent: Point = press.fate === 'sending' || press.fate === 'taken' ? 'now' : press.fate === 'not_sent' ? 'failed' : 'unknown';
-  if (!press.command) return [pressed, { name: 'sent', point: sent, at: null }, { name: 'accepted', point: 'to_come', at: null }, { name: 'completed', point: 'to_come', at: null }];
+  const sent: Point =
+    press.fate === 'sending' || press.fate === 'taken' ? 'now' : press.fate === 'not_sent' ? 'failed' : 'unknown';
+  if (!press.command)
+    return [
+      pressed,
+      { name: 'sent', point: sent, at: null },
+      { name: 'accepted', point: 'to_come', at: null },
+      { name: 'completed', point: 'to_come', at: null },
+    ];
   const stages = new Map(press.command.stages.map((s) => [s.name, s]));
-  const steps = (['sent', 'accepted', 'completed'] as const).map((name): Step => ({ name, point: pointOf(stages.get(name)), at: stages.get(name)?.at ?? null }));
+  const steps = (['sent', 'accepted', 'completed'] as const).map((name): Step => ({
+    name,
+    point: pointOf(stages.get(name)),
+    at: stages.get(name)?.at ?? null,
+  }));
   const next = steps.find((s) => s.point === 'to_come');
   if (next && !isOver(press) && !steps.some((s) => s.point === 'now')) next.point = 'now';
   const broken = steps.some((s) => s.point === 'failed' || s.point === 'unknown');
@@ -297,40 +367,98 @@ export function stepsOf(press: Press): Step[] {
 
 function pointOf(stage: Stage | undefined): Point {
   switch (stage?.state) {
-    case 'passed': return 'done';
-    case 'now': return 'now';
-    case 'failed': return 'failed';
-    case 'unknown': return 'unknown';
-    default: return 'to_come';
+    case 'passed':
+      return 'done';
+    case 'now':
+      return 'now';
+    case 'failed':
+      return 'failed';
+    case 'unknown':
+      return 'unknown';
+    default:
+      return 'to_come';
   }
 }
 
-export interface Headline { word: string; text: string; level: 'critical' | 'unknown' | 'progress' | 'ok' }
+export interface Headline {
+  word: string;
+  text: string;
+  level: 'critical' | 'unknown' | 'progress' | 'ok';
+}
 
 const QUEUED = 'ABORT is queued for the line';
 
-/** What the strip says: exactly what is known, no more. */
+/** The text of the strip: exactly what is known. */
 export function headlineOf(press: Press): Headline {
   const history = press.notInHistory ? " The server's command history has no such ABORT." : '';
   switch (press.fate) {
-    case 'sending': return { word: 'ABORT is being sent', text: press.tries > 1 ? `Try ${press.tries}: the server does not answer.` : '', level: 'progress' };
-    case 'taken': return { word: QUEUED, text: `The server has queued it for the line (#${press.requestId}) and has not recorded it yet.`, level: 'progress' };
-    case 'not_sent': return { word: 'ABORT NOT SENT', text: `${sentence(press.reason)} The sensor has not received it.${history}`, level: 'critical' };
-    case 'unknown': return { word: 'ABORT UNKNOWN', text: `${sentence(press.reason)} It may or may not have reached the sensor.${history}`, level: 'unknown' };
-    case 'recorded': return ofCommand(press.command);
+    case 'sending':
+      return {
+        word: 'ABORT is being sent',
+        text: press.tries > 1 ? `Try ${press.tries}: the server does not answer.` : '',
+        level: 'progress',
+      };
+    case 'taken':
+      return {
+        word: QUEUED,
+        text: `The server has queued it for the line (#${press.requestId}) and has not recorded it yet.`,
+        level: 'progress',
+      };
+    case 'not_sent':
+      return {
+        word: 'ABORT NOT SENT',
+        text: `${sentence(press.reason)} The sensor has not received it.${history}`,
+        level: 'critical',
+      };
+    case 'unknown':
+      return {
+        word: 'ABORT UNKNOWN',
+        text: `${sentence(press.reason)} It may or may not have reached the sensor.${history}`,
+        level: 'unknown',
+      };
+    case 'recorded':
+      return ofCommand(press.command);
   }
 }
 
 function ofCommand(command: Command | null): Headline {
   const detail = command?.detail ? `${sentence(command.detail)}` : '';
   switch (command?.result) {
-    case 'completed': return { word: 'ABORT completed', text: detail, level: 'ok' };
-    case 'rejected': return { word: 'ABORT REJECTED', text: `${detail} The sensor received it and did not run it.`.trim(), level: 'critical' };
-    case 'failed': return { word: 'ABORT FAILED', text: `${detail} The sensor received it and did not complete it.`.trim(), level: 'critical' };
-    case 'withdrawn': return { word: 'ABORT NOT SENT', text: `${detail} It was withdrawn before it was sent.`.trim(), level: 'critical' };
-    case 'unknown': return { word: 'ABORT UNKNOWN', text: `${detail} The sensor sent no report; it may or may not have run.`.trim(), level: 'unknown' };
-    case 'resolved': return { word: 'ABORT resolved by an operator', text: detail, level: 'unknown' };
-    default: return { word: command?.result === 'queued' || command?.result === 'released' ? QUEUED : `ABORT ${command?.result ?? ''}`, text: '', level: 'progress' };
+    case 'completed':
+      return { word: 'ABORT completed', text: detail, level: 'ok' };
+    case 'rejected':
+      return {
+        word: 'ABORT REJECTED',
+        text: `${detail} The sensor received it and did not run it.`.trim(),
+        level: 'critical',
+      };
+    case 'failed':
+      return {
+        word: 'ABORT FAILED',
+        text: `${detail} The sensor received it and did not complete it.`.trim(),
+        level: 'critical',
+      };
+    case 'withdrawn':
+      return {
+        word: 'ABORT NOT SENT',
+        text: `${detail} It was withdrawn before it was sent.`.trim(),
+        level: 'critical',
+      };
+    case 'unknown':
+      return {
+        word: 'ABORT UNKNOWN',
+        text: `${detail} The sensor sent no report; it may or may not have run.`.trim(),
+        level: 'unknown',
+      };
+    case 'resolved':
+      return { word: 'ABORT resolved by an operator', text: detail, level: 'unknown' };
+    default:
+      return {
+        word:
+          command?.result === 'queued' || command?.result === 'released' ? QUEUED : `ABORT ${command?.result ?? ''}`,
+        text: '',
+        level: 'progress',
+      };
   }
 }
 

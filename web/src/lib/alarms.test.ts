@@ -1,27 +1,78 @@
 import { describe, expect, it } from 'vitest';
-import type { AlarmRow } from '../api/types';
-import { byUrgency, headerOrder, lampOfAlarms } from './alarms';
+import type { AlarmRow, Link } from '../api/types';
+import { byUrgency, conditions, headerAlarms, lampOfAlarms, spanAround } from './alarms';
 
-const row = (id: number, state: AlarmRow['state'], level: AlarmRow['level'], worst: AlarmRow['worst'], more: Partial<AlarmRow> = {}) =>
-  ({ id, packet: 'housekeeping', state, level, worst, shelved: false, raised: `2026-12-01T18:00:${10 + id}Z`, ...more });
+const row = (
+  id: number,
+  state: AlarmRow['state'],
+  level: AlarmRow['level'],
+  worst: AlarmRow['worst'],
+  more: Partial<AlarmRow> = {},
+) => ({
+  id,
+  packet: 'housekeeping',
+  field: `field_${id}`,
+  state,
+  level,
+  worst,
+  shelved: false,
+  raised: `2026-12-01T18:00:${10 + id}Z`,
+  text: `alarm ${id}`,
+  ...more,
+});
+const line = (id: string, level: Link['alarms'][number]['level']): Link['alarms'][number] => ({
+  id,
+  level,
+  text: id,
+  since: '2026-12-01T18:00:00Z',
+});
 
 describe('the order of alarms', () => {
-  it('puts what is outside its limits now before what is back, however bad it was', () => {
-    const rows = [row(1, 'cleared', 'ok', 'critical'), row(2, 'raised', 'watch', 'watch'), row(3, 'raised', 'warning', 'warning')];
-    expect(byUrgency(rows).map((a) => a.id)).toEqual([3, 2, 1]);
-    expect(lampOfAlarms(rows)).toBe('warning');
+  it('keeps a latched warning before an active watch until it is acknowledged', () => {
+    const latched = row(1, 'cleared', 'ok', 'warning');
+    const active = row(2, 'raised', 'watch', 'watch');
+    expect(byUrgency([active, latched]).map((a) => a.id)).toEqual([1, 2]);
+    expect(lampOfAlarms([active, latched])).toBe('warning');
+    expect(headerAlarms([], [active, latched])[0]).toMatchObject({ id: 1, level: 'warning' });
   });
-  it('counts an event of the device until it is seen, and shows what is back by its worst', () => {
-    expect(byUrgency([row(1, 'raised', 'watch', 'watch'), row(2, 'cleared', 'critical', 'critical', { packet: 'event' })]).map((a) => a.id)).toEqual([2, 1]);
-    expect(lampOfAlarms([row(1, 'cleared', 'ok', 'warning')])).toBe('warning');
+  it('puts the unacknowledged one of two equal alarms first', () => {
+    const list = [row(1, 'acked', 'warning', 'warning'), row(2, 'raised', 'warning', 'warning')];
+    expect(byUrgency(list).map((a) => a.id)).toEqual([2, 1]);
   });
-  it('leaves shelved alarms to the end and out of the lamp', () => {
+  it('counts an acknowledged alarm with its current level', () => {
+    const list = [row(1, 'acked', 'watch', 'critical'), row(2, 'raised', 'warning', 'warning')];
+    expect(byUrgency(list).map((a) => a.id)).toEqual([2, 1]);
+  });
+  it('puts shelved alarms last and keeps them out of lamp and header', () => {
     const shelved = row(1, 'raised', 'critical', 'critical', { shelved: true });
     expect(byUrgency([shelved, row(2, 'cleared', 'ok', 'watch')]).map((a) => a.id)).toEqual([2, 1]);
     expect(lampOfAlarms([shelved])).toBeUndefined();
+    expect(headerAlarms([line('alarm-1', 'critical')], [shelved])).toEqual([]);
   });
-  it('orders the header by the same rule, with lines that are no stored alarm among those of now', () => {
-    const lines = [{ id: 'alarm-1', level: 'critical' }, { id: 'noise', level: 'watch' }, { id: 'alarm-2', level: 'warning' }];
-    expect(headerOrder(lines, [row(1, 'cleared', 'ok', 'critical'), row(2, 'raised', 'warning', 'warning')]).map((l) => l.id)).toEqual(['alarm-2', 'noise', 'alarm-1']);
+});
+
+describe('the header', () => {
+  it('counts rows and conditions once each, as the Monitor does', () => {
+    const rows = [row(1, 'cleared', 'ok', 'warning'), row(2, 'acked', 'watch', 'watch')];
+    const reported = [line('alarm-1', 'warning'), line('alarm-2', 'watch'), line('noise', 'watch')];
+    const open = rows.filter((a) => !a.shelved).length + conditions(reported, rows).length;
+    expect(headerAlarms(reported, rows)).toHaveLength(open);
+    expect(open).toBe(3);
+  });
+  it('shows a link without packets once', () => {
+    const loss = row(1, 'raised', 'warning', 'warning', { packet: 'link', field: 'housekeeping' });
+    expect(conditions([line('silent', 'warning')], [loss])).toEqual([]);
+    expect(conditions([line('silent', 'warning')], [])).toHaveLength(1);
+  });
+});
+
+describe('the span around an alarm', () => {
+  it('is five minutes on each side and ends at the present', () => {
+    const at = '2026-12-01T18:00:00.000Z';
+    expect(spanAround(at, Date.parse(at) + 60_000)).toEqual({
+      from: '2026-12-01T17:55:00.000Z',
+      to: '2026-12-01T18:01:00.000Z',
+    });
+    expect(spanAround(at, Date.parse(at) + 3_600_000).to).toBe('2026-12-01T18:05:00.000Z');
   });
 });

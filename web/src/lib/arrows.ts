@@ -1,19 +1,29 @@
 /**
- * A table or list is one stop of the Tab key; arrows, Home and End move inside it. One watcher serves every table and list under
- * an element, also those that come later. Fields and their forms keep their own stops: arrows belong to the text there.
+ * A table or list is one stop of the Tab key; arrows, Home and End move inside it. One listener serves every table and
+ * list under an element, including later ones. Text fields and their forms keep separate stops, because arrows move
+ * the cursor there.
  */
 const GROUPS = 'table, [role="listbox"], [data-arrows]';
 const CONTROLS = 'a[href], button:not(:disabled), [role="option"]';
 const ROWS = 'tr, [role="option"], li';
 
 function controls(group: Element): HTMLElement[] {
-  return [...group.querySelectorAll<HTMLElement>(CONTROLS)].filter((e) => !e.closest('form') && e.closest(GROUPS) === group && !e.closest('[data-own-stops]'));
+  return [...group.querySelectorAll<HTMLElement>(CONTROLS)].filter(
+    (e) => !e.closest('form') && e.closest(GROUPS) === group && !e.closest('[data-own-stops]'),
+  );
 }
 
-/** Exactly one control of the group takes Tab: the one that had the focus last, else that of the current row, else the first. */
+/**
+ * Exactly one control of the group is in the tab order: the last focused one, else that of the current row, else the
+ * first.
+ */
 function settle(group: Element): void {
   const all = controls(group);
-  const kept = all.find((e) => e === document.activeElement) ?? all.find((e) => e.dataset['stop'] === 'yes') ?? all.find((e) => e.getAttribute('aria-selected') === 'true' || e.closest('.current')) ?? all[0];
+  const kept =
+    all.find((e) => e === document.activeElement) ??
+    all.find((e) => e.dataset['stop'] === 'yes') ??
+    all.find((e) => e.getAttribute('aria-selected') === 'true' || e.closest('.current')) ??
+    all[0];
   for (const e of all) mark(e, e === kept);
 }
 
@@ -24,7 +34,10 @@ function mark(e: HTMLElement, stop: boolean): void {
   else delete e.dataset['stop'];
 }
 
-/** Where a key leads from a control: the same place of the row above or below, the neighbour in the row, the first or last row. */
+/**
+ * The control that a key leads to: same column in the row above or below, the neighbour in the row, the first or last
+ * row.
+ */
 export function target(key: string, all: readonly HTMLElement[], from: HTMLElement): HTMLElement | null {
   const rows: HTMLElement[][] = [];
   let last: Element | null | undefined;
@@ -44,11 +57,18 @@ export function target(key: string, all: readonly HTMLElement[], from: HTMLEleme
   return (key === 'ArrowRight' ? rows[r]?.[c + 1] : key === 'ArrowLeft' ? rows[r]?.[c - 1] : undefined) ?? null;
 }
 
-/** A box that scrolls and holds nothing to focus is itself a stop, so that the keyboard can scroll it. */
+/** A scrollable box without focusable content is a tab stop, so that the keyboard can scroll it. */
 function scrolling(box: HTMLElement): void {
-  const wanted = (box.scrollHeight > box.clientHeight + 1 || box.scrollWidth > box.clientWidth + 1) && !box.querySelector('a[href], button, input, select, textarea, [tabindex]');
-  if (wanted && !box.hasAttribute('tabindex')) { box.tabIndex = 0; box.dataset['scrolls'] = 'yes'; }
-  else if (!wanted && box.dataset['scrolls']) { box.removeAttribute('tabindex'); delete box.dataset['scrolls']; }
+  const wanted =
+    (box.scrollHeight > box.clientHeight + 1 || box.scrollWidth > box.clientWidth + 1) &&
+    !box.querySelector('a[href], button, input, select, textarea, [tabindex]');
+  if (wanted && !box.hasAttribute('tabindex')) {
+    box.tabIndex = 0;
+    box.dataset['scrolls'] = 'yes';
+  } else if (!wanted && box.dataset['scrolls']) {
+    box.removeAttribute('tabindex');
+    delete box.dataset['scrolls'];
+  }
 }
 
 export function arrows(root: HTMLElement): () => void {
@@ -58,12 +78,15 @@ export function arrows(root: HTMLElement): () => void {
     for (const group of root.querySelectorAll(GROUPS)) settle(group);
     for (const box of root.querySelectorAll<HTMLElement>('.scroll')) scrolling(box);
   };
-  const later = (): void => { waiting ||= requestAnimationFrame(look); };
+  const later = (): void => {
+    waiting ||= requestAnimationFrame(look);
+  };
   const watcher = new MutationObserver(later);
   watcher.observe(root, { childList: true, subtree: true });
   const onKey = (e: KeyboardEvent): void => {
     const from = e.target;
-    if (!(from instanceof HTMLElement) || e.ctrlKey || e.metaKey || e.altKey || e.shiftKey || e.defaultPrevented) return;
+    if (!(from instanceof HTMLElement) || e.ctrlKey || e.metaKey || e.altKey || e.shiftKey || e.defaultPrevented)
+      return;
     const group = from.closest(GROUPS);
     if (!group) return;
     const all = controls(group);

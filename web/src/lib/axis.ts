@@ -1,17 +1,23 @@
-/** Round moments on an axis of time, and how the numbers of any axis are written; round numbers are in plot.ts. */
+/** Round times on a time axis, and formatting of axis numbers; round numbers are in plot.ts. */
 export function timeTicks(low: number, high: number): number[] {
-  const step = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, 86400].find((s) => (high - low) / s <= 6) ?? 604800;
+  const step =
+    [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, 86400].find((s) => (high - low) / s <= 6) ??
+    604800;
   const out: number[] = [];
   for (let k = Math.ceil(low / step); k * step <= high; k++) out.push(k * step);
   return out;
 }
 
-/** The number with the decimals its axis needs, and a true minus. */
+/** The number with the decimals that its axis needs, and a true minus sign. */
 export function written(value: number, step: number): string {
   if (value === 0) return '0';
   const size = Math.abs(value);
   if (size < 1e-4 || size >= 1e6) return value.toExponential(1).replace('-', '−');
-  const digits = Math.max(0, -Math.floor(Math.log10(step || 1) + 1e-9) + (Math.abs(step / 10 ** Math.floor(Math.log10(step || 1)) - 2.5) < 1e-6 ? 1 : 0));
+  const digits = Math.max(
+    0,
+    -Math.floor(Math.log10(step || 1) + 1e-9) +
+      (Math.abs(step / 10 ** Math.floor(Math.log10(step || 1)) - 2.5) < 1e-6 ? 1 : 0),
+  );
   return value.toFixed(Math.min(6, digits)).replace('-', '−');
 }
 

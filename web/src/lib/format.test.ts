@@ -7,38 +7,65 @@ describe('numbers', () => {
     expect(fixed(117955)).toBe('117\u2009955');
     expect(fixed(812)).toBe('812');
   });
-  it('never writes a negative zero and puts a plus only when asked', () => {
+  it('never writes a negative zero, and a plus only with sign', () => {
     expect(fixed(-0.04, 1)).toBe('0.0');
     expect(fixed(16.24, 1, true)).toBe('+16.2');
     expect(fixed(0, 1, true)).toBe('0.0');
   });
-  it('shows a dash where there is no number', () => {
-    expect([fixed(null), fixed(undefined, 2), fixed(NaN), degrees(null), scientific(null), span(null)]).toEqual(['–', '–', '–', '–', '–', '–']);
+  it('shows a dash for a missing number', () => {
+    expect([fixed(null), fixed(undefined, 2), fixed(NaN), degrees(null), scientific(null), span(null)]).toEqual([
+      '–',
+      '–',
+      '–',
+      '–',
+      '–',
+      '–',
+    ]);
   });
-  it('keeps the exponent of a probability short', () => {
+  it('writes a short exponent of a probability', () => {
     expect(scientific(2.1e-11)).toBe('2e\u221211');
     expect(degrees(-0.31353, 4)).toBe('\u22120.3135°');
   });
 });
 describe('times and bytes', () => {
-  it('writes ages in the largest fitting unit', () => {
-    expect([span(0.42), span(42.4), span(173), span(11160), span(277200)]).toEqual(['0.4 s', '42 s', '2 min 53 s', '3 h 6 min', '3 d 5 h']);
+  it('writes ages in the largest suitable unit', () => {
+    expect([span(0.42), span(42.4), span(173), span(11160), span(277200)]).toEqual([
+      '0.4 s',
+      '42 s',
+      '2 min 53 s',
+      '3 h 6 min',
+      '3 d 5 h',
+    ]);
   });
-  it('writes UTC with Z whatever zone the moment came in', () => {
+  it('writes UTC with Z for a time in any zone', () => {
     expect(clock('2026-12-01T20:42:07.412+02:00', 3)).toBe('18:42:07.412Z');
   });
-  it('says how long a bank lasts', () => {
-    expect([daysLeft(null), daysLeft(3.9), daysLeft(0.5), daysLeft(-1)]).toEqual(['no expiry', '3 d left', '12 h left', 'expired']);
+  it('states how long a bank lasts', () => {
+    expect([daysLeft(null), daysLeft(3.9), daysLeft(0.5), daysLeft(-1)]).toEqual([
+      'no expiry',
+      '3 d left',
+      '12 h left',
+      'expired',
+    ]);
   });
-  it('groups hex in bytes and shortens hashes', () => {
+  it('groups hex by bytes and shortens hashes', () => {
     expect(pairs('184dc020')).toBe('18 4d c0 20');
     expect(shortHash('7f21aaaaaaaa09c0')).toBe('7f21…09c0');
   });
-  it('counts one thing in the singular', () => {
-    expect([counted(1, 'frame'), counted(0, 'frame'), counted(1200, 'frame')]).toEqual(['1 frame', '0 frames', '1\u2009200 frames']);
+  it('uses the singular for one', () => {
+    expect([counted(1, 'frame'), counted(0, 'frame'), counted(1200, 'frame')]).toEqual([
+      '1 frame',
+      '0 frames',
+      '1\u2009200 frames',
+    ]);
   });
   it('writes disks in units of 1000, flash in units of 1024', () => {
-    expect([stored(0), stored(999), stored(129_400_000), stored(58_400_000_000)]).toEqual(['0 B', '999 B', '129.4 MB', '58.4 GB']);
+    expect([stored(0), stored(999), stored(129_400_000), stored(58_400_000_000)]).toEqual([
+      '0 B',
+      '999 B',
+      '129.4 MB',
+      '58.4 GB',
+    ]);
     expect(bytes(524_288)).toBe('512.0 KiB');
   });
 });

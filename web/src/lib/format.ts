@@ -1,4 +1,4 @@
-/** Numbers and times as the console writes them: true minus, thin group space, fixed decimals, UTC with Z. */
+/** Format of numbers and times: true minus, thin group space, fixed decimals, UTC with Z. */
 
 const MINUS = '\u2212';
 const THIN = '\u2009';
@@ -8,7 +8,7 @@ function grouped(digits: string): string {
   return digits.length < 4 ? digits : digits.replace(/\B(?=(\d{3})+(?!\d))/g, THIN);
 }
 
-/** A number with fixed decimals; null and NaN are a dash; `sign` writes + as well. */
+/** A number with fixed decimals; null and NaN become a dash; `sign` adds + to positive numbers. */
 export function fixed(value: number | null | undefined, decimals = 0, sign = false): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
   const [whole = '0', part] = Math.abs(value).toFixed(decimals).split('.');
@@ -17,12 +17,12 @@ export function fixed(value: number | null | undefined, decimals = 0, sign = fal
   return (value < 0 && !zero ? MINUS : sign && !zero ? '+' : '') + text;
 }
 
-/** "1 frame", "1 012 frames": a count with its word. */
+/** "1 frame", "1 012 frames": a count with its noun. */
 export function counted(n: number, one: string, many = `${one}s`): string {
   return `${fixed(n)} ${n === 1 ? one : many}`;
 }
 
-/** A number as short as it can be written. */
+/** The shortest form of a number. */
 export function short(value: number | null | undefined): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return NONE;
   const text = Number.isInteger(value) ? fixed(value) : String(Number(value.toPrecision(6))).replace('-', MINUS);
@@ -39,7 +39,7 @@ export function scientific(value: number | null | undefined): string {
   return value.toExponential(0).replace('-', MINUS).replace('+', '');
 }
 
-/** Age in the largest fitting unit. */
+/** Age in the largest suitable unit. */
 export function span(seconds: number | null | undefined): string {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return NONE;
   const s = Math.max(0, seconds);
@@ -49,15 +49,21 @@ export function span(seconds: number | null | undefined): string {
   return `${Math.floor(s / 86400)} d ${Math.floor((s % 86400) / 3600)} h`;
 }
 
-/** Age in one unit, for tight places. */
+/** Age in one unit, for narrow places. */
 export function brief(seconds: number): string {
   const s = Math.max(0, seconds);
-  return s < 60 ? span(s) : s < 3600 ? `${Math.floor(s / 60)} min` : s < 86400 ? `${Math.floor(s / 3600)} h` : `${Math.floor(s / 86400)} d`;
+  return s < 60
+    ? span(s)
+    : s < 3600
+      ? `${Math.floor(s / 60)} min`
+      : s < 86400
+        ? `${Math.floor(s / 3600)} h`
+        : `${Math.floor(s / 86400)} d`;
 }
 
 const SIGNS: Record<string, string> = { arcsec: '″', deg: '°', 'deg/s': '°/s' };
 
-/** The unit as it is written beside a value. */
+/** The unit as displayed beside a value. */
 export function unitSign(unit: string): string {
   return SIGNS[unit] ?? unit;
 }
@@ -87,14 +93,14 @@ export function kib(bytes: number): string {
   return `${fixed(bytes / 1024, 1)} KiB`;
 }
 
-/** Bytes in the largest fitting unit of 1024. */
+/** Bytes in the largest suitable unit of 1024. */
 export function bytes(n: number): string {
   const units = ['B', 'KiB', 'MiB', 'GiB', 'TiB'];
   const step = n > 0 ? Math.min(units.length - 1, Math.floor(Math.log2(n) / 10)) : 0;
   return `${fixed(n / 1024 ** step, step === 0 ? 0 : 1)} ${units[step] ?? ''}`;
 }
 
-/** Bytes on a disk, in the units of 1000 that limits of storage are set in. */
+/** Bytes of disk space in units of 1000, as storage limits are set. */
 export function stored(n: number): string {
   const units = ['B', 'kB', 'MB', 'GB', 'TB'];
   const step = n > 0 ? Math.min(units.length - 1, Math.floor(Math.log10(n) / 3)) : 0;

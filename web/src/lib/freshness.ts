@@ -1,15 +1,16 @@
 /**
- * How current an indicator is. This is the only module that decides it; docs/indicators.md lists every indicator with its source.
- *
- * A source is what an indicator speaks for: `server` (who holds authority, which alarms are open, whether the port is open),
- * `device` (mode, cycle, banks, telemetry: known only through the line), `record` (an event that stays true, such as "completed
+ * How current an indicator is. Only this module decides it; docs/indicators.md lists every indicator with its source.
+ * The source of an indicator is one of: `server` (command authority, open alarms, state of the port), `device` (mode,
+ * cycle, banks, telemetry: known only through the line), `record` (an event that stays true, such as "completed
  * 14:02:11Z"; work in progress counts as `server`), `page` (a choice made on this page).
  */
 import { clock, day, span } from './format';
 import type { LampState } from './lamp';
 
 export type Source = 'server' | 'device' | 'record' | 'page';
-/** `offline`: the server cannot be reached. `unknown`: never reported, or the line is closed and no report can arrive. */
+/**
+ * `offline`: the server cannot be reached. `unknown`: never reported, or the line is closed and no report can arrive.
+ */
 export type Freshness = 'fresh' | 'ageing' | 'stale' | 'offline' | 'unknown';
 
 /** Server and device both report once a second. */
@@ -40,7 +41,7 @@ export function isCurrent(freshness: Freshness): boolean {
   return freshness === 'fresh' || freshness === 'ageing';
 }
 
-/** Freshness of a source. `atMs`: when this value was last reported, where it has a time of its own. */
+/** Freshness of a source. `atMs`: when this value was last reported, if it has a separate time. */
 export function freshnessOf(source: Source, c: Conditions, atMs: number | null = lastReport(source, c)): Freshness {
   if (source === 'record' || source === 'page') return 'fresh';
   if (!c.online) return 'offline';
@@ -53,27 +54,42 @@ export function lastReport(source: Source, c: Conditions): number | null {
   return source === 'device' ? c.deviceMs : c.serverMs;
 }
 
-/** The source that a lamp depends on: work in progress is only true while the server reports it. */
+/** The source that a lamp depends on: work in progress is valid only while the server reports it. */
 export function sourceOf(state: LampState, source: Source): Source {
   return source === 'record' && state === 'progress' ? 'server' : source;
 }
 
-/** The lamp to draw: a state that is not current is `unreported`, grey and hatched. A hollow or struck lamp makes no claim and stays. */
+/**
+ * The lamp to draw: a state that is not current is `unreported`, grey and hatched. A hollow or struck lamp makes no
+ * claim and does not change.
+ */
 export function lampWhen(state: LampState, freshness: Freshness): LampState {
   return isCurrent(freshness) || state === 'never' || state === 'off' ? state : 'unreported';
 }
 
-/** "14:12:52Z", with the day in front when it is not today. */
+/** "14:12:52Z", preceded by the day if it is not today. */
 export function reportTime(atMs: number, nowMs: number): string {
   const [at, now] = [new Date(atMs).toISOString(), new Date(nowMs).toISOString()];
   return day(at) === day(now) ? clock(at) : `${day(at)} ${clock(at)}`;
 }
 
-/** What to say beside the value: nothing while fresh, its age while ageing, then when it was last reported. */
+/** The text beside the value: nothing while fresh, its age while ageing, then the time of the last report. */
 export function noteOf(freshness: Freshness, atMs: number | null, nowMs: number): string {
   if (freshness === 'fresh') return '';
   if (atMs === null) return 'never reported';
   return freshness === 'ageing' ? `${span((nowMs - atMs) / 1000)} ago` : `last reported ${reportTime(atMs, nowMs)}`;
+}
+
+/** A frame exposed at most this long ago is labelled live. */
+export const LIVE_FRAME_MS = 30_000;
+
+/** The age of a frame since its exposure, however late it was received. `live`: recent, and the device reports. */
+export function exposureOf(takenMs: number, c: Conditions): { live: boolean; recent: boolean; words: string } {
+  const ageMs = c.nowMs - takenMs;
+  if (ageMs < -AGEING_AFTER_MS) return { live: false, recent: false, words: 'exposed after the time of the server' };
+  const recent = ageMs <= LIVE_FRAME_MS;
+  const live = recent && isCurrent(freshnessOf('device', c));
+  return { live, recent, words: `${live ? 'live, ' : ''}exposed ${span(Math.max(0, ageMs) / 1000)} ago` };
 }
 
 export interface Cycle {
@@ -84,11 +100,14 @@ export interface Cycle {
   words: string;
 }
 
-/** The cycle on board: a sensor goes on cycling without a line, so "stopped" is only said while it is reported. */
+/** The on-board cycle: a sensor continues its cycle without a link, so "stopped" is shown only while it is reported. */
 export function cycleOf(last: boolean | null, atMs: number | null, c: Conditions): Cycle {
   const freshness = freshnessOf('device', c, atMs);
   const word = last ? 'running' : 'stopped';
   if (last !== null && isCurrent(freshness)) return { running: last, last, words: word };
-  const words = last === null || atMs === null ? 'unknown, never reported' : `unknown, last reported ${word} ${reportTime(atMs, c.nowMs)}`;
+  const words =
+    last === null || atMs === null
+      ? 'unknown, never reported'
+      : `unknown, last reported ${word} ${reportTime(atMs, c.nowMs)}`;
   return { running: null, last, words };
 }

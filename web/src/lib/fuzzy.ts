@@ -1,10 +1,10 @@
-/** Finding by a few letters: all letters of the query in their order; starts of words and unbroken runs count more. */
+/** Fuzzy search: all letters of the query in order; starts of words and consecutive letters score higher. */
 
 const WORD = 8;
 const RUN = 5;
 const FIRST = 6;
 
-/** How well `query` is found in `text`; 0 when it is not. An empty query fits everything a little. */
+/** Score of `query` in `text`; 0 if it does not match. An empty query matches everything with a low score. */
 export function fuzzy(query: string, text: string): number {
   const words = query.toLowerCase().split(/\s+/).filter(Boolean);
   if (!words.length) return 1;
@@ -14,7 +14,8 @@ export function fuzzy(query: string, text: string): number {
 
 function one(query: string, text: string): number {
   const whole = place(query, text);
-  if (whole >= 0 && starts(text, whole)) return query.length * (RUN + 2) + WORD + (whole === 0 ? FIRST : 0) + (text.length === query.length ? WORD : 0);
+  if (whole >= 0 && starts(text, whole))
+    return query.length * (RUN + 2) + WORD + (whole === 0 ? FIRST : 0) + (text.length === query.length ? WORD : 0);
   let score = 0;
   let from = 0;
   let last = -2;
@@ -31,13 +32,13 @@ function one(query: string, text: string): number {
   return whole >= 0 ? query.length * RUN * 0.6 : score / 2;
 }
 
-/** Where the query stands whole: at the start of a word if it can. */
+/** Index of the whole query, at the start of a word if possible. */
 function place(query: string, text: string): number {
   for (let at = text.indexOf(query); at >= 0; at = text.indexOf(query, at + 1)) if (starts(text, at)) return at;
   return text.indexOf(query);
 }
 
-/** The next place of a letter: right after the last one, else at the start of a word, else anywhere. */
+/** The next position of a letter: right after the last one, else at the start of a word, else anywhere. */
 function next(text: string, c: string, from: number, last: number): number {
   if (text[last + 1] === c && last >= 0) return last + 1;
   for (let i = from; i < text.length; i++) if (text[i] === c && starts(text, i)) return i;
@@ -48,7 +49,7 @@ function starts(text: string, at: number): boolean {
   return at === 0 || /[\s_\-./,:]/.test(text[at - 1] ?? '');
 }
 
-/** The best first; ties keep the given order. */
+/** Best first; ties keep the given order. */
 export function best<T>(query: string, list: readonly T[], textOf: (item: T) => string, most: number): T[] {
   return list
     .map((item, i) => ({ item, i, score: fuzzy(query, textOf(item)) }))

@@ -1,4 +1,7 @@
-/** Controls that cannot be used now: dashed, out of action, yet focusable, with the reason beside them on focus and hover. */
+/**
+ * Controls that cannot be used now: dashed and inactive, but focusable, with the reason beside them on focus and
+ * hover.
+ */
 import type { Attachment } from 'svelte/attachments';
 import { session } from '../state/session.svelte';
 
@@ -32,11 +35,18 @@ function hide(): void {
   note().hidden = true;
 }
 
-/** While held, `disabled` is only remembered: a disabled control takes no focus and would hide its reason from the keyboard. */
+/**
+ * While held, `disabled` is only remembered: a disabled control takes no focus, so its reason would be unreachable by
+ * keyboard.
+ */
 function shadowDisabled(control: Control): () => void {
   let wanted = control.disabled;
   control.disabled = false;
-  Object.defineProperty(control, 'disabled', { configurable: true, get: () => wanted, set: (v: boolean) => (wanted = v) });
+  Object.defineProperty(control, 'disabled', {
+    configurable: true,
+    get: () => wanted,
+    set: (v: boolean) => (wanted = v),
+  });
   return () => {
     delete (control as { disabled?: boolean }).disabled;
     control.disabled = wanted;
@@ -45,7 +55,9 @@ function shadowDisabled(control: Control): () => void {
 
 function stops(element: HTMLElement): readonly string[] {
   if (element instanceof HTMLFormElement) return ['submit', 'drop'];
-  return element instanceof HTMLButtonElement || element instanceof HTMLAnchorElement ? ['click'] : ['click', 'mousedown', 'keydown', 'change', 'input', 'drop'];
+  return element instanceof HTMLButtonElement || element instanceof HTMLAnchorElement
+    ? ['click']
+    : ['click', 'mousedown', 'keydown', 'change', 'input', 'drop'];
 }
 
 /** Holds a button, field, link or form while `reason` is not empty: `<button {@attach held(reason)}>`. */
@@ -59,7 +71,12 @@ export function held(reason: string): Attachment<HTMLElement> {
       if (e.type !== 'keydown') show(element, reason);
     };
     const enter = (): void => show(element, reason);
-    const before = { 'aria-disabled': element.getAttribute('aria-disabled'), 'aria-describedby': element.getAttribute('aria-describedby'), title: element.getAttribute('title'), 'data-held': null };
+    const before = {
+      'aria-disabled': element.getAttribute('aria-disabled'),
+      'aria-describedby': element.getAttribute('aria-describedby'),
+      title: element.getAttribute('title'),
+      'data-held': null,
+    };
     const release = 'disabled' in element ? shadowDisabled(element as Control) : (): void => undefined;
     note();
     element.setAttribute('aria-disabled', 'true');
@@ -75,12 +92,14 @@ export function held(reason: string): Attachment<HTMLElement> {
       for (const kind of stops(element)) element.removeEventListener(kind, stop, { capture: true });
       for (const kind of SHOWS) element.removeEventListener(kind, enter);
       for (const kind of HIDES) element.removeEventListener(kind, hide);
-      for (const [name, value] of Object.entries(before)) value === null ? element.removeAttribute(name) : element.setAttribute(name, value);
+      for (const [name, value] of Object.entries(before))
+        if (value === null) element.removeAttribute(name);
+        else element.setAttribute(name, value);
     };
   };
 }
 
-/** Holds a control that the role of who is signed in may not use: `<button {@attach needs('catalogues.build')}>`. */
+/** Holds a control that the user's role may not use: `<button {@attach needs('catalogues.build')}>`. */
 export function needs(permission: string): Attachment<HTMLElement> {
   return (element) => held(session.lacks(permission))(element);
 }

@@ -1,13 +1,18 @@
-/** Which chapter of the documents belongs to which page; tests/house/test_help_links.py holds that each is there. */
+/** The guide chapter of each page; tests/house/test_help_links.py checks that each exists. */
 const CHAPTERS: Record<string, string> = {
+  fleet: 'operator#several-units',
   live: 'operator#during',
   commands: 'operator#during',
+  procedures: 'operator#procedures',
   telemetry: 'operator#alarms',
   frames: 'engineer#one-frame',
   catalogues: 'catalogue-manager#build',
   calibration: 'engineer#a-camera-from-its-own-frames',
+  sheet: 'engineer#performance-sheet',
   campaigns: 'engineer#campaigns',
   contacts: 'operator#after',
+  passes: 'operator#passes',
+  instruments: 'catalogue-manager#instruments',
   rerun: 'engineer#rerun',
   admin: 'admin#people',
 };

@@ -1,4 +1,4 @@
-/** Frame numbers as people write them: "12-40, 45". */
+/** Frame numbers as users type them: "12-40, 45". */
 export function parseIds(text: string): number[] {
   const out = new Set<number>();
   for (const part of text.split(/[\s,;]+/).filter(Boolean)) {
@@ -11,12 +11,16 @@ export function parseIds(text: string): number[] {
   return [...out].sort((x, y) => x - y);
 }
 
-/** Frames that another page chose, as its link names them; none where it names no such list. */
+/** Frames selected by another page, as its link names them; none if it names no list. */
 export function idsOf(text: string): number[] {
-  try { return parseIds(text); } catch { return []; }
+  try {
+    return parseIds(text);
+  } catch {
+    return [];
+  }
 }
 
-/** The shortest way to write them. */
+/** The shortest notation of the list. */
 export function writeIds(ids: readonly number[]): string {
   const sorted = [...new Set(ids)].sort((a, b) => a - b);
   const runs: [number, number][] = [];

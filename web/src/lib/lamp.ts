@@ -1,9 +1,29 @@
-/** `unreported`: the source of the state is gone, so the state is not known at present (lib/freshness.ts decides it). */
-export type LampState = 'ok' | 'watch' | 'warning' | 'critical' | 'progress' | 'unknown' | 'stale' | 'unreported' | 'never' | 'off' | 'override';
+/** `unreported`: the source does not report, so the state is not known at present (decided by lib/freshness.ts). */
+export type LampState =
+  | 'ok'
+  | 'watch'
+  | 'warning'
+  | 'critical'
+  | 'progress'
+  | 'unknown'
+  | 'stale'
+  | 'unreported'
+  | 'never'
+  | 'off'
+  | 'override';
 
 const COLOURS: Record<LampState, string> = {
-  ok: 'var(--ok)', watch: 'var(--watch)', warning: 'var(--warn)', critical: 'var(--crit)', progress: 'var(--ac)',
-  unknown: 'var(--unk)', stale: 'var(--unk)', unreported: 'var(--tx3)', never: 'var(--tx3)', off: 'var(--tx3)', override: 'var(--tx1)',
+  ok: 'var(--ok)',
+  watch: 'var(--watch)',
+  warning: 'var(--warn)',
+  critical: 'var(--crit)',
+  progress: 'var(--ac)',
+  unknown: 'var(--unk)',
+  stale: 'var(--unk)',
+  unreported: 'var(--tx3)',
+  never: 'var(--tx3)',
+  off: 'var(--tx3)',
+  override: 'var(--tx1)',
 };
 
 export function lampColour(state: LampState): string {

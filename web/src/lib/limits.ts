@@ -1,11 +1,17 @@
-/** Geometry of a limit bar: where the zones lie on a track that shows a little beyond the outermost limit. */
+/** Geometry of a limit bar: positions of the zones on a track that extends a little beyond the outermost limit. */
 import type { FieldDefinition } from '../api/types';
 
-export interface Zone { from: number; to: number; level: 'watch' | 'warn' | 'crit' }
+export interface Zone {
+  from: number;
+  to: number;
+  level: 'watch' | 'warn' | 'crit';
+}
 type Limits = Pick<FieldDefinition, 'watch' | 'warning' | 'critical'>;
 
 export function domainOf(limits: Limits): [number, number] | null {
-  const all = [...limits.watch, ...limits.warning, ...limits.critical].filter((v): v is number => v !== null && v !== undefined);
+  const all = [...limits.watch, ...limits.warning, ...limits.critical].filter(
+    (v): v is number => v !== null && v !== undefined,
+  );
   if (all.length === 0) return null;
   const low = Math.min(...all);
   const high = Math.max(...all);
@@ -16,13 +22,17 @@ export function domainOf(limits: Limits): [number, number] | null {
   return [hasLow ? low - span * 0.12 : low - span, hasHigh ? high + span * 0.12 : high + span];
 }
 
-/** Zones in 0…1 of the track, mildest first so that the worse is painted over. */
+/** Zones from 0 to 1 on the track, mildest first so that the more severe one is painted on top. */
 export function zones(limits: Limits): Zone[] {
   const domain = domainOf(limits);
   if (!domain) return [];
   const at = (v: number): number => Math.min(1, Math.max(0, (v - domain[0]) / (domain[1] - domain[0])));
   const out: Zone[] = [];
-  for (const [level, pair] of [['watch', limits.watch], ['warn', limits.warning], ['crit', limits.critical]] as const) {
+  for (const [level, pair] of [
+    ['watch', limits.watch],
+    ['warn', limits.warning],
+    ['crit', limits.critical],
+  ] as const) {
     if (pair[0] !== null) out.push({ from: 0, to: at(pair[0]), level });
     if (pair[1] !== null) out.push({ from: at(pair[1]), to: 1, level });
   }

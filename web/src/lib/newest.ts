@@ -1,13 +1,20 @@
-/** Of several questions only the newest is answered: an old answer that comes late would stand under the new question. */
+/**
+ * Only the newest of several requests is answered: a late response to an older request must not be shown for the new
+ * one.
+ */
 export class Newest {
   private turn = 0;
 
-  /** Nothing that was asked is wanted any more. */
+  /** Discard all outstanding requests. */
   forget(): void {
     this.turn += 1;
   }
 
-  async ask<R>(question: Promise<R>, take: (answer: R) => void, failed: (error: unknown) => void = () => undefined): Promise<void> {
+  async ask<R>(
+    question: Promise<R>,
+    take: (answer: R) => void,
+    failed: (error: unknown) => void = () => undefined,
+  ): Promise<void> {
     const mine = ++this.turn;
     try {
       const answer = await question;

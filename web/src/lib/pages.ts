@@ -1,5 +1,16 @@
-/** The pages of the rail, in its order; the number keys and the letters after g follow it. */
-export interface Page { path: string; name: string; letter: string; icon: string; permission?: string }
+/** The pages of the sidebar, in order; the number keys and the letters after g use the same order. */
+export interface Page {
+  path: string;
+  name: string;
+  letter: string;
+  icon: string;
+  permission?: string;
+}
+/** The pages at the root of a server of several units. */
+export const ROOT_PAGES: readonly Page[] = [
+  { path: '/fleet', name: 'Fleet', letter: 'u', icon: 'fleet' },
+  { path: '/admin', name: 'Admin', letter: 'a', icon: 'admin', permission: 'admin.health' },
+];
 export const PAGES: readonly Page[] = [
   { path: '/live', name: 'Live', letter: 'l', icon: 'live' },
   { path: '/commands', name: 'Commands', letter: 'c', icon: 'commands' },
@@ -9,5 +20,8 @@ export const PAGES: readonly Page[] = [
   { path: '/calibration', name: 'Calibration', letter: 'b', icon: 'calibration' },
   { path: '/campaigns', name: 'Campaigns', letter: 'm', icon: 'campaigns' },
   { path: '/contacts', name: 'Contacts', letter: 'o', icon: 'contacts' },
+  { path: '/passes', name: 'Passes', letter: 'p', icon: 'passes' },
+  { path: '/procedures', name: 'Procedures', letter: 'r', icon: 'procedures' },
+  { path: '/instruments', name: 'Instruments', letter: 'i', icon: 'instruments' },
   { path: '/admin', name: 'Admin', letter: 'a', icon: 'admin', permission: 'admin.health' },
 ];

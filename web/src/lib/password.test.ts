@@ -2,14 +2,14 @@ import { describe, expect, it } from 'vitest';
 import { judge, LEAST } from './password';
 
 describe('judge', () => {
-  it('says what is missing, in words and numbers', () => {
+  it('states what is missing', () => {
     expect(judge('', 'ann').ok).toBe(false);
     expect(judge('short', 'ann').text).toBe(`too short: 5 of ${LEAST} characters`);
     expect(judge('aaaaaaaaaaaaaaaa', 'ann').text).toContain('too simple');
     expect(judge('Annabelle Orion', 'annabelle orion').text).toBe('it is the name');
     expect(judge('x'.repeat(10) + 'abcdefgh'.repeat(30), 'ann').text).toContain('at most');
   });
-  it('takes length for strength', () => {
+  it('prefers length', () => {
     expect(judge('orion and rigel', 'ann')).toMatchObject({ ok: true, state: 'ok' });
     expect(judge('four words one sky', 'ann').text).toContain('strong');
   });

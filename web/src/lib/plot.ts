@@ -1,9 +1,17 @@
-/** Scales of a plot: where a value lies between two ends, straight or by its logarithm, and round places to label. */
-export interface Scale { low: number; high: number; log: boolean; place: (v: number) => number }
+/** Scales of a plot: position of a value between two ends, linear or logarithmic, and round values to label. */
+export interface Scale {
+  low: number;
+  high: number;
+  log: boolean;
+  place: (v: number) => number;
+}
 
 export function scale(low: number, high: number, log = false, room = false): Scale {
   let [a, b] = [low, high];
-  if (log) { a = Math.max(a, 1e-12); b = Math.max(b, a * 1.0001); }
+  if (log) {
+    a = Math.max(a, 1e-12);
+    b = Math.max(b, a * 1.0001);
+  }
   if (!(b > a)) [a, b] = [a - 0.5, b + 0.5];
   if (room) b = log ? b * Math.pow(b / a, 0.04) : b + (b - a) * 0.04;
   const span = log ? Math.log(b / a) : b - a;
@@ -17,7 +25,8 @@ export function ticks(s: Scale, wanted: number): number[] {
     const decades = Math.log10(s.high / s.low);
     const steps = decades * 3 <= wanted + 1 ? [1, 2, 5] : [1];
     const skip = steps.length === 1 ? Math.max(1, Math.ceil(decades / wanted)) : 1;
-    for (let e = Math.floor(Math.log10(s.low)); e <= Math.ceil(Math.log10(s.high)); e += skip) for (const m of steps) all.push(m * 10 ** e);
+    for (let e = Math.floor(Math.log10(s.low)); e <= Math.ceil(Math.log10(s.high)); e += skip)
+      for (const m of steps) all.push(m * 10 ** e);
     return all.map((v) => Number(v.toPrecision(6))).filter((v) => v >= s.low * 0.9999 && v <= s.high * 1.0001);
   }
   const raw = (s.high - s.low) / Math.max(1, wanted);

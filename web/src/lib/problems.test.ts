@@ -2,20 +2,20 @@ import { describe, expect, it } from 'vitest';
 import { ApiError } from '../api/client';
 import { problemOf, problemText } from './problems';
 
-describe('what went wrong', () => {
-  const told = { id: 'ab12', message: 'no such bank', expected: 'A, B or C', got: 'D', hint: 'Look at Banks.' };
+describe('a problem', () => {
+  const problem = { id: 'ab12', message: 'no such bank', expected: 'A, B or C', got: 'D', hint: 'Look at Banks.' };
 
-  it('is said as the server said it, in a block and in a line', () => {
-    const error = new ApiError(404, told);
-    expect(problemOf(error)).toEqual(told);
+  it('is shown as the server described it, in a block and in a line', () => {
+    const error = new ApiError(404, problem);
+    expect(problemOf(error)).toEqual(problem);
     expect(problemText(error)).toBe('no such bank, expected A, B or C, got D. Look at Banks.');
   });
 
-  it('leaves no gaps for what the server did not say', () => {
-    expect(problemText(new ApiError(404, { ...told, expected: '', hint: '' }))).toBe('no such bank, got D');
+  it('omits the parts that the server did not send', () => {
+    expect(problemText(new ApiError(404, { ...problem, expected: '', hint: '' }))).toBe('no such bank, got D');
   });
 
-  it('shows a defect of the page as what it is', () => {
+  it('shows a defect of the page as a defect', () => {
     expect(problemOf(new TypeError('x is undefined')).message).toBe('TypeError: x is undefined');
   });
 });

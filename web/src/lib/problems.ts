@@ -1,9 +1,11 @@
-/** What a failed request says: as the block that Problem.svelte shows, or in one line. */
+/** Description of a failed request: as the block that Problem.svelte shows, or in one line. */
 import { ApiError } from '../api/client';
 import type { Problem } from '../api/types';
 
 export function problemOf(error: unknown): Problem {
-  return error instanceof ApiError ? error.problem : { id: '', message: String(error), expected: '', got: '', hint: '' };
+  return error instanceof ApiError
+    ? error.problem
+    : { id: '', message: String(error), expected: '', got: '', hint: '' };
 }
 
 export function problemText(error: unknown): string {

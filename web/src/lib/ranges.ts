@@ -1,7 +1,7 @@
-/** Inclusive chunk ranges, and what is missing between them. */
+/** Inclusive chunk ranges, and the gaps between them. */
 export type Range = readonly [number, number];
 
-/** The gaps below the highest stored chunk: chunks that were lost, not merely still to come. */
+/** The gaps below the highest stored chunk: lost chunks, as opposed to chunks that are still to be sent. */
 export function missingBelow(stored: readonly (readonly number[])[]): Range[] {
   const sorted = [...stored].map((r) => [r[0] ?? 0, r[1] ?? 0] as Range).sort((a, b) => a[0] - b[0]);
   const gaps: Range[] = [];

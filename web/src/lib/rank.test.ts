@@ -1,7 +1,11 @@
 import { describe, expect, it } from 'vitest';
 import { rank } from './rank';
 
-const place = (kind: string, text: string, note = ''): { kind: string; text: string; note: string } => ({ kind, text, note });
+const place = (kind: string, text: string, note = ''): { kind: string; text: string; note: string } => ({
+  kind,
+  text,
+  note,
+});
 const PLACES = [
   place('catalogue', 'alarm-night 25', '184 stars, 2026-11-21'),
   place('catalogue', '25', 'all large rings, mean 3, 2026-11-21'),
@@ -14,21 +18,25 @@ const PLACES = [
 ];
 const found = (query: string): string[] => rank(query, PLACES, 9).map((p) => `${p.kind} ${p.text}`);
 
-describe('the order of places', () => {
+describe('the order of search results', () => {
   it('puts pages and commands before catalogues of the same name', () => {
     expect(found('alarm')).toEqual(['page Alarms', 'catalogue alarm-night 25', 'alarm Sensor temperature']);
   });
-  it('puts a name that begins so before a note that does', () => {
-    expect(found('sensor').slice(0, 3)).toEqual(['alarm Sensor temperature', 'telemetry Sensor temperature', 'command SET_EXPOSURE']);
+  it('ranks a name that starts with the query before such a note', () => {
+    expect(found('sensor').slice(0, 3)).toEqual([
+      'alarm Sensor temperature',
+      'telemetry Sensor temperature',
+      'command SET_EXPOSURE',
+    ]);
   });
-  it('takes initials as a proper hit', () => {
+  it('counts initials as a full match', () => {
     expect(found('ti')[0]).toBe('command TAKE_IMAGE');
   });
-  it('leaves scattered letters out while something is hit, and shows them when nothing is', () => {
+  it('shows scattered matches only if there is no better one', () => {
     expect(found('alarm')).not.toContain('catalogue 25');
     expect(found('sestp').length).toBeGreaterThan(0);
   });
-  it('keeps the given order when nothing is asked', () => {
+  it('keeps the given order for an empty query', () => {
     expect(rank('', PLACES, 2)).toEqual(PLACES.slice(0, 2));
   });
 });

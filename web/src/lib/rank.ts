@@ -1,13 +1,17 @@
-/** Order of what the palette finds: how well the name is hit comes first, then what kind of place it is. */
+/** Order of the palette's results: by the quality of the match of the name, then by the kind of place. */
 import { fuzzy } from './fuzzy';
 
-export interface Named { kind: string; text: string; note: string }
+export interface Named {
+  kind: string;
+  text: string;
+  note: string;
+}
 
 const ORDER = ['page', 'command', 'alarm', 'telemetry', 'help', 'frame', 'contact', 'catalogue'];
-/** A letter found where a word goes on; less says that the letters are scattered. */
+/** Score of a letter found inside a word; a lower score means scattered letters. */
 const RUN = 5;
 
-/** 2: the name itself begins with it or has its initials. 1: the kind or the note does. 0: letters here and there. */
+/** 2: the name starts with the query or has these initials. 1: the kind or the note does. 0: scattered letters. */
 function band(query: string, place: Named, whole: number): number {
   const enough = RUN * query.replace(/\s+/g, '').length;
   const strong = (score: number, text: string): boolean => score * (1 + text.length / 200) >= enough;
@@ -16,9 +20,9 @@ function band(query: string, place: Named, whole: number): number {
 }
 
 const words = (p: Named): string => `${p.text} ${p.kind} ${p.note}`;
-const kindOf = (p: Named): number => (ORDER.indexOf(p.kind) + 1 || ORDER.length + 1);
+const kindOf = (p: Named): number => ORDER.indexOf(p.kind) + 1 || ORDER.length + 1;
 
-/** The best places for a few letters; scattered letters only count while nothing is hit properly. */
+/** The best places for a query; scattered matches count only if there is no better match. */
 export function rank<T extends Named>(query: string, places: readonly T[], most: number): T[] {
   if (!query) return places.slice(0, most);
   const hits = places

@@ -1,4 +1,8 @@
-/** Loads the Rerun viewer that the installed SDK ships, from this origin, once per page; opens stored and live recordings in it. */
+/**
+ * Loads the Rerun viewer of the installed SDK, from this origin, once per page, and opens stored and live recordings
+ * in it.
+ */
+import { base } from './base';
 import { Pieces, readEvent, setTimeCursor, type ViewerEvent } from './rerun_control';
 
 interface Handle {
@@ -14,40 +18,54 @@ interface Bindgen {
   (options: { module_or_path: Promise<Response> }): Promise<unknown>;
   WebHandle: new (options: Record<string, unknown>) => Handle;
 }
-/** The viewer's script declares this at its top level: a global binding, but not a property of window. */
+/** The viewer's script declares this at top level: a global binding, but not a property of window. */
 declare const wasm_bindgen: Bindgen;
 
-const BASE = '/api/rerun';
+const VIEWER = `${base}/api/rerun`;
 let ready: Promise<Bindgen> | null = null;
 
 function script(): Promise<void> {
   return new Promise((resolve, reject) => {
     const tag = document.createElement('script');
-    tag.src = `${BASE}/re_viewer.js`;
+    tag.src = `${VIEWER}/re_viewer.js`;
     tag.onload = () => resolve();
-    tag.onerror = () => { tag.remove(); reject(new Error('The server has no Rerun viewer: its files come out of the installed Rerun SDK. Install the SDK and restart the server; the recording can still be saved and opened elsewhere.')); };
+    tag.onerror = () => {
+      tag.remove();
+      reject(
+        new Error(
+          'The server has no Rerun viewer: its files are part of the Rerun SDK. Install it and restart the server. ' +
+            'You can still save the recording and open it elsewhere.',
+        ),
+      );
+    };
     document.head.append(tag);
   });
 }
 
-/** Hands a response on and tells how much of it has come. */
+/** Pass a response through and report how much of it has been received. */
 function counted(response: Response, progress: (bytes: number) => void, done?: () => void): ReadableStream<Uint8Array> {
   if (!response.body) throw new Error('the answer is empty');
   let bytes = 0;
-  return response.body.pipeThrough(new TransformStream<Uint8Array, Uint8Array>({
-    transform(chunk, out) {
-      bytes += chunk.byteLength;
-      progress(bytes);
-      out.enqueue(chunk);
-    },
-    flush: () => done?.(),
-  }));
+  return response.body.pipeThrough(
+    new TransformStream<Uint8Array, Uint8Array>({
+      transform(chunk, out) {
+        bytes += chunk.byteLength;
+        progress(bytes);
+        out.enqueue(chunk);
+      },
+      flush: () => done?.(),
+    }),
+  );
 }
 
 async function wasm(progress: (text: string) => void): Promise<Response> {
-  const response = await fetch(`${BASE}/re_viewer_bg.wasm`);
+  const response = await fetch(`${VIEWER}/re_viewer_bg.wasm`);
   if (!response.ok) throw new Error(`The viewer's program could not be read (${response.status}).`);
-  const body = counted(response, (n) => progress(`Loading the viewer, ${(n / 1e6).toFixed(0)} MB`), () => progress('Starting the viewer …'));
+  const body = counted(
+    response,
+    (n) => progress(`Loading the viewer, ${(n / 1e6).toFixed(0)} MB`),
+    () => progress('Starting the viewer …'),
+  );
   return new Response(body, { headers: { 'Content-Type': 'application/wasm' } });
 }
 
@@ -61,39 +79,65 @@ async function fetched(url: string, signal: AbortSignal): Promise<Response> {
   const response = await fetch(url, { signal });
   if (response.ok) return response;
   const problem = (await response.json().catch(() => ({}))) as { message?: string; hint?: string };
-  throw new Error(`No recording: ${problem.message ?? `the server answered ${response.status}`}${problem.hint ? `. ${problem.hint}` : ''}`);
+  throw new Error(
+    `No recording: ${problem.message ?? `the server answered ${response.status}`}` +
+      (problem.hint ? `. ${problem.hint}` : ''),
+  );
 }
 
-/** One viewer on one canvas. Bytes come through this page, with its session; the viewer itself asks the server for nothing. */
+/**
+ * One viewer on one canvas. This page fetches the data with its session; the viewer itself requests nothing from the
+ * server.
+ */
 export class Viewer {
   private channels = 0;
   private reading: AbortController | null = null;
   private constructor(private readonly handle: Handle) {}
 
-  static async on(canvas: HTMLCanvasElement, progress: (text: string) => void, told: (event: ViewerEvent) => void): Promise<Viewer> {
-    ready ??= load(progress).catch((e: unknown) => { ready = null; throw e; });
+  static async on(
+    canvas: HTMLCanvasElement,
+    progress: (text: string) => void,
+    onEvent: (event: ViewerEvent) => void,
+  ): Promise<Viewer> {
+    ready ??= load(progress).catch((e: unknown) => {
+      ready = null;
+      throw e;
+    });
     const bindgen = await ready;
     const handle = new bindgen.WebHandle({
-      url: [], render_backend: 'webgl', hide_welcome_screen: true, persist: false, theme: 'dark', notebook: false, video_decoder: null,
+      url: [],
+      render_backend: 'webgl',
+      hide_welcome_screen: true,
+      persist: false,
+      theme: 'dark',
+      notebook: false,
+      video_decoder: null,
       panel_state_overrides: { top: 'Hidden', blueprint: 'Hidden', selection: 'Hidden', time: 'Collapsed' },
-      on_viewer_event: (data: string) => { const event = readEvent(data); if (event) told(event); },
+      on_viewer_event: (data: string) => {
+        const event = readEvent(data);
+        if (event) onEvent(event);
+      },
     });
     await handle.start(canvas);
     return new Viewer(handle);
   }
 
-  /** A whole recording. Answers its size in bytes. */
+  /** A complete recording. Returns its size in bytes. */
   async open(url: string, progress: (text: string) => void): Promise<number> {
     this.reading?.abort();
     this.reading = new AbortController();
     progress('Writing the recording …');
     const response = await fetched(url, this.reading.signal);
-    const data = new Uint8Array(await new Response(counted(response, (n) => progress(`Loading the recording, ${(n / 1e6).toFixed(1)} MB`))).arrayBuffer());
+    const data = new Uint8Array(
+      await new Response(
+        counted(response, (n) => progress(`Loading the recording, ${(n / 1e6).toFixed(1)} MB`)),
+      ).arrayBuffer(),
+    );
     this.channel(url, data);
     return data.length;
   }
 
-  /** A recording that goes on, until the viewer is closed. `grew` hears of each piece. */
+  /** A growing recording, until the viewer is closed. `grew` is called for each piece. */
   async follow(url: string, grew: (pieces: number, bytes: number) => void): Promise<void> {
     this.reading?.abort();
     const reading = (this.reading = new AbortController());
@@ -108,19 +152,25 @@ export class Viewer {
         grew(++count, (bytes += piece.length));
       }
     }
-    throw new Error('The live recording ended: the server stopped, or nobody is signed in any more.');
+    throw new Error('The live recording ended: the server stopped, or your session ended.');
   }
 
   private channel(name: string, data?: Uint8Array): string {
     const id = `gss-${++this.channels}`;
     this.handle.open_channel(id, name);
-    if (data) { this.handle.send_rrd_to_channel(id, data); this.handle.close_channel(id); }
+    if (data) {
+      this.handle.send_rrd_to_channel(id, data);
+      this.handle.close_channel(id);
+    }
     return id;
   }
 
-  /** Shows a frame of the recording that is open. False while there is none. */
+  /** Shows a frame of the open recording. False if none is open. */
   async showFrame(id: number): Promise<boolean> {
-    return this.handle.viewer_control(setTimeCursor('frame', BigInt(id))).then(() => true, () => false);
+    return this.handle.viewer_control(setTimeCursor('frame', BigInt(id))).then(
+      () => true,
+      () => false,
+    );
   }
 
   close(): void {

@@ -1,41 +1,60 @@
-/** What each permission is in words, and whose it is. Held equal to the server's table by tests/house/test_roles_page.py. */
-export const ROLES = ['viewer', 'operator', 'catalogue manager', 'engineer', 'admin'] as const;
+/** Permissions in words, and the roles that hold them. */
+import { ROLE_PERMISSIONS } from '../api/generated/roles';
 
-/** Permission, or its part before the dot: the words for doing it, and the roles beside admin that may. */
-export const WORDS: Record<string, [string, readonly string[]]> = {
-  view: ['looking', ['viewer', 'operator', 'catalogue manager', 'engineer']],
-  command: ['commanding', ['operator']],
-  'command.catalogue': ['commanding the catalogue banks', ['operator', 'catalogue manager']],
-  'command.imager': ['commanding the imager', ['operator', 'engineer']],
-  'link.open': ['opening and closing the link', ['operator']],
-  alarms: ['working on alarms', ['operator']],
-  limits: ['choosing limits', ['operator']],
-  stacks: ['running stacks', ['operator']],
-  schedule: ['scheduling', ['operator']],
-  'authority.take': ['taking command authority', ['operator', 'catalogue manager', 'engineer']],
-  'authority.break': ['breaking command authority', ['operator']],
-  'frames.import': ['importing images', ['engineer']],
-  'frames.transfer': ['moving frames to and from the device', ['operator', 'engineer']],
-  'frames.solve': ['running a chain on a frame', ['operator', 'engineer']],
-  'frames.pin': ['choosing the operational ground result', ['engineer']],
-  'catalogues.build': ['building catalogues', ['catalogue manager']],
-  'catalogues.upload': ['uploading catalogues', ['operator', 'catalogue manager']],
-  tables: ['changing tables', ['operator', 'catalogue manager', 'engineer']],
-  calibrate: ['calibrating', ['engineer']],
-  analyse: ['analysing', ['engineer']],
-  campaigns: ['running campaigns', ['engineer']],
-  'contacts.note': ['writing notes on contacts', ['operator', 'engineer']],
-  replay: ['replaying contacts', ['operator', 'engineer']],
-  'jobs.cancel': ['cancelling jobs', ['operator', 'catalogue manager', 'engineer']],
-  'admin.users': ['managing users', []],
-  'admin.tokens': ['managing tokens', []],
-  'admin.audit': ['reading the audit log', []],
-  'admin.health': ['reading the health page', []],
-  'admin.retention': ['storage and retention', []],
-  'admin.backup': ['backups', []],
-  stop: ['stopping', ['viewer', 'operator', 'catalogue manager', 'engineer']],
-  metrics: ['reading the metrics', ['viewer', 'operator', 'catalogue manager', 'engineer']],
+export type Role = keyof typeof ROLE_PERMISSIONS;
+export type Permission = (typeof ROLE_PERMISSIONS)[Role][number];
+export const ROLES = Object.keys(ROLE_PERMISSIONS) as Role[];
+
+/**
+ * Description of each permission; commands of most subsystems share one entry. A permission without one does not
+ * compile.
+ */
+export const WORDS: Record<
+  Exclude<Permission, `command.${string}`> | 'command' | 'command.catalogue' | 'command.imager',
+  string
+> = {
+  view: 'looking',
+  command: 'commanding',
+  'command.catalogue': 'commanding the catalogue banks',
+  'command.imager': 'commanding the imager',
+  'link.open': 'opening and closing the link',
+  alarms: 'working on alarms',
+  limits: 'choosing limits',
+  derived: 'defining derived parameters',
+  stacks: 'running stacks',
+  procedures: 'writing and running procedures',
+  schedule: 'scheduling',
+  passes: 'planning passes',
+  'authority.take': 'taking command authority',
+  'authority.break': 'breaking command authority',
+  'frames.import': 'importing images',
+  'frames.transfer': 'moving frames to and from the device',
+  'frames.solve': 'running a chain on a frame',
+  'frames.pin': 'choosing the operational ground result',
+  'catalogues.build': 'building catalogues',
+  'catalogues.upload': 'uploading catalogues',
+  tables: 'changing tables',
+  instruments: 'installing instruments',
+  calibrate: 'calibrating',
+  analyse: 'analysing',
+  campaigns: 'running campaigns',
+  'contacts.note': 'writing notes on contacts',
+  replay: 'replaying contacts',
+  'jobs.cancel': 'cancelling jobs',
+  'admin.users': 'managing users',
+  'admin.tokens': 'managing tokens',
+  'admin.audit': 'reading the audit log',
+  'admin.health': 'reading the health page',
+  'admin.retention': 'storage and retention',
+  'admin.backup': 'backups',
+  stop: 'stopping',
+  metrics: 'reading the metrics',
 };
+
+function wordsOf(permission: string): string {
+  const words: Record<string, string> = WORDS;
+  return words[permission] ?? words[permission.split('.')[0] ?? ''] ?? permission;
+}
 
 export function article(role: string): string {
   return `${/^[aeiou]/.test(role) ? 'an' : 'a'} ${role}`;
@@ -46,13 +65,14 @@ function owners(roles: readonly string[]): string {
   return named.map((r) => `${r}'s`).join(' or ');
 }
 
-/** Roles beside admin that hold the permission. */
-export function holders(permission: string): readonly string[] {
-  return (WORDS[permission] ?? WORDS[permission.split('.')[0] ?? ''])?.[1] ?? [];
+/** Roles other than admin that include the permission; `command` alone means any command permission. */
+export function holders(permission: string): readonly Role[] {
+  const holds = (granted: string) =>
+    granted === permission || (permission === 'command' && granted.startsWith('command.'));
+  return ROLES.filter((role) => role !== 'admin' && ROLE_PERMISSIONS[role].some(holds));
 }
 
 /** "commanding needs the operator's role, you are a viewer". */
 export function lacking(permission: string, role: string): string {
-  const [words, roles] = WORDS[permission] ?? WORDS[permission.split('.')[0] ?? ''] ?? [permission, []];
-  return `${words} needs the ${owners(roles)} role, you are ${article(role || 'guest')}`;
+  return `${wordsOf(permission)} needs the ${owners(holders(permission))} role, you are ${article(role || 'guest')}`;
 }

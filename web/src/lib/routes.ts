@@ -1,29 +1,44 @@
-/** Which page stands at which address. A page is a file of pages/, fetched when it is first shown; Live comes with the first view. */
+/** URLs and their pages. A page is a folder in pages/, fetched when first shown; Live is part of the first download. */
 import type { Component } from 'svelte';
 
-export interface Match { file: string; props: Record<string, unknown> }
-interface Route { path: string; file: string }
+export interface Match {
+  page: string;
+  props: Record<string, unknown>;
+}
+interface Route {
+  path: string;
+  page: string;
+}
 
-/** `:id` is a whole number and becomes a property of the page. First match wins. Set-up, welcome and sign-in stand before all of this, in Gate. */
+/**
+ * `:id` is an integer and becomes a property of the page. The first match wins. Gate shows set-up, welcome and sign-
+ * in.
+ */
 const ROUTES: readonly Route[] = [
-  { path: '/live', file: 'Live' },
-  { path: '/commands', file: 'Commands' },
-  { path: '/telemetry', file: 'Telemetry' },
-  { path: '/frames', file: 'Frames' },
-  { path: '/frames/:id', file: 'FrameDetail' },
-  { path: '/catalogues', file: 'Catalogues' },
-  { path: '/catalogues/design', file: 'Design' },
-  { path: '/catalogues/new', file: 'CatalogueBuilder' },
-  { path: '/catalogues/:id', file: 'CatalogueBuilder' },
-  { path: '/calibration', file: 'Calibration' },
-  { path: '/campaigns', file: 'Campaigns' },
-  { path: '/contacts', file: 'Contacts' },
-  { path: '/contacts/:id', file: 'Contacts' },
-  { path: '/admin', file: 'Admin' },
-  { path: '/rerun', file: 'Rerun' },
+  { path: '/fleet', page: 'fleet' },
+  { path: '/live', page: 'live' },
+  { path: '/commands', page: 'commands' },
+  { path: '/procedures', page: 'procedures' },
+  { path: '/telemetry', page: 'telemetry' },
+  { path: '/telemetry/derived', page: 'derived' },
+  { path: '/frames', page: 'frames' },
+  { path: '/frames/:id', page: 'frame' },
+  { path: '/catalogues', page: 'catalogues' },
+  { path: '/catalogues/design', page: 'design' },
+  { path: '/catalogues/new', page: 'builder' },
+  { path: '/catalogues/:id', page: 'builder' },
+  { path: '/calibration', page: 'calibration' },
+  { path: '/sheet', page: 'sheet' },
+  { path: '/campaigns', page: 'campaigns' },
+  { path: '/contacts', page: 'contacts' },
+  { path: '/contacts/:id', page: 'contacts' },
+  { path: '/passes', page: 'passes' },
+  { path: '/admin', page: 'admin' },
+  { path: '/instruments', page: 'instruments' },
+  { path: '/rerun', page: 'rerun' },
 ];
-/** Pages that want their `id` even where the address has none. */
-const ID_OR_NULL = new Set(['CatalogueBuilder', 'Contacts']);
+/** Pages that receive `id: null` if the URL has none. */
+const ID_OR_NULL = new Set(['builder', 'contacts']);
 
 export function matchRoute(path: string): Match | null {
   const parts = path.replace(/\/+$/, '').split('/');
@@ -37,20 +52,20 @@ export function matchRoute(path: string): Match | null {
       id = /^\d+$/.test(part) ? Number(part) : null;
       return id !== null;
     });
-    if (fits) return { file: r.file, props: id !== null || ID_OR_NULL.has(r.file) ? { id } : {} };
+    if (fits) return { page: r.page, props: id !== null || ID_OR_NULL.has(r.page) ? { id } : {} };
   }
   return null;
 }
 
 type PageModule = { default: Component<Record<string, unknown>> };
-const FILES = import.meta.glob<PageModule>(['../pages/*.svelte', '!../pages/Live.svelte']);
+const FILES = import.meta.glob<PageModule>(['../pages/*/Page.svelte', '!../pages/live/Page.svelte']);
 
-export function hasPage(file: string): boolean {
-  return file === 'Live' || `../pages/${file}.svelte` in FILES;
+export function hasPage(page: string): boolean {
+  return page === 'live' || `../pages/${page}/Page.svelte` in FILES;
 }
 
-export async function fetchPage(file: string): Promise<PageModule['default']> {
-  const read = FILES[`../pages/${file}.svelte`];
-  if (!read) throw new Error(`there is no page ${file}`);
+export async function fetchPage(page: string): Promise<PageModule['default']> {
+  const read = FILES[`../pages/${page}/Page.svelte`];
+  if (!read) throw new Error(`there is no page ${page}`);
   return (await read()).default;
 }

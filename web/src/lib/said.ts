@@ -1,8 +1,11 @@
-/** What a command was told, in words: the one that it puts on the device's schedule by its name, not by its bytes. */
+/** Arguments of a command, in words; a command for the device's schedule is shown by name, not by its bytes. */
 import type { Command, CommandDefinition } from '../api/types';
 import { fixed } from './format';
 
-export function saidOf(command: Pick<Command, 'name' | 'text' | 'arguments'>, commands: readonly Pick<CommandDefinition, 'name' | 'code'>[]): string {
+export function saidOf(
+  command: Pick<Command, 'name' | 'text' | 'arguments'>,
+  commands: readonly Pick<CommandDefinition, 'name' | 'code'>[],
+): string {
   const { command_code: code, at_s: at } = command.arguments as Record<string, unknown>;
   const inner = typeof code === 'number' ? commands.find((c) => c.code === code) : undefined;
   return inner && typeof at === 'number' ? `${inner.name} at device time ${fixed(at, 1)} s` : command.text;

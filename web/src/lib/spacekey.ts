@@ -1,12 +1,12 @@
 /**
- * What the space bar does. One rule for all pages:
- * 1. A page that gives Space a meaning (Live: freeze or follow) gets it, whatever button has the focus.
+ * The effect of the space bar. One rule for all pages:
+ * 1. A page that assigns a function to Space (Live: freeze or follow) receives it, whichever button has the focus.
  * 2. Elsewhere Space never presses a button that sends something to the sensor (`data-sends`); Enter does.
- * 3. Every other control keeps its own use of Space, as do text fields, check boxes, list options and open panels.
+ * 3. Every other control keeps its use of Space, as do text fields, check boxes, list options and open panels.
  */
 export type SpaceUse = 'page' | 'nothing' | 'native';
 export interface Focus {
-  /** A text field, check box, menu or list option: Space is part of using it. */
+  /** A text field, check box, menu or list option, which uses Space. */
   takesSpace: boolean;
   /** A button that sends something to the sensor. */
   sends: boolean;
@@ -18,7 +18,9 @@ export function spaceUse(focus: Focus, pageUsesSpace: boolean, panelOpen: boolea
   return pageUsesSpace && !panelOpen ? 'page' : 'native';
 }
 
-const OWN_SPACE = 'input, select, textarea, summary, [contenteditable=true], [role=option], [role=menuitem], [role=checkbox], [role=switch]';
+const OWN_SPACE =
+  'input, select, textarea, summary, [contenteditable=true], ' +
+  '[role=option], [role=menuitem], [role=checkbox], [role=switch]';
 
 export function focusOf(target: EventTarget | null): Focus {
   if (!(target instanceof Element)) return { takesSpace: false, sends: false };

@@ -1,4 +1,7 @@
-/** Where a pixel points: the solution's camera with its distortion, and its quaternion. Read-outs only; no result is made here. */
+/**
+ * Direction of a pixel from the solution's camera with its distortion, and its quaternion. For display only; results
+ * are computed on the server.
+ */
 export type Vec = readonly [number, number, number];
 export type Matrix = readonly [Vec, Vec, Vec];
 const RAD = Math.PI / 180;
@@ -41,7 +44,7 @@ export function separationDeg(a: Vec, b: Vec): number {
   return Math.atan2(cross, dot(a, b)) / RAD;
 }
 
-/** Geometry behind a result, as the server gives it. Pixel centres at integer (col, row). */
+/** Camera model of a result, as the server sends it. Pixel centres at integer (col, row). */
 export interface Camera {
   columns: number;
   rows: number;
@@ -58,7 +61,13 @@ const numberOf = (d: Record<string, unknown>, name: string): number => (typeof d
 
 /** Brown–Conrady polynomial on the tangent plane. */
 function brown(d: Record<string, unknown>, [x, y]: Point): [number, number] {
-  const [k1, k2, k3, p1, p2] = ['k1', 'k2', 'k3', 'p1', 'p2'].map((n) => numberOf(d, n)) as [number, number, number, number, number];
+  const [k1, k2, k3, p1, p2] = ['k1', 'k2', 'k3', 'p1', 'p2'].map((n) => numberOf(d, n)) as [
+    number,
+    number,
+    number,
+    number,
+    number,
+  ];
   const r2 = x * x + y * y;
   const radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3));
   return [x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y];
@@ -82,26 +91,41 @@ function unRadialTilt(d: Record<string, unknown>, [x, y]: Point): [number, numbe
   const radial = Array.isArray(d['radial']) ? (d['radial'] as number[]) : [];
   const r = Math.hypot(x, y);
   if (r === 0) return [x, y];
-  const tilt = Math.asin(Math.sin(numberOf(d, 'tilt_max_rad')) * Math.cos(Math.atan2(y, x) - numberOf(d, 'tilt_direction_rad')));
+  const tilt = Math.asin(
+    Math.sin(numberOf(d, 'tilt_max_rad')) * Math.cos(Math.atan2(y, x) - numberOf(d, 'tilt_direction_rad')),
+  );
   const delta = radial.reduce((sum, k, i) => sum + k * (r * focal) ** (i + 1), 0) / focal;
   const scale = (Math.cos(tilt) * (r - delta)) / (1 + r * Math.sin(tilt)) / r;
   return [x * scale, y * scale];
 }
 
-/** Measured tangent-plane point to ideal; null for a model this page does not know. */
+/** Measured tangent-plane point to ideal; null for a camera model that this page does not support. */
 export function undistort(d: Record<string, unknown>, p: Point): [number, number] | null {
   switch (d['model']) {
-    case 'Pinhole': return [p[0], p[1]];
-    case 'Brown': return unBrown(d, p);
-    case 'BrownUndistort': return brown(d, p);
-    case 'RadialTilt': return unRadialTilt(d, p);
-    default: return null;
+    case 'Pinhole':
+      return [p[0], p[1]];
+    case 'Brown':
+      return unBrown(d, p);
+    case 'BrownUndistort':
+      return brown(d, p);
+    case 'RadialTilt':
+      return unRadialTilt(d, p);
+    default:
+      return null;
   }
 }
 
-/** ICRS direction of a pixel; `exact` is false where the distortion model is not known here. */
-export function pixelToSky(camera: Camera, q: readonly number[], col: number, row: number): { ra: number; dec: number; exact: boolean } {
-  const measured: Point = [(col - camera.centre_col_px) / camera.focal_col_px, (row - camera.centre_row_px) / camera.focal_row_px];
+/** ICRS direction of a pixel; `exact` is false if the distortion model is not supported here. */
+export function pixelToSky(
+  camera: Camera,
+  q: readonly number[],
+  col: number,
+  row: number,
+): { ra: number; dec: number; exact: boolean } {
+  const measured: Point = [
+    (col - camera.centre_col_px) / camera.focal_col_px,
+    (row - camera.centre_row_px) / camera.focal_row_px,
+  ];
   const ideal = undistort(camera.distortion, measured);
   const [x, y] = ideal ?? measured;
   return { ...raDec(applyTransposed(matrixOf(q), [x, y, 1])), exact: ideal !== null };

@@ -1,5 +1,13 @@
 /** The sky chart's drawing: stars by magnitude, lines, field, trail, bodies. */
-import { geoArea, geoCentroid, geoCircle, geoDistance, geoGraticule, geoOrthographic, type GeoProjection } from 'd3-geo';
+import {
+  geoArea,
+  geoCentroid,
+  geoCircle,
+  geoDistance,
+  geoGraticule,
+  geoOrthographic,
+  type GeoProjection,
+} from 'd3-geo';
 import type { Figure, Sky } from '../api/types';
 import { ecliptic, pather, skyProjection } from './mollweide';
 
@@ -8,7 +16,7 @@ export interface ChartScene {
   field: readonly (readonly [number, number])[];
   boresight: { ra: number; dec: number } | null;
   trail: readonly (readonly [number, number])[];
-  /** Constellations; none where they are not to be seen. */
+  /** Constellations; none if they are hidden. */
   figures: readonly Figure[];
   globe: boolean;
 }
@@ -19,11 +27,19 @@ type Body = Sky['bodies'][number];
 export function chartProjection(scene: ChartScene, w: number, h: number): GeoProjection {
   if (!scene.globe) return skyProjection(w, h, 180, 6);
   const b = scene.boresight ?? { ra: 0, dec: 0 };
-  return geoOrthographic().rotate([-b.ra, -b.dec]).reflectX(true).scale(Math.min(w, h) / 2 - 8).translate([w / 2, h / 2]).clipAngle(90).precision(0.3);
+  return geoOrthographic()
+    .rotate([-b.ra, -b.dec])
+    .reflectX(true)
+    .scale(Math.min(w, h) / 2 - 8)
+    .translate([w / 2, h / 2])
+    .clipAngle(90)
+    .precision(0.3);
 }
 
-/** A closed ring in the sense that d3 takes for its inside: the smaller side. */
-export function ringOf(points: readonly (readonly [number, number])[]): { type: 'Polygon'; coordinates: [number, number][][] } | null {
+/** A closed ring in the orientation that d3 takes as its inside: the smaller side. */
+export function ringOf(
+  points: readonly (readonly [number, number])[],
+): { type: 'Polygon'; coordinates: [number, number][][] } | null {
   if (points.length < 3) return null;
   const ring = points.map((p) => [p[0], p[1]] as [number, number]);
   const first = ring[0];
@@ -54,7 +70,13 @@ export function ground(ctx: CanvasRenderingContext2D, projection: GeoProjection,
   stroke({ type: 'Sphere' }, colour('ln2'));
 }
 
-export function drawChart(ctx: CanvasRenderingContext2D, w: number, h: number, scene: ChartScene, colour: Colour): void {
+export function drawChart(
+  ctx: CanvasRenderingContext2D,
+  w: number,
+  h: number,
+  scene: ChartScene,
+  colour: Colour,
+): void {
   const projection = chartProjection(scene, w, h);
   const path = pather(projection, ctx);
   ground(ctx, projection, colour);
@@ -85,19 +107,30 @@ export function drawChart(ctx: CanvasRenderingContext2D, w: number, h: number, s
   const p = b && visible(projection, scene, b.ra, b.dec);
   if (!p) return;
   cross(ctx, p, colour('tx1'));
-  word(ctx, 'boresight', p[0] - 8 - measured(ctx, 'boresight') > 2 ? p[0] - 8 - measured(ctx, 'boresight') : p[0] + 9, p[1] - 8, colour('tx2'), colour);
+  word(
+    ctx,
+    'boresight',
+    p[0] - 8 - measured(ctx, 'boresight') > 2 ? p[0] - 8 - measured(ctx, 'boresight') : p[0] + 9,
+    p[1] - 8,
+    colour('tx2'),
+    colour,
+  );
 }
 
 function visible(projection: GeoProjection, scene: ChartScene, ra: number, dec: number): [number, number] | null {
   if (scene.globe) {
     const b = scene.boresight ?? { ra: 0, dec: 0 };
     const k = Math.PI / 180;
-    if (Math.sin(dec * k) * Math.sin(b.dec * k) + Math.cos(dec * k) * Math.cos(b.dec * k) * Math.cos((ra - b.ra) * k) < 0) return null;
+    if (
+      Math.sin(dec * k) * Math.sin(b.dec * k) + Math.cos(dec * k) * Math.cos(b.dec * k) * Math.cos((ra - b.ra) * k) <
+      0
+    )
+      return null;
   }
   return projection([ra, dec]);
 }
 
-/** The constellations' lines, quieter than the stars they join; the name of those that the boresight looks at. */
+/** Lines of the constellations, fainter than the stars that they join; the name of the one at the boresight. */
 function joined(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, colour: Colour): void {
   if (!scene.figures.length) return;
   ctx.globalAlpha = 0.3;
@@ -131,10 +164,19 @@ function dots(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: C
   ctx.globalAlpha = 1;
 }
 
-/** Earth first, because it is the ground of the others; circles where the boresight should not go. */
-function bodies(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene: ChartScene, colour: Colour, width: number): void {
+/** Earth first, because it is the background of the others; circles of the exclusion angles. */
+function bodies(
+  ctx: CanvasRenderingContext2D,
+  projection: GeoProjection,
+  scene: ChartScene,
+  colour: Colour,
+  width: number,
+): void {
   const path = pather(projection, ctx);
-  const circle = (body: Body, radius: number): void => { ctx.beginPath(); path(geoCircle().center([body.ra_deg, body.dec_deg]).radius(radius)()); };
+  const circle = (body: Body, radius: number): void => {
+    ctx.beginPath();
+    path(geoCircle().center([body.ra_deg, body.dec_deg]).radius(radius)());
+  };
   const all = [...(scene.sky?.bodies ?? [])].sort((a, b) => b.radius_deg - a.radius_deg);
   for (const body of all) {
     const ink = body.name === 'Sun' ? colour('watch') : colour('tx3');
@@ -152,7 +194,7 @@ function bodies(ctx: CanvasRenderingContext2D, projection: GeoProjection, scene:
   }
 }
 
-/** Fills the path that stands with strokes, and draws its edge. */
+/** Fills the current path with hatching and draws its edge. */
 function hatched(ctx: CanvasRenderingContext2D, ink: string, edge: string): void {
   ctx.save();
   ctx.strokeStyle = edge;
@@ -161,12 +203,22 @@ function hatched(ctx: CanvasRenderingContext2D, ink: string, edge: string): void
   const { width, height } = ctx.canvas;
   ctx.strokeStyle = ink;
   ctx.beginPath();
-  for (let d = -height; d < width; d += 5) { ctx.moveTo(d, height); ctx.lineTo(d + height, 0); }
+  for (let d = -height; d < width; d += 5) {
+    ctx.moveTo(d, height);
+    ctx.lineTo(d + height, 0);
+  }
   ctx.stroke();
   ctx.restore();
 }
 
-function bodyMark(ctx: CanvasRenderingContext2D, [x, y]: [number, number], name: string, ink: string, colour: Colour, width: number): void {
+function bodyMark(
+  ctx: CanvasRenderingContext2D,
+  [x, y]: [number, number],
+  name: string,
+  ink: string,
+  colour: Colour,
+  width: number,
+): void {
   ctx.fillStyle = ink;
   ctx.strokeStyle = ink;
   ctx.beginPath();
@@ -181,7 +233,14 @@ function bodyMark(ctx: CanvasRenderingContext2D, [x, y]: [number, number], name:
     }
   }
   const wide = measured(ctx, name);
-  word(ctx, name, name === 'Earth' ? x - wide / 2 : x + 8 + wide > width - 2 ? x - 8 - wide : x + 8, y + 4, name === 'Sun' ? ink : colour('tx2'), colour);
+  word(
+    ctx,
+    name,
+    name === 'Earth' ? x - wide / 2 : x + 8 + wide > width - 2 ? x - 8 - wide : x + 8,
+    y + 4,
+    name === 'Sun' ? ink : colour('tx2'),
+    colour,
+  );
 }
 
 function measured(ctx: CanvasRenderingContext2D, text: string): number {

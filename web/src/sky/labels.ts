@@ -1,7 +1,28 @@
-/** Labels beside marks: eight sides are tried, the first free one wins, and a label is dropped before it overlaps. */
-export interface Box { x: number; y: number; w: number; h: number; /** Nothing may lie here, not even the label of a mark inside. */ strict?: boolean }
-export interface Want { key: string; x: number; y: number; gap: number; w: number; h: number; rank: number }
-export interface Placed { key: string; x: number; y: number }
+/**
+ * Labels beside marks: eight positions are tried, the first free one is used, and a label that would overlap is
+ * omitted.
+ */
+export interface Box {
+  x: number;
+  y: number;
+  w: number;
+  h: number;
+  /** A reserved area: no label may be placed here, not even that of a mark inside it. */ strict?: boolean;
+}
+export interface Want {
+  key: string;
+  x: number;
+  y: number;
+  gap: number;
+  w: number;
+  h: number;
+  rank: number;
+}
+export interface Placed {
+  key: string;
+  x: number;
+  y: number;
+}
 
 export function overlaps(a: Box, b: Box): boolean {
   return a.x < b.x + b.w && b.x < a.x + a.w && a.y < b.y + b.h && b.y < a.y + a.h;
@@ -12,8 +33,14 @@ function sides(want: Want): Box[] {
   const d = gap * 0.75;
   const at = (bx: number, by: number): Box => ({ x: bx, y: by, w, h });
   return [
-    at(x + gap, y - h / 2), at(x - gap - w, y - h / 2), at(x - w / 2, y + gap), at(x - w / 2, y - gap - h),
-    at(x + d, y + d - h / 2), at(x + d, y - d - h / 2), at(x - d - w, y + d - h / 2), at(x - d - w, y - d - h / 2),
+    at(x + gap, y - h / 2),
+    at(x - gap - w, y - h / 2),
+    at(x - w / 2, y + gap),
+    at(x - w / 2, y - gap - h),
+    at(x + d, y + d - h / 2),
+    at(x + d, y - d - h / 2),
+    at(x - d - w, y + d - h / 2),
+    at(x - d - w, y - d - h / 2),
   ];
 }
 
@@ -22,7 +49,10 @@ export function placeLabels(wants: readonly Want[], marks: readonly Box[], area:
   const taken: Box[] = [];
   const placed: Placed[] = [];
   for (const want of [...wants].sort((a, b) => a.rank - b.rank)) {
-    const free = sides(want).find((b) => inside(b, area) && !taken.some((t) => overlaps(t, b)) && !marks.some((m) => overlaps(m, b) && !holds(m, want)));
+    const free = sides(want).find(
+      (b) =>
+        inside(b, area) && !taken.some((t) => overlaps(t, b)) && !marks.some((m) => overlaps(m, b) && !holds(m, want)),
+    );
     if (!free) continue;
     taken.push(free);
     placed.push({ key: want.key, x: free.x, y: free.y });

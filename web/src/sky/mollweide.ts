@@ -3,7 +3,7 @@ import { geoPath, geoProjection, type GeoProjection, type GeoRawProjection } fro
 
 const STEPS = 30;
 
-/** Snyder 1987 eq. 31-1…3: θ from the latitude by Newton's method, then x and y. */
+/** Snyder 1987 eq. 31-1 to 31-3: θ from the latitude by Newton's method, then x and y. */
 export function mollweideRaw(lambda: number, phi: number): [number, number] {
   let theta = phi;
   const target = Math.PI * Math.sin(phi);
@@ -28,10 +28,18 @@ const raw: GeoRawProjection = Object.assign(mollweideRaw, { invert });
 /** A d3 projection of [ra, dec] in degrees, centred at `centreRa`, that fills the box with a margin. */
 export function skyProjection(width: number, height: number, centreRa = 180, margin = 6): GeoProjection {
   const scale = Math.min((width - 2 * margin) / (4 * Math.SQRT2), (height - 2 * margin) / (2 * Math.SQRT2));
-  return geoProjection(raw).rotate([-centreRa, 0]).reflectX(true).scale(scale).translate([width / 2, height / 2]).precision(0.2);
+  return geoProjection(raw)
+    .rotate([-centreRa, 0])
+    .reflectX(true)
+    .scale(scale)
+    .translate([width / 2, height / 2])
+    .precision(0.2);
 }
 
-export function pather(projection: GeoProjection, ctx: CanvasRenderingContext2D): (shape: Parameters<ReturnType<typeof geoPath>>[0]) => void {
+export function pather(
+  projection: GeoProjection,
+  ctx: CanvasRenderingContext2D,
+): (shape: Parameters<ReturnType<typeof geoPath>>[0]) => void {
   const path = geoPath(projection, ctx);
   return (shape) => path(shape);
 }

@@ -1,14 +1,20 @@
-/** A region's own pixels, found again in the raw image, and the line round them. */
+/** The pixels of a region, found again in the raw image, and the outline around them. */
 import type { RawImage } from '../api/client';
 
-export interface Bounds { col_min: number; row_min: number; col_max: number; row_max: number; area_px: number }
-/** Edges of pixels as (col, row, col, row) of their ends; a pixel reaches from its number − 0.5 to + 0.5. */
+export interface Bounds {
+  col_min: number;
+  row_min: number;
+  col_max: number;
+  row_max: number;
+  area_px: number;
+}
+/** Edges of pixels as (col, row, col, row) of their ends; a pixel covers its number ± 0.5. */
 export type Edge = readonly [number, number, number, number];
 
 /**
- * Flat pixel numbers of a region, from its bounds and its area. From the brightest pixel the brightest neighbour is added until
- * the area is reached. A region is the connected set above a threshold round its peak: every pixel of it is brighter than any
- * neighbour outside, so growing in this order finds exactly that set without knowing the threshold.
+ * Flat pixel numbers of a region, from its bounds and its area. Starting at the brightest pixel, the brightest
+ * neighbour is added until the area is reached. A region is the connected set above a threshold around its peak: each
+ * of its pixels is brighter than any neighbour outside, so this order finds exactly that set without the threshold.
  */
 export function regionPixels(image: Pick<RawImage, 'columns' | 'rows' | 'pixels'>, region: Bounds): number[] {
   const [left, right] = [Math.max(0, region.col_min), Math.min(image.columns - 1, region.col_max)];
@@ -16,10 +22,11 @@ export function regionPixels(image: Pick<RawImage, 'columns' | 'rows' | 'pixels'
   if (left > right || top > bottom) return [];
   const value = (p: number): number => image.pixels[p] ?? 0;
   let peak = top * image.columns + left;
-  for (let row = top; row <= bottom; row++) for (let col = left; col <= right; col++) {
-    const p = row * image.columns + col;
-    if (value(p) > value(peak)) peak = p;
-  }
+  for (let row = top; row <= bottom; row++)
+    for (let col = left; col <= right; col++) {
+      const p = row * image.columns + col;
+      if (value(p) > value(peak)) peak = p;
+    }
   const inside = new Set<number>();
   const rim = new Set<number>([peak]);
   while (inside.size < region.area_px && rim.size) {
@@ -36,7 +43,7 @@ export function regionPixels(image: Pick<RawImage, 'columns' | 'rows' | 'pixels'
   return [...inside];
 }
 
-/** The sides where a pixel of the set meets one that is not in it. */
+/** The sides where a pixel of the set meets a pixel outside it. */
 export function edgesOf(pixels: readonly number[], columns: number): Edge[] {
   const inside = new Set(pixels);
   const edges: Edge[] = [];
@@ -53,7 +60,7 @@ export function edgesOf(pixels: readonly number[], columns: number): Edge[] {
 
 const known = new WeakMap<object, { image: object; edges: Edge[] }>();
 
-/** The outline of a region in this image, remembered as long as both live. */
+/** The outline of a region in this image, cached while both exist. */
 export function outlineOf(image: RawImage, region: Bounds): Edge[] {
   const before = known.get(region);
   if (before?.image === image) return before.edges;

@@ -1,4 +1,7 @@
-/** Marks over the image: 1–1.3 px strokes that leave the star free and keep their size at any zoom. One file per kind in overlay/. */
+/**
+ * Marks over the image: lines of 1–1.3 px that do not cover the star and keep their size at any zoom. One file per
+ * kind in overlay/.
+ */
 import { boresight, compass, grid, scaleBar } from './overlay/grid';
 import { missingRows } from './overlay/missing';
 import { labels } from './overlay/names';
@@ -8,7 +11,7 @@ import { predicted, prominent, stars } from './overlay/stars';
 
 export type { Scene, Screen };
 
-/** Draws what is shown; answers how many regions were drawn by their own pixels. */
+/** Draws the enabled overlays; returns how many regions were drawn by their pixels. */
 export function drawOverlays(ctx: Ctx, s: Screen, scene: Scene, colour: Colour): number {
   missingRows(ctx, s, scene.frame, colour('unk'));
   const sol = scene.solution;

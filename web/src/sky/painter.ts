@@ -1,10 +1,17 @@
-/** The page's side of the painter: one worker for all pictures; a picture asked for while another is painted replaces the one waiting. */
+/**
+ * The page's interface to the painter: one worker for all images; an image requested while another is painted replaces
+ * the waiting one.
+ */
 import type { RawImage } from '../api/client';
 import type { Decoded } from './decode';
 import type { DecodeJob, PaintJob } from './painter.worker';
 import type { Stretch } from './stretch';
 
-interface Answer { turn: number; bitmap?: ImageBitmap | null; decoded?: Decoded }
+interface Answer {
+  turn: number;
+  bitmap?: ImageBitmap | null;
+  decoded?: Decoded;
+}
 let worker: Worker | null = null;
 let turn = 0;
 const waiting = new Map<number, (answer: Answer) => void>();
@@ -15,14 +22,20 @@ let sent: number | null = null;
 function ask(job: (turn: number) => PaintJob | DecodeJob, transfer: Transferable[] = []): Promise<Answer> {
   worker ??= (() => {
     const w = new Worker(new URL('./painter.worker.ts', import.meta.url), { type: 'module' });
-    w.onmessage = (e: MessageEvent<Answer>) => { waiting.get(e.data.turn)?.(e.data); waiting.delete(e.data.turn); };
+    w.onmessage = (e: MessageEvent<Answer>) => {
+      waiting.get(e.data.turn)?.(e.data);
+      waiting.delete(e.data.turn);
+    };
     return w;
   })();
   const mine = ++turn;
-  return new Promise((resolve) => { waiting.set(mine, resolve); worker?.postMessage(job(mine), transfer); });
+  return new Promise((resolve) => {
+    waiting.set(mine, resolve);
+    worker?.postMessage(job(mine), transfer);
+  });
 }
 
-/** Values to paint out of the bytes of a floating-point frame. */
+/** Values to paint, from the bytes of a floating-point frame. */
 export async function decodeAside(buffer: ArrayBuffer, dtype: string, count: number): Promise<Decoded> {
   const { decoded } = await ask((t) => ({ turn: t, kind: 'decode', buffer, dtype, count }), [buffer]);
   if (!decoded) throw new Error('the picture could not be decoded');
@@ -39,7 +52,7 @@ async function paintOnce(image: RawImage, stretch: Stretch): Promise<ImageBitmap
   return bitmap ?? null;
 }
 
-/** Paints for one canvas: calls `ready` with the newest picture asked for, skipping those overtaken meanwhile. */
+/** Paints for one canvas: calls `ready` with the newest requested image and skips outdated ones. */
 export class Painter {
   private busy = false;
   private next: { image: RawImage; stretch: Stretch } | null = null;

@@ -1,9 +1,21 @@
-/** Decodes and paints frames off the page's thread. Keeps the picture it painted last, so that a new stretch sends no pixels. */
+/** Decodes and paints frames outside the page's thread. Keeps the last image, so that a new stretch sends no pixels. */
 import { decode } from './decode';
 import { paint, table, type Stretch } from './stretch';
 
-export interface PaintJob { turn: number; kind: 'paint'; image: number; stretch: Stretch; fresh: { columns: number; rows: number; pixels: Uint8Array | Uint16Array; offset: number; scale: number } | null }
-export interface DecodeJob { turn: number; kind: 'decode'; buffer: ArrayBuffer; dtype: string; count: number }
+export interface PaintJob {
+  turn: number;
+  kind: 'paint';
+  image: number;
+  stretch: Stretch;
+  fresh: { columns: number; rows: number; pixels: Uint8Array | Uint16Array; offset: number; scale: number } | null;
+}
+export interface DecodeJob {
+  turn: number;
+  kind: 'decode';
+  buffer: ArrayBuffer;
+  dtype: string;
+  count: number;
+}
 
 let held: { image: number; fresh: NonNullable<PaintJob['fresh']> } | null = null;
 
@@ -15,7 +27,12 @@ function painted(job: PaintJob): ImageBitmap | null {
   const ctx = canvas.getContext('2d');
   if (!ctx) return null;
   const data = ctx.createImageData(columns, rows);
-  paint(pixels, table(pixels instanceof Uint8Array ? 255 : 65535, job.stretch, offset, scale), job.stretch.invert, data.data);
+  paint(
+    pixels,
+    table(pixels instanceof Uint8Array ? 255 : 65535, job.stretch, offset, scale),
+    job.stretch.invert,
+    data.data,
+  );
   ctx.putImageData(data, 0, 0);
   return canvas.transferToImageBitmap();
 }

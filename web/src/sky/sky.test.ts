@@ -1,51 +1,63 @@
 import { describe, expect, it } from 'vitest';
 import { matrixOf, pixelToSky, raDec, separationDeg, undistort, unit, type Camera } from './camera';
-import { pixelAt, pixelCentre } from './healpix';
+import { pixelAt, pixelCentre } from '../pages/builder/healpix';
 import { overlaps, placeLabels, type Want } from './labels';
 import { mollweideRaw, skyProjection } from './mollweide';
 import { grey, paint, table } from './stretch';
 
-const camera: Camera = { columns: 1024, rows: 512, focal_col_px: 1121, focal_row_px: 1121, centre_col_px: 511.5, centre_row_px: 255.5, distortion: { model: 'Pinhole' } };
+const camera: Camera = {
+  columns: 1024,
+  rows: 512,
+  focal_col_px: 1121,
+  focal_row_px: 1121,
+  centre_col_px: 511.5,
+  centre_row_px: 255.5,
+  distortion: { model: 'Pinhole' },
+};
 
-describe('where a pixel points', () => {
+describe('direction of a pixel', () => {
   // cam_from_icrs of RA 0, Dec 0, roll 0: x to the west, y to the south, z along the boresight.
   const q = [0.5, 0.5, -0.5, 0.5].map((v) => v);
-  it('takes the scalar-last quaternion as a rotation matrix', () => {
+  it('converts the scalar-last quaternion to a rotation matrix', () => {
     const m = matrixOf([0, 0, Math.SQRT1_2, Math.SQRT1_2]);
     expect(m[0][1]).toBeCloseTo(-1, 12);
     expect(m[1][0]).toBeCloseTo(1, 12);
   });
-  it('sees the optical centre along the boresight, whatever the rotation about it', () => {
+  it('maps the optical centre to the boresight for any roll', () => {
     const boresight = raDec([matrixOf(q)[2][0], matrixOf(q)[2][1], matrixOf(q)[2][2]]);
     const at = pixelToSky(camera, q, 511.5, 255.5);
     expect(separationDeg(unit(at.ra, at.dec), unit(boresight.ra, boresight.dec))).toBeLessThan(1e-9);
     expect(at.exact).toBe(true);
   });
-  it('sees one focal length off the centre at 45 degrees', () => {
+  it('maps one focal length from the centre to 45 degrees', () => {
     const a = pixelToSky(camera, q, 511.5, 255.5);
     const b = pixelToSky(camera, q, 511.5 + 1121, 255.5);
     expect(separationDeg(unit(a.ra, a.dec), unit(b.ra, b.dec))).toBeCloseTo(45, 9);
   });
-  it('undoes the Brown distortion that the device measured through', () => {
+  it("removes the Brown distortion of the device's measurements", () => {
     const d = { model: 'Brown', k1: -0.32358, k2: 0.12456, p1: 0.00414, p2: -0.00624 };
     const [x, y] = [0.3, -0.15];
     const r2 = x * x + y * y;
     const radial = 1 + r2 * (d.k1 + r2 * d.k2);
-    const measured = [x * radial + 2 * d.p1 * x * y + d.p2 * (r2 + 2 * x * x), y * radial + d.p1 * (r2 + 2 * y * y) + 2 * d.p2 * x * y] as const;
+    const measured = [
+      x * radial + 2 * d.p1 * x * y + d.p2 * (r2 + 2 * x * x),
+      y * radial + d.p1 * (r2 + 2 * y * y) + 2 * d.p2 * x * y,
+    ] as const;
     const ideal = undistort(d, measured);
     expect(ideal?.[0]).toBeCloseTo(x, 10);
     expect(ideal?.[1]).toBeCloseTo(y, 10);
   });
-  it('says when it does not know the distortion', () => {
+  it('reports a distortion model that it does not support', () => {
     expect(pixelToSky({ ...camera, distortion: { model: 'Fisheye' } }, q, 0, 0).exact).toBe(false);
   });
 });
 
 describe('Mollweide', () => {
-  it('keeps areas', () => {
+  it('preserves areas', () => {
     expect(mollweideRaw(0, Math.PI / 2)[1]).toBeCloseTo(Math.SQRT2, 6);
     expect(mollweideRaw(Math.PI, 0)[0]).toBeCloseTo(2 * Math.SQRT2, 12);
-    // The ellipse below the parallel holds the same share of the map as the zone does of the hemisphere: sin φ (Archimedes).
+    // The ellipse below the parallel has the same share of the map as the zone has of the hemisphere: sin φ
+    // (Archimedes).
     for (const deg of [5, 30, 45, 60, 85]) {
       const phi = (deg * Math.PI) / 180;
       const top = mollweideRaw(0, phi)[1];
@@ -55,9 +67,13 @@ describe('Mollweide', () => {
       expect(area / (2 * Math.PI)).toBeCloseTo(Math.sin(phi), 6);
     }
   });
-  it('lets right ascension grow to the left and declination up, and comes back', () => {
+  it('has right ascension to the left and declination up, and can be inverted', () => {
     const p = skyProjection(400, 200);
-    const [west, east, north] = [p([170, 0]), p([190, 0]), p([180, 40])] as [[number, number], [number, number], [number, number]];
+    const [west, east, north] = [p([170, 0]), p([190, 0]), p([180, 40])] as [
+      [number, number],
+      [number, number],
+      [number, number],
+    ];
     expect(east[0]).toBeLessThan(west[0]);
     expect(north[1]).toBeLessThan(100);
     const back = p.invert?.(p([85.04, -30.3]) as [number, number]) as [number, number];
@@ -67,9 +83,12 @@ describe('Mollweide', () => {
 });
 
 describe('HEALPix rings', () => {
-  it('finds each pixel again from its own centre', () => {
+  it('returns each pixel for its centre', () => {
     for (const nside of [1, 2, 4, 16]) {
-      const wrong = Array.from({ length: 12 * nside * nside }, (_, i) => i).filter((i) => { const c = pixelCentre(nside, i); return pixelAt(nside, c.ra, c.dec) !== i; });
+      const wrong = Array.from({ length: 12 * nside * nside }, (_, i) => i).filter((i) => {
+        const c = pixelCentre(nside, i);
+        return pixelAt(nside, c.ra, c.dec) !== i;
+      });
       expect(wrong).toEqual([]);
     }
   });
@@ -82,20 +101,24 @@ describe('HEALPix rings', () => {
 describe('labels', () => {
   const want = (key: string, x: number, y: number, rank: number): Want => ({ key, x, y, gap: 14, w: 60, h: 14, rank });
   const area = { x: 0, y: 0, w: 400, h: 200 };
-  it('goes to the right first and never overlaps another label or mark', () => {
+  it('are placed to the right first and never overlap another label or mark', () => {
     const wants = [want('a', 100, 100, 1), want('b', 110, 104, 2), want('c', 104, 96, 3)];
-    const placed = placeLabels(wants, wants.map((w) => ({ x: w.x - 10, y: w.y - 10, w: 20, h: 20 })), area);
+    const placed = placeLabels(
+      wants,
+      wants.map((w) => ({ x: w.x - 10, y: w.y - 10, w: 20, h: 20 })),
+      area,
+    );
     expect(placed[0]).toMatchObject({ key: 'a', x: 114 });
     const boxes = placed.map((p) => ({ ...p, w: 60, h: 14 }));
     for (const [i, a] of boxes.entries()) for (const b of boxes.slice(i + 1)) expect(overlaps(a, b)).toBe(false);
   });
-  it('drops the least important label when all eight sides are taken', () => {
+  it('omit the least important one when all eight sides are occupied', () => {
     const crowd = Array.from({ length: 40 }, (_, i) => want(`s${i}`, 200 + (i % 3), 100 + (i % 4), i));
     const placed = placeLabels(crowd, [], area);
     expect(placed.length).toBeLessThan(12);
     expect(placed.some((p) => p.key === 's0')).toBe(true);
   });
-  it('stays inside the picture and off strict places', () => {
+  it('stay inside the image and outside reserved areas', () => {
     const placed = placeLabels([want('edge', 395, 100, 0)], [], area);
     expect((placed[0]?.x ?? 999) + 60).toBeLessThanOrEqual(400);
     expect(placeLabels([want('in', 50, 50, 0)], [{ x: 0, y: 0, w: 300, h: 200, strict: true }], area)).toEqual([]);
@@ -103,12 +126,12 @@ describe('labels', () => {
 });
 
 describe('stretch', () => {
-  it('maps black to 0, white to 255, and turns round when inverted', () => {
+  it('maps black to 0 and white to 255, reversed when inverted', () => {
     const s = { low: 10, high: 110, kind: 'linear' as const, invert: false };
     expect([grey(5, s), grey(60, s), grey(500, s)]).toEqual([0, 128, 255]);
     expect(grey(5, { ...s, invert: true })).toBe(255);
   });
-  it('lifts faint stars with asinh and stays monotone', () => {
+  it('brightens faint stars with asinh and is monotonic', () => {
     const look = table(255, { low: 0, high: 255, kind: 'asinh', invert: false });
     expect(look[30]).toBeGreaterThan(30);
     expect([...look].every((v, i) => i === 0 || v >= (look[i - 1] ?? 0))).toBe(true);

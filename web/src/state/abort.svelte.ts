@@ -1,10 +1,11 @@
-/** The presses of ABORT on this page, kept over a reload of it. */
+/** The presses of ABORT on this page, kept when it is reloaded. */
+import { ofUnit } from '../lib/base';
 import { api } from '../api/client';
 import { Presses, type Press } from '../lib/abort';
 import { live } from './live.svelte';
 import { session } from './session.svelte';
 
-const KEY = 'gss-abort';
+const KEY = ofUnit('gss-abort');
 
 class Abort {
   presses = $state.raw<readonly Press[]>([]);
@@ -16,7 +17,10 @@ class Abort {
     },
     history: async (startMs, endMs, signal) => {
       if (!session.signedIn || session.endedAt !== null) throw new Error('not signed in');
-      return api.findCommands({ name: 'ABORT', start: new Date(startMs).toISOString(), end: new Date(endMs).toISOString() }, signal);
+      return api.findCommands(
+        { name: ['ABORT'], start: new Date(startMs).toISOString(), end: new Date(endMs).toISOString() },
+        signal,
+      );
     },
     online: () => live.online,
     probe: api.probe,
@@ -28,7 +32,9 @@ class Abort {
     },
     load: () => sessionStorage.getItem(KEY),
     save: (text) => sessionStorage.setItem(KEY, text),
-    changed: (list) => { this.presses = list; },
+    changed: (list) => {
+      this.presses = list;
+    },
   });
 
   /** ABORT never waits for a dialog. */

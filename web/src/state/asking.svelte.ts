@@ -1,4 +1,4 @@
-/** A form that asks the server for one thing: busy while it waits, then done, or the problem stands in the form. */
+/** A form with one request to the server: busy while it waits, then done, or its problem is shown in the form. */
 import type { Problem } from '../api/types';
 import { problemOf } from '../lib/problems';
 

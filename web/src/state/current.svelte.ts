@@ -1,4 +1,6 @@
-/** How current the indicators on this page are: the rules of lib/freshness with the state of stream, server and line. */
+/**
+ * How current the indicators of this page are: the rules of lib/freshness with the state of stream, server and line.
+ */
 import * as rules from '../lib/freshness';
 import type { LampState } from '../lib/lamp';
 import { live } from './live.svelte';
@@ -31,11 +33,18 @@ class Current {
   readonly housekeepingNote = $derived(rules.noteOf(this.housekeeping, this.housekeepingMs, this.conditions.nowMs));
   readonly cycle = $derived.by(() => {
     const reported = live.byName.get('cycle_running')?.value;
-    const last = reported === undefined ? (live.link?.connected ? live.link.cycle_running : null) : reported === null ? null : isTrue(reported);
+    const last =
+      reported === undefined
+        ? live.link?.connected
+          ? live.link.cycle_running
+          : null
+        : reported === null
+          ? null
+          : isTrue(reported);
     return rules.cycleOf(last, this.housekeepingMs, this.conditions);
   });
 
-  /** Call once, when the page starts. */
+  /** Call once when the page starts. */
   start(): void {
     setInterval(() => (this.tickedMs = Date.now()), TICK_MS);
   }
@@ -46,11 +55,15 @@ class Current {
 
   lamp(state: LampState, source: rules.Source): LampState {
     const from = rules.sourceOf(state, source);
-    return from === 'server' ? rules.lampWhen(state, this.server) : from === 'device' ? rules.lampWhen(state, this.device) : state;
+    return from === 'server'
+      ? rules.lampWhen(state, this.server)
+      : from === 'device'
+        ? rules.lampWhen(state, this.device)
+        : state;
   }
 }
 
-/** A boolean field as the API gives it: a number or a word. */
+/** A boolean field as the API returns it: a number or a word. */
 function isTrue(value: string | number): boolean {
   return typeof value === 'number' ? value !== 0 : ['true', 'yes', 'on', '1'].includes(value.toLowerCase());
 }

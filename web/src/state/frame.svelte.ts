@@ -1,4 +1,4 @@
-/** One frame on show: detail, raw pixels, histogram, chosen solution, selected star, stretch. */
+/** The displayed frame: detail, raw pixels, histogram, chosen solution, selected star, stretch. */
 import { api, type RawImage } from '../api/client';
 import type { FrameDetail, Histogram, SolutionDetail } from '../api/types';
 import { problemText } from '../lib/problems';
@@ -6,7 +6,7 @@ import type { Stretch } from '../sky/stretch';
 import { live } from './live.svelte';
 import { view } from './view.svelte';
 
-/** The newest frame of the device; an imported one only while the device has given none. */
+/** The newest frame of the device; an imported one only if there is none of the device. */
 async function newest(): Promise<number | null> {
   if (live.latestDeviceFrame !== null) return live.latestDeviceFrame;
   const device = await api.frames({ limit: 1, source: 'device' });
@@ -22,27 +22,31 @@ export class FrameView {
   histogram = $state.raw<Histogram | null>(null);
   solution = $state.raw<SolutionDetail | null>(null);
   selected = $state<number | null>(null);
-  /** A place without a centroid that the inspector should show. */
+  /** A position without a centroid for the pixel inspector. */
   look = $state<{ col: number; row: number } | null>(null);
-  /** The last frame that had a ground result: what stands beside the picture while the newest one is being solved. */
-  told = $state.raw<{ detail: FrameDetail; solution: SolutionDetail | null } | null>(null);
+  /** The last frame with a ground result: shown beside the image while the newest one is being solved. */
+  lastSolved = $state.raw<{ detail: FrameDetail; solution: SolutionDetail | null } | null>(null);
   problem = $state('');
   loading = $state(false);
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
-  /** Milliseconds from the moment the frame was stored to its pixels on this screen. */
+  /** Milliseconds from storage of the frame to its pixels on this screen. */
   latencyMs = $state<number | null>(null);
   private shown: string | null = null;
   private arrived: { image: RawImage; at: number } | null = null;
   private generation = 0;
-  /** No state: an effect that starts a reading must not run again because the reading has begun. */
+  /** Not reactive: an effect that starts a load must not run again because the load has started. */
   private busy = false;
   private following = false;
   private again = false;
 
-  /** Reads a frame, or the newest one; pixels only when they are other pixels. */
+  /** Loads a frame, or the newest one; pixels only if they differ. */
   async load(id: number | 'latest'): Promise<void> {
-    // Frames may come faster than one is read: what is being read is shown, then the newest of those that came meanwhile.
-    if (id === 'latest' && this.busy && this.following) { this.again = true; return; }
+    // Frames may arrive faster than one is loaded: the one being loaded is shown, then the newest of those received
+    // in the meantime.
+    if (id === 'latest' && this.busy && this.following) {
+      this.again = true;
+      return;
+    }
     this.following = id === 'latest';
     this.busy = true;
     await this.read(id);
@@ -58,8 +62,12 @@ export class FrameView {
     try {
       const wanted = id === 'latest' ? await newest() : id;
       if (turn !== this.generation) return;
-      if (wanted === null) { this.detail = null; this.problem = ''; return; }
-      // Other pixels than those on show are read together with what was made of them.
+      if (wanted === null) {
+        this.detail = null;
+        this.problem = '';
+        return;
+      }
+      // New pixels are loaded together with the results computed from them.
       const ahead = wanted === this.detail?.id ? null : this.readPixels(wanted);
       ahead?.catch(() => undefined);
       const detail = await api.frame(wanted);
@@ -70,9 +78,9 @@ export class FrameView {
       this.detail = detail;
       this.problem = '';
       const chosen = same && this.solution ? detail.solutions.find((s) => s.id === this.solution?.id) : undefined;
-      if (!chosen || chosen.origin === 'on board' ) this.solution = detail.ground ?? detail.on_board;
-      if (detail.ground) this.told = { detail, solution: this.solution };
-      else if (id !== 'latest') this.told = null;
+      if (!chosen || chosen.origin === 'on board') this.solution = detail.ground ?? detail.on_board;
+      if (detail.ground) this.lastSolved = { detail, solution: this.solution };
+      else if (id !== 'latest') this.lastSolved = null;
       if (!same) this.selected = null;
     } catch (error) {
       if (turn !== this.generation) return;
@@ -82,7 +90,7 @@ export class FrameView {
     }
   }
 
-  /** What is being read is wanted no more: what stands stays. */
+  /** Discard the load in progress; the displayed frame stays. */
   stop(): void {
     this.generation += 1;
     this.again = false;
@@ -93,7 +101,11 @@ export class FrameView {
     return Promise.all([api.raw(id), api.histogram(id)]);
   }
 
-  private async showPixels(detail: FrameDetail, ahead: Promise<[RawImage, Histogram]> | null, turn: number): Promise<void> {
+  private async showPixels(
+    detail: FrameDetail,
+    ahead: Promise<[RawImage, Histogram]> | null,
+    turn: number,
+  ): Promise<void> {
     const key = `${detail.id} ${detail.sha256} ${detail.rows_held.map((r) => r.join('-')).join(',')}`;
     if (key === this.shown) return;
     const [image, histogram] = await (ahead ?? this.readPixels(detail.id));
@@ -106,7 +118,10 @@ export class FrameView {
     if (first !== null) this.arrived = { image, at: Date.parse(detail.received) };
   }
 
-  /** The picture stands on the canvas: how long after the frame was whole on the ground? Only for one that came while we looked. */
+  /**
+   * Called when the image is on the canvas: measures the time since the frame was complete on the ground, only for one
+   * received while the page was open.
+   */
   drawn(image: RawImage): void {
     const arrived = this.arrived;
     if (!arrived || arrived.image !== image) return;

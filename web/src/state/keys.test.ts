@@ -1,9 +1,12 @@
 import { beforeEach, describe, expect, it, vi } from 'vitest';
 
-/** As much of a browser as the keys need: elements that `closest` finds by the selector's words. */
+/** The part of a browser that the keys need: elements that `closest` finds by the words of the selector. */
 class FakeElement {
   isContentEditable = false;
-  constructor(readonly tagName: string, private readonly marks: readonly string[] = []) {}
+  constructor(
+    readonly tagName: string,
+    private readonly marks: readonly string[] = [],
+  ) {}
   closest(selector: string): FakeElement | null {
     return this.marks.some((mark) => selector.includes(mark)) ? this : null;
   }
@@ -11,7 +14,22 @@ class FakeElement {
 
 function key(name: string, target: FakeElement) {
   const seen = { kept: false };
-  return { seen, event: { key: name, target, repeat: false, ctrlKey: false, metaKey: false, altKey: false, shiftKey: false, preventDefault: () => { seen.kept = true; }, stopPropagation: () => undefined } as unknown as KeyboardEvent };
+  return {
+    seen,
+    event: {
+      key: name,
+      target,
+      repeat: false,
+      ctrlKey: false,
+      metaKey: false,
+      altKey: false,
+      shiftKey: false,
+      preventDefault: () => {
+        seen.kept = true;
+      },
+      stopPropagation: () => undefined,
+    } as unknown as KeyboardEvent,
+  };
 }
 
 async function keys() {
@@ -34,7 +52,9 @@ async function keys() {
 
 describe('Space after g', () => {
   const SENDS = new FakeElement('BUTTON', ['[data-sends]']);
-  beforeEach(() => { vi.resetModules(); });
+  beforeEach(() => {
+    vi.resetModules();
+  });
   it('does not press a button that sends', async () => {
     const { press } = await keys();
     press('g', SENDS);
@@ -47,7 +67,7 @@ describe('Space after g', () => {
     press('l', SENDS);
     expect(paths).toEqual([]);
   });
-  it('leaves g and a letter as they are', async () => {
+  it('does not affect g and a letter', async () => {
     const { press, paths } = await keys();
     press('g', SENDS);
     press('l', SENDS);

@@ -1,4 +1,4 @@
-/** Keyboard: pages, go-to letters, ABORT; the page on show adds its own. */
+/** Keyboard: pages, go-to letters, ABORT; each page adds its keys. */
 import { PAGES, type Page } from '../lib/pages';
 import { focusOf, spaceUse } from '../lib/spacekey';
 import { abort } from './abort.svelte';
@@ -7,13 +7,15 @@ import { view } from './view.svelte';
 
 export { PAGES, type Page };
 
-/** Keeps a key from whoever has the focus. */
+/** Keeps a key from the focused element. */
 function claim(e: KeyboardEvent): void {
   e.preventDefault();
   e.stopPropagation();
 }
 
-/** The Rerun viewer has the focus: it keeps its keys, except r (shows and closes it) and Esc (gives the keyboard back). */
+/**
+ * The Rerun viewer has the focus: it keeps its keys, except r (shows and closes it) and Esc (gives the keyboard back).
+ */
 function guest(e: KeyboardEvent): void {
   if (e.ctrlKey || e.metaKey || e.altKey || typing(e.target)) return;
   if (e.key === 'Escape') {
@@ -29,10 +31,13 @@ let pendingGo = false;
 let claimedSpace = false;
 
 function typing(target: EventTarget | null): boolean {
-  return target instanceof HTMLElement && (target.isContentEditable || ['INPUT', 'SELECT', 'TEXTAREA'].includes(target.tagName));
+  return (
+    target instanceof HTMLElement &&
+    (target.isContentEditable || ['INPUT', 'SELECT', 'TEXTAREA'].includes(target.tagName))
+  );
 }
 
-/** Listens while the event is on its way down: the Rerun canvas keeps every key it sees, and ABORT must win over it. */
+/** Listens in the capture phase: the Rerun canvas consumes every key it receives, and ABORT must come first. */
 export function onKey(e: KeyboardEvent): void {
   if (e.key === 'Escape' && e.shiftKey) {
     claim(e);
@@ -54,13 +59,19 @@ export function onKey(e: KeyboardEvent): void {
   if (pendingGo) {
     pendingGo = false;
     const page = PAGES.find((p) => p.letter === e.key);
-    if (page) { claim(e); go(page.path); }
+    if (page) {
+      claim(e);
+      go(page.path);
+    }
     return;
   }
   if (handled(e)) e.preventDefault();
 }
 
-/** The rule is in lib/spacekey.ts. Space is claimed: some browsers press the focused button on its way up, and repeat it on its way down. */
+/**
+ * The rule is in lib/spacekey.ts. Space is consumed, because some browsers press the focused button on key up and
+ * repeat it on key down.
+ */
 function space(e: KeyboardEvent): void {
   const own = view.allKeys.find((k) => k.key === ' ');
   const use = spaceUse(focusOf(e.target), own !== undefined, view.opened !== 'none');
@@ -78,15 +89,32 @@ export function onKeyUp(e: KeyboardEvent): void {
 
 function handled(e: KeyboardEvent): boolean {
   const own = view.allKeys.find((k) => k.key === e.key);
-  if (own) { own.run(); return true; }
+  if (own) {
+    own.run();
+    return true;
+  }
   const page = PAGES[Number(e.key) - 1];
-  if (/^[1-9]$/.test(e.key) && page) { go(page.path); return true; }
+  if (/^[1-9]$/.test(e.key) && page) {
+    go(page.path);
+    return true;
+  }
   switch (e.key) {
-    case 'g': pendingGo = true; return true;
-    case '?': if (view.opened === 'keys') view.close(); else view.open('keys'); return true;
-    case ':': view.open('line'); return true;
-    case 'Escape': if (view.opened !== 'none') view.close(); return true;
-    case 'o': view.overlaysOff = !view.overlaysOff; return true;
+    case 'g':
+      pendingGo = true;
+      return true;
+    case '?':
+      if (view.opened === 'keys') view.close();
+      else view.open('keys');
+      return true;
+    case ':':
+      view.open('line');
+      return true;
+    case 'Escape':
+      if (view.opened !== 'none') view.close();
+      return true;
+    case 'o':
+      view.overlaysOff = !view.overlaysOff;
+      return true;
     case '/': {
       const box = document.querySelector<HTMLInputElement>('[data-search]');
       box?.focus();

@@ -1,15 +1,16 @@
-/** What the whole console knows: link, telemetry, commands, transfers, jobs, events. Filled by one stream. */
+/** Shared state of the console: link, telemetry, commands, transfers, jobs, events. Filled by one stream. */
+import { base } from '../lib/base';
 import { api } from '../api/client';
 import type * as T from '../api/types';
 import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
-import { hasEnded } from '../lib/stages';
+import { hasEnded, joined, kept } from '../lib/stages';
 import { session } from './session.svelte';
-import { merged, mergedBy, Told } from './snapshot';
-import { Stream } from './stream';
+import { merged, mergedBy, UpdateLog } from './snapshot';
+import { Stream, type TopicHandlers } from './stream';
 import { toast } from './toasts.svelte';
 
-/** A field's own name, whether or not the server wrote its packet before it. */
+/** A field's name without its packet, whether or not the server prefixed it. */
 export function bare(v: { name: string }): string {
   return v.name.slice(v.name.lastIndexOf('.') + 1);
 }
@@ -21,7 +22,7 @@ export function keyOf(v: { name: string; packet: string }): string {
 const SPARK_POINTS = 60;
 const HISTORY = 300;
 
-/* Everything is replaced as a whole and never changed in place: states are raw, or each field of each row would be watched. */
+/* Everything is replaced as a whole and never changed in place; otherwise each field of each row would be reactive. */
 class Live {
   link = $state.raw<T.Link | null>(null);
   dictionary = $state.raw<T.Dictionary | null>(null);
@@ -29,25 +30,26 @@ class Live {
   sparks = $state.raw<ReadonlyMap<string, readonly (number | null)[]>>(new Map());
   commands = $state.raw<T.Command[]>([]);
   authority = $state.raw<T.Authority | null>(null);
-  /** Open alarms: outside their limits now first, the worst of them first. */
+  /** Open alarms: those outside their limits first, most severe first. */
   alarms = $state.raw<T.AlarmRow[]>([]);
   runs = $state.raw<T.StackRun[]>([]);
   schedule = $state.raw<T.Schedule | null>(null);
   onBoardTables = $state.raw<T.OnBoardTable[]>([]);
   limitsTick = $state(0);
+  procedureTick = $state(0);
   replay = $state.raw<T.Replay | null>(null);
   replayValues = $state.raw<T.Value[]>([]);
   replayLog = $state.raw<{ at: string; text: string; level: string }[]>([]);
   cycles = $state.raw<T.Cycle[]>([]);
   transfers = $state.raw<T.Transfer[]>([]);
   jobs = $state.raw<T.Job[]>([]);
-  /** Before that, an empty list of jobs says nothing. */
+  /** Before that, an empty list of jobs has no meaning. */
   jobsRead = $state(false);
   lastEvent = $state.raw<T.EventRow | null>(null);
   latestFrameId = $state<number | null>(null);
-  /** The newest frame that the stream announced from the device: nobody need ask for its id. */
+  /** The newest frame that the stream announced from the device, so that its id need not be requested. */
   latestDeviceFrame: number | null = null;
-  /** Counts up whenever a frame or one of its solutions changed; pages that show frames re-read on it. */
+  /** Incremented whenever a frame or one of its solutions changes; pages that show frames reload on it. */
   frameTick = $state(0);
   changedFrame = $state<number | null>(null);
   online = $state(false);
@@ -56,10 +58,16 @@ class Live {
   filled = $state('');
   clockSkewMs = 0;
   private dictionaryTurn = 0;
-  private readonly told = new Told();
+  private readonly updates = new UpdateLog();
 
-  /** By plain name; housekeeping wins where several packets carry the same field. */
-  readonly byName = $derived(new Map([...this.values].sort((a, b) => Number(a.packet === 'housekeeping') - Number(b.packet === 'housekeeping')).map((v) => [bare(v), v])));
+  /** By plain name; housekeeping has priority if several packets contain the same field. */
+  readonly byName = $derived(
+    new Map(
+      [...this.values]
+        .sort((a, b) => Number(a.packet === 'housekeeping') - Number(b.packet === 'housekeeping'))
+        .map((v) => [bare(v), v]),
+    ),
+  );
   readonly fields = $derived(new Map((this.dictionary?.telemetry ?? []).map((f) => [keyOf(f), f])));
 
   value(name: string): number | null {
@@ -67,39 +75,64 @@ class Live {
     return typeof v === 'number' ? v : null;
   }
 
-  put(kind: string, data: unknown): void {
-    this.told.note(kind, data);
-    switch (kind) {
-      case 'link': return this.putLink(data as T.Link);
-      case 'telemetry': return this.putTelemetry(data as T.Latest);
-      case 'command': return this.putCommand(data as T.Command);
-      case 'transfer': this.transfers = unlessEnded(this.transfers, data as T.Transfer); return;
-      case 'job': this.jobs = unlessEnded(this.jobs, data as T.Job, false); return;
-      case 'cycle': this.putCycle(data as T.Cycle); return;
-      case 'event': this.lastEvent = data as T.EventRow; return;
-      case 'authority': this.authority = data as T.Authority; return;
-      case 'alarm': return this.putAlarm(data as T.AlarmRow);
-      case 'stack_run': this.runs = upsert(this.runs, data as T.StackRun); return;
-      case 'schedule': this.schedule = data as T.Schedule; return;
-      case 'tables': this.onBoardTables = data as T.OnBoardTable[]; return;
-      case 'limits': this.limitsTick += 1; return;
-      case 'replay': return this.putReplay(data as T.Replay);
-      case 'replay.telemetry': this.replayValues = (data as T.Latest).values; return;
-      case 'replay.command': { const c = data as { at: string; name: string; stage: string; detail: string }; return this.putReplayed(c.at, `${c.name} ${c.stage}${c.detail ? `: ${c.detail}` : ''}`, c.stage === 'failed' || c.stage === 'rejected' ? 'critical' : 'ok'); }
-      case 'replay.event': { const e = data as { at: string; name: string; severity: string; text: string }; return this.putReplayed(e.at, `${e.name} ${e.text}`, e.severity); }
-      case 'dropped': void this.load(); return;
-      case 'frame': if ((data as T.Frame).source === 'device') this.latestDeviceFrame = Math.max(this.latestDeviceFrame ?? 0, (data as T.Frame).id); return this.putFrame((data as T.Frame).id, true);
-      case 'solution': return this.putFrame((data as T.Solution).frame_id, false);
-    }
+  private readonly topics: TopicHandlers = {
+    link: (link) => this.putLink(link),
+    telemetry: (latest) => this.putTelemetry(latest),
+    command: (command) => this.putCommand(command),
+    transfer: (transfer) => (this.transfers = unlessEnded(this.transfers, transfer)),
+    job: (job) => (this.jobs = unlessEnded(this.jobs, job, false)),
+    cycle: (cycle) => this.putCycle(cycle),
+    event: (event) => (this.lastEvent = event),
+    authority: (authority) => (this.authority = authority),
+    alarm: (alarm) => this.putAlarm(alarm),
+    stack_run: (run) => (this.runs = upsert(this.runs, run)),
+    schedule: (schedule) => (this.schedule = schedule),
+    tables: (tables) => (this.onBoardTables = tables),
+    limits: () => (this.limitsTick += 1),
+    procedure_run: () => (this.procedureTick += 1),
+    replay: (replay) => this.putReplay(replay),
+    'replay.telemetry': (latest) => (this.replayValues = latest.values),
+    'replay.command': (c) =>
+      this.putReplayed(
+        c.at,
+        `${c.name} ${c.stage}${c.detail ? `: ${c.detail}` : ''}`,
+        c.stage === 'failed' || c.stage === 'rejected' ? 'critical' : 'ok',
+      ),
+    'replay.event': (e) => this.putReplayed(e.at, `${e.name} ${e.text}`, e.severity),
+    dropped: () => void this.load(),
+    frame: (frame) => {
+      if (frame.source === 'device') this.latestDeviceFrame = Math.max(this.latestDeviceFrame ?? 0, frame.id);
+      this.putFrame(frame.id, true);
+    },
+    solution: (solution) => this.putFrame(solution.frame_id, false),
+    session: () => undefined, // The server then ends the stream, and the page reads the session again.
+  };
+
+  /** Process a message of the stream; rows that are being loaded keep what it reported. */
+  put<K extends T.Topic>(topic: K, message: T.Topics[K]): void {
+    this.updates.note(topic, message);
+    this.topics[topic](message);
+  }
+
+  private noting(): TopicHandlers {
+    const noted = Object.keys(this.topics).map((topic) => [
+      topic,
+      (message: never) => this.put(topic as T.Topic, message),
+    ]);
+    return Object.fromEntries(noted) as TopicHandlers;
   }
 
   private putLink(link: T.Link): void {
     this.clockSkewMs = Date.parse(link.utc) - Date.now();
-    const changed = this.link?.device_dictionary_hash !== link.device_dictionary_hash || this.link?.dictionary_hash !== link.dictionary_hash;
+    const changed =
+      this.link?.device_dictionary_hash !== link.device_dictionary_hash ||
+      this.link?.dictionary_hash !== link.dictionary_hash;
     const before = this.link;
     this.link = link;
-    const state = before !== null && (before.cycle_running !== link.cycle_running || before.mode !== link.mode || before.connected !== link.connected);
-    /* The commands' preconditions come with the dictionary, as they are at that moment: they turn with the mode and the cycle. */
+    const state =
+      before !== null &&
+      (before.cycle_running !== link.cycle_running || before.mode !== link.mode || before.connected !== link.connected);
+    /* The preconditions of commands come with the dictionary and change with the mode and the cycle. */
     if (state || (changed && this.dictionary?.hash !== link.dictionary_hash)) void this.loadDictionary();
   }
 
@@ -117,11 +150,15 @@ class Live {
     const before = this.alarms.find((a) => a.id === alarm.id);
     const rest = this.alarms.filter((a) => a.id !== alarm.id);
     this.alarms = alarm.state === 'closed' ? rest : byUrgency([...rest, alarm]);
-    if (!before && alarm.state === 'raised' && alarm.worst !== 'watch') toast(alarm.worst === 'critical' ? 'critical' : 'warning', alarm.text, `alarm ${alarm.id}`);
+    if (!before && alarm.state === 'raised' && alarm.worst !== 'watch')
+      toast(alarm.worst === 'critical' ? 'critical' : 'warning', alarm.text, `alarm ${alarm.id}`);
   }
 
   private putReplay(replay: T.Replay): void {
-    if (replay.state === 'none' || replay.contact_id !== this.replay?.contact_id) { this.replayLog = []; this.replayValues = []; }
+    if (replay.state === 'none' || replay.contact_id !== this.replay?.contact_id) {
+      this.replayLog = [];
+      this.replayValues = [];
+    }
     this.replay = replay;
   }
 
@@ -135,10 +172,15 @@ class Live {
 
   putCommand(command: T.Command): void {
     const before = this.commands.find((c) => c.id === command.id);
-    if (before && hasEnded(before) && !hasEnded(command)) return; // an answer that comes after the end was told
-    this.commands = upsert(this.commands, command).slice(0, HISTORY);
+    // A response may arrive after the stream reported the end.
+    if (before && hasEnded(before) && !hasEnded(command)) return;
+    this.commands = kept(upsert(this.commands, command), HISTORY);
     if (before?.result !== command.result && ['rejected', 'failed', 'unknown'].includes(command.result))
-      toast(command.result === 'unknown' ? 'unknown' : 'critical', `${command.name} ${command.result}${command.detail ? `: ${command.detail}` : ''}`, `#${command.request_id}`);
+      toast(
+        command.result === 'unknown' ? 'unknown' : 'critical',
+        `${command.name} ${command.result}${command.detail ? `: ${command.detail}` : ''}`,
+        `#${command.request_id}`,
+      );
   }
 
   private putFrame(id: number, isNew: boolean): void {
@@ -153,61 +195,107 @@ class Live {
     if (read && turn === this.dictionaryTurn) this.dictionary = read;
   }
 
-  /** Reads everything anew. What the stream tells meanwhile is newer, and stays. */
+  /** Reload everything. State that the stream reports during the load is newer and is kept. */
   async load(): Promise<void> {
     this.latestDeviceFrame = null;
-    const told = this.told.begin();
-    const one = <V>(kind: string, put: (v: V) => void) => (v: V): void => { if (!told.has(kind)) put(v); };
+    const updates = this.updates.begin();
+    const one =
+      <V>(kind: string, put: (v: V) => void) =>
+      (v: V): void => {
+        if (!updates.has(kind)) put(v);
+      };
     await Promise.allSettled([
       api.link().then(one('link', (v) => this.putLink(v))),
       this.loadDictionary(),
       api.latest().then(one('telemetry', (v) => this.putTelemetry(v))),
-      api.commands(100).then((v) => { this.commands = merged('command', v, this.commands, told); }),
-      api.cycles(12).then((v) => { this.cycles = mergedBy((c) => c.iteration, 'cycle', v, this.cycles, told); }),
-      api.transfers(20).then((v) => { this.transfers = merged('transfer', v, this.transfers, told); }),
-      api.authority().then(one('authority', (v) => { this.authority = v; })),
-      api.alarms(true).then((v) => { this.alarms = byUrgency(merged('alarm', v, this.alarms, told)); }),
-      api.stackRuns().then((v) => { this.runs = merged('stack_run', v, this.runs, told); }),
-      api.schedule().then(one('schedule', (v) => { this.schedule = v; })),
-      api.tablesOnBoard().then(one('tables', (v) => { this.onBoardTables = v; })),
-      api.replay().then(one('replay', (v) => { this.replay = v; })),
-      api.jobs().then((v) => { this.jobs = merged('job', v, this.jobs, told); this.jobsRead = true; }),
+      Promise.all([api.commands(100), api.findCommands({ result: ['unknown'] })]).then(([v, unknown]) => {
+        this.commands = merged('command', joined(v, unknown), this.commands, updates);
+      }),
+      api.cycles(12).then((v) => {
+        this.cycles = mergedBy((c) => c.iteration, 'cycle', v, this.cycles, updates);
+      }),
+      api.transfers(20).then((v) => {
+        this.transfers = merged('transfer', v, this.transfers, updates);
+      }),
+      api.authority().then(
+        one('authority', (v) => {
+          this.authority = v;
+        }),
+      ),
+      api.alarms(true).then((v) => {
+        this.alarms = byUrgency(merged('alarm', v, this.alarms, updates));
+      }),
+      api.stackRuns().then((v) => {
+        this.runs = merged('stack_run', v, this.runs, updates);
+      }),
+      api.schedule().then(
+        one('schedule', (v) => {
+          this.schedule = v;
+        }),
+      ),
+      api.tablesOnBoard().then(
+        one('tables', (v) => {
+          this.onBoardTables = v;
+        }),
+      ),
+      api.replay().then(
+        one('replay', (v) => {
+          this.replay = v;
+        }),
+      ),
+      api.jobs().then((v) => {
+        this.jobs = merged('job', v, this.jobs, updates);
+        this.jobsRead = true;
+      }),
     ]);
-    this.told.end(told);
+    this.updates.end(updates);
     this.frameTick += 1;
   }
 
   start(): Stream {
     const stream = new Stream(
       {
-        open: () => new EventSource('/api/stream'),
+        open: () => new EventSource(`${base}/api/stream`),
         backfill: (after) => api.events(after),
         later: (run, ms) => setTimeout(() => void session.back().then(run), ms),
         now: () => Date.now(),
       },
       {
-        item: (kind, data) => this.put(kind, data),
+        topics: this.noting(),
         online: (filled) => {
           this.online = true;
           this.offlineSince = null;
           if (filled) {
-            this.filled = filled.count ? `back-filled ${filled.from.slice(11, 19)}Z – ${filled.to.slice(11, 19)}Z` : 'reconnected, nothing missed';
+            this.filled = filled.count
+              ? `back-filled ${filled.from.slice(11, 19)}Z – ${filled.to.slice(11, 19)}Z`
+              : 'reconnected, no recorded event missed';
           }
           if (filled || !this.everOnline) void this.load();
           this.everOnline = true;
         },
-        offline: (since) => { this.online = false; this.offlineSince = since; if (!this.everOnline) void this.load(); void session.read(); },
+        offline: (since) => {
+          this.online = false;
+          this.offlineSince = since;
+          if (!this.everOnline) void this.load();
+          void session.read();
+        },
       },
     );
-    stream.start(); // what is read before it listens could change unseen: everything is read when it does
+    // Data loaded before the stream is open could change unnoticed, so everything is loaded when it opens.
+    stream.start();
     return stream;
   }
 }
 
-/** The answer to a request may come after the stream has told the end: the end stands. A transfer that goes on starts a new life. */
-function unlessEnded<R extends { id: number; finished: string | null; state: string }>(list: R[], item: R, revives = true): R[] {
+/** A response may arrive after the stream reported the end: the end is kept. A resumed transfer starts a new life. */
+function unlessEnded<R extends { id: number; finished: string | null; state: string }>(
+  list: R[],
+  item: R,
+  revives = true,
+): R[] {
   const before = list.find((x) => x.id === item.id);
-  const stale = before !== undefined && before.finished !== null && item.finished === null && (!revives || item.state === 'queued');
+  const stale =
+    before !== undefined && before.finished !== null && item.finished === null && (!revives || item.state === 'queued');
   return stale ? list : upsert(list, item);
 }
 
@@ -219,7 +307,7 @@ function upsert<R extends { id: number }>(list: R[], item: R): R[] {
 
 export const live = new Live();
 
-/** Runs a request, and says in a toast what went wrong. */
+/** Runs a request and shows its failure in a toast. */
 export async function attempt<R>(run: () => Promise<R>): Promise<R | null> {
   try {
     return await run();
@@ -229,7 +317,11 @@ export async function attempt<R>(run: () => Promise<R>): Promise<R | null> {
   }
 }
 
-export async function sendCommand(name: string, args: Record<string, T.ArgumentValue> = {}, confirm = ''): Promise<T.Command | null> {
+export async function sendCommand(
+  name: string,
+  args: Record<string, T.ArgumentValue> = {},
+  confirm = '',
+): Promise<T.Command | null> {
   const sent = await attempt(() => api.send(name, args, confirm));
   if (sent) live.putCommand(sent);
   return sent;

@@ -1,4 +1,7 @@
-/** The one-time part of an address, and whether the server still takes it: a link that is over is told before anybody types. */
+/**
+ * The one-time part of a URL, and whether the server still accepts it: an expired link is reported before the user
+ * types anything.
+ */
 import { api, ApiError } from '../api/client';
 import type { Problem } from '../api/types';
 
@@ -7,6 +10,9 @@ export class OneTimeLink {
   over = $state<Problem | null>(null);
 
   constructor(kind: 'setup' | 'password') {
-    if (this.token) void api.checkLink(kind, this.token).catch((error: unknown) => { if (error instanceof ApiError && error.status === 403) this.over = error.problem; });
+    if (this.token)
+      void api.checkLink(kind, this.token).catch((error: unknown) => {
+        if (error instanceof ApiError && error.status === 403) this.over = error.problem;
+      });
   }
 }

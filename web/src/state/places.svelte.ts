@@ -1,4 +1,4 @@
-/** Everything one can go to: pages, commands, frames, catalogues, contacts, telemetry points, alarms, help. */
+/** All targets of the palette: pages, commands, frames, catalogues, contacts, telemetry points, alarms, help. */
 import { api } from '../api/client';
 import type { Catalogue, Contact, Frame } from '../api/types';
 import { rank } from '../lib/rank';
@@ -10,7 +10,13 @@ import { go } from './router.svelte';
 import { session } from './session.svelte';
 import { view } from './view.svelte';
 
-export interface Place { kind: string; text: string; note: string; state?: LampState; run: () => void }
+export interface Place {
+  kind: string;
+  text: string;
+  note: string;
+  state?: LampState;
+  run: () => void;
+}
 
 const to = (path: string) => (): void => go(path);
 
@@ -19,7 +25,7 @@ class Places {
   catalogues = $state.raw<Catalogue[]>([]);
   contacts = $state.raw<Contact[]>([]);
 
-  /** Reads what the stream does not carry, each time the palette opens. */
+  /** Loads what the stream does not contain, each time the palette opens. */
   async read(): Promise<void> {
     await Promise.allSettled([
       api.frames({ limit: 50 }).then((p) => (this.frames = p.frames)),
@@ -29,31 +35,83 @@ class Places {
   }
 
   readonly all = $derived<Place[]>([
-    ...PAGES.filter((p) => !p.permission || session.can(p.permission)).map((p) => ({ kind: 'page', text: p.name, note: `g ${p.letter}`, run: to(p.path) })),
+    ...PAGES.filter((p) => !p.permission || session.can(p.permission)).map((p) => ({
+      kind: 'page',
+      text: p.name,
+      note: `g ${p.letter}`,
+      run: to(p.path),
+    })),
     { kind: 'page', text: 'Build a catalogue', note: 'Catalogues', run: to('/catalogues/new') },
     { kind: 'page', text: 'Design a camera', note: 'Catalogues', run: to('/catalogues/design') },
     { kind: 'page', text: 'Alarms', note: 'Telemetry, Monitor', run: to('/telemetry') },
     { kind: 'page', text: 'Night analyses', note: 'Calibration', run: to('/calibration?tab=analyses') },
-    ...live.alarms.map((a) => ({ kind: 'alarm', text: a.title || a.field, note: a.limit_text || a.text, state: lampOf(a.level), run: to(`/telemetry?plot=${a.packet}.${a.field}`) })),
-    ...(live.dictionary?.commands ?? []).map((c) => ({ kind: 'command', text: c.name, note: c.purpose, run: to(`/commands?command=${c.name}`) })),
-    ...live.values.map((v) => ({ kind: 'telemetry', text: v.title, note: `${bare(v)}, ${v.packet.replace(/_/g, ' ')}`, state: lampOf(v.state), run: to(`/telemetry?page=${encodeURIComponent(v.page)}&plot=${keyOf(v)}`) })),
-    ...this.frames.map((f) => ({ kind: 'frame', text: `Frame ${f.id}`, note: `${f.name ?? ''} ${day(f.taken)} ${clock(f.taken)}`, run: to(`/frames/${f.id}`) })),
-    ...this.catalogues.map((c) => ({ kind: 'catalogue', text: c.name || `catalogue ${c.id}`, note: `${c.stars} stars, ${day(c.created)}`, run: to(`/catalogues/${c.id}`) })),
-    ...this.contacts.map((c) => ({ kind: 'contact', text: `Contact ${c.id}`, note: `${c.device} ${day(c.started)} ${clock(c.started)}`, run: to(`/contacts?contact=${c.id}`) })),
+    ...live.alarms.map((a) => ({
+      kind: 'alarm',
+      text: a.title || a.field,
+      note: a.limit_text || a.text,
+      state: lampOf(a.level),
+      run: to(`/telemetry?plot=${a.packet}.${a.field}`),
+    })),
+    ...(live.dictionary?.commands ?? []).map((c) => ({
+      kind: 'command',
+      text: c.name,
+      note: c.purpose,
+      run: to(`/commands?command=${c.name}`),
+    })),
+    ...live.values.map((v) => ({
+      kind: 'telemetry',
+      text: v.title,
+      note: `${bare(v)}, ${v.packet.replace(/_/g, ' ')}`,
+      state: lampOf(v.state),
+      run: to(`/telemetry?page=${encodeURIComponent(v.page)}&plot=${keyOf(v)}`),
+    })),
+    ...this.frames.map((f) => ({
+      kind: 'frame',
+      text: `Frame ${f.id}`,
+      note: `${f.name ?? ''} ${day(f.taken)} ${clock(f.taken)}`,
+      run: to(`/frames/${f.id}`),
+    })),
+    ...this.catalogues.map((c) => ({
+      kind: 'catalogue',
+      text: c.name || `catalogue ${c.id}`,
+      note: `${c.stars} stars, ${day(c.created)}`,
+      run: to(`/catalogues/${c.id}`),
+    })),
+    ...this.contacts.map((c) => ({
+      kind: 'contact',
+      text: `Contact ${c.id}`,
+      note: `${c.device} ${day(c.started)} ${clock(c.started)}`,
+      run: to(`/contacts?contact=${c.id}`),
+    })),
     { kind: 'help', text: 'All keys', note: '?', run: () => view.open('keys') },
     { kind: 'help', text: 'First attitude, a tour', note: 'five steps on Live', run: to('/live?tour=1') },
-    { kind: 'help', text: 'Documents', note: 'guide by role, reference', run: () => void window.open('/help', 'gss-help') },
+    {
+      kind: 'help',
+      text: 'Documents',
+      note: 'guide by role, reference',
+      run: () => void window.open('/help', 'gss-help'),
+    },
     { kind: 'help', text: 'Command line', note: ':', run: () => view.open('line') },
-    { kind: 'help', text: view.theme === 'dark' ? 'Light theme' : 'Dark theme', note: 'appearance', run: () => view.setTheme(view.theme === 'dark' ? 'light' : 'dark') },
+    {
+      kind: 'help',
+      text: view.theme === 'dark' ? 'Light theme' : 'Dark theme',
+      note: 'appearance',
+      run: () => view.setTheme(view.theme === 'dark' ? 'light' : 'dark'),
+    },
   ]);
 
-  /** The best places for a few letters; a number alone is first of all a frame. */
+  /** The best places for a query; a number alone is first of all a frame. */
   find(query: string, most: number): Place[] {
-    const asked = query.trim();
-    const hits = rank(asked, this.all, most);
-    if (!/^\d{1,15}$/.test(asked)) return hits;
-    const known = this.all.find((p) => p.text === `Frame ${asked}`);
-    const frame = known ?? { kind: 'frame', text: `Frame ${asked}`, note: 'by its number', run: to(`/frames/${asked}`) };
+    const text = query.trim();
+    const hits = rank(text, this.all, most);
+    if (!/^\d{1,15}$/.test(text)) return hits;
+    const known = this.all.find((p) => p.text === `Frame ${text}`);
+    const frame = known ?? {
+      kind: 'frame',
+      text: `Frame ${text}`,
+      note: 'by its number',
+      run: to(`/frames/${text}`),
+    };
     return [frame, ...hits.filter((p) => p.text !== frame.text)].slice(0, most);
   }
 }

@@ -1,14 +1,17 @@
-/** Paths of the History API: every state of the console is a link. */
-export const route = $state({ path: location.pathname, search: location.search });
+/** URLs of the History API: every state of the console has a link. */
+import { base, inside } from '../lib/base';
+
+export const route = $state({ path: inside(location.pathname) ?? '/', search: location.search });
 
 function read(): void {
-  route.path = location.pathname;
+  route.path = inside(location.pathname) ?? '/';
   route.search = location.search;
 }
 
+/** Goes to a path of this console; the base of its unit is put before it. */
 export function go(to: string, replace = false): void {
-  if (replace) history.replaceState(null, '', to);
-  else history.pushState(null, '', to);
+  if (replace) history.replaceState(null, '', base + to);
+  else history.pushState(null, '', base + to);
   read();
 }
 
@@ -16,23 +19,34 @@ export function query(name: string): string {
   return new URLSearchParams(route.search).get(name) ?? '';
 }
 
-/** Sets or clears one query parameter of the present address without adding to the history. */
+/** Sets or clears one query parameter of the present URL without a history entry. */
 export function setQuery(name: string, value: string): void {
   const q = new URLSearchParams(location.search);
   if (value) q.set(name, value);
   else q.delete(name);
   const text = q.toString();
-  go(location.pathname + (text ? `?${text}` : ''), true);
+  go(route.path + (text ? `?${text}` : ''), true);
 }
 
 export function startRouter(): void {
   addEventListener('popstate', read);
   document.addEventListener('click', (e) => {
     const a = e.target instanceof Element ? e.target.closest('a') : null;
-    if (!a || e.defaultPrevented || e.button !== 0 || e.metaKey || e.ctrlKey || e.shiftKey || a.target || a.hasAttribute('download')) return;
-    if (a.origin !== location.origin || a.pathname.startsWith('/api/')) return;
+    if (
+      !a ||
+      e.defaultPrevented ||
+      e.button !== 0 ||
+      e.metaKey ||
+      e.ctrlKey ||
+      e.shiftKey ||
+      a.target ||
+      a.hasAttribute('download')
+    )
+      return;
+    const path = inside(a.pathname);
+    if (a.origin !== location.origin || path === null || path.startsWith('/api/')) return;
     e.preventDefault();
-    go(a.pathname + a.search);
+    go(path + a.search);
   });
-  if (location.pathname === '/') go('/live', true);
+  if (route.path === '/') go('/live', true);
 }

@@ -1,13 +1,14 @@
-/** Who sits here: name, role, what the role may do; and what happens when the server no longer knows us. */
+/** The signed-in user: name, role, permissions; and what happens when the server rejects the session. */
+import { base } from '../lib/base';
 import { api, door } from '../api/client';
 import type { SessionInfo } from '../api/types';
 import { lacking } from '../lib/roles';
 
 class Session {
-  /** False until the server has said for the first time whether we are signed in. */
+  /** False until the server has reported for the first time whether the user is signed in. */
   known = $state(false);
   info = $state<SessionInfo | null>(null);
-  /** Since when the session is over, after it once was there; the page below keeps its state. */
+  /** Time at which the session ended; the page below keeps its state. */
   endedAt = $state<number | null>(null);
   problem = $state('');
   private waiting: (() => void)[] = [];
@@ -23,12 +24,12 @@ class Session {
     return this.permissions.has(permission);
   }
 
-  /** Why the role may not do it, as a sentence; empty when it may. */
+  /** Why the role may not do it, as a sentence; empty if it may. */
   lacks(permission: string): string {
     return this.can(permission) || !this.signedIn ? '' : lacking(permission, this.role);
   }
 
-  /** Why the role gives no command at all; each group of commands has a permission of its own. */
+  /** Why the role may send no command at all; each group of commands has a separate permission. */
   lacksCommanding(): string {
     return [...this.permissions].some((p) => p.startsWith('command.')) ? '' : this.lacks('command.attitude');
   }
@@ -51,7 +52,7 @@ class Session {
     else if (this.endedAt === null) this.endedAt = Date.now();
   }
 
-  /** Asks the server; says what is wrong where it does not answer. An answer that somebody's signing in overtook says nothing. */
+  /** Query the session; reports a problem if the server does not answer. A response older than a sign-in is ignored. */
   async read(): Promise<void> {
     const turn = this.turn;
     try {
@@ -67,7 +68,7 @@ class Session {
     this.put(info);
   }
 
-  /** Settles when somebody is signed in; reads that were refused go on then, changes never do. */
+  /** Resolves when a user is signed in; rejected reads then continue, changes never do. */
   back(): Promise<void> {
     if (this.signedIn && this.endedAt === null) return Promise.resolve();
     return new Promise((resolve) => this.waiting.push(resolve));
@@ -85,13 +86,15 @@ class Session {
     this.enter(await api.welcome(token, password));
   }
 
-  /** A fresh page: nothing of this person stays in memory. */
+  /** Reload the page: no data of this user stays in memory. */
   async signOut(): Promise<void> {
     await api.signOut();
-    location.assign('/live');
+    location.assign(`${base}/live`);
   }
 
-  /** The server answered 401; that answer may be older than a new sign-in: it is asked whether the session is over. */
+  /**
+   * The server answered 401, possibly for a request older than the present session: query whether the session is over.
+   */
   refused(): Promise<void> {
     return this.read();
   }

@@ -1,15 +1,24 @@
 import { describe, expect, it } from 'vitest';
 import type { EventRow } from '../api/types';
-import { Stream, type StreamHandlers, type StreamSource } from './stream';
+import { Stream, type StreamHandlers, type StreamSource, type TopicHandlers } from './stream';
 
-const row = (seq: number): EventRow => ({ seq, at: `2026-12-01T18:35:${20 + seq}.000Z`, kind: 'x', severity: 'info', text: `e${seq}`, data: {} });
+const row = (seq: number): EventRow => ({
+  seq,
+  at: `2026-12-01T18:35:${20 + seq}.000Z`,
+  kind: 'x',
+  severity: 'info',
+  text: `e${seq}`,
+  data: {},
+});
 
 class Fake implements StreamSource {
   onopen: ((e: Event) => void) | null = null;
   onerror: ((e: Event) => void) | null = null;
   closed = false;
   addEventListener(): void {}
-  close(): void { this.closed = true; }
+  close(): void {
+    this.closed = true;
+  }
 }
 
 function rig(missed: EventRow[] = []) {
@@ -17,36 +26,45 @@ function rig(missed: EventRow[] = []) {
   const sources: { after: number; fake: Fake }[] = [];
   const waits: { ms: number; run: () => void }[] = [];
   const handlers: StreamHandlers = {
-    item: (kind, data) => log.push(kind === 'event' ? `event ${(data as EventRow).seq}` : kind),
+    topics: new Proxy({} as TopicHandlers, {
+      get: (_, topic: string) => (message: EventRow) => log.push(topic === 'event' ? `event ${message.seq}` : topic),
+    }),
     online: (filled) => log.push(filled ? `back ${filled.count}` : 'online'),
     offline: (since) => log.push(`offline ${since}`),
   };
-  const stream = new Stream({
-    open: (after) => { const fake = new Fake(); sources.push({ after, fake }); return fake; },
-    backfill: async (after) => missed.filter((e) => e.seq > after),
-    later: (run, ms) => waits.push({ ms, run }),
-    now: () => 7,
-  }, handlers);
+  const stream = new Stream(
+    {
+      open: (after) => {
+        const fake = new Fake();
+        sources.push({ after, fake });
+        return fake;
+      },
+      backfill: async (after) => missed.filter((e) => e.seq > after),
+      later: (run, ms) => waits.push({ ms, run }),
+      now: () => 7,
+    },
+    handlers,
+  );
   return { stream, log, sources, waits };
 }
-const event = (seq: number): [string, string, string] => ['event', JSON.stringify(row(seq)), String(seq)];
+const event = (seq: number): ['event', string, string] => ['event', JSON.stringify(row(seq)), String(seq)];
 const settle = (): Promise<void> => new Promise((r) => setTimeout(r, 0));
 
 describe('the event stream', () => {
-  it('counts a recorded event once, however often it comes', () => {
+  it('handles a recorded event once, however often it arrives', () => {
     const { stream, log } = rig();
     stream.start();
     for (const seq of [1, 2, 2, 1, 3]) stream.received(...event(seq));
     expect(log).toEqual(['event 1', 'event 2', 'event 3']);
     expect(stream.lastSeq).toBe(3);
   });
-  it('lets states without a number always pass', () => {
+  it('always accepts states without a number', () => {
     const { stream, log } = rig();
     stream.received('link', '{}', '');
     stream.received('link', '{}', '');
     expect(log).toEqual(['link', 'link']);
   });
-  it('tells a jump in the count of states as a loss, once, and none after an announced one', () => {
+  it('reports a jump in the count of states as a loss, once, and none after an announced loss', () => {
     const { stream, log } = rig();
     for (const id of ['7.3', '7.4', '7.6', '7.7']) stream.received('link', '{}', id);
     expect(log).toEqual(['link', 'link', 'dropped', 'link', 'link']);
@@ -69,7 +87,7 @@ describe('the event stream', () => {
     await settle();
     expect(log).toEqual(['event 1', 'dropped', 'event 2', 'event 3']);
   });
-  it('says once that it went offline, waits longer each time, and resumes after the last number', () => {
+  it('reports once that it is offline, waits longer each time, and resumes after the last number', () => {
     const { stream, log, sources, waits } = rig();
     stream.start();
     stream.received(...event(5));
@@ -81,7 +99,7 @@ describe('the event stream', () => {
     expect(sources.map((s) => s.after)).toEqual([0, 5]);
     expect(sources[0]?.fake.closed).toBe(true);
   });
-  it('fetches what it missed before it says it is back', async () => {
+  it('fetches missed events before it reports that it is back', async () => {
     const { stream, log, sources, waits } = rig([row(1), row(2), row(3)]);
     stream.start();
     stream.received(...event(1));

@@ -1,5 +1,5 @@
-/** The one event stream: parses, remembers the last sequence number, reconnects and fetches what it missed. */
-import type { EventRow } from '../api/types';
+/** The one event stream: parses, remembers the last sequence number, reconnects and fetches missed events. */
+import type { EventRow, Topic, Topics } from '../api/types';
 
 export interface StreamSource {
   onopen: ((e: Event) => void) | null;
@@ -13,12 +13,13 @@ export interface StreamParts {
   later: (run: () => void, ms: number) => unknown;
   now: () => number;
 }
+/** Handlers of the messages by topic; an unknown or missing topic does not compile. */
+export type TopicHandlers = { [K in Topic]: (message: Topics[K]) => void };
 export interface StreamHandlers {
-  item: (kind: string, data: unknown) => void;
+  topics: TopicHandlers;
   online: (filled: { from: string; to: string; count: number } | null) => void;
   offline: (since: number) => void;
 }
-export const KINDS = ['link', 'telemetry', 'command', 'transfer', 'frame', 'solution', 'job', 'event', 'cycle', 'dropped', 'authority', 'alarm', 'stack_run', 'schedule', 'tables', 'limits', 'replay', 'replay.telemetry', 'replay.command', 'replay.event', 'session'] as const;
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 8000;
 
@@ -31,13 +32,17 @@ export class Stream {
   private lost: number | null = null;
   private stopped = false;
 
-  constructor(private readonly parts: StreamParts, private readonly handlers: StreamHandlers) {}
+  constructor(
+    private readonly parts: StreamParts,
+    private readonly handlers: StreamHandlers,
+  ) {}
 
   start(): void {
     this.source = this.parts.open(this.lastSeq);
     this.source.onopen = () => void this.opened();
     this.source.onerror = () => this.broke();
-    for (const kind of KINDS) this.source.addEventListener(kind, (e) => this.received(kind, e.data, e.lastEventId));
+    for (const topic of Object.keys(this.handlers.topics) as Topic[])
+      this.source.addEventListener(topic, (e) => this.received(topic, e.data, e.lastEventId));
   }
 
   stop(): void {
@@ -45,35 +50,40 @@ export class Stream {
     this.source?.close();
   }
 
-  /** A recorded event counts once, however often it arrives; states always pass. A number that jumps shows a loss: what the record
-   *  still has is fetched, and the loss is told even where the server could not say it. `id` is "12" of events, else "12.345". */
-  received(kind: string, text: string, id: string): void {
-    const data: unknown = JSON.parse(text);
-    if (kind === 'event') return this.recorded(data as EventRow);
-    if (kind === 'dropped') {
+  /**
+   * Process a message. A recorded event is handled once, however often it arrives; messages of state always. A number
+   * that jumps shows a loss: recorded events are fetched, and `dropped` is reported even if the server could not send
+   * it. `id` is "12" for recorded events, else "12.345".
+   */
+  received<K extends Topic>(topic: K, text: string, id: string): void {
+    const message = JSON.parse(text) as Topics[K];
+    if (topic === 'event') return this.recorded(message as EventRow);
+    if (topic === 'dropped') {
       this.lastCount = 0;
       void this.recover(this.lastSeq, Infinity);
     } else if (id !== '') this.counted(id);
-    this.handlers.item(kind, data);
+    this.handlers.topics[topic](message);
   }
 
   private recorded(event: EventRow): void {
     const before = this.lastSeq;
     if (!this.fresh(event.seq)) return;
     if (before > 0 && event.seq > before + 1) void this.recover(before, event.seq);
-    this.handlers.item('event', event);
+    this.handlers.topics.event(event);
   }
 
   private counted(id: string): void {
     const [seq, count] = id.split('.').map(Number) as [number, number | undefined];
-    if (count !== undefined && this.lastCount > 0 && count > this.lastCount + 1) this.handlers.item('dropped', { dropped: count - this.lastCount - 1 });
+    if (count !== undefined && this.lastCount > 0 && count > this.lastCount + 1)
+      this.handlers.topics.dropped({ dropped: count - this.lastCount - 1 });
     this.lastCount = count ?? this.lastCount;
     if (this.lastSeq === 0) this.lastSeq = seq;
   }
 
   private async recover(after: number, before: number): Promise<void> {
     const missed = await this.parts.backfill(after).catch(() => []);
-    for (const e of missed) if (e.seq < before && (before !== Infinity || this.fresh(e.seq))) this.handlers.item('event', e);
+    for (const e of missed)
+      if (e.seq < before && (before !== Infinity || this.fresh(e.seq))) this.handlers.topics.event(e);
   }
 
   private fresh(seq: number): boolean {
@@ -89,10 +99,12 @@ export class Stream {
     this.lost = null;
     if (!wasLost) return this.handlers.online(null);
     const missed = (await this.parts.backfill(this.lastSeq).catch(() => [])).filter((e) => this.fresh(e.seq));
-    for (const e of missed) this.handlers.item('event', e);
+    for (const e of missed) this.handlers.topics.event(e);
     const first = missed[0];
     const last = missed[missed.length - 1];
-    this.handlers.online(first && last ? { from: first.at, to: last.at, count: missed.length } : { from: '', to: '', count: 0 });
+    this.handlers.online(
+      first && last ? { from: first.at, to: last.at, count: missed.length } : { from: '', to: '', count: 0 },
+    );
   }
 
   private broke(): void {

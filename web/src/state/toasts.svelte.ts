@@ -1,12 +1,17 @@
 import type { LampState } from '../lib/lamp';
 
-export interface Toast { key: number; state: LampState; text: string; id: string }
+export interface Toast {
+  key: number;
+  state: LampState;
+  text: string;
+  id: string;
+}
 export const toasts = $state<{ list: Toast[] }>({ list: [] });
 const SHOWN_MS = 9000;
 const MOST = 4;
 let next = 1;
 
-/** What went wrong stays until it is closed; good news goes by itself. */
+/** An error stays until it is closed; a success message disappears automatically. */
 export function toast(state: LampState, text: string, id = ''): void {
   const key = next++;
   const again = toasts.list.filter((t) => t.text !== text || t.state !== state);

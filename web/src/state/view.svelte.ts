@@ -1,26 +1,38 @@
-/** What the person set on this screen: theme, overlays, freeze, keys of what is on show. */
+/** The user's settings on this screen: theme, overlays, freeze, keys of the current page. */
 import { untrack } from 'svelte';
 
 export type Overlay = 'regions' | 'centroids' | 'matched' | 'predicted' | 'rejected' | 'residual' | 'grid';
-export interface PageKey { key: string; text: string; run: () => void }
-/** The panel that the keyboard opened beside the page. */
+export interface PageKey {
+  key: string;
+  text: string;
+  run: () => void;
+}
+/** The panel that was opened by keyboard beside the page. */
 export type Opened = 'none' | 'keys' | 'palette' | 'line';
 
 class View {
   theme = $state<'dark' | 'light'>(localStorage.getItem('gss-theme') === 'light' ? 'light' : 'dark');
   frozen = $state(false);
   opened = $state<Opened>('none');
-  overlays = $state<Record<Overlay, boolean>>({ regions: true, centroids: true, matched: true, predicted: true, rejected: true, residual: false, grid: true });
+  overlays = $state<Record<Overlay, boolean>>({
+    regions: true,
+    centroids: true,
+    matched: true,
+    predicted: true,
+    rejected: true,
+    residual: false,
+    grid: true,
+  });
   overlaysOff = $state(false);
   keys = $state<PageKey[]>([]);
   offers = $state.raw<readonly (readonly PageKey[])[]>([]);
   wide = $state(innerWidth >= 1400);
   /** Room for one more column. */
   vast = $state(innerWidth >= 1700);
-  /** A tablet: the columns beside a page's subject are tabs. */
+  /** Tablet width: the side columns are tabs. */
   narrow = $state(innerWidth < 1200);
   readonly allKeys = $derived([...this.keys, ...this.offers.flat()]);
-  /** Where the focus was before a panel opened; it goes back there. */
+  /** The element that had the focus before a panel opened; it gets the focus back. */
   private before: HTMLElement | null = null;
 
   open(what: Opened): void {
@@ -43,11 +55,13 @@ class View {
 
 export const view = new View();
 
-/** Keys of a component for as long as it is on show; call it while the component is made. */
+/** Keys of a component while it is shown; call this during its creation. */
 export function offerKeys(keys: () => readonly PageKey[]): void {
   $effect(() => {
     const mine = keys();
     untrack(() => (view.offers = [...view.offers, mine]));
-    return () => { view.offers = view.offers.filter((o) => o !== mine); };
+    return () => {
+      view.offers = view.offers.filter((o) => o !== mine);
+    };
   });
 }

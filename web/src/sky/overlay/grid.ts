@@ -1,10 +1,10 @@
-/** The sky's own lines: grid with degrees on the edge, north and east with the roll, boresight, scale. */
+/** Celestial lines: grid with degrees at the edge, north and east with the roll, boresight, scale. */
 import type { SolutionDetail } from '../../api/types';
 import { fixed } from '../../lib/format';
 import { overlaps, type Box } from '../labels';
 import { at, corners, halo, plate, type Colour, type Ctx, type Scene, type Screen } from './screen';
 
-/** Draws the grid and answers where its labels are; a label that would touch another is left out. */
+/** Draws the grid and returns the areas of its labels; a label that would touch another is omitted. */
 export function grid(ctx: Ctx, s: Screen, sol: SolutionDetail, photo: Box, colour: Colour): Box[] {
   const taken: Box[] = [];
   ctx.save();
@@ -22,7 +22,9 @@ export function grid(ctx: Ctx, s: Screen, sol: SolutionDetail, photo: Box, colou
     ctx.stroke();
     const [left, top, right, bottom] = [photo.x, photo.y, photo.x + photo.w, photo.y + photo.h];
     const inside = pts.filter(([x, y]) => x > left + 14 && x < right - 30 && y > top + 12 && y < bottom - 6);
-    const end = [inside[0], inside[inside.length - 1]].filter((p): p is [number, number] => p !== undefined).sort((a, b) => Math.min(a[1] - top, bottom - a[1]) - Math.min(b[1] - top, bottom - b[1]))[0];
+    const end = [inside[0], inside[inside.length - 1]]
+      .filter((p): p is [number, number] => p !== undefined)
+      .sort((a, b) => Math.min(a[1] - top, bottom - a[1]) - Math.min(b[1] - top, bottom - b[1]))[0];
     if (!end || Math.min(end[1] - top, bottom - end[1]) > 26) continue;
     const y = end[1] < (top + bottom) / 2 ? top + 13 : bottom - 5;
     const place: Box = { x: end[0] + 1, y: y - 12, w: ctx.measureText(line.label).width + 6, h: 15, strict: true };
@@ -44,7 +46,10 @@ export function compass(ctx: Ctx, s: Screen, scene: Scene, colour: Colour): void
   ctx.strokeStyle = colour('ov-txt');
   ctx.lineWidth = 1.2;
   ctx.font = "11.5px 'IBM Plex Sans'";
-  for (const [label, x, y] of [['N', nx, ny], ['E', ny, -nx]] as const) {
+  for (const [label, x, y] of [
+    ['N', nx, ny],
+    ['E', ny, -nx],
+  ] as const) {
     ctx.beginPath();
     ctx.moveTo(ox, oy);
     ctx.lineTo(ox + x * arm, oy + y * arm);
@@ -91,13 +96,18 @@ export function scaleBar(ctx: Ctx, s: Screen, scene: Scene, colour: Colour): voi
   ctx.restore();
 }
 
-/** Where the boresight meets the detector: four strokes round an open middle. */
+/** The boresight on the detector: four lines around an open centre. */
 export function boresight(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string): void {
   const [x, y] = at(s, sol.camera.centre_col_px, sol.camera.centre_row_px);
   ctx.strokeStyle = ink;
   ctx.lineWidth = 1;
   ctx.beginPath();
-  for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]] as const) {
+  for (const [dx, dy] of [
+    [1, 0],
+    [-1, 0],
+    [0, 1],
+    [0, -1],
+  ] as const) {
     ctx.moveTo(x + dx * 8, y + dy * 8);
     ctx.lineTo(x + dx * 17, y + dy * 17);
   }

@@ -1,4 +1,4 @@
-/** Rows and parts that never came: hatched, never black. */
+/** Rows and parts that were not received: hatched, never black. */
 import type { Frame } from '../../api/types';
 import type { Ctx, Screen } from './screen';
 
@@ -8,7 +8,8 @@ export function missingRows(ctx: Ctx, s: Screen, frame: Frame, colour: string): 
     ctx.save();
     ctx.beginPath();
     ctx.rect(s.x, s.y, frame.columns * s.scale, frame.rows * s.scale);
-    for (const [col, row, columns, rows] of frame.held) ctx.rect(s.x + col * s.scale, s.y + row * s.scale, columns * s.scale, rows * s.scale);
+    for (const [col, row, columns, rows] of frame.held)
+      ctx.rect(s.x + col * s.scale, s.y + row * s.scale, columns * s.scale, rows * s.scale);
     ctx.clip('evenodd');
     hatch(ctx, s.x, s.y, frame.columns * s.scale, frame.rows * s.scale, colour);
     ctx.restore();

@@ -1,12 +1,22 @@
-/** Names and magnitudes beside their marks, and why a region was rejected; placed so that nothing overlaps. */
+/** Names and magnitudes beside their marks, and why a region was rejected; placed without overlap. */
 import { fixed } from '../../lib/format';
 import { placeLabels, type Box, type Want } from '../labels';
 import { at, corners, halo, seen, type Colour, type Ctx, type Scene, type Screen } from './screen';
 import { faintestMatched } from './stars';
 
-interface Text { parts: { text: string; ink: string }[][] }
+interface Text {
+  parts: { text: string; ink: string }[][];
+}
 
-export function labels(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<number>, photo: Box, gridLabels: readonly Box[], colour: Colour): void {
+export function labels(
+  ctx: Ctx,
+  s: Screen,
+  scene: Scene,
+  main: ReadonlySet<number>,
+  photo: Box,
+  gridLabels: readonly Box[],
+  colour: Colour,
+): void {
   const { solution: sol, show } = scene;
   if (!sol) return;
   ctx.font = "11.5px 'IBM Plex Sans'";
@@ -27,15 +37,36 @@ export function labels(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<numb
     if (star.hip !== null || star.flux_dn >= plain) marks.push({ x: x - 10, y: y - 10, w: 20, h: 20 });
     if (!show.matched) continue;
     if (star.hip === null) {
-      if (star.flux_dn >= plain) add(`c${star.index}`, star.col_px, star.row_px, 6, [[{ text: 'no match', ink: colour('ov-nomatch') }]]);
-    } else add(`s${star.index}`, star.col_px, star.row_px, star.v_mag ?? 5, [[{ text: `${star.name ?? `HIP ${star.hip}`} `, ink: colour('ov-txt') }, { text: fixed(star.v_mag, 2), ink: colour('ov-mag') }]]);
+      if (star.flux_dn >= plain)
+        add(`c${star.index}`, star.col_px, star.row_px, 6, [[{ text: 'no match', ink: colour('ov-nomatch') }]]);
+    } else
+      add(`s${star.index}`, star.col_px, star.row_px, star.v_mag ?? 5, [
+        [
+          { text: `${star.name ?? `HIP ${star.hip}`} `, ink: colour('ov-txt') },
+          { text: fixed(star.v_mag, 2), ink: colour('ov-mag') },
+        ],
+      ]);
   }
   const missed = sol.predicted.filter((p) => !p.detected);
   for (const p of missed) {
-    const region = show.rejected ? sol.regions.find((r) => r.rejected && p.col_px > r.col_min - 4 && p.col_px < r.col_max + 4 && p.row_px > r.row_min - 4 && p.row_px < r.row_max + 4) : undefined;
+    const region = show.rejected
+      ? sol.regions.find(
+          (r) =>
+            r.rejected &&
+            p.col_px > r.col_min - 4 &&
+            p.col_px < r.col_max + 4 &&
+            p.row_px > r.row_min - 4 &&
+            p.row_px < r.row_max + 4,
+        )
+      : undefined;
     const said = region && (p.v_mag < 1.5 || s.scale >= 2);
     const ink = said ? colour('ov-txt') : colour('ov-pred');
-    const lines: Text['parts'] = [[{ text: `${p.name} `, ink }, { text: fixed(p.v_mag, 2), ink: colour('ov-mag') }]];
+    const lines: Text['parts'] = [
+      [
+        { text: `${p.name} `, ink },
+        { text: fixed(p.v_mag, 2), ink: colour('ov-mag') },
+      ],
+    ];
     if (said && region) lines.push([{ text: `rejected: ${region.rejected}`, ink: colour('ov-rej') }]);
     if (show.predicted || said) add(`p${p.hip}`, p.col_px, p.row_px, said ? -3 : p.v_mag + 2, lines, 15);
   }

@@ -1,28 +1,38 @@
-/** Detected and rejected regions: a box, and from 4:1 the outline of the region's own pixels. */
+/** Detected and rejected regions: a box, and from 4:1 the outline of the region's pixels. */
 import type { Region, SolutionDetail } from '../../api/types';
 import { outlineOf } from '../outline';
 import { at, seen, type Ctx, type Scene, type Screen } from './screen';
 import { PROMINENT } from './stars';
 
-/** From this zoom on a region is drawn by its pixels. */
+/** From this zoom a region is drawn by its pixels. */
 export const OUTLINE_FROM = 4;
 
-/** Strokes the region's own pixels and answers how many regions it drew; nothing where the image is not there. */
+/** Outlines the region's pixels and returns how many regions it drew; none if the image is not loaded. */
 function outlines(ctx: Ctx, s: Screen, scene: Scene, which: readonly Region[]): number {
   const image = scene.image;
   if (!image) return 0;
-  const inView = which.filter((r) => seen(s, ...at(s, r.col_max, r.row_max)) || seen(s, ...at(s, r.col_min, r.row_min)));
+  const inView = which.filter(
+    (r) => seen(s, ...at(s, r.col_max, r.row_max)) || seen(s, ...at(s, r.col_min, r.row_min)),
+  );
   ctx.beginPath();
-  for (const r of inView) for (const [x0, y0, x1, y1] of outlineOf(image, r)) {
-    ctx.moveTo(...at(s, x0, y0));
-    ctx.lineTo(...at(s, x1, y1));
-  }
+  for (const r of inView)
+    for (const [x0, y0, x1, y1] of outlineOf(image, r)) {
+      ctx.moveTo(...at(s, x0, y0));
+      ctx.lineTo(...at(s, x1, y1));
+    }
   ctx.stroke();
   return inView.length;
 }
 
-/** Answers how many were drawn by their pixels. */
-export function regions(ctx: Ctx, s: Screen, scene: Scene, sol: SolutionDetail, main: ReadonlySet<number>, ink: string): number {
+/** Returns how many were drawn by their pixels. */
+export function regions(
+  ctx: Ctx,
+  s: Screen,
+  scene: Scene,
+  sol: SolutionDetail,
+  main: ReadonlySet<number>,
+  ink: string,
+): number {
   ctx.strokeStyle = ink;
   const good = sol.regions.filter((r) => !r.rejected);
   if (s.scale >= OUTLINE_FROM) {
@@ -33,8 +43,20 @@ export function regions(ctx: Ctx, s: Screen, scene: Scene, sol: SolutionDetail, 
   ctx.globalAlpha = 0.5;
   ctx.lineWidth = 1;
   for (const r of good) {
-    if (sol.stars.length > PROMINENT && !shown.some((q) => q.col_px > r.col_min - 1 && q.col_px < r.col_max + 1 && q.row_px > r.row_min - 1 && q.row_px < r.row_max + 1)) continue;
-    ctx.strokeRect(s.x + r.col_min * s.scale - 1.5, s.y + r.row_min * s.scale - 1.5, (r.col_max - r.col_min + 1) * s.scale + 3, (r.row_max - r.row_min + 1) * s.scale + 3);
+    if (
+      sol.stars.length > PROMINENT &&
+      !shown.some(
+        (q) =>
+          q.col_px > r.col_min - 1 && q.col_px < r.col_max + 1 && q.row_px > r.row_min - 1 && q.row_px < r.row_max + 1,
+      )
+    )
+      continue;
+    ctx.strokeRect(
+      s.x + r.col_min * s.scale - 1.5,
+      s.y + r.row_min * s.scale - 1.5,
+      (r.col_max - r.col_min + 1) * s.scale + 3,
+      (r.row_max - r.row_min + 1) * s.scale + 3,
+    );
   }
   ctx.globalAlpha = 1;
   return 0;
@@ -57,7 +79,12 @@ export function rejected(ctx: Ctx, s: Screen, scene: Scene, sol: SolutionDetail,
     ctx.setLineDash([]);
     ctx.lineWidth = 1.3;
     ctx.beginPath();
-    for (const [dx, dy] of [[-1, -1], [1, -1], [1, 1], [-1, 1]] as const) {
+    for (const [dx, dy] of [
+      [-1, -1],
+      [1, -1],
+      [1, 1],
+      [-1, 1],
+    ] as const) {
       ctx.moveTo(cx + dx * half, cy + dy * (half - 4));
       ctx.lineTo(cx + dx * half, cy + dy * half);
       ctx.lineTo(cx + dx * (half - 4), cy + dy * half);

@@ -1,26 +1,53 @@
-/** What the drawings share: where a pixel lies on the screen, what is shown, and text that stays readable on any ground. */
+/**
+ * Shared by the overlays: screen position of a pixel, enabled overlays, and text that is readable on any background.
+ */
 import type { Frame, SolutionDetail } from '../../api/types';
 import type { RawImage } from '../../api/client';
 import type { Overlay } from '../../state/view.svelte';
 import type { Box } from '../labels';
 
-export interface Screen { scale: number; x: number; y: number; width: number; height: number }
-export interface Scene { frame: Frame; image: RawImage | null; solution: SolutionDetail | null; show: Record<Overlay, boolean>; selected: number | null; residualFactor: number }
+export interface Screen {
+  scale: number;
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+}
+export interface Scene {
+  frame: Frame;
+  image: RawImage | null;
+  solution: SolutionDetail | null;
+  show: Record<Overlay, boolean>;
+  selected: number | null;
+  residualFactor: number;
+}
 export type Ctx = CanvasRenderingContext2D;
 export type Colour = (name: string) => string;
 
-export const at = (s: Screen, col: number, row: number): [number, number] => [s.x + (col + 0.5) * s.scale, s.y + (row + 0.5) * s.scale];
-export const seen = (s: Screen, x: number, y: number): boolean => x > -20 && y > -20 && x < s.width + 20 && y < s.height + 20;
+export const at = (s: Screen, col: number, row: number): [number, number] => [
+  s.x + (col + 0.5) * s.scale,
+  s.y + (row + 0.5) * s.scale,
+];
+export const seen = (s: Screen, x: number, y: number): boolean =>
+  x > -20 && y > -20 && x < s.width + 20 && y < s.height + 20;
 
-/** The part of the canvas that the image covers. */
+/** The part of the canvas covered by the image. */
 export function picture(s: Screen, frame: Frame): Box {
   const [x, y] = [Math.max(0, s.x), Math.max(0, s.y)];
-  return { x, y, w: Math.min(s.width, s.x + frame.columns * s.scale) - x, h: Math.min(s.height, s.y + frame.rows * s.scale) - y };
+  return {
+    x,
+    y,
+    w: Math.min(s.width, s.x + frame.columns * s.scale) - x,
+    h: Math.min(s.height, s.y + frame.rows * s.scale) - y,
+  };
 }
 
-/** Corners kept free: compass with the roll at the left, scale bar at the right. */
+/** Reserved corners: compass with the roll on the left, scale bar on the right. */
 export function corners(s: Screen): Box[] {
-  return [{ x: 0, y: s.height - 114, w: 112, h: 114, strict: true }, { x: s.width * 0.82, y: s.height - 32, w: s.width * 0.18, h: 32, strict: true }];
+  return [
+    { x: 0, y: s.height - 114, w: 112, h: 114, strict: true },
+    { x: s.width * 0.82, y: s.height - 32, w: s.width * 0.18, h: 32, strict: true },
+  ];
 }
 
 export function halo(ctx: Ctx, text: string, x: number, y: number, ink: string, ground: string): void {
@@ -34,7 +61,7 @@ export function halo(ctx: Ctx, text: string, x: number, y: number, ink: string, 
   ctx.restore();
 }
 
-/** A ground behind a line of text, so that marks under it do not run into its letters. */
+/** A background behind a line of text, so that marks do not cross its letters. */
 export function plate(ctx: Ctx, text: string, x: number, y: number, ground: string): void {
   ctx.save();
   ctx.globalAlpha = 0.82;

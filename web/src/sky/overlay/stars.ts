@@ -1,15 +1,25 @@
-/** Stars: centroid, match, prediction, residual, selection. Marks keep their size at any zoom and leave the star's core free. */
+/**
+ * Stars: centroid, match, prediction, residual, selection. Marks keep their size at any zoom and do not cover the
+ * star's core.
+ */
 import type { SolutionDetail } from '../../api/types';
 import { at, seen, type Colour, type Ctx, type Scene, type Screen } from './screen';
 
 const MATCH_RADIUS = 10;
-/** How many stars in view get full marks; the others are dots until one zooms in. */
+/** Number of visible stars with full marks; the others are dots until the user zooms in. */
 export const PROMINENT = 40;
 
-/** The brightest stars that are in view, by index: a deep solution names hundreds, and a picture holds a few dozen marks. */
+/**
+ * The brightest visible stars, by index: a deep solution names hundreds, and an image has room for a few dozen marks.
+ */
 export function prominent(sol: SolutionDetail, s: Screen): ReadonlySet<number> {
   const inView = sol.stars.filter((star) => seen(s, ...at(s, star.col_px, star.row_px)));
-  return new Set(inView.sort((a, b) => b.flux_dn - a.flux_dn).slice(0, PROMINENT).map((star) => star.index));
+  return new Set(
+    inView
+      .sort((a, b) => b.flux_dn - a.flux_dn)
+      .slice(0, PROMINENT)
+      .map((star) => star.index),
+  );
 }
 
 export function predicted(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string): void {
@@ -18,10 +28,16 @@ export function predicted(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string)
     const [x, y] = at(s, p.col_px, p.row_px);
     if (!seen(s, x, y)) continue;
     ctx.beginPath();
-    if (p.detected) for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]] as const) {
-      ctx.moveTo(x + dx * 11.5, y + dy * 11.5);
-      ctx.lineTo(x + dx * 15, y + dy * 15);
-    }
+    if (p.detected)
+      for (const [dx, dy] of [
+        [1, 0],
+        [-1, 0],
+        [0, 1],
+        [0, -1],
+      ] as const) {
+        ctx.moveTo(x + dx * 11.5, y + dy * 11.5);
+        ctx.lineTo(x + dx * 15, y + dy * 15);
+      }
     else {
       ctx.setLineDash([3, 2.5]);
       ctx.arc(x, y, 11, 0, 7);
@@ -31,9 +47,12 @@ export function predicted(ctx: Ctx, s: Screen, sol: SolutionDetail, ink: string)
   }
 }
 
-/** Flux above which a centroid without a match deserves a mark: the median of the matched ones. Fainter ones keep their plus. */
+/** Flux above which an unmatched centroid gets a mark: the median of the matched ones. Fainter ones keep a plus. */
 export function faintestMatched(sol: SolutionDetail): number {
-  const fluxes = sol.stars.filter((x) => x.hip !== null).map((x) => x.flux_dn).sort((a, b) => a - b);
+  const fluxes = sol.stars
+    .filter((x) => x.hip !== null)
+    .map((x) => x.flux_dn)
+    .sort((a, b) => a - b);
   return fluxes[Math.floor(fluxes.length / 2)] ?? 0;
 }
 
@@ -43,13 +62,23 @@ export function stars(ctx: Ctx, s: Screen, scene: Scene, main: ReadonlySet<numbe
     const [x, y] = at(s, star.col_px, star.row_px);
     if (!seen(s, x, y)) continue;
     if (!main.has(star.index) && scene.selected !== star.index) {
-      if (star.hip !== null ? scene.show.matched : scene.show.centroids) dot(ctx, x, y, colour(star.hip !== null ? 'ov-match' : 'ov-region'));
+      if (star.hip !== null ? scene.show.matched : scene.show.centroids)
+        dot(ctx, x, y, colour(star.hip !== null ? 'ov-match' : 'ov-region'));
       continue;
     }
     if (scene.show.centroids) plus(ctx, x, y, colour('ov-centroid'));
     if (star.hip !== null && scene.show.matched) ring(ctx, x, y, colour('ov-match'));
     if (star.hip === null && scene.show.matched && star.flux_dn >= plain) diamond(ctx, x, y, colour('ov-nomatch'));
-    if (scene.show.residual && star.dx_px !== null && star.dy_px !== null) arrow(ctx, x, y, star.dx_px * scene.residualFactor, star.dy_px * scene.residualFactor, s.scale, colour('ov-centroid'));
+    if (scene.show.residual && star.dx_px !== null && star.dy_px !== null)
+      arrow(
+        ctx,
+        x,
+        y,
+        star.dx_px * scene.residualFactor,
+        star.dy_px * scene.residualFactor,
+        s.scale,
+        colour('ov-centroid'),
+      );
     if (scene.selected === star.index) box(ctx, x, y, colour('ac'));
   }
 }
@@ -68,7 +97,12 @@ function plus(ctx: Ctx, x: number, y: number, ink: string): void {
   ctx.strokeStyle = ink;
   ctx.lineWidth = 1;
   ctx.beginPath();
-  for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]] as const) {
+  for (const [dx, dy] of [
+    [1, 0],
+    [-1, 0],
+    [0, 1],
+    [0, -1],
+  ] as const) {
     ctx.moveTo(x + dx * 2, y + dy * 2);
     ctx.lineTo(x + dx * 5, y + dy * 5);
   }

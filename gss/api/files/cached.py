@@ -1,0 +1,42 @@
+"""Responses that a browser may keep but must confirm with the server before each use, and files of a fixed length."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from fastapi import Request, Response
+from fastapi.responses import StreamingResponse
+
+BLOCK_BYTES = 1 << 18
+
+
+def revalidated(request: Request, content_hash: str, make: Callable[[], Response]) -> Response:
+    """Return 304 if the browser has this content, else the response that ``make`` builds, with its ETag.
+
+    The tag covers the URL and ``content_hash``, so another content under the same id, as after a restore, is never shown,
+    and nothing is shown after signing out.
+    """
+    tag = hashlib.sha256(f"{request.url.path}?{request.url.query} {content_hash}".encode()).hexdigest()[:32]
+    headers = {"ETag": f'"{tag}"', "Cache-Control": "private, no-cache"}
+    if f'"{tag}"' in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    response = make()
+    response.headers.update(headers)
+    return response
+
+
+def file_of_now(path: Path) -> StreamingResponse:
+    """Return a file download with the length that the file has now, although it may still grow."""
+    size = path.stat().st_size
+
+    def blocks() -> Iterator[bytes]:
+        left = size
+        with path.open("rb") as file:
+            while left and (data := file.read(min(BLOCK_BYTES, left))):
+                left -= len(data)
+                yield data
+
+    headers = {"Content-Length": str(size), "Content-Disposition": f'attachment; filename="{path.name}"'}
+    return StreamingResponse(blocks(), media_type="application/octet-stream", headers=headers)

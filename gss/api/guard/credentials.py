@@ -1,0 +1,100 @@
+"""Identify the caller from the request's credential: an API token, or a session cookie with its CSRF value."""
+
+from __future__ import annotations
+
+import functools
+
+import anyio.to_thread
+from starlette.datastructures import Headers
+from starlette.requests import cookie_parser
+from starlette.responses import Response
+from starlette.types import Scope
+
+from gss.api.errors import problem
+from gss.api.guard.route_table import is_change, is_open
+from gss.api.urgent import ABORT, at_once
+from gss.domain.errors import GssError, RateLimited
+from gss.operations.accounts.accounts import AccountService
+from gss.operations.accounts.identity import CallerIdentity
+from gss.operations.accounts.secrets import LONGEST, same
+
+MARK = "X-GSS"
+COOKIE = "gss_session"
+DEVICE_COOKIE = "gss_device"
+
+
+class Authenticator:
+    """Identifies users and programs by their credentials."""
+
+    def __init__(self, accounts: AccountService) -> None:
+        self._accounts = accounts
+
+    async def identify(self, scope: Scope, headers: Headers) -> Response | None:
+        """Attach the caller's identity to the request. Return a 401 or 403 response if authentication is required and
+        missing, or if the CSRF check fails; 429 or 503 if the lookup fails."""
+        token, cookie = bearer(headers), session_key(headers)
+        try:
+            who = await self._known(token, cookie, scope) if token or cookie else None
+        except RateLimited as error:
+            return problem(429, error.message, error.expected, hint=error.hint, retry_after_s=error.retry_after_s)
+        except GssError as error:
+            return problem(503, error.message, error.expected, error.got, error.hint)
+        scope["state"]["who"] = who
+        if is_open(scope):
+            if is_change(scope) and MARK.lower() not in headers:
+                return problem(403, "the header X-GSS is missing", "X-GSS: 1", hint="send the header X-GSS: 1")
+            return None
+        if who is None:
+            return _unauthenticated(bool(token), bool(cookie))
+        if is_change(scope) and who.kind == "session" and not same(headers.get(MARK, ""), who.csrf):
+            return problem(
+                403,
+                "the CSRF token is missing or wrong",
+                "X-GSS: the value csrf of GET /api/session",
+                hint="reload the page; programs use a token: Authorization: Bearer gss_…",
+            )
+        return None
+
+    async def _known(self, token: str, cookie: str, scope: Scope) -> CallerIdentity | None:
+        """Return the identity of the token or, without one, of the cookie. ABORT must not wait for a write to the database."""
+        urgent = scope["path"] == ABORT
+        if token:
+            known = self._accounts.remembered("token", token)
+            ask = functools.partial(self._accounts.who_has_token, token, scope["state"]["address"], touch=not urgent)
+        else:
+            known = self._accounts.remembered("session", cookie)
+            # A request for the session's remaining time must not extend it.
+            touch = not is_open(scope) and not urgent
+            ask = functools.partial(self._accounts.who_has_cookie, cookie, touch=touch)
+        if known is not None:
+            return known
+        return await (at_once(ask) if urgent else anyio.to_thread.run_sync(ask))
+
+
+def session_key(headers: Headers) -> str:
+    """Return the session key from the cookie; "" if there is none."""
+    return _cookie(headers, COOKIE)
+
+
+def device_key(headers: Headers) -> str:
+    """Return the device key from the cookie; "" if there is none."""
+    return _cookie(headers, DEVICE_COOKIE)
+
+
+def _cookie(headers: Headers, name: str) -> str:
+    key = cookie_parser(headers.get("cookie", "")).get(name, "")
+    return key if len(key) <= LONGEST else ""
+
+
+def bearer(headers: Headers) -> str:
+    """Return the bearer token; "" if there is none."""
+    kind, _, key = headers.get("authorization", "").partition(" ")
+    return key.strip()[: LONGEST + 1] if kind.lower() == "bearer" else ""
+
+
+def _unauthenticated(token: bool, cookie: bool) -> Response:
+    if token:
+        return problem(401, "invalid token", "an active token", hint="ask an admin for a new token")
+    if cookie:
+        return problem(401, "the session has ended", hint="sign in again")
+    return problem(401, "not signed in", hint="sign in. Programs send Authorization: Bearer gss_…")

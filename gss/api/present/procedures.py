@@ -1,0 +1,118 @@
+"""Procedures and their runs as responses."""
+
+from __future__ import annotations
+
+from gss.api.schemas.procedures import (
+    MistakeOut,
+    PackageProcedureOut,
+    ProcedureBranchOut,
+    ProcedureCheckOut,
+    ProcedureEntryOut,
+    ProcedureRunDetailOut,
+    ProcedureRunOut,
+    ProceduresOut,
+    ProcedureStepOut,
+    StoredProcedureOut,
+)
+from gss.domain.errors import GssError
+from gss.instruments.operations import StandardOperations
+from gss.operations.commanding.command_checks import risk_of
+from gss.operations.procedures.document import ProcedureDocument, ProcedureStep, read_procedure
+from gss.operations.procedures.procedures import ProcedureCheck, ProcedureService
+from gss.operations.procedures.run_record import entries_of, is_intact
+from gss.operations.procedures.validation import command_of
+from gss.store.models import Procedure, ProcedureRun
+
+
+def every(service: ProcedureService) -> ProceduresOut:
+    """Return all procedures that can be run or copied."""
+    package = []
+    for file, text in service.of_package().items():
+        found = service.check(text)
+        package.append(
+            PackageProcedureOut(file=file, title=found.document.title, text=text, mistakes=len(found.mistakes))
+        )
+    return ProceduresOut(stored=[procedure(service, row) for row in service.every()], package=package)
+
+
+def procedure(service: ProcedureService, row: Procedure) -> StoredProcedureOut:
+    """Return a stored procedure."""
+    found = service.check(row.text)
+    return StoredProcedureOut(
+        id=row.id,
+        name=row.name,
+        author=row.author,
+        changed=row.changed,
+        text=row.text,
+        steps=len(found.document.steps),
+        mistakes=len(found.mistakes),
+    )
+
+
+def check(found: ProcedureCheck, operations: StandardOperations) -> ProcedureCheckOut:
+    """Return a procedure as it was read, with its mistakes."""
+    return ProcedureCheckOut(
+        title=found.document.title,
+        introduction=found.document.introduction,
+        steps=_steps(found.document, operations),
+        mistakes=[MistakeOut(line=m.line, text=m.text) for m in found.mistakes],
+    )
+
+
+def _steps(document: ProcedureDocument, operations: StandardOperations) -> list[ProcedureStepOut]:
+    return [_step(step, operations) for step in document.steps]
+
+
+def _step(step: ProcedureStep, operations: StandardOperations) -> ProcedureStepOut:
+    name, reason = _confirmation(step, operations)
+    return ProcedureStepOut(
+        id=step.id,
+        title=step.title,
+        text=step.text,
+        kind=step.kind,
+        words=step.words,
+        seconds=step.seconds,
+        branches=[ProcedureBranchOut(when=b.when, target=b.target) for b in step.branches],
+        confirm_name=name,
+        hazard_reason=reason,
+    )
+
+
+def _confirmation(step: ProcedureStep, operations: StandardOperations) -> tuple[str, str]:
+    """Return the name that confirms a hazardous command and the reason; empty for any other step."""
+    if step.kind != "command" or not step.words:
+        return "", ""
+    try:
+        risk = risk_of(operations, *command_of(step, operations))
+    except GssError:  # among the mistakes
+        return "", ""
+    return (risk.name, risk.reason) if risk.needs_confirmation else ("", "")
+
+
+def run(row: ProcedureRun) -> ProcedureRunOut:
+    """Return a run."""
+    return ProcedureRunOut(
+        id=row.id,
+        procedure_id=row.procedure_id,
+        name=row.name,
+        user=row.user,
+        instrument=row.instrument,
+        contact_id=row.contact_id,
+        automatic=row.automatic,
+        state=row.state,  # type: ignore[arg-type]  # the column holds these words only
+        current=row.current,
+        entries=[ProcedureEntryOut.model_validate(entry) for entry in entries_of(row)],
+        reason=row.reason,
+        started=row.started,
+        finished=row.finished,
+        sha256=row.sha256,
+        intact=is_intact(row) if row.finished else None,
+    )
+
+
+def run_detail(row: ProcedureRun, operations: StandardOperations) -> ProcedureRunDetailOut:
+    """Return a run with the steps of its procedure."""
+    document = read_procedure(row.text)
+    return ProcedureRunDetailOut(
+        **dict(run(row)), introduction=document.introduction, steps=_steps(document, operations)
+    )

@@ -1,0 +1,67 @@
+"""Derived parameters: expressions over telemetry with their own limits and history."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from gss.api import present
+from gss.api.deps import App, AuditNote, User, need
+from gss.api.schemas.jobs import JobOut
+from gss.api.schemas.telemetry import DerivedIn, DerivedOut, ExpressionIn, SpanIn, TrialOut
+from gss.domain.limits import Limits, Range
+from gss.operations.telemetry.derived import DerivedRequest
+
+router = APIRouter(prefix="/telemetry/derived", tags=["telemetry"])
+
+
+@router.get("")
+def list_derived(app: App) -> list[DerivedOut]:
+    """Derived parameters, by name."""
+    return [present.telemetry.derived(app.telemetry.derived, row) for row in app.telemetry.derived.every()]
+
+
+@router.post("/check", dependencies=[need("view", changes=False)])
+def try_expression(app: App, body: ExpressionIn) -> TrialOut:
+    """Evaluate an expression with the newest values; nothing is stored."""
+    kind, references, result = app.telemetry.derived.trial(body.expression, app.telemetry.newest_values)
+    return TrialOut(kind=kind, references=list(references), value=result.value, reason=result.reason)
+
+
+@router.post("", status_code=201, dependencies=[need("derived")])
+def add_derived(app: App, user: User, body: DerivedIn, audit_note: AuditNote) -> DerivedOut:
+    """Store a new derived parameter. It is computed from the next packet on."""
+    audit_note(f"{body.name} = {body.expression}")
+    row = app.telemetry.derived.add(_request(body), user=user)
+    return present.telemetry.derived(app.telemetry.derived, row)
+
+
+@router.put("/{name}", dependencies=[need("derived")])
+def change_derived(app: App, user: User, name: str, body: DerivedIn, audit_note: AuditNote) -> DerivedOut:
+    """Replace a definition. Its history keeps the values of the earlier one until it is recomputed."""
+    audit_note(f"{name} from {app.telemetry.derived.get(name).expression} to {body.expression}")
+    row = app.telemetry.derived.change(name, _request(body), user=user)
+    return present.telemetry.derived(app.telemetry.derived, row)
+
+
+@router.delete("/{name}", status_code=204, dependencies=[need("derived")])
+def delete_derived(app: App, user: User, name: str, audit_note: AuditNote) -> None:
+    """Delete a definition; its stored history is kept."""
+    audit_note(f"{name} = {app.telemetry.derived.get(name).expression}")
+    app.telemetry.derived.delete(name, user=user)
+
+
+@router.post("/{name}/recompute", status_code=202, dependencies=[need("derived")])
+def recompute(app: App, user: User, name: str, body: SpanIn, audit_note: AuditNote) -> JobOut:
+    """Replace the stored values of a time range by those of the present definition, as a job."""
+    audit_note(f"{name} from {body.start.isoformat()} to {body.end.isoformat()}")
+    return present.records.job(app.derived_history.recompute(name, body.start, body.end, user=user))
+
+
+def _request(body: DerivedIn) -> DerivedRequest:
+    limits = Limits(_range(body.watch), _range(body.warning), _range(body.critical))
+    return DerivedRequest(body.name, body.expression, body.title, body.unit, body.decimals, limits, body.persistence)
+
+
+def _range(pair: list[float | int | None]) -> Range:
+    low, high = pair
+    return low, high

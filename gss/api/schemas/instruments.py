@@ -1,0 +1,120 @@
+"""Instrument packages: list, details, check result and differences."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from gss.api.schemas.base import Out
+from gss.instruments.package_files import CatalogueFile, LinkFile, Mounting, SimulatorFile
+
+
+class UseOut(Out):
+    """Number of stored rows made with an instrument; ``version`` null: not recorded, or all versions together."""
+
+    version: str | None
+    frames: int
+    contacts: int
+    catalogues: int
+
+
+class InstrumentOut(Out):
+    """Installed instrument. ``version``: SHA-256 of the package's content; ``release``: the author's version.
+    ``configured``: the line is set to it, with the version ``in_use`` since the server started; ``connected``: a device
+    of this type answers now."""
+
+    name: str
+    title: str
+    maker: str
+    release: str
+    version: str
+    origin: Literal["shipped", "own"]
+    configured: bool
+    connected: bool
+    in_use: str | None
+    use: UseOut
+
+
+class BrokenPackageOut(Out):
+    """Folder in the data folder that is not a valid package."""
+
+    name: str
+    reason: str
+
+
+class InstrumentsOut(Out):
+    """All instruments. ``unit``: name of the one that the server's line is set to."""
+
+    unit: str
+    instruments: list[InstrumentOut]
+    broken: list[BrokenPackageOut]
+
+
+class CameraNumberOut(Out):
+    """Number of the camera file with its unit and origin: either its source, or the reason why it was chosen."""
+
+    part: str
+    name: str
+    values: list[float]
+    unit: str
+    source: str | None
+    chosen: str | None
+
+
+class ProcedureOut(Out):
+    """Operator procedure of a package."""
+
+    file: str
+    title: str
+
+
+class DictionarySummaryOut(Out):
+    """Dictionary of an instrument. ``shared``: name of the shared one; null if the package has its own."""
+
+    shared: str | None
+    hash: str
+    commands: int
+    packets: int
+    events: int
+
+
+class InstrumentDetailOut(InstrumentOut):
+    """All content of a package. ``versions``: known versions, the current one first; ``uses``: by version;
+    ``catalogue``: null if the sensor cannot be loaded."""
+
+    versions: list[str]
+    uses: list[UseOut]
+    references: list[str]
+    notes: str
+    tried_on_hardware: bool | None
+    driver: str
+    chain: str
+    mounting: Mounting
+    numbers: list[CameraNumberOut]
+    field_of_view_deg: tuple[float, float]
+    link: LinkFile
+    catalogue: CatalogueFile | None
+    simulator: SimulatorFile | None
+    dictionary: DictionarySummaryOut
+    procedures: list[ProcedureOut]
+    files: list[str]
+
+
+class FileDifferenceOut(Out):
+    """Differing lines of one file in unified format."""
+
+    file: str
+    state: Literal["added", "removed", "changed"]
+    lines: list[str]
+
+
+class PackageCheckOut(Out):
+    """Result of checking a package. ``problems``: one per mistake, with file, line, field and reason; ``replaces``: installed
+    version of the same name."""
+
+    valid: bool
+    name: str
+    title: str
+    version: str
+    problems: list[str]
+    replaces: str | None
+    differences: list[FileDifferenceOut]

@@ -1,0 +1,162 @@
+"""Procedures and their runs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+from gss.operations.procedures.document import ActionKind
+from gss.operations.procedures.run_record import EntryState
+
+
+class ProcedureTextIn(In):
+    """Procedure as Markdown; its first heading is its name."""
+
+    text: str = Field(max_length=100_000)
+
+
+class ProcedureBranchOut(Out):
+    """Where a step leads: ``when`` an expression, an answer or "else" applies."""
+
+    when: str
+    target: str
+
+
+class ProcedureStepOut(Out):
+    """One step. ``words``: of its action; ``confirm_name``: to type before its command is sent, "" if it needs no confirmation."""
+
+    id: str
+    title: str
+    text: str
+    kind: ActionKind
+    words: str
+    seconds: float
+    branches: list[ProcedureBranchOut]
+    confirm_name: str
+    hazard_reason: str
+
+
+class MistakeOut(Out):
+    """A mistake of a procedure with its line."""
+
+    line: int
+    text: str
+
+
+class ProcedureCheckOut(Out):
+    """A procedure as it was read; it can start if it has no mistakes."""
+
+    title: str
+    introduction: str
+    steps: list[ProcedureStepOut]
+    mistakes: list[MistakeOut]
+
+
+class StoredProcedureOut(Out):
+    """Stored procedure."""
+
+    id: int
+    name: str
+    author: str
+    changed: Utc
+    text: str
+    steps: int
+    mistakes: int
+
+
+class PackageProcedureOut(Out):
+    """Procedure of the instrument package of the unit on the line, to be stored as a copy."""
+
+    file: str
+    title: str
+    text: str
+    mistakes: int
+
+
+class ProceduresOut(Out):
+    """Stored procedures, and those of the unit's package."""
+
+    stored: list[StoredProcedureOut]
+    package: list[PackageProcedureOut]
+
+
+class ProcedureStartIn(In):
+    """How to start. ``automatic``: run step after step until a person is needed."""
+
+    automatic: bool = False
+
+
+class StepRunIn(In):
+    """How to run the current step. ``step``: its name; ``answer``: to a question; ``confirm``: typed name of a critical command,
+    "yes" for a warning."""
+
+    step: str = Field(max_length=40)
+    answer: str = Field(default="", max_length=200)
+    confirm: str = Field(default="", max_length=60)
+    note: str = Field(default="", max_length=500)
+
+
+class StepSkipIn(In):
+    """Step to skip, and why."""
+
+    step: str = Field(max_length=40)
+    reason: str = Field(min_length=1, max_length=500)
+
+
+class AutomaticIn(In):
+    """Whether the following steps run without a person."""
+
+    automatic: bool
+
+
+class ReasonIn(In):
+    """Why a run is stopped."""
+
+    reason: str = Field(default="", max_length=500)
+
+
+class ProcedureEntryOut(Out):
+    """A step as it was run."""
+
+    step: str
+    title: str
+    kind: str
+    state: EntryState
+    by: str
+    began: str
+    ended: str
+    detail: str
+    values: dict[str, float | bool | str | None] | None
+    command_id: int | None
+    due: str
+    note: str
+
+
+class ProcedureRunOut(Out):
+    """Run of a procedure. ``current``: step that is next or under way; ``sha256``: of the frozen record; ``intact``: whether the
+    stored record still has it, null while the run has not ended."""
+
+    id: int
+    procedure_id: int | None
+    name: str
+    user: str
+    instrument: str
+    contact_id: int | None
+    automatic: bool
+    state: Literal["running", "completed", "stopped", "aborted"]
+    current: str
+    entries: list[ProcedureEntryOut]
+    reason: str
+    started: Utc
+    finished: Utc | None
+    sha256: str
+    intact: bool | None
+
+
+class ProcedureRunDetailOut(ProcedureRunOut):
+    """Run with the steps of its procedure."""
+
+    introduction: str
+    steps: list[ProcedureStepOut]

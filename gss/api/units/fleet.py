@@ -1,0 +1,108 @@
+"""All units of a server: their processes, and the newest state that each one reported."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from httpx2 import TransportError
+
+from gss.api.schemas.link import LinkOut
+from gss.api.stream.broadcast import FIRST
+from gss.api.units.unit_process import reason_file
+from gss.api.units.unit_spec import UnitSpec
+from gss.api.workers.link_client import LinkProcessClient
+from gss.api.workers.supervisor import ProcessState, Supervisor
+from gss.operations.clock import Monotonic
+
+RECONNECT_S = 0.3
+
+
+@dataclass(frozen=True)
+class UnitState:
+    """State of one unit. ``link``: as its process reported it last, ``age_s`` ago; None before the first report since its
+    process started. ``reason``: why the process could not start; "" if it could."""
+
+    spec: UnitSpec
+    process: ProcessState
+    reason: str
+    link: LinkOut | None
+    age_s: float | None
+
+
+class Fleet:
+    """Follows the event stream of every unit's process. ``paths``: sockets of the
+    processes by the unit's name."""
+
+    def __init__(
+        self,
+        units: tuple[UnitSpec, ...],
+        paths: Mapping[str, Path],
+        supervisor: Supervisor,
+        monotonic_s: Monotonic,
+    ) -> None:
+        self._units, self._paths, self._supervisor = units, paths, supervisor
+        self._clients = {name: LinkProcessClient(f"of unit {name}", path) for name, path in paths.items()}
+        self._monotonic_s = monotonic_s
+        self._newest: dict[str, tuple[float, bytes]] = {}
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the units, as they were given."""
+        return [unit.name for unit in self._units]
+
+    def client(self, name: str) -> LinkProcessClient | None:
+        """Return the client of a unit's process; None if there is no such unit."""
+        return self._clients.get(name)
+
+    def states(self) -> list[UnitState]:
+        """Return the state of every unit."""
+        return [self._state(unit) for unit in self._units]
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Start the processes and follow them until exit, which leaves them to the server's stop."""
+        self._supervisor.start()
+        tasks = [asyncio.create_task(self._follow(name, client)) for name, client in self._clients.items()]
+        try:
+            yield
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _state(self, unit: UnitSpec) -> UnitState:
+        process, newest = self._supervisor.state(process_name(unit)), self._newest.get(unit.name)
+        reason = _read(reason_file(self._paths[unit.name]))
+        if newest is None:
+            return UnitState(unit, process, reason, None, None)
+        at_s, report = newest
+        return UnitState(
+            unit, process, reason, LinkOut.model_validate_json(report), max(0.0, self._monotonic_s() - at_s)
+        )
+
+    async def _follow(self, name: str, client: LinkProcessClient) -> None:
+        """Keep the newest state of a unit. It stays, with its age, when the process ends."""
+        while True:
+            with contextlib.suppress(TransportError):
+                async with contextlib.aclosing(client.messages()) as messages:
+                    async for message in messages:
+                        if message.topic == FIRST:
+                            self._newest[name] = (self._monotonic_s(), message.content)
+            await asyncio.sleep(RECONNECT_S)
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text()
+    except FileNotFoundError:
+        return ""
+
+
+def process_name(unit: UnitSpec) -> str:
+    """Return the name of a unit's process in the supervisor and in events."""
+    return f"unit {unit.name}"

@@ -1,0 +1,98 @@
+"""Units as ``gss serve --unit NAME=INSTRUMENT@ADDRESS`` gives them, and the settings of their processes."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from gss.device.line_address import parse_line_address
+from gss.domain.errors import BadInput
+from gss.instruments.registry import Registry
+from gss.settings import Settings
+
+SIMULATOR = "simulator"
+"""Address of a unit whose process starts a simulated sensor."""
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,23}")
+EXPECTED = "NAME=INSTRUMENT@ADDRESS, as FM1=cubestar@/dev/ttyUSB0"
+MOST_UNITS = 32
+
+
+@dataclass(frozen=True)
+class UnitSpec:
+    """One physical sensor. ``name``: in addresses of pages and of its data folder; ``address``: of its line, or
+    ``simulator``."""
+
+    name: str
+    instrument: str
+    address: str
+
+    @property
+    def simulated(self) -> bool:
+        """True if the unit's process starts a simulated sensor."""
+        return self.address == SIMULATOR
+
+
+def parse_units(text: str, instruments: Registry) -> tuple[UnitSpec, ...]:
+    """Return the units of a comma-separated list; () for "". Raises BadInput for a wrong form, name or address, a name or
+    an address that is used twice, and NotFound for an instrument that is not installed."""
+    units = tuple(_unit(part.strip(), instruments) for part in text.split(",") if part.strip())
+    if len(units) > MOST_UNITS:
+        raise BadInput("too many units for one server", expected=f"at most {MOST_UNITS}", got=str(len(units)))
+    _check_unique(
+        "two units have the same name", [u.name.lower() for u in units], "names that differ, also in lower case"
+    )
+    _check_unique(
+        "two units have the same address", [u.address for u in units if not u.simulated], "one unit per address"
+    )
+    return units
+
+
+def _unit(text: str, instruments: Registry) -> UnitSpec:
+    name, equals, rest = text.partition("=")
+    instrument, at, address = rest.partition("@")
+    if not (equals and at and instrument and address):
+        raise BadInput("a unit needs a name, an instrument and an address", expected=EXPECTED, got=text[:80])
+    if not NAME.fullmatch(name):
+        raise BadInput(
+            "invalid name of a unit", expected="1 – 24 letters, digits, - and _, first a letter or digit", got=name[:80]
+        )
+    if address != SIMULATOR:
+        parse_line_address(address)
+    instruments.get(instrument)
+    return UnitSpec(name, instrument, address)
+
+
+def _check_unique(message: str, values: list[str], expected: str) -> None:
+    double = sorted({value for value in values if values.count(value) > 1})
+    if double:
+        raise BadInput(message, expected=expected, got=", ".join(double))
+
+
+def check_combination(settings: Settings) -> None:
+    """Raise BadInput for settings that serve one unit only."""
+    single = {"device": settings.device, "simulator": settings.simulator, "workers": settings.workers}
+    given = ", ".join(f"--{name}" for name, value in single.items() if value)
+    if given:
+        raise BadInput("this option cannot be used with --unit", got=given, hint=f"give each line as {EXPECTED}")
+
+
+def unit_settings(settings: Settings, unit: UnitSpec, number: int) -> Settings:
+    """Return the settings of a unit's process: its own data below the server's data folder, the server's accounts and
+    instrument packages. ``number``: place in the list, which makes simulated units differ."""
+    folder, blobs = settings.data / "units" / unit.name, settings.blobs
+    return settings.model_copy(
+        update={
+            "units": "",
+            "data": folder,
+            "database": "",
+            "blobs": f"{blobs.rstrip('/')}/units/{unit.name}" if blobs else "",
+            "backups": str(settings.backups_folder / "units" / unit.name) if settings.backups else "",
+            "audit_anchor": f"{settings.audit_anchor}.{unit.name}" if settings.audit_anchor else "",
+            "accounts": settings.accounts or settings.database_url,
+            "packages": str(settings.instruments_folder),
+            "instrument": unit.instrument,
+            "device": "" if unit.simulated else unit.address,
+            "simulator": unit.instrument if unit.simulated else "",
+            "simulator_seed": settings.simulator_seed + number,
+        }
+    )

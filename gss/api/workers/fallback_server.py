@@ -1,0 +1,75 @@
+"""Serve the public socket from the link process while no API worker is alive, so that ABORT always gets through."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import uvicorn
+from starlette.types import ASGIApp
+
+from gss.api.connections.admission import Connections
+from gss.api.connections.limited_listener import LimitedListener
+
+
+class FallbackServer:
+    """Accepts on the public socket from when the last worker ends until the first one is back.
+
+    A worker opens its stream before it starts to answer; the operating system closes that stream when the process ends,
+    whatever the cause. Requests on connections accepted here are completed even if a worker is back. Everything here
+    runs on the event loop.
+    """
+
+    def __init__(
+        self, app: ASGIApp, listener: socket.socket, connections: Connections, options: dict[str, Any]
+    ) -> None:
+        self._config = uvicorn.Config(app, lifespan="off", log_level="warning", **options)
+        self._listener, self._connections = listener, connections
+        self._workers = 0
+        self._changed = asyncio.Event()
+
+    @contextmanager
+    def worker(self) -> Iterator[None]:
+        """Count a worker while its stream is open."""
+        self._workers += 1
+        self._changed.set()
+        try:
+            yield
+        finally:
+            self._workers -= 1
+            self._changed.set()
+
+    async def run(self, state: uvicorn.server.ServerState) -> None:
+        """Accept while there is no worker, until cancelled. ``state``: of the link process's server, which closes these
+        connections with those of the workers."""
+        self._config.load()
+        server: asyncio.Server | None = None
+        try:
+            while True:
+                if self._workers == 0 and server is None:
+                    server = await self._accept(state)
+                elif self._workers > 0 and server is not None:
+                    server.close()
+                    server = None
+                self._changed.clear()
+                await self._changed.wait()
+        finally:
+            if server is not None:
+                server.close()
+
+    async def _accept(self, state: uvicorn.server.ServerState) -> asyncio.Server:
+        def protocol() -> asyncio.Protocol:
+            made: asyncio.Protocol = self._config.http_protocol_class(  # type: ignore[call-arg]  # uvicorn only says that it is one
+                config=self._config, server_state=state, app_state={}
+            )
+            return made
+
+        # A duplicate: closing it leaves the workers' descriptor open.
+        shared = LimitedListener(self._connections, os.dup(self._listener.fileno()))
+        return await asyncio.get_running_loop().create_server(
+            protocol, sock=shared, ssl=self._config.ssl, backlog=self._config.backlog
+        )

@@ -1,0 +1,92 @@
+"""Supervisor of child processes, API workers or units: starts them, restarts them if they exit, and stops them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from multiprocessing.context import SpawnProcess
+
+from gss.operations.clock import monotonic_s
+
+FIRST_WAIT_S, LONGEST_WAIT_S = 0.2, 10.0
+STEADY_S = 30.0
+STOP_WITHIN_S = 3.5
+"""Shorter than the time in which the link process stops: gss.api.stopping."""
+
+
+@dataclass(frozen=True)
+class ProcessState:
+    """State of a supervised process. ``pid``: None while it does not run; ``restarts``: since the supervisor started;
+    ``last_end``: why it ended the last time, "" if it has not."""
+
+    pid: int | None = None
+    restarts: int = 0
+    last_end: str = ""
+
+
+class Supervisor:
+    """Keeps processes alive until :meth:`stop`, each on its own. ``targets``: what they run, by name, picklable;
+    ``report``: called with a text when one has ended."""
+
+    def __init__(self, targets: Mapping[str, Callable[[], None]], report: Callable[[str], None]) -> None:
+        self._targets, self._report = targets, report
+        self._stopping = threading.Event()
+        self._lock = threading.Lock()
+        self._processes: dict[str, SpawnProcess] = {}
+        self._states = dict.fromkeys(targets, ProcessState())
+        self._threads = [threading.Thread(target=self._keep, args=(name,), daemon=True) for name in targets]
+
+    def start(self) -> None:
+        """Start the processes."""
+        for thread in self._threads:
+            thread.start()
+
+    def state(self, name: str) -> ProcessState:
+        """Return the state of a process."""
+        with self._lock:
+            return self._states[name]
+
+    def stop(self) -> None:
+        """Let the processes complete their requests; kill those that take longer than ``STOP_WITHIN_S``."""
+        self._stopping.set()
+        with self._lock:
+            processes = list(self._processes.values())
+        for process in processes:
+            process.terminate()
+        end_s = monotonic_s() + STOP_WITHIN_S
+        for process in processes:
+            process.join(max(0.0, end_s - monotonic_s()))
+            if process.exitcode is None:
+                process.kill()
+                process.join()
+
+    def _keep(self, name: str) -> None:
+        wait_s = 0.0
+        while not self._stopping.wait(wait_s):
+            since_s = monotonic_s()
+            process = self._started(name)
+            if process is None:
+                return
+            process.join()
+            if self._stopping.is_set():
+                return
+            code = process.exitcode or 0
+            cause = f"signal {-code}" if code < 0 else f"code {code}"
+            with self._lock:
+                self._states[name] = ProcessState(None, self._states[name].restarts + 1, cause)
+            self._report(f"{name} ended ({cause}); restarting it")
+            steady = monotonic_s() - since_s > STEADY_S
+            wait_s = 0.0 if steady else min(LONGEST_WAIT_S, max(FIRST_WAIT_S, 2 * wait_s))
+
+    def _started(self, name: str) -> SpawnProcess | None:
+        """Return a new process, or None if the supervisor is stopping."""
+        with self._lock:
+            if self._stopping.is_set():
+                return None
+            process = multiprocessing.get_context("spawn").Process(target=self._targets[name])
+            process.start()
+            self._processes[name] = process
+            self._states[name] = replace(self._states[name], pid=process.pid)
+            return process

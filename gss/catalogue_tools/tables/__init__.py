@@ -1,1 +1,0 @@
-"""Look-up tables for matchers: distances, indices, triplets, links."""

@@ -1,0 +1,157 @@
+"""``gss instrument``: list, show, check, copy, add, export and compare instrument packages."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gss.cli.instruments import registry
+from gss.domain.errors import Conflict
+
+if TYPE_CHECKING:
+    from gss.cli import Commands
+    from gss.instruments.package import Instrument
+
+
+def register(subparsers: Commands) -> None:
+    """Add the command."""
+    parser = subparsers.add_parser("instrument", description="A package is a folder or a .zip of YAML files.")
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="COMMAND")
+    listed = kinds.add_parser("list", help="list the instruments of the program and of the data folder")
+    listed.add_argument("--json", action="store_true", help="print one JSON array")
+    listed.set_defaults(run=run_list)
+    show = kinds.add_parser("show", help="print one instrument as JSON")
+    show.add_argument("name", metavar="NAME")
+    show.set_defaults(run=run_show)
+    check = kinds.add_parser("check", help="check a package; exit code 2 if it has mistakes")
+    check.add_argument("path", type=Path, metavar="PATH")
+    check.set_defaults(run=run_check)
+    new = kinds.add_parser("new", help="write a package folder, copied from another instrument")
+    new.add_argument("name", metavar="NAME")
+    new.add_argument("--from", dest="model", required=True, metavar="INSTRUMENT", help="instrument to copy")
+    new.add_argument("--into", type=Path, default=Path(), metavar="FOLDER", help="parent folder (default: here)")
+    new.set_defaults(run=run_new)
+    add = kinds.add_parser("add", help="install a package in the data folder")
+    add.add_argument("path", type=Path, metavar="PATH")
+    add.set_defaults(run=run_add)
+    export = kinds.add_parser("export", help="write a package as a .zip file")
+    export.add_argument("name", metavar="NAME")
+    export.add_argument("--out", type=Path, metavar="FILE", help="default: NAME.zip")
+    export.set_defaults(run=run_export)
+    diff = kinds.add_parser("diff", help="compare the files of two instruments or packages")
+    diff.add_argument("old", metavar="A")
+    diff.add_argument("new", metavar="B")
+    diff.set_defaults(run=run_diff)
+    for p in (listed, show, add, new, export, diff):
+        p.add_argument("--data", type=Path, help="folder of the store (GSS_DATA)")
+
+
+def facts_of(instrument: Instrument) -> dict[str, object]:
+    """Return the values that identify an instrument."""
+    camera = instrument.profile.camera
+    return {
+        "name": instrument.name,
+        "title": instrument.about.title,
+        "version": instrument.version,
+        "shipped": instrument.shipped,
+        "columns": camera.columns,
+        "rows": camera.rows,
+        "focal_mm": instrument.profile.focal_mm,
+        "chain": instrument.about.chain,
+        "formats": list(instrument.profile.formats),
+        "dictionary": instrument.dictionary.hash_hex,
+    }
+
+
+def run_list(arguments: argparse.Namespace) -> int:
+    """Print the instruments; packages with mistakes are listed with their errors."""
+    known = registry(arguments.data)
+    rows, broken = [facts_of(i) for i in known.all()], known.broken()
+    if arguments.json:
+        print(json.dumps([*rows, *({"name": b.name, "error": b.reason} for b in broken)], ensure_ascii=False))
+        return 0
+    for row in rows:
+        print(
+            f"{row['name']:16} {str(row['version'])[:12]}  {'shipped' if row['shipped'] else 'own':7}  {row['title']}"
+        )
+    for b in broken:
+        print(f"{b.name:16} invalid: {b.reason}")
+    return 0
+
+
+def run_show(arguments: argparse.Namespace) -> int:
+    """Print an instrument."""
+    instrument = registry(arguments.data).get(arguments.name)
+    facts = facts_of(instrument) | {"about": instrument.about.model_dump(), "link": instrument.link.model_dump()}
+    facts |= {"sources": instrument.profile.sources, "procedures": sorted(instrument.procedures)}
+    print(json.dumps(facts, ensure_ascii=False, indent=1))
+    return 0
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """Load a package; mistakes end the command with their file, line and field."""
+    from gss.instruments.package import load_instrument
+    from gss.instruments.package_source import read_package_files
+
+    instrument = load_instrument(read_package_files(arguments.path))
+    print(f"{instrument.name}: valid, version {instrument.version[:12]}")
+    return 0
+
+
+def run_new(arguments: argparse.Namespace) -> int:
+    """Copy an instrument under another name, checked before it is written."""
+    from gss.instruments.package import load_instrument
+    from gss.instruments.package_source import write_folder
+
+    files = dict(registry(arguments.data).get(arguments.model).files)
+    text = files["instrument.yaml"].decode()
+    lines = [f"id: {arguments.name}" if line.startswith("id:") else line for line in text.splitlines()]
+    files["instrument.yaml"] = ("\n".join(lines) + "\n").encode()
+    name, folder = load_instrument(files).name, arguments.into / arguments.name
+    if folder.exists():
+        raise Conflict("the folder exists already", got=str(folder), hint="choose another name or --into")
+    write_folder(folder, files)
+    print(f"{folder}: copy of {arguments.model}; edit it, then: gss instrument check {folder} ({name})")
+    return 0
+
+
+def run_add(arguments: argparse.Namespace) -> int:
+    """Check a package and install it."""
+    from gss.instruments.package_source import read_package_files
+
+    instrument = registry(arguments.data).add(read_package_files(arguments.path))
+    print(f"{instrument.name}: installed, version {instrument.version[:12]}")
+    return 0
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Write a package as a zip archive."""
+    from gss.instruments.package_source import write_zip
+
+    instrument = registry(arguments.data).get(arguments.name)
+    out = arguments.out or Path(f"{instrument.name}.zip")
+    out.write_bytes(write_zip(instrument.name, instrument.files))
+    print(out)
+    return 0
+
+
+def run_diff(arguments: argparse.Namespace) -> int:
+    """Print the differences of the files; exit code 0 if there are none, 1 otherwise."""
+    from gss.instruments.compare import compare
+
+    old, new = (_files(name, arguments.data) for name in (arguments.old, arguments.new))
+    lines = [line for file in compare(old, new, arguments.old, arguments.new) for line in file.lines]
+    print("\n".join(lines) or "no differences")
+    return int(bool(lines))
+
+
+def _files(name: str, data: Path | None) -> dict[str, bytes]:
+    """Return the files of an instrument, of NAME@VERSION, or of a folder or .zip."""
+    from gss.instruments.package_source import read_package_files
+
+    known, (plain, _, version) = registry(data), name.partition("@")
+    if plain in known.names():
+        return dict(known.find(plain, version).files)
+    return read_package_files(Path(name))

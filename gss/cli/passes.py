@@ -1,0 +1,220 @@
+"""``gss passes``: coming passes, the orbit of the spacecraft and ground stations, on the terminal. The server may run."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.api.schemas.passes import MaskPoint, SpacecraftOut
+    from gss.cli import Commands
+    from gss.services import Services
+    from gss.store.models import Station
+
+
+def register(subparsers: Commands) -> None:
+    """Add the commands."""
+    kinds = subparsers.add_parser("passes").add_subparsers(dest="kind", required=True, metavar="WHAT")
+    p = kinds.add_parser("list", help="list the passes of the coming days")
+    _with_span(p, 3.0)
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    _with_data(p).set_defaults(run=list_passes)
+    p = kinds.add_parser("calendar", help="write the coming passes as an iCalendar file")
+    _with_span(p, 7.0)
+    p.add_argument("--out", type=Path, help="file to write; standard output without it")
+    _with_data(p).set_defaults(run=write_calendar)
+    p = kinds.add_parser("orbit", help="print the orbit in use, or import another: TLE, OMM or OEM")
+    p.add_argument("file", type=Path, nargs="?", help="orbit file to import; - for standard input")
+    p.add_argument("--name", default="", help="name of the spacecraft (default: the name in the file)")
+    p.add_argument("--source", default="", help="where the orbit was obtained")
+    _with_data(p).set_defaults(run=orbit)
+    p = kinds.add_parser("stations", help="list the ground stations")
+    _with_data(p).set_defaults(run=list_stations)
+    p = kinds.add_parser("add-station", help="add a ground station")
+    p.add_argument("name")
+    p.add_argument("--latitude-deg", type=float, required=True, help="geodetic, WGS-84, north positive")
+    p.add_argument("--longitude-deg", type=float, required=True, help="east positive")
+    p.add_argument("--height-m", type=float, default=0.0, help="above the ellipsoid (default 0)")
+    p.add_argument("--min-elevation-deg", type=float, default=5.0, help="default 5")
+    p.add_argument(
+        "--mask", type=Path, metavar="FILE", help="horizon mask: a line 'azimuth, elevation' in degrees each"
+    )
+    p.add_argument("--line-url", default="", help="address of the line at this station")
+    p.add_argument("--line-baud", type=int, default=0, help="rate of the line (default 0: as the unit reports)")
+    p.add_argument("--note", default="")
+    _with_data(p).set_defaults(run=add_station)
+    p = kinds.add_parser("delete-station", help="delete a ground station")
+    p.add_argument("name")
+    _with_data(p).set_defaults(run=delete_station)
+
+
+def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    return parser
+
+
+def _with_span(parser: argparse.ArgumentParser, days: float) -> None:
+    parser.add_argument("--days", type=float, default=days, help=f"days ahead, at most 14 (default {days:g})")
+    parser.add_argument("--station", metavar="NAME", help="only this ground station")
+
+
+def list_passes(arguments: argparse.Namespace) -> int:
+    """Print the passes; exit code 1 if there can be none."""
+    from gss.api.present.passes import passes
+
+    services = _services(arguments)
+    table = passes(services.passes.table.coming(arguments.days, _station_id(services, arguments.station)))
+    if arguments.json:
+        print(table.model_dump_json(indent=1))
+        return 1 if table.problem else 0
+    for words in table.warnings:
+        print(f"gss: {words}", file=sys.stderr)
+    if table.problem:
+        print(f"gss: {table.problem}", file=sys.stderr)
+        return 1
+    print(f"{'rise, UTC':<20} {'set':<9} {'station':<24} {'max':>6} {'rise at':>8} {'set at':>7} {'sun':>5}  budget")
+    for one in table.passes:
+        budget = "–" if one.content_bytes is None else f"{one.content_bytes / 1000:.0f} kB"
+        print(
+            f"{one.rise:%Y-%m-%d %H:%M:%S}  {one.set:%H:%M:%S}  {one.station:<24} {one.max_elevation_deg:5.1f}° "
+            f"{one.rise_azimuth_deg:7.0f}° {one.set_azimuth_deg:6.0f}° {one.sun_elevation_deg:4.0f}°  {budget}"
+        )
+    return 0
+
+
+def write_calendar(arguments: argparse.Namespace) -> int:
+    """Write the calendar."""
+    from gss.operations.passes.pass_calendar import calendar
+
+    services = _services(arguments)
+    table = services.passes.table.coming(arguments.days, _station_id(services, arguments.station))
+    if table.problem:
+        print(f"gss: {table.problem}", file=sys.stderr)
+        return 1
+    data = calendar(table).encode()
+    if arguments.out is None:
+        sys.stdout.buffer.write(data)
+    else:
+        arguments.out.write_bytes(data)
+    return 0
+
+
+def orbit(arguments: argparse.Namespace) -> int:
+    """Print or import the orbit."""
+    from gss.api.present.passes import spacecraft
+    from gss.api.schemas.passes import OrbitIn
+    from gss.operations.requests import request_from
+
+    services = _services(arguments)
+    if arguments.file is None:
+        _print_orbit(spacecraft(services.passes.spacecraft.current()))
+        return 0
+    data = sys.stdin.buffer.read() if str(arguments.file) == "-" else arguments.file.read_bytes()
+    values = {"text": data.decode("utf-8", "replace"), "name": arguments.name, "source": arguments.source}
+    wanted = request_from(OrbitIn, values)
+    current, read = services.passes.spacecraft.set(wanted.text, name=wanted.name, source=wanted.source, user=_user())
+    _record(
+        services, "orbit_import", current.row.spacecraft, f"{read.source_format} of {current.row.epoch:%Y-%m-%dT%H:%M}"
+    )
+    _print_orbit(spacecraft(current))
+    return 0
+
+
+def list_stations(arguments: argparse.Namespace) -> int:
+    """Print the ground stations."""
+    for row in _services(arguments).passes.stations.every():
+        place = (
+            f"{math.degrees(row.latitude_rad):+9.4f}° {math.degrees(row.longitude_rad):+10.4f}° {row.height_m:6.0f} m"
+        )
+        low = f"above {math.degrees(row.min_elevation_rad):g}°, " + (
+            f"mask of {len(row.mask)} points" if row.mask else "no mask"
+        )
+        print(f"{row.name:<24} {place}  {low}  {row.line_url}".rstrip())
+    return 0
+
+
+def add_station(arguments: argparse.Namespace) -> int:
+    """Store a ground station."""
+    from gss.api.routers.passes import described, station_of
+    from gss.api.schemas.passes import StationIn
+    from gss.operations.requests import request_from
+
+    names = ("name", "latitude_deg", "longitude_deg", "height_m", "min_elevation_deg", "line_url", "line_baud", "note")
+    values = {name: getattr(arguments, name) for name in names}
+    mask = _mask(arguments.mask) if arguments.mask else []
+    body = request_from(StationIn, values | {"mask": [point.model_dump() for point in mask]})
+    services = _services(arguments)
+    row = services.passes.stations.create(station_of(body), body.line_url, body.line_baud, body.note, user=_user())
+    _record(services, "station_add", row.name, described(body))
+    print(f"{row.name} is added")
+    return 0
+
+
+def delete_station(arguments: argparse.Namespace) -> int:
+    """Delete a ground station."""
+    services = _services(arguments)
+    services.passes.stations.delete(_named(services, arguments.name).id, user=_user())
+    _record(services, "station_delete", arguments.name)
+    print(f"{arguments.name} is deleted")
+    return 0
+
+
+def _services(arguments: argparse.Namespace) -> Services:
+    from gss.cli.records import services_of
+
+    return services_of(arguments)
+
+
+def _record(services: Services, action: str, target: str, detail: str = "") -> None:
+    services.audit.record(_user(), f"shell.{action}", target, "done", detail, role="shell")
+
+
+def _user() -> str:
+    return f"shell:{getpass.getuser()}"[:60]
+
+
+def _station_id(services: Services, name: str | None) -> int | None:
+    return None if name is None else _named(services, name).id
+
+
+def _named(services: Services, name: str) -> Station:
+    from gss.domain.errors import NotFound
+
+    row = next((row for row in services.passes.stations.every() if row.name == name), None)
+    if row is None:
+        raise NotFound("no such ground station", got=name, hint="gss passes stations")
+    return row
+
+
+def _mask(file: Path) -> list[MaskPoint]:
+    """Read a mask, sorted by azimuth. Raises BadInput naming the line."""
+    from gss.api.schemas.passes import MaskPoint
+    from gss.domain.errors import BadInput
+    from gss.operations.requests import request_from
+
+    points = []
+    for number, line in enumerate(file.read_text("utf-8", "replace").splitlines(), 1):
+        words = line.partition("#")[0].replace(",", " ").replace(";", " ").split()
+        if not words:
+            continue
+        try:
+            azimuth_deg, elevation_deg = (float(word) for word in words)
+        except ValueError:
+            raise BadInput(
+                f"line {number} of the mask is not valid", expected="azimuth, elevation", got=line[:60]
+            ) from None
+        points.append(request_from(MaskPoint, {"azimuth_deg": azimuth_deg, "elevation_deg": elevation_deg}))
+    return sorted(points, key=lambda point: point.azimuth_deg)
+
+
+def _print_orbit(craft: SpacecraftOut) -> None:
+    print(f"{craft.name}: {craft.advice}" if craft.name else craft.advice)
+    if craft.orbit is not None:
+        print(
+            f"{craft.orbit.source_format}, epoch {craft.orbit.epoch:%Y-%m-%d %H:%M:%S} UTC, source {craft.orbit.source or '–'}"
+        )
+        print(craft.orbit.lines, end="")

@@ -1,0 +1,94 @@
+"""``gss sheet``: performance sheet of a unit from its frames, or of a simulated unit."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gss.cli.instruments import CAMERA_HELP, camera, registry
+from gss.cli.night import add_observer, shots_of, show_progress, write_report
+from gss.domain.errors import BadInput
+
+if TYPE_CHECKING:
+    from gss.cli import Commands
+    from gss.operations.studies.night_frames import Shot
+
+
+def register(subparsers: Commands) -> None:
+    """Add the command."""
+    p = subparsers.add_parser(
+        "sheet",
+        description="Accuracy in the terms of ECSS-E-ST-60-20C: bias, spatial errors, noise, acquisition and more, each with "
+        "interval, method and conditions. A row without data states what it needs. Exit code 0: done, 2: bad input.",
+    )
+    p.add_argument("files", nargs="*", metavar="FRAME", help="frames of the unit, in order of time")
+    p.add_argument("--camera", metavar="INSTRUMENT", help=CAMERA_HELP)
+    p.add_argument("--simulate", action="store_true", help="render the frames of a simulated unit instead")
+    p.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    p.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of a second head, same times")
+    p.add_argument("--second-camera", metavar="INSTRUMENT", help="camera of the second head (default: the same)")
+    p.add_argument("--mounting", metavar="X,Y,Z,W", help="quaternion camera from second head, from ground alignment")
+    p.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
+    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
+    p.add_argument("--seed", type=int, default=1, metavar="N", help="of intervals and simulated frames (default: 1)")
+    add_observer(p)
+    p.add_argument("--out", type=Path, metavar="FILE", help="write the sheet: .pdf, .html or .json")
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.add_argument("--schema", action="store_true", help="print the JSON schema of the sheet and stop")
+    p.set_defaults(run=run)
+
+
+def run(a: argparse.Namespace) -> int:
+    """Make the sheet, write and print it."""
+    if a.schema:
+        from gss.api.schemas.sheets import SheetOut
+
+        print(json.dumps(SheetOut.model_json_schema(), indent=1, ensure_ascii=False))
+        return 0
+    from gss.operations.frames.solve import Solver
+    from gss.operations.requests import request_from
+    from gss.operations.studies.analyse import run_frames
+    from gss.operations.studies.analysis_requests import SheetRequest
+    from gss.operations.studies.sheet_frames import sheet_of_frames, sheet_of_simulation
+
+    if not a.camera:
+        raise BadInput("no camera given", expected="--camera INSTRUMENT")
+    mounting = None if a.mounting is None else _numbers(a.mounting)
+    # Files have no ids yet; the numbers only let the request check itself.
+    request = request_from(
+        SheetRequest,
+        {
+            "kind": "sheet",
+            "profile": a.camera,
+            "simulated": a.simulate,
+            "frame_ids": list(range(1, len(a.files) + 1)),
+            "chain": a.chain,
+            "other_profile": (a.second_camera or a.camera) if a.second else "",
+            "other_ids": list(range(1, len(a.second) + 1)),
+            "mounting": mounting,
+            "seed": a.seed,
+        },
+    )
+    known, solver = camera(a.camera), Solver(registry().camera)
+    if request.simulated:
+        made = sheet_of_simulation(solver, known, a.chain, a.seed, show_progress)
+    else:
+        first = run_frames(solver, _shots(a, a.files), known, a.chain, show_progress)
+        other = camera(a.second_camera) if a.second_camera else known
+        second = run_frames(solver, _shots(a, a.second), other, a.chain, show_progress) if a.second else None
+        made = sheet_of_frames(first, second=second, mounting=tuple(mounting) if mounting else None, seed=a.seed)
+    write_report(a, made.report, json.dumps(made.figures, ensure_ascii=False, allow_nan=False))
+    return 0
+
+
+def _shots(a: argparse.Namespace, files: list[str]) -> list[Shot]:
+    return shots_of(files, a.interval, a.exposure, a.keep_aberration)
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(v) for v in text.split(",")]
+    except ValueError:
+        raise BadInput("the mounting is not four numbers", expected="X,Y,Z,W", got=text) from None

@@ -1,0 +1,253 @@
+"""The client: one object for one server."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.client.connection import ServerConnection
+from gss.client.errors import CommandFailed, JobFailed, TimedOut, TransferFailed
+from gss.client.records import Command, Event, Frame, Job, Json, Packet, Solution, TelemetryValue, Transfer
+
+POLL_S = 0.25
+PAGE = 500
+EARLIEST, LATEST = "1970-01-01T00:00:00Z", "2200-01-01T00:00:00Z"
+"""A time range that holds every event; its newest one is requested."""
+Value = float | int | str | bool
+T = TypeVar("T")
+Ended = TypeVar("Ended", Command, Transfer, Job)
+
+
+class Client:
+    """A signed-in user of one GSS server.
+
+    ``address``: as ``http://localhost:8181``; default: the environment variable GSS_ADDRESS. ``token``: an API token; default:
+    GSS_TOKEN. ``reconnect_s``: seconds for which reading is repeated while the server is away. Requests that change
+    something are sent once: they raise ServerAway if the answer is lost, because the server may have executed them.
+    """
+
+    def __init__(
+        self, address: str = "", token: str = "", *, timeout_s: float = 30.0, reconnect_s: float = 60.0
+    ) -> None:
+        address = address or os.environ.get("GSS_ADDRESS", "http://localhost:8181")
+        self._server = ServerConnection(address, token or os.environ.get("GSS_TOKEN", ""), timeout_s, reconnect_s)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections to the server."""
+        self._server.close()
+
+    # -- link and authority
+
+    def link(self) -> Mapping[str, Json]:
+        """State of the line to the sensor, as ``GET /api/link`` describes it."""
+        state: Mapping[str, Json] = self._server.get("/link")
+        return state
+
+    def wait_connected(self, timeout_s: float = 30.0) -> Mapping[str, Json]:
+        """Wait until the sensor answers. TimedOut if it does not."""
+        return self._wait(
+            "the sensor to answer", lambda: found if (found := self.link())["connected"] else None, timeout_s
+        )
+
+    @contextmanager
+    def authority(self) -> Iterator[None]:
+        """Hold command authority inside the ``with`` block; authority that was held before is kept afterwards."""
+        before = self._server.get("/authority")["mine"]
+        if not before:
+            self._server.post("/authority/take")
+        try:
+            yield
+        finally:
+            if not before:
+                self._server.post("/authority/release")
+
+    # -- commands
+
+    def send(self, name: str, *, confirm: str = "", timeout_s: float = 60.0, **arguments: Value) -> Command:
+        """Send a command and wait until it is completed. ``confirm``: "yes" for a hazardous command, its name for a critical one.
+        CommandFailed if it ends otherwise, TimedOut if it does not end in time."""
+        return self.wait_command(self.submit(name, confirm=confirm, **arguments), timeout_s)
+
+    def submit(self, name: str, *, confirm: str = "", **arguments: Value) -> Command:
+        """Queue a command and return at once."""
+        body = {"name": name, "arguments": arguments, "confirm": confirm}
+        return Command.of(self._server.post("/commands", body))
+
+    def command(self, command_id: int) -> Command:
+        """Return one command."""
+        return Command.of(self._server.get(f"/commands/{command_id}"))
+
+    def wait_command(self, command: Command, timeout_s: float = 60.0) -> Command:
+        """Wait until a command is completed. CommandFailed or TimedOut if not."""
+        ended = self._ended(command, self.command, f"{command.name} to end", timeout_s)
+        if ended.result != "completed":
+            raise CommandFailed(ended)
+        return ended
+
+    def commands(self, limit: int = 100) -> list[Command]:
+        """Return the newest commands, newest first."""
+        return [Command.of(row) for row in self._server.get("/commands", limit=limit)]
+
+    def abort(self) -> None:
+        """Send ABORT ahead of all other traffic. It needs no command authority."""
+        self._server.post("/commands/abort")
+
+    # -- telemetry and events
+
+    def telemetry(self) -> dict[str, TelemetryValue]:
+        """Return the newest value of every field, by ``packet.field``."""
+        values = map(TelemetryValue.of, self._server.get("/telemetry/latest")["values"])
+        return {f"{value.packet}.{value.name}": value for value in values}
+
+    def wait_telemetry(
+        self, field: str, accept: Callable[[TelemetryValue], bool], timeout_s: float = 30.0
+    ) -> TelemetryValue:
+        """Wait until the newest value of ``packet.field`` is accepted. TimedOut with the last value if it is not; KeyError if the
+        instrument has no such field."""
+        last = self.telemetry()[field]
+
+        def accepted() -> TelemetryValue | None:
+            nonlocal last
+            last = self.telemetry()[field]
+            return last if accept(last) else None
+
+        try:
+            return self._wait(field, accepted, timeout_s)
+        except TimedOut:
+            raise TimedOut(
+                f"{field} was not accepted within {timeout_s:g} s; its last value is {last.formatted}."
+            ) from None
+
+    def follow(self, packet: str = "", *, after_id: int | None = None, poll_s: float = POLL_S) -> Iterator[Packet]:
+        """Yield stored packets, oldest first, for ever. ``packet``: only this kind. ``after_id``: start behind this packet; None:
+        with the next one.
+
+        Packets are read from the store by number, so that none is missed and none comes twice, however often the server restarts;
+        remember the ``id`` of the last one to continue in another process.
+        """
+        path, query = "/telemetry/packets", {"packet": packet} if packet else {}
+        if after_id is None:
+            newest = self._server.get(path, limit=1)
+            after_id = newest[0]["id"] if newest else 0
+        while True:
+            rows = self._server.get(path, limit=PAGE, after_id=after_id, **query)
+            for row in rows:
+                after_id = row["id"]
+                yield Packet.of(row)
+            if len(rows) < PAGE:
+                time.sleep(poll_s)
+
+    def follow_events(self, *, after_seq: int | None = None, poll_s: float = POLL_S) -> Iterator[Event]:
+        """Yield recorded events, oldest first, for ever; none is missed and none comes twice. ``after_seq``: start behind this
+        event; None: with the next one."""
+        if after_seq is None:
+            newest = self._server.get("/events", start=EARLIEST, end=LATEST, limit=1)
+            after_seq = newest[-1]["seq"] if newest else 0
+        while True:
+            rows = self._server.get("/events", after=after_seq, limit=PAGE)
+            for row in rows:
+                after_seq = row["seq"]
+                yield Event.of(row)
+            if len(rows) < PAGE:
+                time.sleep(poll_s)
+
+    # -- transfers and frames
+
+    def download_frame(self, slot: int, timeout_s: float = 600.0) -> Frame:
+        """Download the image in a slot of the sensor and return the stored frame. TransferFailed or TimedOut if it fails."""
+        started = Transfer.of(self._server.post("/frames/download", {"slot": slot, "kind": "frame"}))
+        ended = self.wait_transfer(started, timeout_s)
+        frame_id = self._wait("the frame to be stored", lambda: self.transfer(ended.id).frame_id, timeout_s)
+        return self.frame(frame_id)
+
+    def transfer(self, transfer_id: int) -> Transfer:
+        """Return one transfer."""
+        return Transfer.of(self._server.get(f"/transfers/{transfer_id}"))
+
+    def wait_transfer(self, transfer: Transfer, timeout_s: float = 600.0) -> Transfer:
+        """Wait until a transfer is complete. TransferFailed or TimedOut if not."""
+        ended = self._ended(transfer, self.transfer, f"transfer {transfer.id} to end", timeout_s)
+        if not ended.complete:
+            raise TransferFailed(ended)
+        return ended
+
+    def frames(self, limit: int = 100, **filters: Value) -> list[Frame]:
+        """Return the newest frames, newest first. ``filters``: as the query of ``GET /api/frames``, for example
+        ``outcome="solved"``."""
+        return [Frame.of(row) for row in self._server.get("/frames", limit=limit, **filters)["frames"]]
+
+    def frame(self, frame_id: int) -> Frame:
+        """Return one frame."""
+        return Frame.of(self._server.get(f"/frames/{frame_id}"))
+
+    def pixels(self, frame: Frame | int) -> NDArray[np.generic]:
+        """Return the stored pixels, shape (rows, columns), in the stored integer or float type."""
+        reply = self._server.download(f"/frames/{_id_of(frame)}/raw")
+        shape = int(reply.headers["X-Rows"]), int(reply.headers["X-Columns"])
+        return np.frombuffer(reply.content, np.dtype(reply.headers["X-Dtype"])).reshape(shape)
+
+    def import_frame(self, file: Path, instrument: str = "") -> Frame:
+        """Import a FITS, PNG, TIFF or JPEG file. Without ``instrument`` it is solved blind."""
+        return Frame.of(self._server.upload("/frames/import", file, {"profile": instrument}))
+
+    def solve(self, frame: Frame | int, **options: Value) -> Solution:
+        """Run a chain on a stored frame and store the result. ``options``: chain, profile, fov_deg, blind, aberration, as in
+        ``POST /api/frames/{id}/solve``."""
+        return Solution.of(self._server.post(f"/frames/{_id_of(frame)}/solve", options))
+
+    # -- catalogues and jobs
+
+    def build_catalogue(self, timeout_s: float = 600.0, **request: Json) -> int:
+        """Build a catalogue and return its id. ``request``: as the body of ``POST /api/catalogues``. JobFailed if it fails."""
+        job = self.wait_job(Job.of(self._server.post("/catalogues", request)), timeout_s)
+        return int(job.result["catalogue_id"])
+
+    def upload_catalogue(self, catalogue_id: int, bank: str, timeout_s: float = 600.0) -> Transfer:
+        """Upload a catalogue to an inactive bank and wait until it is read back and committed. Activating it is a command."""
+        started = Transfer.of(self._server.post(f"/catalogues/{catalogue_id}/upload", {"bank": bank}))
+        return self.wait_transfer(started, timeout_s)
+
+    def job(self, job_id: int) -> Job:
+        """Return one job."""
+        return Job.of(self._server.get(f"/jobs/{job_id}"))
+
+    def wait_job(self, job: Job, timeout_s: float = 600.0) -> Job:
+        """Wait until a job is done. JobFailed or TimedOut if not."""
+        ended = self._ended(job, self.job, f"job {job.id} to end", timeout_s)
+        if ended.state != "done":
+            raise JobFailed(ended)
+        return ended
+
+    # -- waiting
+
+    def _ended(self, record: Ended, read: Callable[[int], Ended], what: str, timeout_s: float) -> Ended:
+        if record.ended:
+            return record
+        return self._wait(what, lambda: found if (found := read(record.id)).ended else None, timeout_s)
+
+    def _wait(self, what: str, look: Callable[[], T | None], timeout_s: float) -> T:
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            found = look()
+            if found is not None:
+                return found
+            if time.monotonic() > deadline_s:
+                raise TimedOut(f"Waited {timeout_s:g} s for {what}.")
+            time.sleep(POLL_S)
+
+
+def _id_of(frame: Frame | int) -> int:
+    return frame if isinstance(frame, int) else frame.id

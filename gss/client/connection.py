@@ -1,0 +1,75 @@
+"""HTTP to the server: the token, errors as exceptions, and reading again while the server is away."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import httpx2
+
+from gss.client.errors import ClientError, NotAllowed, ServerAway
+from gss.client.records import Json
+
+AGAIN_S = 0.5
+AWAY = (502, 503, 504)
+"""Answers of a proxy, or of a server that starts or stops."""
+
+
+class ServerConnection:
+    """Requests to ``address`` + "/api". ``reconnect_s``: how long a reading request is repeated while the server is away."""
+
+    def __init__(self, address: str, token: str, timeout_s: float, reconnect_s: float) -> None:
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._http = httpx2.Client(base_url=f"{address.rstrip('/')}/api", headers=headers, timeout=timeout_s)
+        self._address, self._reconnect_s = address, reconnect_s
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def get(self, path: str, **query: Json) -> Json:
+        """Return the JSON of a page; repeated while the server is away."""
+        return self.download(path, **query).json()
+
+    def download(self, path: str, **query: Json) -> httpx2.Response:
+        """Return the answer of a page; repeated while the server is away."""
+        deadline_s = time.monotonic() + self._reconnect_s
+        while True:
+            try:
+                return self._answer(lambda: self._http.get(path, params=query))
+            except ServerAway:
+                if time.monotonic() > deadline_s:
+                    raise
+            time.sleep(AGAIN_S)
+
+    def post(self, path: str, body: Mapping[str, Json] | None = None) -> Json:
+        """Send a change once and return the JSON of the answer."""
+        return self._answer(lambda: self._http.post(path, json=body)).json()
+
+    def upload(self, path: str, file: Path, form: Mapping[str, str]) -> Json:
+        """Send a file once, as the field ``file`` of a form."""
+        with file.open("rb") as content:
+            return self._answer(lambda: self._http.post(path, files={"file": (file.name, content)}, data=form)).json()
+
+    def _answer(self, request: Callable[[], httpx2.Response]) -> httpx2.Response:
+        try:
+            reply = request()
+        except httpx2.TransportError as error:
+            raise ServerAway(f"{self._address} does not answer: {error or type(error).__name__}.") from error
+        if reply.is_success:
+            return reply
+        kind = (
+            NotAllowed if reply.status_code in (401, 403) else ServerAway if reply.status_code in AWAY else ClientError
+        )
+        raise kind(_said(reply), reply.status_code)
+
+
+def _said(reply: httpx2.Response) -> str:
+    """The server's own words, or the status if another program answered."""
+    try:
+        problem = reply.json()
+        parts = [problem["message"], *(f"{word} {problem[word]}" for word in ("expected", "got") if problem[word])]
+        return "; ".join(parts) + (f". Try: {problem['hint']}" if problem["hint"] else ".")
+    except (ValueError, KeyError, TypeError):
+        return f"The server answered {reply.status_code} {reply.reason_phrase}."

@@ -1,0 +1,52 @@
+"""Errors of the client. All are ``ClientError``; the text says what happened and, where the server knows it, what to do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.client.records import Command, Job, Transfer
+
+
+class ClientError(Exception):
+    """The server refused a request. ``status``: HTTP status; 0 if there was no answer."""
+
+    def __init__(self, message: str, status: int = 0) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+class NotAllowed(ClientError):
+    """The token is missing, expired, or lacks the permission."""
+
+
+class ServerAway(ClientError):
+    """The server did not answer in time. A request that changes something may have been executed."""
+
+
+class TimedOut(ClientError):
+    """What was waited for did not happen in time."""
+
+
+class CommandFailed(ClientError):
+    """A command ended in another state than completed."""
+
+    def __init__(self, command: Command) -> None:
+        super().__init__(f"{command.text}: {command.result}. {command.detail}".rstrip(". ") + ".")
+        self.command = command
+
+
+class TransferFailed(ClientError):
+    """A transfer ended without all its bytes."""
+
+    def __init__(self, transfer: Transfer) -> None:
+        super().__init__(f"Transfer {transfer.id} ({transfer.subject}): {transfer.state}. {transfer.reason}".rstrip())
+        self.transfer = transfer
+
+
+class JobFailed(ClientError):
+    """A job failed or was cancelled."""
+
+    def __init__(self, job: Job) -> None:
+        super().__init__(f"Job {job.id} ({job.title}): {job.state}. {job.text}".rstrip())
+        self.job = job

@@ -1,0 +1,78 @@
+"""pytest plug-in for tests with a real or simulated sensor behind a GSS server.
+
+::
+
+    def test_exposure_is_taken(unit, assert_telemetry):
+        unit.send("TAKE_IMAGE", exposure_ms=200)
+        assert_telemetry("housekeeping.exposure_ms", 200, within_s=5)
+
+``pytest --gss http://localhost:8181`` names the server; the token is in GSS_TOKEN. Without the option the tests are skipped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from gss.client.client import Client
+from gss.client.records import TelemetryValue
+
+Expected = float | int | str | bool | Callable[[TelemetryValue], bool]
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add ``--gss``."""
+    parser.getgroup("gss").addoption("--gss", metavar="ADDRESS", default="", help="GSS server of the tests with a unit")
+
+
+@pytest.fixture(scope="session")
+def gss_client(request: pytest.FixtureRequest) -> Iterator[Client]:
+    """The signed-in client of the server that ``--gss`` names."""
+    address = request.config.getoption("--gss")
+    if not address:
+        pytest.skip("no GSS server: give one with --gss ADDRESS")
+    with Client(address) as client:
+        yield client
+
+
+@pytest.fixture
+def unit(gss_client: Client) -> Iterator[Client]:
+    """A client whose sensor answers, with command authority during the test."""
+    gss_client.wait_connected()
+    with gss_client.authority():
+        yield gss_client
+
+
+@pytest.fixture
+def wait_for(unit: Client) -> Callable[..., TelemetryValue]:
+    """``wait_for(field, expected, within_s=10)``: wait for a value of ``packet.field``; TimedOut if it does not come.
+    ``expected``: the value, or a function that accepts a TelemetryValue."""
+
+    def wait(field: str, expected: Expected, within_s: float = 10.0) -> TelemetryValue:
+        return unit.wait_telemetry(field, _accepts(expected), within_s)
+
+    return wait
+
+
+@pytest.fixture
+def assert_telemetry(unit: Client) -> Callable[..., None]:
+    """``assert_telemetry(field, expected, within_s=10, tolerance=0)``: the test fails with the last value if it does not come."""
+
+    def check(field: str, expected: Expected, within_s: float = 10.0, tolerance: float = 0.0) -> None:
+        from gss.client.errors import TimedOut
+
+        try:
+            unit.wait_telemetry(field, _accepts(expected, tolerance), within_s)
+        except TimedOut as error:
+            pytest.fail(f"{error} Expected {'an accepted value' if callable(expected) else expected!r}.", pytrace=False)
+
+    return check
+
+
+def _accepts(expected: Expected, tolerance: float = 0.0) -> Callable[[TelemetryValue], bool]:
+    if callable(expected):
+        return expected
+    if isinstance(expected, str | bool):
+        return lambda value: value.value == expected or value.formatted == expected
+    return lambda value: isinstance(value.value, float | int) and abs(value.value - expected) <= tolerance

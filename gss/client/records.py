@@ -1,0 +1,173 @@
+"""What the server sends, as frozen dataclasses. Fields of a newer server that this client does not know are ignored."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Json = Any
+"""A decoded JSON value: the server's schema is checked here, field by field, and nowhere else."""
+
+
+class ClientRecord:
+    """Base class: built from the JSON object of the same field names. Times are aware datetimes in UTC."""
+
+    @classmethod
+    def of(cls, values: Mapping[str, Json]) -> Self:
+        """Build the record. KeyError if a field is missing."""
+        fields = dataclasses.fields(cls)  # type: ignore[arg-type]  # every subclass is a dataclass
+        return cls(**{f.name: _converted(values[f.name], str(f.type)) for f in fields})
+
+
+def _converted(value: Json, annotation: str) -> Json:
+    if value is not None and annotation.startswith("datetime"):
+        return datetime.fromisoformat(value)
+    return value
+
+
+@dataclass(frozen=True)
+class Command(ClientRecord):
+    """One command. ``result``: queued … completed, rejected, failed, unknown, resolved or withdrawn. ``values``: what the
+    sensor reported with its completion."""
+
+    id: int
+    name: str
+    text: str
+    result: str
+    detail: str
+    created: datetime
+    finished: datetime | None
+    values: Mapping[str, Json]
+
+    @property
+    def ended(self) -> bool:
+        """True when nothing more happens without a person."""
+        return self.result in ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
+
+
+@dataclass(frozen=True)
+class TelemetryValue(ClientRecord):
+    """Newest value of one field. ``value``: in ``unit``; None if never received. ``state``: ok, watch, warning, critical,
+    stale or never. ``age_s``: seconds since it was received."""
+
+    packet: str
+    name: str
+    value: Json
+    formatted: str
+    unit: str
+    state: str
+    age_s: float | None
+
+
+@dataclass(frozen=True)
+class Packet(ClientRecord):
+    """One stored telemetry packet. ``values``: by field name, in the units of the instrument's dictionary."""
+
+    id: int
+    packet: str
+    received: datetime
+    device_time_s: float
+    contact_id: int | None
+    values: Mapping[str, Json]
+
+
+@dataclass(frozen=True)
+class Event(ClientRecord):
+    """One recorded event. ``seq`` increases by one for each."""
+
+    seq: int
+    at: datetime
+    kind: str
+    severity: str
+    text: str
+    data: Mapping[str, Json]
+
+
+@dataclass(frozen=True)
+class Transfer(ClientRecord):
+    """One upload or download. ``frame_id``: the stored frame of a completed image download."""
+
+    id: int
+    direction: str
+    kind: str
+    subject: str
+    state: str
+    reason: str
+    size: int
+    stored_bytes: int
+    sha256: str
+    frame_id: int | None
+
+    @property
+    def ended(self) -> bool:
+        """True when no more bytes are expected."""
+        return self.complete or self.state in ("failed", "aborted")
+
+    @property
+    def complete(self) -> bool:
+        """True when all bytes have arrived and were checked."""
+        return self.state in ("done", "verified", "committed", "active")
+
+
+@dataclass(frozen=True)
+class Job(ClientRecord):
+    """One background job of the server. ``done`` of ``total`` steps."""
+
+    id: int
+    kind: str
+    title: str
+    state: str
+    done: int
+    total: int
+    text: str
+    result: Mapping[str, Json]
+
+    @property
+    def ended(self) -> bool:
+        """True when the job has stopped."""
+        return self.state in ("done", "failed", "cancelled")
+
+
+@dataclass(frozen=True)
+class Frame(ClientRecord):
+    """One stored image. ``outcome`` and ``matched`` are of the operational ground result, None before it exists."""
+
+    id: int
+    number: int | None
+    name: str
+    source: str
+    taken: datetime
+    columns: int
+    rows: int
+    bits: int
+    exposure_s: float | None
+    complete: bool
+    outcome: str | None
+    matched: int | None
+
+
+@dataclass(frozen=True)
+class Solution(ClientRecord):
+    """Result of one chain for one frame. ``attitude``: the server's description, None without a solution."""
+
+    id: int
+    frame_id: int
+    chain: str
+    outcome: str
+    reason: str
+    found: int
+    matched: int
+    rms_arcsec: float | None
+    false_match_probability: float | None
+    attitude: Mapping[str, Json] | None
+
+    @property
+    def quaternion(self) -> NDArray[np.float64] | None:
+        """cam_from_icrs, scalar last, shape (4,)."""
+        return None if self.attitude is None else np.array(self.attitude["quaternion"], dtype=float)

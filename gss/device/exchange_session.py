@@ -1,0 +1,323 @@
+"""Host session with a sensor of another maker: one request at a time, each followed by its response. No I/O.
+
+The protocol is an :class:`ExchangeWire`: it makes frames of requests and reads responses. Everything else is here and the
+same for all of them: queue, timeouts, requests that the ground repeats, counters and the identity of the unit. Such sensors
+remember no request ids, so ids count requests on the ground only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from gss.device.driver import InFlight, UnitSetup
+from gss.device.no_transfers import NoTransfers
+from gss.device.protocol.codec import Decoded, EncodedCommand
+from gss.device.session_commands import CommandQueue, CommandRecord
+from gss.device.session_events import (
+    FINAL_STAGES,
+    CommandUpdate,
+    DirectionCounters,
+    HelloReceived,
+    LinkCounters,
+    SessionEvent,
+    Stage,
+    Telemetry,
+    TransferUpdate,
+)
+from gss.device.session_transfer import RequestIds
+from gss.domain.errors import Conflict
+from gss.instruments.dictionary.definitions import Value
+from gss.instruments.link_file import Poll
+
+COUNTERS_EVERY_S = 1.0
+NO_ABORT = "This sensor has no command to abort."
+
+
+@dataclass(frozen=True)
+class SensorRequest:
+    """A request under way: its number on the ground, its command, and the encoded arguments."""
+
+    request_id: int
+    order: EncodedCommand
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a frame of the sensor means. ``stage``: of the request under way, None if the frame does not concern it.
+    ``packet``: telemetry packet in it, with its content. ``time_s``: the sensor's clock, None without one."""
+
+    stage: Stage | None = None
+    reason: str = ""
+    detail: str = ""
+    values: Mapping[str, Value] = field(default_factory=dict)
+    packet: str = ""
+    content: Decoded = field(default_factory=Decoded)
+    time_s: float | None = None
+
+
+class ExchangeWire(Protocol):
+    """A protocol on the line; pure."""
+
+    def encode(self, name: str, arguments: Mapping[str, Value]) -> EncodedCommand: ...
+
+    def frame(self, request: SensorRequest) -> bytes: ...
+
+    def parts(self, request: SensorRequest) -> list[tuple[str, bytes]]: ...
+
+    def sent(self, request: SensorRequest) -> None: ...
+
+    def feed(self, data: bytes) -> list[Answer]: ...
+
+    def restart(self) -> None: ...
+
+    @property
+    def received(self) -> DirectionCounters: ...
+
+
+class ExchangeSession:
+    """A :class:`gss.device.driver.Driver` for request and response. ``poll``: requests that the ground repeats; ``greeting``:
+    command that it repeats until the first answer on an open line."""
+
+    def __init__(
+        self,
+        setup: UnitSetup,
+        wire: ExchangeWire,
+        poll: Sequence[Poll] = (),
+        pause_s: float = 0.0,
+        greeting: str = "",
+        transfers: NoTransfers | None = None,
+    ) -> None:
+        self._setup, self._wire, self._pause_s = setup, wire, pause_s
+        self.framing = setup.framing or setup.link.framing
+        self.transfers = transfers or NoTransfers()
+        self._ids, self._queue = RequestIds(1), CommandQueue()
+        self._orders: dict[int, EncodedCommand] = {}
+        self._polls = [(wire.encode(p.command, {}), p.every_s) for p in poll]
+        self._greeting = wire.encode(greeting, {}) if greeting else None
+        self._greet_s = 0.0
+        self._due_s = [0.0] * len(self._polls)
+        self._events: list[SessionEvent] = []
+        self._up = False
+        self._current: SensorRequest | None = None
+        self._polled_until_s: float | None = None
+        self._free_s = self._counted_s = -1e9
+        self._last_good_s: float | None = None
+        self._housekeeping: Mapping[str, Value] | None = None
+        self._hello: HelloReceived | None = None
+        self._greeted = False
+        self._sent = DirectionCounters()
+
+    # --- commands -----------------------------------------------------------------------------------------------
+
+    def encode(self, name: str, arguments: Mapping[str, Value]) -> EncodedCommand:
+        """Validate and encode a command. Raises BadInput, NotFound."""
+        return self._wire.encode(name, arguments)
+
+    def submit(self, order: EncodedCommand, *, request_id: int | None = None) -> int:
+        """Queue a command and return its request id."""
+        used = self._ids() if request_id is None else request_id
+        self._orders[used] = order
+        self._events.append(self._queue.add(used, order))
+        return used
+
+    def reserve(self) -> int:
+        """Return a request id for a later ``submit``."""
+        return self._ids()
+
+    def check_allowed(self, name: str) -> None:
+        """Raise NotFound if there is no such command."""
+        self._setup.dictionary.command(name)
+
+    def preview(self, order: EncodedCommand) -> list[tuple[str, bytes]]:
+        """Return the packet before framing as labelled groups (dry run)."""
+        return self._wire.parts(SensorRequest(self._ids.following, order))
+
+    def retry(self, request_id: int, now_s: float) -> None:
+        """Send the same command again. Raises Conflict unless the command's stage is UNKNOWN."""
+        self._events.append(self._queue.retry(request_id))
+
+    def withdraw(self, request_id: int, detail: str) -> CommandUpdate:
+        """Withdraw a queued command. Raises Conflict if the command is not in the queue."""
+        return self._queue.withdraw(request_id, detail)
+
+    def withdraw_all(self, detail: str) -> list[CommandUpdate]:
+        """Withdraw all queued commands."""
+        return self._queue.clear(detail)
+
+    def abort(self, now_s: float) -> int:
+        """Raise Conflict: without the command there is nothing to send."""
+        raise Conflict(NO_ABORT)
+
+    def acknowledge_mismatch(self) -> None:
+        """Do nothing: such a sensor does not report its dictionary."""
+
+    def restore(self, next_request_id: int, in_flight: Sequence[InFlight], next_transfer_id: int = 1) -> None:
+        """Seed the ids after a restart. Commands ``in_flight`` get the stage UNKNOWN and may be retried."""
+        self._ids.following = next_request_id
+        for request_id, order in in_flight:
+            self._orders[request_id] = order
+            self._events.append(self._queue.add_unknown(request_id, order))
+
+    def transfer(self, transfer_id: int) -> TransferUpdate:
+        """Return the state of a transfer. Raises NotFound."""
+        return self.transfers.update(transfer_id)
+
+    # --- line ---------------------------------------------------------------------------------------------------
+
+    def link_up(self, now_s: float) -> None:
+        """Start on a newly opened port."""
+        self._wire.restart()
+        self._up, self._greeted = True, False
+        self._current, self._polled_until_s, self._free_s = None, None, now_s
+        self._greet_s = now_s
+        self._due_s = [now_s] * len(self._polls)
+
+    def link_lost(self, now_s: float) -> list[SessionEvent]:
+        """Handle the loss of the port: a command that was sent becomes UNKNOWN."""
+        self._up, self._current, self._polled_until_s = False, None, None
+        self._events += self._queue.lose_all("The line was lost while the command was under way.")
+        return self._take_events()
+
+    def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
+        """Process received bytes and return the resulting events. Never raises, whatever the bytes are."""
+        for answer in self._wire.feed(data):
+            self._last_good_s = now_s
+            if not self._greeted:
+                self._greet(answer)
+            request = self._current
+            if answer.packet:
+                self._telemetry(answer, request, now_s)
+            if request is not None and answer.stage is not None:
+                self._report(request, answer, now_s)
+        return self._take_events()
+
+    def poll(self, now_s: float) -> tuple[bytes, list[SessionEvent]]:
+        """Return the bytes to write now and the events since the last call."""
+        out = b""
+        if self._up:
+            self._expire(now_s)
+            if self._current is None and now_s >= self._free_s:
+                out = self._next(now_s)
+        if now_s - self._counted_s >= COUNTERS_EVERY_S:
+            self._counted_s = now_s
+            self._events.append(self.counters)
+        return out, self._take_events()
+
+    def _expire(self, now_s: float) -> None:
+        events = self._queue.expire(now_s)
+        self._events += events
+        current = self._current
+        if current is None:
+            return
+        timed_out = self._polled_until_s is not None and now_s >= self._polled_until_s
+        if timed_out or any(event.request_id == current.request_id for event in events):
+            self._end(now_s)
+
+    def _next(self, now_s: float) -> bytes:
+        records, events = self._queue.release(now_s)
+        self._events += events
+        if records:
+            return self._send(SensorRequest(records[0].request_id, self._order_of(records[0])))
+        if self._greeting is not None and not self._greeted and now_s >= self._greet_s:
+            self._greet_s = now_s + self._setup.link.hello_again_s
+            return self._ask(self._greeting, now_s)
+        for k, (order, every_s) in enumerate(self._polls):
+            if now_s >= self._due_s[k]:
+                self._due_s[k] = now_s + every_s
+                return self._ask(order, now_s)
+        return b""
+
+    def _ask(self, order: EncodedCommand, now_s: float) -> bytes:
+        """Send a request of the ground's own."""
+        self._polled_until_s = now_s + order.command.accept_s + order.command.complete_s
+        return self._send(SensorRequest(0, order))
+
+    def _order_of(self, record: CommandRecord) -> EncodedCommand:
+        return self._orders[record.request_id]
+
+    def _send(self, request: SensorRequest) -> bytes:
+        self._current = request
+        data = self._wire.frame(request)
+        self._wire.sent(request)
+        self._sent = replace(self._sent, bytes=self._sent.bytes + len(data), good=self._sent.good + 1)
+        return data
+
+    def _end(self, now_s: float) -> None:
+        """Finish the exchange; the next request may leave after the pause."""
+        self._current, self._polled_until_s, self._free_s = None, None, now_s + self._pause_s
+
+    # --- received frames ----------------------------------------------------------------------------------------
+
+    def _report(self, request: SensorRequest, answer: Answer, now_s: float) -> None:
+        if answer.stage is None:
+            return
+        if request.request_id:
+            facts = {"reason": answer.reason, "detail": answer.detail, "values": answer.values}
+            self._events += self._queue.report(request.request_id, answer.stage, now_s, facts)
+        if answer.stage in FINAL_STAGES:
+            self._orders.pop(request.request_id, None)  # one whose outcome is unknown may be sent again
+            self._end(now_s)
+
+    def _telemetry(self, answer: Answer, request: SensorRequest | None, now_s: float) -> None:
+        content = answer.content
+        request_id = request.request_id if request is not None and answer.stage is not None else 0
+        time_s = now_s if answer.time_s is None else answer.time_s
+        if answer.packet == "housekeeping":
+            self._housekeeping = content.values
+        self._events.append(Telemetry(answer.packet, time_s, request_id, content.raw, content.values, content.lists))
+
+    def _greet(self, answer: Answer) -> None:
+        """Report the unit at its first valid frame: its protocol does not say which unit it is."""
+        self._greeted, setup = True, self._setup
+        self._hello = HelloReceived(
+            device_model=setup.dictionary.device_model,
+            profile=setup.instrument,
+            firmware="not reported",
+            serial="",
+            simulated=False,
+            dictionary_hash=setup.dictionary.hash_hex,
+            dictionary_match=True,
+            line_baud=setup.link.baud,
+            columns=setup.columns,
+            rows=setup.rows,
+            bits=setup.bits,
+            image_slots=0,
+            bank_bytes=0,
+            boot_count=0,
+            last_request_id=0,
+            device_time_s=answer.time_s or 0.0,
+        )
+        self._events.append(self._hello)
+
+    def _take_events(self) -> list[SessionEvent]:
+        events, self._events = [*self._events, *self.transfers.news()], []
+        return events
+
+    # --- state --------------------------------------------------------------------------------------------------
+
+    @property
+    def counters(self) -> LinkCounters:
+        """Counters since the session was created."""
+        return LinkCounters(self._sent, self._wire.received, self._last_good_s)
+
+    @property
+    def next_request_id(self) -> int:
+        """Id that the next command takes."""
+        return self._ids.following
+
+    @property
+    def housekeeping(self) -> Mapping[str, Value] | None:
+        """Latest housekeeping in engineering units; None before the first."""
+        return self._housekeeping
+
+    @property
+    def hello(self) -> HelloReceived | None:
+        """The unit as last reported."""
+        return self._hello
+
+    @property
+    def device_dictionary_hash(self) -> str | None:
+        """Hash of the dictionary in use; None before the first frame."""
+        return self._hello.dictionary_hash if self._hello else None

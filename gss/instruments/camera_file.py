@@ -1,0 +1,266 @@
+"""``camera.yaml``: geometry, lens model, detector, limits and baffle of a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from gss.domain.camera import Brown, BrownUndistort, Camera, Distortion, Pinhole, RadialTilt
+from gss.domain.camera_profile import zero_point_e_s
+from gss.domain.sensor import Baffle, Sensor
+from gss.instruments.quantities import (
+    Angle,
+    Bits,
+    Charge,
+    Coefficient,
+    Coefficients,
+    Decay,
+    Gain,
+    Length,
+    Level,
+    Magnitude,
+    Opening,
+    Pitch,
+    Pixels,
+    Place,
+    Quantity,
+    Rate,
+    Ratio,
+    Seconds,
+    Share,
+    Sourced,
+    Strict,
+    Well,
+    Width,
+    ZeroPoint,
+)
+
+TYPICAL_TRANSMISSION = 0.8
+
+
+class Geometry(Strict):
+    """Detector and lens. Without a centre the optical axis is in the middle of the detector. Pixel centres are at integer
+    (column, row)."""
+
+    columns: Pixels
+    rows: Pixels
+    pitch_column: Pitch
+    pitch_row: Pitch
+    focal_length: Length
+    f_number: Ratio
+    centre_column: Place | None = None
+    centre_row: Place | None = None
+
+    @model_validator(mode="after")
+    def _both_centres(self) -> Self:
+        if (self.centre_column is None) != (self.centre_row is None):
+            raise ValueError("centre_column and centre_row belong together")
+        return self
+
+
+class PinholeLens(Sourced):
+    """A lens without distortion."""
+
+    model: Literal["pinhole"]
+
+    def distortion(self, focal_mm: float) -> Distortion:
+        """The lens model."""
+        return Pinhole()
+
+
+class BrownLens(Strict):
+    """Brown's polynomial from ideal to measured coordinates."""
+
+    model: Literal["brown"]
+    k1: Coefficient
+    k2: Coefficient
+    p1: Coefficient
+    p2: Coefficient
+    k3: Coefficient | None = None
+
+    def distortion(self, focal_mm: float) -> Distortion:
+        """The lens model."""
+        return Brown(self.k1.value, self.k2.value, self.p1.value, self.p2.value, self.k3.value if self.k3 else 0.0)
+
+
+class BrownUndistortLens(Strict):
+    """Brown's polynomial from measured to ideal coordinates."""
+
+    model: Literal["brown_undistort"]
+    k1: Coefficient
+    k2: Coefficient
+    p1: Coefficient
+    p2: Coefficient
+
+    def distortion(self, focal_mm: float) -> Distortion:
+        """The lens model."""
+        return BrownUndistort(self.k1.value, self.k2.value, self.p1.value, self.p2.value)
+
+
+class RadialTiltLens(Strict):
+    """Tilted detector and radial polynomial in millimetres (Jacobs 1995 eq. 6.13–6.16)."""
+
+    model: Literal["radial_tilt"]
+    tilt: Opening
+    tilt_direction: Angle
+    radial: Coefficients
+
+    def distortion(self, focal_mm: float) -> Distortion:
+        """The lens model."""
+        tilt, direction = np.radians(self.tilt.value), np.radians(self.tilt_direction.value)
+        return RadialTilt(focal_mm, float(tilt), float(direction), self.radial.values)
+
+
+Lens = Annotated[PinholeLens | BrownLens | BrownUndistortLens | RadialTiltLens, Field(discriminator="model")]
+
+
+class Detector(Strict):
+    """From light to digital numbers. The zero point (electrons per second of a star of V = 0) is given, or follows from
+    the pupil, ``transmission`` and ``quantum_efficiency``."""
+
+    bits: Bits
+    gain: Gain
+    bias: Level
+    full_well: Well
+    read_noise: Charge
+    dark_current: Rate
+    background: Rate
+    psf_sigma: Width
+    transmission: Share | None = None
+    quantum_efficiency: Share | None = None
+    zero_point: ZeroPoint | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.zero_point is None) == (self.quantum_efficiency is None):
+            raise ValueError("needs either zero_point or quantum_efficiency (with transmission)")
+        if self.quantum_efficiency is not None and self.transmission is None:
+            raise ValueError("quantum_efficiency needs transmission")
+        if self.bias.value >= (1 << int(self.bits.value)) - 1:
+            raise ValueError("the bias is at or above the largest value of the converter")
+        return self
+
+
+class CameraLimits(Strict):
+    """Usable magnitudes and exposures."""
+
+    brightest: Magnitude
+    faintest: Magnitude
+    exposure_min: Seconds
+    exposure_max: Seconds
+    exposure: Seconds
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.brightest.value < self.faintest.value:
+            raise ValueError("brightest must be a smaller magnitude than faintest")
+        if not self.exposure_min.value <= self.exposure.value <= self.exposure_max.value:
+            raise ValueError("exposure must lie between exposure_min and exposure_max")
+        return self
+
+
+class BaffleLimits(Strict):
+    """Stray-light limits, from the boresight to the Sun's centre and to the Earth's limb."""
+
+    sun: Opening
+    earth: Opening
+    blind: Opening
+    decay: Decay
+    stray_light: Rate
+
+
+@dataclass(frozen=True)
+class CameraNumber:
+    """One number of the file, or several coefficients, with its origin; either ``source`` or ``chosen`` is given. A lens
+    without distortion has no values."""
+
+    part: str
+    name: str
+    values: tuple[float, ...]
+    unit: str
+    source: str | None
+    chosen: str | None
+
+
+class CameraFile(Strict):
+    """The whole file."""
+
+    geometry: Geometry
+    lens: Lens
+    detector: Detector
+    limits: CameraLimits
+    baffle: BaffleLimits
+
+    def camera(self) -> Camera:
+        """The geometric camera."""
+        g = self.geometry
+        columns, rows, focal_mm = int(g.columns.value), int(g.rows.value), g.focal_length.value
+        lens = self.lens.distortion(focal_mm)
+        if g.centre_column is None or g.centre_row is None:
+            return Camera.from_optics(columns, rows, g.pitch_column.value, g.pitch_row.value, focal_mm, lens)
+        focal_px = focal_mm / g.pitch_column.value, focal_mm / g.pitch_row.value
+        return Camera(columns, rows, *focal_px, g.centre_column.value, g.centre_row.value, lens)
+
+    def sensor(self) -> Sensor:
+        """The photometric model."""
+        d, limits = self.detector, self.limits
+        return Sensor(
+            bits=int(d.bits.value),
+            gain_e_per_dn=d.gain.value,
+            bias_dn=d.bias.value,
+            full_well_e=d.full_well.value,
+            read_noise_e=d.read_noise.value,
+            dark_current_e_s=d.dark_current.value,
+            background_e_s=d.background.value,
+            zero_point_e_s=self._zero_point_e_s(),
+            psf_sigma_px=d.psf_sigma.value,
+            bright_limit_mag=limits.brightest.value,
+            faint_limit_mag=limits.faintest.value,
+            exposure_min_s=limits.exposure_min.value,
+            exposure_max_s=limits.exposure_max.value,
+            exposure_s=limits.exposure.value,
+        )
+
+    def _zero_point_e_s(self) -> float:
+        d, g = self.detector, self.geometry
+        if d.zero_point is not None:
+            return d.zero_point.value
+        efficiency = d.quantum_efficiency.value if d.quantum_efficiency else 0.0
+        return zero_point_e_s(g.focal_length.value, g.f_number.value, self.transmission, efficiency)
+
+    @property
+    def transmission(self) -> float:
+        """Transmission of the lens; a typical one where the file has none."""
+        return self.detector.transmission.value if self.detector.transmission else TYPICAL_TRANSMISSION
+
+    def stray_light(self) -> Baffle:
+        """The baffle's limits."""
+        b = self.baffle
+        sun, earth, blind, decay = (float(np.radians(a.value)) for a in (b.sun, b.earth, b.blind, b.decay))
+        return Baffle(sun, earth, blind, decay, b.stray_light.value)
+
+    def numbers(self) -> tuple[CameraNumber, ...]:
+        """All numbers in the order of the file."""
+        found = []
+        for part_name, part in self:
+            if isinstance(part, PinholeLens):
+                found.append(CameraNumber(part_name, part.model, (), "", part.source, part.chosen))
+            for name, number in part:
+                if isinstance(number, Quantity | Coefficients):
+                    values = (number.value,) if isinstance(number, Quantity) else number.values
+                    found.append(CameraNumber(part_name, name, values, number.unit, number.source, number.chosen))
+        return tuple(found)
+
+    def sources(self) -> dict[str, str]:
+        """Source of each number; numbers of the same source share an entry."""
+        titles: dict[str, list[str]] = {}
+        for part in (self.geometry, self.lens, self.detector, self.limits, self.baffle):
+            if isinstance(part, Sourced):
+                titles.setdefault(part.origin, []).append("lens")
+            for name, number in part:
+                if isinstance(number, Sourced):
+                    titles.setdefault(number.origin, []).append(name.replace("_", " "))
+        return {", ".join(names): origin for origin, names in titles.items()}

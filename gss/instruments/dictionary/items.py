@@ -1,0 +1,143 @@
+"""Types of dictionary rows: values on the wire with type, unit, range, choices, conversion and limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from gss.domain.errors import BadInput
+from gss.domain.limits import Limits
+
+Value = int | float | bool | str | bytes
+Values = Mapping[str, Value]
+
+INTEGER_RANGES: dict[str, tuple[int, int]] = {
+    "u8": (0, 0xFF),
+    "u16": (0, 0xFFFF),
+    "u32": (0, 0xFFFF_FFFF),
+    "u64": (0, 0xFFFF_FFFF_FFFF_FFFF),
+    "i8": (-0x80, 0x7F),
+    "i16": (-0x8000, 0x7FFF),
+    "i32": (-0x8000_0000, 0x7FFF_FFFF),
+}
+FLOATS = ("f32", "f64")
+
+
+class Hazard(StrEnum):
+    """Hazard level of a command. WARNING needs a confirmation, CRITICAL the command's name typed."""
+
+    NONE = "none"
+    WATCH = "watch"
+    WARNING = "warning"
+    CRITICAL = "critical"
+
+    @property
+    def rank(self) -> int:
+        """0 for NONE to 3 for CRITICAL."""
+        return list(Hazard).index(self)
+
+
+@dataclass(frozen=True)
+class EnumChoice:
+    """One value of an enumeration."""
+
+    name: str
+    value: int
+    hazard: Hazard = Hazard.NONE
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Item:
+    """One value on the wire. ``size``: bytes of a ``bytes`` or ``str``. ``choices``: of an ``enum``, whose values are the names."""
+
+    name: str
+    type: str
+    size: int = 0
+    unit: str = ""
+    purpose: str = ""
+    choices: tuple[EnumChoice, ...] = ()
+
+    def choice(self, name: str) -> EnumChoice:
+        """Return the choice of that name. Raises BadInput listing the valid names."""
+        for choice in self.choices:
+            if choice.name == name:
+                return choice
+        expected = " | ".join(c.name for c in self.choices)
+        raise BadInput(f"{self.name} has no such choice", expected=expected, got=repr(name))
+
+    def choice_name(self, value: int) -> str | None:
+        """Return the name of a numeric choice, None if the enumeration does not have it."""
+        return next((c.name for c in self.choices if c.value == value), None)
+
+
+@dataclass(frozen=True)
+class Argument(Item):
+    """An argument of a command, with an inclusive range."""
+
+    minimum: float | None = None
+    maximum: float | None = None
+    default: Value | None = None
+
+    @property
+    def range_text(self) -> str:
+        """ "0 – 255", or the names of the choices."""
+        if self.choices:
+            return " | ".join(c.name for c in self.choices)
+        if self.type == "bool":
+            return "true | false"
+        return f"{self.minimum:g} – {self.maximum:g}" if self.minimum is not None and self.maximum is not None else ""
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Conversion from raw to engineering value: Σ cᵢ·rawⁱ. Without coefficients both are equal."""
+
+    coefficients: tuple[float, ...] = ()
+
+    def engineering(self, raw: Value) -> Value:
+        """Return the value in the field's unit."""
+        if not self.coefficients or not isinstance(raw, int | float):
+            return raw
+        total = 0.0
+        for c in reversed(self.coefficients):
+            total = total * raw + c
+        return total
+
+
+@dataclass(frozen=True)
+class TelemetryField(Item):
+    """One telemetry value.
+
+    ``valid``: range of values that the sensor can mean; a packet with another one is dropped. ``stale_after_s`` 0 = never stale.
+    ``page``: where the console shows it. ``persistence``: samples that must agree
+    before the limit state changes. ``sets``: limits in force while the set of that name is selected. ``action``: what an
+    operator does when a limit is violated.
+    """
+
+    title: str = ""
+    page: str = ""
+    decimals: int = 0
+    conversion: Conversion = field(default_factory=Conversion)
+    limits: Limits = field(default_factory=Limits)
+    stale_after_s: float = 0.0
+    persistence: int = 1
+    valid: tuple[float, float] | None = None
+    sets: Mapping[str, Limits] = field(default_factory=dict)
+    action: str = ""
+
+
+@dataclass(frozen=True)
+class Group:
+    """A list: the count, then the items, repeated count times. ``count``: type of the count. ``slots``: number of rows that
+    are always sent, of which the first ``count`` are valid; 0: as many as the count."""
+
+    name: str
+    items: tuple[Item, ...]
+    purpose: str = ""
+    count: str = "u8"
+    slots: int = 0
+
+
+Layout = tuple[Item | Group, ...]

@@ -1,0 +1,138 @@
+"""Parse the inner rows of ``dictionary.yaml``: choices, values, arguments, lists. Errors name the invalid row."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gss.domain.errors import BadInput
+from gss.instruments.dictionary.definitions import (
+    FLOATS,
+    INTEGER_RANGES,
+    Argument,
+    EnumChoice,
+    Group,
+    Hazard,
+    Item,
+    Layout,
+)
+
+SIZED = re.compile(r"(bytes|str)([1-9][0-9]{0,2})")
+PLAIN_TYPES = (*INTEGER_RANGES, *FLOATS, "bool", "enum", "text", "rest")
+COUNTS, MOST_SLOTS = ("u8", "u16"), 255
+Row = Mapping[str, Any]
+Enums = dict[str, tuple[EnumChoice, ...]]
+
+
+def read_choices(name: str, rows: Sequence[Row]) -> tuple[EnumChoice, ...]:
+    """Return the choices of an enumeration. Raises BadInput unless each value fits in one byte."""
+    choices = tuple(
+        EnumChoice(str(r["name"]), int(r["value"]), Hazard(r.get("hazard", "none")), str(r.get("note", "")))
+        for r in rows
+    )
+    unique(f"enum {name}", [c.name for c in choices])
+    unique(f"enum {name}", [c.value for c in choices])
+    if any(not 0 <= c.value <= 0xFF for c in choices):
+        raise BadInput(f"enum {name} does not fit its byte", expected="values 0 – 255")
+    return choices
+
+
+def unique(where: str, keys: Sequence[object]) -> None:
+    """Raise BadInput if a key occurs twice."""
+    doubles = {k for k in keys if keys.count(k) > 1}
+    if doubles:
+        raise BadInput(f"{where}: given twice", got=", ".join(map(str, sorted(doubles, key=str))))
+
+
+def known_keys(where: str, row: Row, keys: str) -> None:
+    """Raise BadInput if a row has unknown keys."""
+    unknown = set(row) - set(keys.split())
+    if unknown:
+        raise BadInput(f"{where}: unknown keys", expected=keys, got=", ".join(map(str, sorted(unknown, key=str))))
+
+
+def read_item(where: str, row: Row, enums: Enums) -> dict[str, Any]:
+    """Return the constructor arguments that all kinds of Item share."""
+    name, kind = str(row["name"]), str(row["type"])
+    sized = SIZED.fullmatch(kind)
+    if not sized and kind not in PLAIN_TYPES:
+        raise BadInput(f"{where}.{name}: unknown type", expected=" ".join(PLAIN_TYPES) + " bytesN strN", got=kind)
+    if (kind == "enum") != ("enum" in row) or (kind == "enum" and row["enum"] not in enums):
+        raise BadInput(
+            f"{where}.{name}: enum is missing or unknown", expected=", ".join(enums), got=str(row.get("enum"))
+        )
+    return {
+        "name": name,
+        "type": sized[1] if sized else kind,
+        "size": int(sized[2]) if sized else 0,
+        "unit": str(row.get("unit", "")),
+        "purpose": str(row.get("purpose", "")),
+        "choices": enums[row["enum"]] if kind == "enum" else (),
+    }
+
+
+def read_argument(where: str, row: Row, enums: Enums) -> Argument:
+    """Return an argument. A number needs a range, and a default must be within it."""
+    known_keys(f"{where}.{row.get('name')}", row, "name type enum unit min max default purpose")
+    argument = Argument(
+        **read_item(where, row, enums), minimum=row.get("min"), maximum=row.get("max"), default=row.get("default")
+    )
+    where = f"{where}.{argument.name}"
+    numeric = argument.type in INTEGER_RANGES or argument.type in FLOATS
+    if numeric and (argument.minimum is None or argument.maximum is None):
+        raise BadInput(f"{where}: a number needs min and max")
+    if argument.type in INTEGER_RANGES:
+        low, high = INTEGER_RANGES[argument.type]
+        if argument.minimum < low or argument.maximum > high:  # type: ignore[operator]  # a number has both, checked above
+            raise BadInput(
+                f"{where}: range does not fit {argument.type}", expected=f"{low} – {high}", got=argument.range_text
+            )
+    _check_default(where, argument, numeric)
+    return argument
+
+
+def _check_default(where: str, argument: Argument, numeric: bool) -> None:
+    default = argument.default
+    if default is None:
+        return
+    good = True
+    if numeric:
+        good = not isinstance(default, bool | str | bytes) and argument.minimum <= default <= argument.maximum  # type: ignore[operator]  # a number has both, checked above
+    elif argument.choices:
+        good = any(c.name == default for c in argument.choices)
+    elif argument.type == "bool":
+        good = isinstance(default, bool)
+    if not good:
+        raise BadInput(f"{where}: default is not allowed", expected=argument.range_text, got=repr(default))
+
+
+def read_layout(where: str, rows: Sequence[Row], enums: Enums) -> Layout:
+    """Return values and lists in their order."""
+    layout: list[Item | Group] = []
+    for row in rows:
+        if "list" in row:
+            layout.append(read_group(where, row, enums))
+        else:
+            layout.append(Item(**read_item(where, row, enums)))
+    unique(where, [entry.name for entry in layout])
+    return tuple(layout)
+
+
+def read_group(where: str, row: Row, enums: Enums) -> Group:
+    """Return a list. Raises BadInput for a count of another type, or a negative number of slots."""
+    where = f"{where}.{row['name']}"
+    known_keys(where, row, "name list purpose count slots")
+    count, slots = str(row.get("count", "u8")), int(row.get("slots", 0))
+    if count not in COUNTS or not 0 <= slots <= MOST_SLOTS:
+        expected = f"count {' or '.join(COUNTS)}, slots 0 – {MOST_SLOTS}"
+        raise BadInput(f"{where}: wrong count of a list", expected=expected, got=f"{count}, {slots}")
+    return Group(str(row["name"]), read_items(where, row["list"], enums), str(row.get("purpose", "")), count, slots)
+
+
+def read_items(where: str, rows: Sequence[Row], enums: Enums) -> tuple[Item, ...]:
+    """Return the values in one row of a list."""
+    items = tuple(Item(**read_item(where, row, enums)) for row in rows)
+    if any(item.type == "rest" for item in items):
+        raise BadInput(f"{where}: rest cannot be inside a list")
+    return items

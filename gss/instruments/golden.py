@@ -1,0 +1,73 @@
+"""Factory catalogue: the whole sky to the camera's magnitude limit.
+
+The simulator writes it to flash; the ground knows which stars it contains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.catalogue_tools.onboard import encode, format_of, frame_of, reduced_catalogue, tables_for
+from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.stars import Ids, StarTable
+from gss.pipeline.chains.oersted_match import limit_mag
+from gss.pipeline.chains.oersted_parameters import uncertainty_rad
+from gss.skytables.pairs import DistanceTable, distance_table
+
+GOLDEN_EPOCH_JYEAR = 2025.0
+MIN_PAIR_RAD = 0.0044
+# Half as dense as the survey in the document: the unit boots faster and about 1 % of the stars are lost.
+SURVEY_STEP_RAD = float(np.radians(2.0))
+
+
+@dataclass(frozen=True)
+class Golden:
+    """Bank image and the (n,) Hipparcos numbers of its rows."""
+
+    image: bytes
+    hip: Ids
+
+
+def build_golden(profile: CameraProfile, capacity_bytes: int) -> Golden:
+    """Return all stars to the magnitude limit (Erlank 2013 §4.3.2: V 3.8) and all pairs that fit in one frame.
+
+    In the unit's own format, with its own tables; the result is the same on any machine. If the bank is too small, the
+    maximum pair distance is reduced first, then the magnitude limit.
+    """
+    faint_mag = min(profile.sensor.faint_limit_mag, 8.0)
+    form = profile.formats[0]
+    while True:
+        stars = propagate(load_stars(faint_mag), GOLDEN_EPOCH_JYEAR)
+        if len(stars) <= format_of(form).most_stars:
+            for image in _images(form, stars, profile):
+                if len(image) <= capacity_bytes:
+                    return Golden(image, stars.hip)
+        faint_mag -= 0.25
+
+
+def _images(form: str, stars: StarTable, profile: CameraProfile) -> Iterator[bytes]:
+    """Yield images of a star list, the largest first."""
+    camera = profile.camera
+    reduced = reduced_catalogue(stars, frame_of(camera, SURVEY_STEP_RAD)) if form == "far-mst" else None
+    for share in (1.0, 0.9, 0.8) if format_of(form).pairs else (1.0,):
+        own = tables_for(
+            form,
+            stars,
+            _pairs(form, stars, share * camera.diagonal_rad),
+            camera,
+            limit_mag=limit_mag(stars.v_mag, profile),
+            uncertainty_rad=uncertainty_rad(profile),
+            reduced=reduced,
+        )
+        yield encode(stars, own.distances, form, profile.name, tables=own.tables)
+
+
+def _pairs(form: str, stars: StarTable, max_rad: float) -> DistanceTable:
+    if format_of(form).pairs:
+        return distance_table(stars, MIN_PAIR_RAD, max_rad)
+    none = np.empty(0, np.int32)
+    return DistanceTable(none, none, np.empty(0), MIN_PAIR_RAD, max_rad)

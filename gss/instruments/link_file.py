@@ -1,0 +1,151 @@
+"""``link.yaml``: the line of a unit, and for the driver ``link`` its whole protocol, composed of existing parts."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from gss.instruments.quantities import Noted, Strict
+
+Positive = Annotated[float, Field(gt=0, le=1e12)]
+ByteOrder = Literal["big", "little"]
+ShortName = Annotated[str, Field(min_length=1, max_length=60)]
+Whole = Annotated[int, Field(ge=0, le=0xFFFF_FFFF)]
+HexBytes = Annotated[str, Field(pattern=r"^[0-9A-Fa-f]{2}( ?[0-9A-Fa-f]{2}){0,7}$")]
+SIZES = {"u8": 1, "u16": 2, "u32": 4}
+
+
+class HeaderField(Strict):
+    """One number of a header. ``holds``: ``value``, the same in every packet; ``code``, that of the command or packet;
+    ``request_id``, counted by the ground; ``length``, bytes of the packet from the start of the header to its end plus ``add``;
+    ``any``, not compared. A code shares its field with other bits: ``mask`` selects its own, ``value`` gives the others, which
+    are not compared."""
+
+    name: ShortName
+    type: Literal["u8", "u16", "u32"]
+    holds: Literal["value", "code", "request_id", "length", "any"] = "value"
+    value: Whole = 0
+    mask: Whole = 0xFFFF_FFFF
+    add: Annotated[int, Field(ge=-0xFFFF, le=0xFFFF)] = 0
+
+
+class Acceptance(Strict):
+    """A response with these bits accepts the request; without them it rejects it."""
+
+    field: ShortName
+    mask: Whole
+    equals: Whole
+
+
+class Checksum(Strict):
+    """Checksum behind the payload, over everything from the start of the header. ``name``: in the catalogue of parametrised CRC
+    algorithms, for example CRC-16/MCRF4XX, or XXH32."""
+
+    name: Annotated[str, Field(min_length=1, max_length=40)]
+    byte_order: ByteOrder = "big"
+    seed: Whole = 0
+
+
+class Poll(Strict):
+    """A command that the ground repeats at this interval, because the sensor sends nothing without a request."""
+
+    command: ShortName
+    every_s: Positive
+
+
+class PacketFormat(Strict):
+    """Header of the packets of one direction, in the order of the line. ``codes``: values of header fields by command or packet,
+    where a single code does not identify it."""
+
+    header: Annotated[tuple[HeaderField, ...], Field(max_length=20)] = ()
+    codes: dict[ShortName, dict[ShortName, Whole]] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        names = [field.name for field in self.header]
+        if len(set(names)) < len(names):
+            raise ValueError("header: a name appears twice")
+        for held in ("code", "request_id", "length"):
+            if sum(field.holds == held for field in self.header) > 1:
+                raise ValueError(f"header: more than one field holds the {held}")
+        for row in self.codes.values():
+            if not set(row) <= set(names):
+                raise ValueError(f"codes: no header field is named {', '.join(sorted(set(row) - set(names)))}")
+        return self
+
+    @property
+    def header_bytes(self) -> int:
+        """Size of the header."""
+        return sum(SIZES[field.type] for field in self.header)
+
+    def offset(self, name: str) -> int:
+        """Return the first byte of a field. Raises StopIteration if there is no such field."""
+        at = next(k for k, field in enumerate(self.header) if field.name == name)
+        return sum(SIZES[field.type] for field in self.header[:at])
+
+
+class Protocol(Strict):
+    """Requests and responses of a sensor that the driver ``link`` speaks to.
+
+    ``match``: how a response finds its request: it is the next one (``order``), carries its code (``code``) or its number
+    (``request_id``). ``echo``: the sensor first returns each request unchanged. ``answers``: telemetry packet in the response by
+    command; without an entry, the command's return values. ``payload_byte_order``: where it differs from that of the header.
+    ``pause_s``: between the end of one exchange and the next request.
+    """
+
+    byte_order: ByteOrder = "big"
+    payload_byte_order: ByteOrder | None = None
+    sync: HexBytes | None = None
+    trailer: HexBytes | None = None
+    checksum: Checksum | None = None
+    request: PacketFormat
+    response: PacketFormat = PacketFormat()
+    match: Literal["order", "code", "request_id"] = "order"
+    echo: bool = False
+    accepted: Acceptance | None = None
+    answers: dict[ShortName, ShortName] = Field(default_factory=dict)
+    poll: Annotated[tuple[Poll, ...], Field(max_length=20)] = ()
+    pause_s: Annotated[float, Field(ge=0, le=60)] = 0.0
+
+    @model_validator(mode="after")
+    def _matched(self) -> Self:
+        held = {field.holds for field in self.response.header}
+        if self.match != "order" and self.match not in held:
+            raise ValueError(f"match: no field of the response's header holds the {self.match}")
+        if self.accepted is not None and self.accepted.field not in {f.name for f in self.response.header}:
+            raise ValueError(f"accepted: the response's header has no field {self.accepted.field}")
+        return self
+
+
+FRAMINGS = ("cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "none")
+
+
+class LinkFile(Noted):
+    """``link.yaml``: the line of the unit. ``baud`` 0: not paced. ``hello_again_s``: pause between attempts to open the
+    session. ``stalled_after_s``: a line that takes no bytes for this long is closed and opened again. ``protocol``: for the
+    driver ``link``; other drivers know theirs."""
+
+    framing: Literal["cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "none"] = "cobs"
+    baud: Annotated[int, Field(ge=0, le=100_000_000)] = 115_200
+    hello_again_s: Positive = 3.0
+    stalled_after_s: Positive = 20.0
+    protocol: Protocol | None = None
+
+    @field_validator("protocol")
+    @classmethod
+    def _has_requests(cls, protocol: Protocol | None) -> Protocol | None:
+        if protocol is not None and not protocol.request.header:
+            raise ValueError("request: the header is empty")
+        return protocol
+
+    @model_validator(mode="after")
+    def _delimited(self) -> Self:
+        if self.protocol is None:
+            return self
+        p = self.protocol
+        if self.framing == "sync_and_trailer" and (p.sync is None or p.trailer is None):
+            raise ValueError("framing sync_and_trailer needs protocol.sync and protocol.trailer")
+        if self.framing == "length_prefixed" and not any(f.holds == "length" for f in p.response.header):
+            raise ValueError("framing length_prefixed needs a length in the response's header")
+        return self

@@ -1,0 +1,255 @@
+"""Standard operations: what the ground can ask of a sensor, and the command of the instrument that does it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from gss.domain.errors import Conflict
+from gss.instruments.dictionary.definitions import INTEGER_RANGES, Dictionary, Value, Values
+from gss.instruments.quantities import Strict
+
+SLOT, BANK, SCHEDULE_ID = "slot", "bank", "schedule_id"
+AT_S, COMMAND_CODE, LENGTH, PAYLOAD = "at_s", "command_code", "length", "payload"
+RA_DEG, DEC_DEG, ROLL_DEG, UNCERTAINTY_DEG = "ra_deg", "dec_deg", "roll_deg", "uncertainty_deg"
+RAAN_DEG, INCLINATION_DEG, LATITUDE_DEG = "raan_deg", "inclination_deg", "latitude_deg"
+ALTITUDE_KM, EPOCH_S, PITCH_DEG, YAW_DEG = "altitude_km", "epoch_s", "pitch_deg", "yaw_deg"
+
+Name = Annotated[str, Field(min_length=1, max_length=60)]
+
+
+class Operation(StrEnum):
+    """A standard operation; the value is its key in ``operations.yaml``."""
+
+    HELLO = "hello"
+    GET_STATUS = "get_status"
+    RESET = "reset"
+    ABORT = "abort"
+    SET_TIME = "set_time"
+    SET_MODE = "set_mode"
+    SET_EXPOSURE = "set_exposure"
+    TAKE_IMAGE = "take_image"
+    FIND_CENTROIDS = "find_centroids"
+    MATCH_STARS = "match_stars"
+    CALCULATE_ATTITUDE = "calculate_attitude"
+    RUN_ITERATION = "run_iteration"
+    START_CYCLE = "start_cycle"
+    STOP_CYCLE = "stop_cycle"
+    LIST_FRAMES = "list_frames"
+    DOWNLOAD_FRAME = "download_frame"
+    DOWNLOAD_WINDOW = "download_window"
+    UPLOAD_IMAGE = "upload_image"
+    UPLOAD_CATALOGUE = "upload_catalogue"
+    UPLOAD_PARAMETERS = "upload_parameters"
+    READ_BACK = "read_back"
+    LIST_BANKS = "list_banks"
+    VERIFY = "verify"
+    ACTIVATE = "activate"
+    CONFIRM = "confirm"
+    ROLL_BACK = "roll_back"
+    ERASE = "erase"
+    LIST_TABLES = "list_tables"
+    VERIFY_TABLE = "verify_table"
+    ACTIVATE_TABLE = "activate_table"
+    CONFIRM_TABLE = "confirm_table"
+    ROLL_BACK_TABLE = "roll_back_table"
+    ERASE_TABLE = "erase_table"
+    SCHEDULE = "schedule"
+    LIST_SCHEDULE = "list_schedule"
+    CANCEL_SCHEDULED = "cancel_scheduled"
+    SET_ORBIT = "set_orbit"
+    SET_HINT = "set_hint"
+    SET_PRIOR = "set_prior"
+
+
+BANK_OPERATIONS = (
+    Operation.LIST_BANKS,
+    Operation.VERIFY,
+    Operation.ACTIVATE,
+    Operation.CONFIRM,
+    Operation.ROLL_BACK,
+    Operation.ERASE,
+)
+TABLE_OPERATIONS = (
+    Operation.LIST_TABLES,
+    Operation.VERIFY_TABLE,
+    Operation.ACTIVATE_TABLE,
+    Operation.CONFIRM_TABLE,
+    Operation.ROLL_BACK_TABLE,
+    Operation.ERASE_TABLE,
+)
+
+ARGUMENTS: Mapping[Operation, tuple[str, ...]] = {
+    Operation.SET_TIME: ("utc_s",),
+    Operation.SET_MODE: ("mode",),
+    Operation.SET_EXPOSURE: ("exposure_s",),
+    Operation.TAKE_IMAGE: (SLOT, "exposure_s"),
+    Operation.RUN_ITERATION: (SLOT,),
+    Operation.FIND_CENTROIDS: (SLOT,),
+    Operation.VERIFY: (BANK,),
+    Operation.ACTIVATE: (BANK, "confirm_within_s"),
+    Operation.CONFIRM: (BANK,),
+    Operation.ERASE: (BANK,),
+    Operation.VERIFY_TABLE: ("table", BANK),
+    Operation.ACTIVATE_TABLE: ("table", BANK, "confirm_within_s"),
+    Operation.CONFIRM_TABLE: ("table",),
+    Operation.ROLL_BACK_TABLE: ("table",),
+    Operation.ERASE_TABLE: ("table", BANK),
+    Operation.SCHEDULE: (AT_S, COMMAND_CODE, LENGTH, PAYLOAD),
+    Operation.CANCEL_SCHEDULED: (SCHEDULE_ID,),
+    Operation.SET_HINT: (RA_DEG, DEC_DEG, ROLL_DEG, UNCERTAINTY_DEG),
+    Operation.SET_ORBIT: (RAAN_DEG, INCLINATION_DEG, LATITUDE_DEG, ALTITUDE_KM, EPOCH_S),
+    Operation.SET_PRIOR: (ROLL_DEG, PITCH_DEG, YAW_DEG, UNCERTAINTY_DEG),
+}
+"""Arguments of the operations that have any. The unit is in the name."""
+
+TRANSFERS = (
+    Operation.DOWNLOAD_FRAME,
+    Operation.DOWNLOAD_WINDOW,
+    Operation.UPLOAD_IMAGE,
+    Operation.UPLOAD_CATALOGUE,
+    Operation.UPLOAD_PARAMETERS,
+    Operation.READ_BACK,
+)
+"""Operations that are transfers and not commands; the driver moves their content."""
+
+CANNOT: Mapping[Operation, str] = {
+    Operation.DOWNLOAD_FRAME: "download images",
+    Operation.DOWNLOAD_WINDOW: "download parts of an image",
+    Operation.UPLOAD_IMAGE: "take an uploaded image",
+    Operation.UPLOAD_CATALOGUE: "be loaded with a catalogue",
+    Operation.UPLOAD_PARAMETERS: "be loaded with tables",
+    Operation.READ_BACK: "send the content of a bank",
+    Operation.SCHEDULE: "run commands at a later time",
+}
+"""What a sensor without the operation cannot do; the others are named after their key."""
+
+
+class ArgumentRow(Strict):
+    """Argument ``name`` of the command is ``scale`` times the standard argument."""
+
+    name: Name
+    scale: Annotated[float, Field(gt=0)] = 1.0
+
+
+class OperationRow(Strict):
+    """A command, or the kind of content of a transfer. ``arguments``: of the command by standard name; the same name and
+    unit where absent. ``fixed``: arguments with a value that never changes."""
+
+    command: Name | None = None
+    transfer: Name | None = None
+    arguments: Mapping[str, ArgumentRow] = Field(default_factory=dict)
+    fixed: Mapping[str, int | float | bool | str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Self:
+        if (self.command is None) == (self.transfer is None):
+            raise ValueError("needs either its command or its kind of transfer")
+        return self
+
+
+@dataclass(frozen=True)
+class Call:
+    """A command of the instrument with its arguments."""
+
+    command: str
+    arguments: dict[str, Value]
+
+
+class StandardOperations:
+    """The operations that an instrument has, by their standard names. ``dictionary``: its commands."""
+
+    def __init__(self, rows: Mapping[Operation, OperationRow], dictionary: Dictionary) -> None:
+        self._rows, self.dictionary = dict(rows), dictionary
+        self._of_command = {row.command: operation for operation, row in rows.items() if row.command}
+
+    def names(self) -> tuple[Operation, ...]:
+        """The operations of the instrument."""
+        return tuple(self._rows)
+
+    def has(self, operation: Operation) -> bool:
+        """True if the instrument has the operation."""
+        return operation in self._rows
+
+    def require(self, operation: Operation) -> OperationRow:
+        """Return the row of an operation. Raises Conflict with one sentence for the operator if the instrument lacks it."""
+        if operation not in self._rows:
+            raise Conflict(absence(operation))
+        return self._rows[operation]
+
+    def command(self, operation: Operation) -> str:
+        """Return the name of the command that does it. Raises Conflict if the instrument lacks it."""
+        return self.require(operation).command or ""
+
+    def title(self, operation: Operation) -> str:
+        """Return the command that does it, or the name of the operation where the instrument has no command for it."""
+        row = self._rows.get(operation)
+        return (row.command if row is not None else None) or operation.value
+
+    def of_command(self, command: str) -> Operation | None:
+        """Return the operation that a command does; None if it is not a standard one."""
+        return self._of_command.get(command)
+
+    def call(self, operation: Operation, given: Values | None = None) -> Call:
+        """Return the command and its arguments for standard arguments. Raises Conflict if the instrument lacks it."""
+        row, command = self.require(operation), self.dictionary.command(self.command(operation))
+        arguments: dict[str, Value] = dict(row.fixed)
+        for name, value in (given or {}).items():
+            to = row.arguments.get(name, ArgumentRow(name=name))
+            arguments[to.name] = value
+            if to.scale != 1.0 and isinstance(value, int | float):
+                scaled = value * to.scale
+                arguments[to.name] = round(scaled) if command.argument(to.name).type in INTEGER_RANGES else scaled
+        return Call(command.name, arguments)
+
+    def given(self, operation: Operation, arguments: Values) -> dict[str, Value]:
+        """Return the standard arguments of a command that was sent; those that it was sent without are absent."""
+        row, found = self.require(operation), dict[str, Value]()
+        for name in ARGUMENTS.get(operation, ()):
+            at = row.arguments.get(name, ArgumentRow(name=name))
+            if at.name in arguments:
+                value = arguments[at.name]
+                found[name] = value / at.scale if at.scale != 1.0 and isinstance(value, int | float) else value
+        return found
+
+    def argument(self, operation: Operation, name: str) -> str:
+        """Return the instrument's name of a standard argument."""
+        row = self.require(operation)
+        return row.arguments[name].name if name in row.arguments else name
+
+
+def absence(operation: Operation) -> str:
+    """Return the sentence about an operation that a sensor lacks."""
+    if operation in CANNOT:
+        return f"This sensor cannot {CANNOT[operation]}."
+    return f"This sensor has no command to {operation.value.replace('_', ' ')}."
+
+
+def check_operation(
+    operation: Operation, row: OperationRow, dictionary: Dictionary
+) -> tuple[tuple[str, ...], str] | None:
+    """Return the place in the row and the reason of its first mistake; None if it fits the dictionary."""
+    if (row.transfer is not None) != (operation in TRANSFERS):
+        return (), "needs its kind of transfer" if operation in TRANSFERS else "needs its command"
+    if row.transfer is not None:
+        return None
+    known = {c.name: c for c in dictionary.commands}
+    if row.command not in known:
+        return ("command",), f"the dictionary has no command {row.command}"
+    standard = ARGUMENTS.get(operation, ())
+    for name in row.arguments:
+        if name not in standard:
+            return ("arguments", name), f"the operation has no such argument; it has {', '.join(standard) or 'none'}"
+    command = known[row.command or ""]
+    names = {argument.name: argument for argument in command.arguments}
+    for name, to in row.arguments.items():
+        if to.name not in names:
+            return ("arguments", name), f"{command.name} has no argument {to.name}"
+    for name in row.fixed:
+        if name not in names:
+            return ("fixed", name), f"{command.name} has no argument {name}"
+    return None

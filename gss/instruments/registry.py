@@ -1,0 +1,224 @@
+"""The registry: every instrument of this installation by name, shipped ones and the user's own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import threading
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.errors import BadInput, Conflict, GssError, NotFound
+from gss.instruments.package import Instrument, load_instrument
+from gss.instruments.package_source import Files, read_folder, read_zip, write_folder, write_zip
+
+SHIPPED = Path(__file__).parent / "shipped"
+HISTORY = ".versions"
+Signature = tuple[tuple[str, int, int], ...]
+
+
+@dataclass(frozen=True)
+class BrokenPackage:
+    """A folder in the user's instruments that is not a valid package."""
+
+    name: str
+    reason: str
+
+
+class Registry:
+    """Instruments by name. ``own``: folder of the user's packages, one folder each; None without any.
+
+    A package is read when it is first needed, and an own one again when its files have changed. Thread-safe.
+    """
+
+    def __init__(self, own: Path | None = None) -> None:
+        self._own = own
+        self._lock = threading.RLock()
+        self._shipped: dict[str, Instrument] = {}
+        self._read: dict[str, tuple[Signature, Instrument | GssError]] = {}
+
+    def names(self) -> tuple[str, ...]:
+        """Names of all packages, also of broken ones, shipped ones first."""
+        shipped = _folders(SHIPPED)
+        return (*shipped, *(name for name in self._own_names() if name not in shipped))
+
+    def get(self, name: str) -> Instrument:
+        """Return an instrument. Raises NotFound, or BadInput if its package is invalid."""
+        with self._lock:
+            if name in _folders(SHIPPED):
+                if name not in self._shipped:
+                    self._shipped[name] = load_instrument(read_folder(SHIPPED / name), shipped=True)
+                return self._shipped[name]
+            if name in self._own_names():
+                return self._own_instrument(name)
+        raise NotFound("unknown instrument", expected=" | ".join(self.names()), got=name)
+
+    def camera(self, name: str) -> CameraProfile:
+        """Return the documented camera of an instrument. Raises NotFound."""
+        return self.get(name).profile
+
+    def version_of(self, name: str | None) -> str | None:
+        """Return the version of an instrument; None without a name or without a valid package of it."""
+        return self.get(name).version if name and self.has(name) else None
+
+    def find_camera(self, name: str | None) -> CameraProfile | None:
+        """Return the documented camera of an instrument; None without a name or without a valid package of it."""
+        return self.camera(name) if name and self.has(name) else None
+
+    def has(self, name: str) -> bool:
+        """True if there is a valid package of that name."""
+        try:
+            self.get(name)
+        except GssError:
+            return False
+        return True
+
+    def all(self) -> tuple[Instrument, ...]:
+        """All valid instruments."""
+        return tuple(self.get(name) for name in self.names() if self.has(name))
+
+    def cameras(self) -> dict[str, CameraProfile]:
+        """The cameras of all valid instruments by name."""
+        return {i.name: i.profile for i in self.all()}
+
+    def cameras_with_chain(self) -> dict[str, CameraProfile]:
+        """The cameras whose sensor runs a chain that the ground knows, by name."""
+        return {name: profile for name, profile in self.cameras().items() if profile.chain}
+
+    def broken(self) -> tuple[BrokenPackage, ...]:
+        """Own packages that are invalid, with the reason."""
+        problems = []
+        for name in self.names():
+            try:
+                self.get(name)
+            except GssError as error:
+                problems.append(BrokenPackage(name, str(error)))
+        return tuple(problems)
+
+    def folder(self, name: str) -> Path:
+        """Return the folder of a package, which another process can read. Raises NotFound."""
+        instrument = self.get(name)
+        return SHIPPED / name if instrument.shipped else self._own_folder() / name
+
+    def add(self, files: Files) -> Instrument:
+        """Install a package in the user's folder, replacing the one of the same name, whose version is kept for
+        comparison. Raises BadInput, and Conflict for the name of a shipped instrument."""
+        instrument = load_instrument(files)
+        name, own = instrument.name, self._own_folder()
+        self.check_name(name)
+        with self._lock:
+            history = own / HISTORY
+            history.mkdir(parents=True, exist_ok=True)
+            archive = history / f"{name}-{instrument.version}.zip"
+            part = archive.with_suffix(".part")
+            part.write_bytes(write_zip(name, files))
+            part.replace(archive)
+            new = Path(tempfile.mkdtemp(prefix=".new-", dir=own))
+            try:
+                write_folder(new, files)
+                _replace(new, own / name)
+            finally:
+                shutil.rmtree(new, ignore_errors=True)
+            self._read.pop(name, None)
+        return self.get(name)
+
+    def check_name(self, name: str) -> None:
+        """Raise Conflict if an own package must not have this name."""
+        if name in _folders(SHIPPED):
+            raise Conflict("a shipped instrument cannot be replaced", got=name, hint="give yours another id")
+
+    def find(self, name: str, version: str = "") -> Instrument:
+        """Return an instrument in a version, by default the current one. Raises NotFound."""
+        return self.version(name, version) if version else self.get(name)
+
+    def version(self, name: str, version: str) -> Instrument:
+        """Return an installed instrument in a version that was added at some time. Raises NotFound."""
+        current = self.get(name)
+        if current.version.startswith(version):
+            return current
+        for at in self.versions(name):
+            if at.startswith(version):
+                return load_instrument(read_zip((self._own_folder() / HISTORY / f"{name}-{at}.zip").read_bytes()))
+        raise NotFound("unknown version of an instrument", expected=", ".join(self.versions(name)), got=version)
+
+    def versions(self, name: str) -> tuple[str, ...]:
+        """Known versions of an instrument, the current one first, then the added ones, newest first."""
+        current = self.get(name)
+        if current.shipped or self._own is None:
+            return (current.version,)
+        archives = sorted((self._own / HISTORY).glob(f"{name}-*.zip"), key=lambda p: p.stat().st_mtime_ns, reverse=True)
+        added = [p.stem.removeprefix(f"{name}-") for p in archives]
+        return (current.version, *(v for v in added if v != current.version and len(v) == len(current.version)))
+
+    def _own_names(self) -> tuple[str, ...]:
+        return _folders(self._own) if self._own is not None else ()
+
+    def _own_folder(self) -> Path:
+        if self._own is None:
+            raise NotFound("no data folder", expected="a data folder with instruments", hint="give --data")
+        return self._own
+
+    def _own_instrument(self, name: str) -> Instrument:
+        folder = self._own_folder() / name
+        signature = _signature(folder)
+        cached = self._read.get(name)
+        if cached is None or cached[0] != signature:
+            cached = self._read[name] = signature, _read_own(name, folder)
+        if isinstance(cached[1], GssError):
+            raise cached[1]
+        return cached[1]
+
+
+def _read_own(name: str, folder: Path) -> Instrument | GssError:
+    try:
+        instrument = load_instrument(read_folder(folder))
+    except GssError as error:
+        return error
+    if instrument.name != name:
+        return BadInput("the folder must be named as the instrument", expected=instrument.name, got=name)
+    return instrument
+
+
+def _folders(folder: Path) -> tuple[str, ...]:
+    """Names of the package folders in a folder, sorted."""
+    try:
+        with os.scandir(folder) as entries:
+            return tuple(sorted(e.name for e in entries if e.is_dir() and e.name[0] not in "._"))
+    except FileNotFoundError:
+        return ()
+
+
+def _signature(folder: Path) -> Signature:
+    """Names, times and sizes of a folder's files; it changes when one of them does."""
+    stats = [(p.relative_to(folder).as_posix(), p.stat()) for p in sorted(folder.rglob("*")) if p.is_file()]
+    return tuple((name, s.st_mtime_ns, s.st_size) for name, s in stats)
+
+
+def _replace(new: Path, folder: Path) -> None:
+    """Put a complete new folder in the place of another one, which may exist."""
+    if folder.exists():
+        old = Path(tempfile.mkdtemp(prefix=".old-", dir=folder.parent))
+        folder.rename(old / "package")
+        new.rename(folder)
+        shutil.rmtree(old)
+    else:
+        new.rename(folder)
+
+
+@lru_cache(maxsize=1)
+def shipped_registry() -> Registry:
+    """Return the registry of the shipped instruments alone, for programs without a data folder."""
+    return Registry()
+
+
+def shipped_version(name: str) -> str | None:
+    """Return the version of a shipped instrument; None if there is no such instrument."""
+    return shipped_registry().version_of(name)
+
+
+def shipped_camera(name: str) -> CameraProfile:
+    """Return the camera of a shipped instrument. Raises NotFound."""
+    return shipped_registry().camera(name)

@@ -1,0 +1,222 @@
+"""Standard quantities: where an instrument's telemetry has them. An empty name means that the instrument does not report it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gss.instruments.dictionary.definitions import Group, PacketDefinition, Value
+from gss.instruments.quantities import Strict
+
+Name = Annotated[str, Field(max_length=60)]
+Axes = tuple[Name, Name, Name, Name]
+NOT_A_FIELD = ("packet", "order", "rotation")
+UNITS = {"_ms": "ms", "_deg": "deg", "_arcsec": "arcsec", "_dn": "DN", "_deg_s": "deg/s", "_s": "s"}
+"""Unit of a quantity by the end of its name. The dictionary's conversion gives it if the sensor uses another one."""
+
+
+class PacketRole(Strict):
+    """A packet with a standard purpose. Its other keys are standard quantities with the name of the packet's field."""
+
+    packet: Name = ""
+
+    def fields(self) -> dict[str, str]:
+        """Field names of the packet by quantity, without absent ones."""
+        found: dict[str, str] = {}
+        for name, value in self.model_dump(exclude=set(NOT_A_FIELD)).items():
+            values = value if isinstance(value, tuple) else (value,)
+            found |= {name if len(values) == 1 else f"{name}.{k}": v for k, v in enumerate(values) if v}
+        return found
+
+    def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
+        """Return the values of a packet by standard quantity, without those that the instrument does not report."""
+        return {quantity: values[name] for quantity, name in self.fields().items() if name in values}
+
+
+class Status(PacketRole):
+    """State of the sensor, sent at regular intervals and on request."""
+
+    mode: Name = ""
+    cycle_running: Name = ""
+    iteration: Name = ""
+    uptime_s: Name = ""
+    active_bank: Name = ""
+    confirm_left_s: Name = ""
+    catalogue_sha256: Name = ""
+    exposure_ms: Name = ""
+    threshold_dn: Name = ""
+    min_pixels: Name = ""
+    max_pixels: Name = ""
+    background_dn: Name = ""
+    regions_invalid: Name = ""
+    centroids_found: Name = ""
+    stars_matched: Name = ""
+    match_confidence: Name = ""
+    attitude_age_s: Name = ""
+    sigma_cross_arcsec: Name = ""
+    rate_deg_s: Name = ""
+    sensor_temperature: Name = ""
+    processor_temperature: Name = ""
+    supply_voltage: Name = ""
+    imager_current: Name = ""
+
+
+class AttitudeRole(PacketRole):
+    """Attitude of one frame. ``quaternion``: names of its four components; ``order``: where the scalar is; ``rotation``:
+    sense of the rotation, target from source."""
+
+    frame_number: Name = ""
+    frame_time_s: Name = ""
+    mode: Name = ""
+    outcome: Name = ""
+    quaternion: Axes = ("", "", "", "")
+    order: Literal["scalar_last", "scalar_first"] = "scalar_last"
+    rotation: Literal["cam_from_icrs", "icrs_from_cam"] = "cam_from_icrs"
+    ra_deg: Name = ""
+    dec_deg: Name = ""
+    roll_deg: Name = ""
+    sigma_cross_arcsec: Name = ""
+    sigma_roll_arcsec: Name = ""
+    centroids: Name = ""
+    matched: Name = ""
+    match_confidence: Name = ""
+    reason: Name = ""
+
+    def quaternion_of(self, values: Mapping[str, float]) -> tuple[float, float, float, float]:
+        """Return the quaternion cam_from_icrs, scalar-last. Raises KeyError if the values lack a component."""
+        a, b, c, d = (float(values[name]) for name in self.quaternion)
+        x, y, z, w = (b, c, d, a) if self.order == "scalar_first" else (a, b, c, d)
+        return (x, y, z, w) if self.rotation == "cam_from_icrs" else (-x, -y, -z, w)
+
+    def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
+        """Return the values by standard quantity; the quaternion as ``quaternion_x`` to ``quaternion_w``, cam_from_icrs."""
+        found = {name: value for name, value in super().read(values).items() if not name.startswith("quaternion")}
+        if all(name in values for name in self.quaternion):
+            components = self.quaternion_of({name: float(values[name]) for name in self.quaternion})
+            found |= {f"quaternion_{axis}": value for axis, value in zip("xyzw", components, strict=True)}
+        return found
+
+
+class ItemList(PacketRole):
+    """A list with one entry per star or byte."""
+
+    frame_number: Name = ""
+    items: Name = ""
+    regions_invalid: Name = ""
+    background_dn: Name = ""
+
+
+class TimingRole(PacketRole):
+    """Duration of each stage of one iteration."""
+
+    iteration: Name = ""
+    frame_number: Name = ""
+    capture_ms: Name = ""
+    transfer_ms: Name = ""
+    detect_ms: Name = ""
+    match_ms: Name = ""
+    attitude_ms: Name = ""
+
+
+class FrameInfo(PacketRole):
+    """Content of one image memory."""
+
+    frame_number: Name = ""
+    slot: Name = ""
+    source: Name = ""
+    exposure_ms: Name = ""
+    frame_time_s: Name = ""
+    columns: Name = ""
+    rows: Name = ""
+    bits: Name = ""
+    mode: Name = ""
+    sha256: Name = ""
+
+
+class BankInfo(PacketRole):
+    """Content of one catalogue bank or table bank."""
+
+    table: Name = ""
+    bank: Name = ""
+    state: Name = ""
+    active: Name = ""
+    size_bytes: Name = ""
+    capacity_bytes: Name = ""
+    write_protected: Name = ""
+    stars: Name = ""
+    pairs: Name = ""
+    epoch_jyear: Name = ""
+    format_version: Name = ""
+    profile: Name = ""
+    confirm_left_s: Name = ""
+    sha256: Name = ""
+
+
+class ScheduleEntryRole(PacketRole):
+    """One scheduled command."""
+
+    schedule_id: Name = ""
+    at_s: Name = ""
+    command_code: Name = ""
+    length: Name = ""
+    payload: Name = ""
+    state: Name = ""
+    reason: Name = ""
+
+
+class Quantities(Strict):
+    """Packets of an instrument by purpose."""
+
+    status: Status = Status()
+    attitude: AttitudeRole = AttitudeRole()
+    truth: AttitudeRole = AttitudeRole()
+    centroids: ItemList = ItemList()
+    matches: ItemList = ItemList()
+    timing: TimingRole = TimingRole()
+    frame: FrameInfo = FrameInfo()
+    bank: BankInfo = BankInfo()
+    table: BankInfo = BankInfo()
+    schedule_entry: ScheduleEntryRole = ScheduleEntryRole()
+
+    def roles(self) -> dict[str, PacketRole]:
+        """The packets that the instrument has, by purpose."""
+        found = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: role for name, role in found.items() if role.packet}
+
+    def names(self) -> tuple[str, ...]:
+        """Names of the quantities that the instrument reports: purpose and quantity."""
+        return tuple(f"{at}.{name}" for at, role in self.roles().items() for name in role.fields())
+
+
+class Events(Strict):
+    """Events of an instrument by purpose."""
+
+    boot: Name = ""
+    time_set: Name = ""
+    clock_jump: Name = ""
+    bank_activated: Name = ""
+    bank_confirmed: Name = ""
+    bank_fell_back: Name = ""
+    table_fell_back: Name = ""
+    schedule_run: Name = ""
+    schedule_failed: Name = ""
+
+
+def check_packet(role: PacketRole, packets: Mapping[str, PacketDefinition]) -> tuple[tuple[str, ...], str] | None:
+    """Return the place in the role and the reason of its first mistake; None if it fits the dictionary."""
+    if role.packet not in packets:
+        return ("packet",), f"the dictionary has no packet {role.packet or '(empty)'}"
+    layout = {f.name: f for f in packets[role.packet].fields}
+    for quantity, name in role.fields().items():
+        if name not in layout:
+            return (quantity.split(".")[0],), f"{role.packet} has no field {name}"
+        field, unit = layout[name], _unit(quantity)
+        if not isinstance(field, Group) and unit and field.unit and field.unit != unit:
+            return (quantity,), f"{name} is in {field.unit}, not {unit}; give the field a conversion in the dictionary"
+    return None
+
+
+def _unit(quantity: str) -> str:
+    return next((unit for end, unit in UNITS.items() if quantity.endswith(end)), "")

@@ -1,0 +1,101 @@
+"""Anchors of the audit log: number and hash of every row, appended to a file outside the database.
+
+The hash chain alone does not show that its end was truncated, or that it was rewritten with new hashes. Both contradict the file,
+unless the file was changed too. Lines are only appended; an *accepted* line starts the comparison again, for example after the
+database was replaced by an older copy on purpose.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+
+from gss.domain.errors import StoreDown
+
+ANCHORS = "audit-anchor.jsonl"
+"""Name of the file in the data folder."""
+BATCH = 500
+TAIL_BYTES = 8192
+ACCEPTED = b'"accepted": "'
+"""Start of the field in a line that starts the comparison again; it is omitted from other lines."""
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """Number and hash of a row. ``at``: ISO 8601, UTC. ``accepted``: user and reason, in a line that starts the comparison
+    again."""
+
+    seq: int
+    hash: str
+    at: str
+    accepted: str = ""
+
+
+class AnchorFile:
+    """JSON lines, one for each row. Several processes may append. Lines that cannot be read, for example after a power failure,
+    are skipped."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def exists(self) -> bool:
+        """True if the file exists."""
+        return self.path.exists()
+
+    def create(self) -> None:
+        """Create an empty file, unless it exists. Raises StoreDown."""
+        try:
+            os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT, 0o600))
+        except OSError as error:
+            raise StoreDown(
+                "the anchor file of the audit log cannot be created",
+                got=str(error),
+                hint="check the data folder, or GSS_AUDIT_ANCHOR",
+            ) from error
+
+    def append(self, anchor: Anchor) -> None:
+        """Append a line to the existing file; a missing one is not created, because its absence must show. Raises OSError."""
+        values = asdict(anchor) if anchor.accepted else {"seq": anchor.seq, "hash": anchor.hash, "at": anchor.at}
+        handle = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+        try:
+            os.write(handle, json.dumps(values).encode() + b"\n")
+        finally:
+            os.close(handle)
+
+    def batches(self) -> Iterator[list[Anchor]]:
+        """Yield all lines from the last accepted one, in batches. Raises OSError."""
+        with self.path.open("rb") as file:
+            start = position = 0
+            for line in file:
+                if ACCEPTED in line:
+                    start = position
+                position += len(line)
+            file.seek(start)
+            lines = (anchor for line in file if (anchor := _read(line)))
+            while batch := list(islice(lines, BATCH)):
+                yield batch
+
+    def newest(self) -> Anchor | None:
+        """Return the line with the highest row number among the last ones; None if there is none. Raises OSError."""
+        with self.path.open("rb") as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
+            anchors = [anchor for line in file if (anchor := _read(line))]
+        last = max((k for k, anchor in enumerate(anchors) if anchor.accepted), default=0)
+        return max(anchors[last:], key=lambda anchor: anchor.seq, default=None)
+
+    def accepted(self) -> Anchor | None:
+        """Return the last accepted line. Raises OSError."""
+        first = next(self.batches(), [])
+        return first[0] if first and first[0].accepted else None
+
+
+def _read(line: bytes) -> Anchor | None:
+    try:
+        anchor = Anchor(**json.loads(line))
+    except (ValueError, TypeError):
+        return None
+    return anchor if isinstance(anchor.seq, int) and isinstance(anchor.hash, str) else None

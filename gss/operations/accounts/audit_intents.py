@@ -1,0 +1,130 @@
+"""Intents of changes, written to a file before a change starts: a server that is killed between a change and its audit row still
+has the row after the next start."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import logging
+import os
+import threading
+import uuid
+import weakref
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TextIO
+
+from gss.operations.accounts.audit import AuditService
+
+log = logging.getLogger("gss.audit")
+ENDED = "the server ended before the result was recorded"
+
+
+@dataclass(frozen=True)
+class Intent:
+    """A change that is about to start. ``at``: ISO 8601, UTC."""
+
+    who: str
+    role: str
+    action: str
+    target: str
+    address: str
+    at: str
+
+
+class AuditIntents:
+    """JSON lines in a file of this process, locked while the process lives; empty while no change is in progress."""
+
+    def __init__(self, folder: Path, audit: AuditService) -> None:
+        self._folder, self._audit = folder, audit
+        self._lock = threading.Lock()
+        self._file: TextIO | None = None
+        self._open: set[int] = set()
+        self._number = 0
+
+    def begin(self, intent: Intent) -> int:
+        """Store an intent on the disk and return its number for ``end``. A disk that takes nothing delays no change: the
+        failure is logged."""
+        with self._lock:
+            self._number += 1
+            self._open.add(self._number)
+            try:
+                self._append({"begin": self._number, **asdict(intent)})
+            except OSError as error:
+                log.warning("the intent of %s by %s was not stored: %s", intent.action, intent.who, error)
+            return self._number
+
+    def end(self, number: int) -> None:
+        """Remove an intent: its audit row is stored."""
+        with self._lock:
+            self._open.discard(number)
+            if self._file is None:
+                return
+            try:
+                if self._open:
+                    self._append({"end": number})
+                else:
+                    self._file.truncate(0)
+            except OSError as error:
+                log.warning("an intent was not removed: %s", error)
+
+    def recover(self) -> int:
+        """Write the audit rows of intents that ended processes left behind, and return their number."""
+        rows = 0
+        for path in sorted(self._folder.glob("*.jsonl")):
+            with path.open("a+") as file:
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    continue  # of a process that is running
+                file.seek(0)
+                for intent in _left(file):
+                    self._audit.record(
+                        intent.who,
+                        intent.action,
+                        intent.target,
+                        "unknown",
+                        f"{ENDED}; began {intent.at}",
+                        role=intent.role,
+                        address=intent.address,
+                    )
+                    rows += 1
+                path.unlink()
+        return rows
+
+    def _append(self, values: dict[str, object]) -> None:
+        if self._file is None:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            file = (self._folder / f"{uuid.uuid4().hex}.jsonl").open("a")
+            fcntl.flock(file, fcntl.LOCK_EX)
+            self._file = file
+            weakref.finalize(self, file.close)  # services that were built and never started are not stopped either
+        self._file.write(json.dumps(values) + "\n")
+        self._file.flush()
+        os.fdatasync(self._file.fileno())
+
+    def close(self) -> None:
+        """Close the file, and remove it if no change is in progress."""
+        with self._lock:
+            if self._file is not None:
+                if not self._open:
+                    Path(self._file.name).unlink(missing_ok=True)
+                self._file.close()
+                self._file = None
+
+
+def _left(file: TextIO) -> Iterator[Intent]:
+    """Yield the intents that were begun and not ended; a truncated last line is of a change that had not begun."""
+    begun: dict[int, Intent] = {}
+    for line in file:
+        try:
+            values = json.loads(line)
+            number = values.pop("begin", None)
+            if number is None:
+                begun.pop(values["end"], None)
+            else:
+                begun[number] = Intent(**values)
+        except (ValueError, TypeError, KeyError):
+            continue
+    yield from begun.values()

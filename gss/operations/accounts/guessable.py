@@ -1,0 +1,71 @@
+"""Passwords that guessing programs try first: common words with digits and signs around them, names, sequences, repetition."""
+
+from __future__ import annotations
+
+import unicodedata
+
+LONGEST = 200
+"""Characters of a password."""
+FEWEST_LETTERS = 5
+"""Letters or digits that must be left beside a common word."""
+FEWEST_DIFFERENT = 5
+SEQUENCE_SHARE = 0.7
+"""Share of neighbours on a keyboard or in the alphabet from which a password counts as a sequence."""
+SEQUENCES = (
+    "abcdefghijklmnopqrstuvwxyz",
+    "01234567890",
+    "qwertyuiop",
+    "qwertzuiop",
+    "asdfghjkl",
+    "yxcvbnm",
+    "zxcvbnm",
+    "1qaz2wsx3edc4rfv5tgb6yhn",
+)
+AS_LETTERS = str.maketrans("013457@$!", "oleastasi")
+"""Usual replacements of letters."""
+WORDS = sorted(
+    """password passwort passwd pass qwerty letmein welcome admin administrator changeme change default secret login iloveyou
+    love monkey dragon sunshine princess football baseball master superman batman trustno shadow michael jennifer hunter
+    summer winter spring autumn monday startracker tracker groundstation ground station satellite spacecraft space gss
+    operator engineer viewer manager catalogue root user test guest""".split(),  # noqa: SIM905 - a list to read
+    key=len,
+    reverse=True,
+)
+
+
+def normalized(password: str) -> str:
+    """Normalize to one form (NFKC); input far beyond the length limit is cut, because it will be rejected anyway."""
+    return unicodedata.normalize("NFKC", password[: 2 * LONGEST])
+
+
+def why_guessable(password: str, name: str) -> str:
+    """Return why a normalized password is easy to guess; "" if it is not. The text does not contain the password."""
+    plain = password.lower()
+    if len(set(plain)) < FEWEST_DIFFERENT:
+        return "few different characters"
+    if plain.isdigit():
+        return "digits only"
+    if plain in (plain + plain)[1:-1]:
+        return "a repeated part"
+    if _neighbours(plain) >= SEQUENCE_SHARE * (len(plain) - 1):
+        return "a sequence of keys or letters"
+    if name and plain in (name.lower(), name.lower()[::-1]):
+        return "the user name"
+    left = _without_words(plain, name)
+    if len(left) < FEWEST_LETTERS:
+        return "a common word or the user name with few other characters"
+    return ""
+
+
+def _neighbours(plain: str) -> int:
+    pairs = [plain[k : k + 2] for k in range(len(plain) - 1)]
+    return sum(p[0] == p[1] or any(p in row or p[::-1] in row for row in SEQUENCES) for p in pairs)
+
+
+def _without_words(plain: str, name: str) -> str:
+    """Return the letters that are left without common words and the name; all characters if there are none of these."""
+    letters = "".join(c for c in plain.translate(AS_LETTERS) if c.isalpha())
+    left = letters
+    for word in ("".join(c for c in name.lower() if c.isalpha()), *WORDS):
+        left = left.replace(word, "") if len(word) > 2 else left
+    return left if left != letters else plain

@@ -1,0 +1,78 @@
+"""Withdraws what an account created: when a token is revoked, or an admin is demoted or disabled, the one-time links it made
+become invalid and the users it created are disabled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from gss.operations.accounts.identity import TOKEN_PREFIX
+from gss.store import accounts as store
+from gss.store.engine import Transaction
+from gss.store.models import ApiToken, User
+
+PASSWORD = "password"  # noqa: S105 - a kind of link
+"""Kind of the links that set a password."""
+LONGEST_REASON = 200
+
+
+@dataclass(frozen=True)
+class Voided:
+    """Names of the users that were disabled, and number of the links that became invalid."""
+
+    users: tuple[str, ...] = ()
+    links: int = 0
+
+    def __str__(self) -> str:
+        """Return the text for the audit log; "" if nothing was withdrawn."""
+        words = [f"also disabled: {', '.join(self.users)}"] if self.users else []
+        words += [f"links made invalid: {self.links}"] if self.links else []
+        return "; ".join(words)
+
+
+class Voiding:
+    """Withdraws accounts in one transaction. ``spare_id``: user who makes the change and is never disabled by it."""
+
+    def __init__(self, session: Transaction, now: datetime, spare_id: int | None) -> None:
+        self._session, self._now, self._spare_id = session, now, spare_id
+        self._users: list[str] = []
+        self._links = 0
+
+    @property
+    def voided(self) -> Voided:
+        """Return what has been withdrawn up to now."""
+        return Voided(tuple(self._users), self._links)
+
+    def revoke(self, token: ApiToken) -> None:
+        """Revoke a token and withdraw what was created with it, including further tokens."""
+        token.revoked = token.revoked or self._now
+        maker = TOKEN_PREFIX + token.name
+        for child in store.tokens_made_by(self._session, maker, token.created, token.revoked):
+            self.revoke(child)
+        self._made_with(token, f"{maker}, which was revoked")
+
+    def withdraw(self, user: User, why: str) -> None:
+        """Withdraw what a user created, also with tokens. ``why``: what happened to the user, for the reason that is shown."""
+        reason = f"{user.name}, who {why}"
+        self._made_by(user.name, user.created, self._now, reason)
+        for token in store.tokens_owned_by(self._session, user.id):
+            self._made_with(token, reason)
+
+    def disable(self, user: User, reason: str) -> None:
+        """Disable a user: end all sessions and make the links to its password invalid."""
+        user.enabled, user.disabled_reason = False, reason[:LONGEST_REASON]
+        store.end_sign_ins(self._session, user.id, self._now, "the user was deactivated")
+        store.void_links(self._session, PASSWORD, user.id, self._now)
+        self._session.flush()
+
+    def _made_with(self, token: ApiToken, reason: str) -> None:
+        """Withdraw what was created with a token. Its name can be reused, so only its lifetime counts."""
+        self._made_by(TOKEN_PREFIX + token.name, token.created, token.revoked or self._now, reason)
+
+    def _made_by(self, maker: str, since: datetime, until: datetime, reason: str) -> None:
+        self._links += store.void_links_made_by(self._session, maker, since, until)
+        for user in store.users_made_by(self._session, maker, since, until):
+            if user.id != self._spare_id:
+                self._users.append(user.name)
+                self.disable(user, f"created by {reason}")
+                self.withdraw(user, "was disabled")

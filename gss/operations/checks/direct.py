@@ -1,0 +1,151 @@
+"""Drives a device on a port without a server, for scripts: one operation at a time; the port is closed at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+from gss.device.driver import Driver, open_driver
+from gss.device.protocol.authentication import PacketSigner
+from gss.device.protocol.transfer import Compatibility
+from gss.device.session_events import (
+    FINAL_STAGES,
+    CommandUpdate,
+    HelloReceived,
+    SessionEvent,
+    Stage,
+    TransferDone,
+    TransferState,
+    TransferUpdate,
+)
+from gss.device.session_transfer import Part
+from gss.device.transport import ByteStream, open_stream
+from gss.domain.errors import Conflict, LinkDown
+from gss.instruments.dictionary.definitions import Dictionary, Value
+from gss.instruments.package import Instrument
+from gss.instruments.roles import default_roles
+from gss.operations.catalogues.build_catalogue import compatibility_of
+from gss.operations.clock import Monotonic
+from gss.operations.transfers.flash_banks import CATALOGUES
+
+READ_BYTES = 65536
+READ_WAIT_S = 0.02
+HELLO_WITHIN_S = 15.0
+STALLED_S = 60.0
+ENDS = (TransferState.FAILED, TransferState.ABORTED)
+
+Watch = Callable[[TransferUpdate], None]
+
+
+class DirectDevice:
+    """A host session driven by the caller's own thread."""
+
+    def __init__(
+        self,
+        stream: ByteStream,
+        session: Driver,
+        dictionary: Dictionary,
+        monotonic_s: Monotonic,
+    ) -> None:
+        self._stream, self._session, self._dictionary, self._now_s = stream, session, dictionary, monotonic_s
+        self._session.link_up(monotonic_s())
+        self.hello = self._meet()
+
+    def upload(self, image: bytes, bank: str, watch: Watch) -> str:
+        """Upload a bank image, including read-back and commit. Return the SHA-256 that the device confirmed."""
+        target, compatibility = (
+            CATALOGUES.number(default_roles(self._dictionary).operations, bank),
+            compatibility_of(image, self.hello),
+        )
+        transfer_id = self._session.transfers.start_upload("catalogue", target, image, compatibility)
+        return self._finish(transfer_id, f"the upload to bank {bank}", watch).sha256
+
+    def upload_table(self, kind: str, data: bytes, target: int, format_version: int, watch: Watch) -> str:
+        """Upload a table to bank ``target``, including read-back and commit. Return the SHA-256 that the device confirmed."""
+        model, own = self.hello.device_model, self.hello.profile
+        compatibility = Compatibility(model, own, self._dictionary.hash, format_version)
+        transfer_id = self._session.transfers.start_upload(kind, target, data, compatibility)
+        return self._finish(transfer_id, f"the upload of {kind} {target}", watch).sha256
+
+    def download(self, kind: str, target: int, watch: Watch, part: Part | None = None) -> TransferDone:
+        """Download the content of a slot or bank, or a part of an image. The hash in the result is the one that the device
+        reported."""
+        transfer_id = self._session.transfers.start_download(kind, target, part=part)
+        return self._finish(transfer_id, f"the download of {kind} {target}", watch)
+
+    def _finish(self, transfer_id: int, what: str, watch: Watch) -> TransferDone:
+        """Wait for the end of a transfer. Raises Conflict if the device ends it, LinkDown if it stalls or the line ends."""
+        stored_bytes, moved_s = -1, self._now_s()
+        for event in self._events():
+            if isinstance(event, TransferDone) and event.transfer_id == transfer_id:
+                return event
+            if isinstance(event, TransferUpdate) and event.transfer_id == transfer_id:
+                watch(event)
+                if event.state in ENDS:
+                    raise Conflict(f"{what} ended as {event.state}", got=event.reason)
+                if event.stored_bytes != stored_bytes:
+                    stored_bytes, moved_s = event.stored_bytes, self._now_s()
+            if self._now_s() - moved_s > STALLED_S:
+                raise LinkDown(f"{what} stalled", got=f"no new data stored for {STALLED_S:g} s")
+        raise LinkDown(f"the line closed before the end of {what}")
+
+    def command(self, name: str, arguments: Mapping[str, Value]) -> CommandUpdate:
+        """Send a command and wait until it is completed. Raises Conflict if it is rejected, fails or gets no report."""
+        request_id = self._session.submit(self._session.encode(name, arguments))
+        for event in self._events():
+            if isinstance(event, CommandUpdate) and event.request_id == request_id:
+                if event.stage is Stage.COMPLETED:
+                    return event
+                if event.stage in FINAL_STAGES or event.stage is Stage.UNKNOWN:
+                    raise Conflict(f"{name} ended as {event.stage}", got=f"{event.reason} {event.detail}".strip())
+        raise LinkDown(f"the line closed before the end of {name}")
+
+    def watch(self, seconds: float) -> list[SessionEvent]:
+        """Return the events of that time."""
+        events: list[SessionEvent] = []
+        end_s = self._now_s() + seconds
+        while self._now_s() < end_s:
+            events += self.turn()
+        return events
+
+    def disturb(self, data: bytes) -> None:
+        """Write noise."""
+        self._stream.write(data)
+
+    def _meet(self) -> HelloReceived:
+        deadline_s = self._now_s() + HELLO_WITHIN_S
+        for event in self._events():
+            if isinstance(event, HelloReceived):
+                return event
+            if self._now_s() > deadline_s:
+                break
+        raise LinkDown(f"no response from the device within {HELLO_WITHIN_S:g} s", hint="check port and power")
+
+    def turn(self) -> list[SessionEvent]:
+        """Read the available bytes, waiting at most ``READ_WAIT_S``, and write what is due. Return the session's events."""
+        data = self._stream.read(READ_BYTES, READ_WAIT_S)
+        events = list(self._session.feed(data, self._now_s()))
+        out, more = self._session.poll(self._now_s())
+        if out:
+            self._stream.write(out)
+        return events + more
+
+    def _events(self) -> Iterator[SessionEvent | None]:
+        """Yield the session's events, and None after each turn without any so that the caller can check its deadline."""
+        while True:
+            events = self.turn()
+            yield from events
+            if not events:
+                yield None
+
+
+@contextmanager
+def direct_device(
+    url: str, instrument: Instrument, monotonic_s: Monotonic, signer: PacketSigner | None = None
+) -> Iterator[DirectDevice]:
+    """Open the device of that instrument on that port and wait until it has answered; close the port at the end."""
+    stream = open_stream(url)
+    try:
+        yield DirectDevice(stream, open_driver(instrument, signer=signer), instrument.dictionary, monotonic_s)
+    finally:
+        stream.close()

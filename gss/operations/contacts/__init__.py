@@ -1,0 +1,1 @@
+"""Contacts: their records, what is missing in them, reports, and replays of their captures."""

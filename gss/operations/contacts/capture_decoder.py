@@ -1,0 +1,139 @@
+"""Decodes a raw capture with the receivers and readers of the live line, but without session state.
+
+Bytes sent by the ground are decoded too, so that a replay shows commands with their names and arguments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from gss.device.protocol.codec import decode
+from gss.device.protocol.packet import Packet, PacketType
+from gss.device.protocol.receiver import LineReceiver
+from gss.device.session_counters import count_line
+from gss.device.session_events import DeviceEvent, DirectionCounters, HelloReceived, Stage, Telemetry
+from gss.device.session_reading import read_event, read_hello, read_report
+from gss.device.session_telemetry import TelemetryReader
+from gss.domain.errors import BadInput, CorruptData
+from gss.instruments.dictionary.definitions import Dictionary
+from gss.operations.line.raw_capture import SENT, Record
+
+
+@dataclass(frozen=True)
+class CommandSaid:
+    """A command that was sent (stage "sent", with its arguments) or a report about it."""
+
+    request_id: int
+    name: str
+    stage: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    detail: str = ""
+
+
+Item = Telemetry | DeviceEvent | HelloReceived | CommandSaid
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A decoded item and the time at which its last byte was read or written (Unix seconds)."""
+
+    at_s: float
+    item: Item
+
+
+class CaptureDecoder:
+    """Decodes the records of one contact, fed in order. Never raises: items that cannot be decoded are counted.
+
+    ``foreign``: packets of another dictionary, which would decode to nonsense; ``transfer_packets``: transfer packets, which
+    are not decoded.
+    """
+
+    def __init__(self, dictionary: Dictionary, framing: str = "cobs") -> None:
+        self._dictionary, self._reader = dictionary, TelemetryReader(dictionary)
+        self._down = LineReceiver(from_device=True, framing=framing)
+        self._up = LineReceiver(from_device=False, framing=framing)
+        self.foreign = self.undecodable = self.transfer_packets = 0
+
+    def feed(self, at_s: float, direction: int, data: bytes) -> list[Replayed]:
+        """Return the items that are complete once this record has been fed."""
+        receiver = self._up if direction == SENT else self._down
+        found: list[Replayed] = []
+        for packet in receiver.feed(data):
+            try:
+                item = self._read(packet)
+            except (CorruptData, BadInput):
+                self.undecodable += 1
+                continue
+            if item is not None:
+                found += [Replayed(at_s, i) for i in item]
+        return found
+
+    def _read(self, packet: Packet) -> list[Item] | None:
+        if packet.type is PacketType.TRANSFER:
+            self.transfer_packets += 1
+            return None
+        # Report and command codes are common to all dictionaries, and HELLO's report must be read to identify the other
+        # dictionary.
+        if (
+            packet.type not in (PacketType.REPORT, PacketType.COMMAND)
+            and packet.prefix not in self._dictionary.prefixes
+        ):
+            self.foreign += 1
+            return None
+        return {
+            PacketType.COMMAND: self._command,
+            PacketType.REPORT: self._report,
+            PacketType.TELEMETRY: self._telemetry,
+            PacketType.EVENT: self._event,
+        }[packet.type](packet)
+
+    def _command(self, packet: Packet) -> list[Item]:
+        command = self._dictionary.command_of_code(packet.code)
+        if command is None:
+            raise CorruptData("unknown command code", got=str(packet.code))
+        values = decode(command.arguments, packet.payload).values
+        return [CommandSaid(packet.request_id, command.name, "sent", values)]
+
+    def _report(self, packet: Packet) -> list[Item]:
+        command = self._dictionary.command_of_code(packet.code)
+        if command is None:
+            raise CorruptData("unknown command code", got=str(packet.code))
+        stage, facts = read_report(packet, command, self._dictionary)
+        detail = " ".join(word for word in (facts["reason"], facts["detail"]) if word)
+        said: list[Item] = [CommandSaid(packet.request_id, command.name, stage.value, facts["values"], detail)]
+        if command.name == "HELLO" and stage is Stage.COMPLETED:
+            said.append(read_hello(facts["values"], packet.time_s, self._dictionary))
+        return said
+
+    def _telemetry(self, packet: Packet) -> list[Item]:
+        telemetry = self._reader.read(packet)
+        if telemetry is None:
+            raise CorruptData("unknown telemetry code", got=str(packet.code))
+        return [telemetry]
+
+    def _event(self, packet: Packet) -> list[Item]:
+        definition = self._dictionary.event_of_code(packet.code)
+        if definition is None:
+            raise CorruptData("unknown event code", got=str(packet.code))
+        return [read_event(packet, definition, self._dictionary)]
+
+    @property
+    def damaged(self) -> int:
+        """Number of packets that were received damaged."""
+        return self._down.bad_total
+
+    @property
+    def received(self) -> DirectionCounters:
+        """Receive counters, computed as on the live line."""
+        from gss.device.protocol.sender import LineSender
+
+        unused = LineSender(to_device=True, prefix=self._dictionary.prefix)
+        return count_line(unused, self._down, self.undecodable + self.foreign, None).received
+
+
+def decoded(records: Iterable[Record], decoder: CaptureDecoder) -> Iterator[Replayed]:
+    """Yield every item decoded from the records, in order."""
+    for at_s, direction, data in records:
+        yield from decoder.feed(at_s, direction, data)

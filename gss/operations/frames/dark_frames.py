@@ -1,0 +1,107 @@
+"""Dark frames of detector calibrations: stored as blobs, loaded when frames are processed, shown as pictures."""
+
+from __future__ import annotations
+
+import base64
+import io
+import threading
+import zipfile
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.errors import CorruptData
+from gss.operations.frames.pictures import Stretch, apply, png
+from gss.pipeline.calibration.dark import DarkCalibration, Response
+from gss.pipeline.fixed_pattern import DarkPattern
+
+DARK = "dark frame"
+"""Key in a profile's ``sources`` that holds the blob key of the dark frame in use."""
+KEPT_IN_MEMORY = 4
+MOST_BYTES = 256 << 20
+"""Maximum size of an unpacked dark frame: twice a map of the largest detector in half precision."""
+GREYS = 16
+"""Number of grey levels in the picture: noise does not compress, and more levels cannot be distinguished."""
+
+
+class Bytes(Protocol):
+    """A store of bytes under the hash of their content."""
+
+    def put(self, data: bytes) -> str: ...
+
+    def get(self, key: str) -> bytes: ...
+
+
+class DarkFrames:
+    """Stores and loads dark frames, caching the last few in memory."""
+
+    def __init__(self, blobs: Bytes) -> None:
+        self._blobs = blobs
+        self._lock = threading.Lock()
+        self._read: dict[str, DarkPattern] = {}
+
+    def keep(self, found: DarkCalibration, even: Response | None) -> dict[str, Any]:
+        """Store the map and its bad pixels. Return its entry for the calibration's result: key, counts, picture."""
+        pattern = pattern_of(found, even)
+        return {
+            "key": self._blobs.put(as_bytes(pattern)),
+            "bad": len(pattern.bad),
+            "exposure_s": pattern.exposure_s,
+            "picture": picture_of(pattern.pattern_dn),
+        }
+
+    def pattern(self, key: str) -> DarkPattern:
+        """Return the map with that key. Raises CorruptData or NotFound."""
+        with self._lock:
+            if key not in self._read:
+                while len(self._read) >= KEPT_IN_MEMORY:
+                    self._read.pop(next(iter(self._read)))
+                self._read[key] = from_bytes(self._blobs.get(key))
+            return self._read[key]
+
+
+Pattern = Callable[[str], DarkPattern]
+
+
+def pattern_of(found: DarkCalibration, even: Response | None = None) -> DarkPattern:
+    """Return the map of a dark calibration; dead pixels are known only from flat fields."""
+    dead = np.zeros((0, 2), np.intp) if even is None else even.dead
+    bad = np.unique(np.concatenate([found.hot, found.noisy, dead]).reshape(-1, 2), axis=0)
+    level = np.float32(np.median(found.median_dn))
+    return DarkPattern((found.median_dn - level).astype(np.float32), bad.astype(np.intp), found.exposure_s)
+
+
+def as_bytes(pattern: DarkPattern) -> bytes:
+    """Return compressed bytes; half precision resolves 1 DN at a level of 2048 DN, and far better for ordinary pixels."""
+    buffer = io.BytesIO()
+    small = np.clip(pattern.pattern_dn, -60000, 60000).astype(np.float16)
+    np.savez_compressed(
+        buffer, pattern_dn=small, bad=pattern.bad.astype(np.int32), exposure_s=np.float64(pattern.exposure_s)
+    )
+    return buffer.getvalue()
+
+
+def from_bytes(data: bytes) -> DarkPattern:
+    """Restore a map from :func:`as_bytes`. Raises CorruptData if that fails."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MOST_BYTES:
+            raise ValueError(f"{size} bytes when it is unpacked, more than {MOST_BYTES}")
+        with np.load(io.BytesIO(data), allow_pickle=False) as held:
+            return DarkPattern(
+                held["pattern_dn"].astype(np.float32), held["bad"].astype(np.intp), float(held["exposure_s"])
+            )
+    except Exception as error:  # zipfile, zlib and numpy raise many kinds of errors on damaged data
+        raise CorruptData("this is not a dark frame", got=f"{type(error).__name__}: {error}") from None
+
+
+def picture_of(pattern_dn: NDArray[np.float32]) -> dict[str, Any]:
+    """Return {"png": base64, "low_dn", "high_dn"}: black at the 0.1 % percentile, white at 99.9 %; hot pixels are white."""
+    low, high = (float(v) for v in np.percentile(pattern_dn, [0.1, 99.9]))
+    high = max(high, low + 1.0)
+    grey = apply(pattern_dn, Stretch(low, high, asinh=False))
+    coarse = (grey.astype(np.uint16) * GREYS // 256 * (255 // (GREYS - 1))).astype(np.uint8)
+    return {"png": base64.b64encode(png(coarse, 6)).decode("ascii"), "low_dn": low, "high_dn": high}

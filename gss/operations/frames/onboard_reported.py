@@ -1,0 +1,99 @@
+"""The sensor's report of a frame and its starting point, as JSON stored with the result, so that the frame can be replayed
+at any time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from gss.domain.stars import StarTable
+from gss.operations.frames.onboard_results import OnboardRecord
+from gss.operations.telemetry.value_format import plain
+from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState, TimedAttitude
+from gss.store.models import Frame
+
+OWN = ("number", "profile", "exposure_s", "bank_sha256", "parameters")
+"""Columns of a frame that describe what the sensor used; for an uploaded frame its own row has other values."""
+
+
+def reported_of(record: OnboardRecord, frame: Frame) -> dict[str, Any]:
+    """Return a record as plain values."""
+    return {
+        "frame": {name: getattr(frame, name) for name in OWN},
+        "detected": _plain(record.detected),
+        "centroids": [_plain(row) for row in record.centroids],
+        "matches": [_plain(row) for row in record.matches],
+        "attitude": None if record.attitude is None else _plain(record.attitude),
+        "prior": _prior(record.prior),
+    }
+
+
+def record_from(
+    reported: Mapping[str, Any], hip_of_row: Sequence[int] | None = None, stars: StarTable | None = None
+) -> OnboardRecord:
+    """Restore the record from those values."""
+    return OnboardRecord(
+        int(reported["frame"]["number"] or 0),
+        reported["centroids"],
+        reported["matches"],
+        reported["attitude"],
+        hip_of_row,
+        stars,
+        _known(reported["prior"]),
+        reported["detected"],
+    )
+
+
+def frame_as_used(frame: Frame, reported: Mapping[str, Any]) -> Frame:
+    """Return a copy of the frame's row with the values that the sensor used."""
+    values = {column.name: getattr(frame, column.name) for column in Frame.__table__.columns}
+    return Frame(**(values | dict(reported["frame"])))
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: plain(value) for name, value in values.items()}
+
+
+def _prior(known: PriorState) -> dict[str, Any]:
+    return {
+        "series": [
+            {"quaternion": _listed(a.quaternion), "time_s": None if math.isnan(a.time_s) else a.time_s}
+            for a in known.series
+        ],
+        "failed": known.failed,
+        "commanded": _listed(known.commanded),
+        "commanded_radius_rad": known.commanded_radius_rad,
+        "orbit": None if known.orbit is None else asdict(known.orbit),
+        "apriori": None if known.apriori is None else asdict(known.apriori),
+    }
+
+
+def _listed(quaternion: Any) -> list[float] | None:
+    return None if quaternion is None else [float(v) for v in quaternion]
+
+
+def _known(prior: Mapping[str, Any]) -> PriorState:
+    def array(values: Any) -> Any:
+        return None if values is None else np.array(values, float)
+
+    if "series" in prior:
+        series = tuple(
+            TimedAttitude(array(a["quaternion"]), math.nan if a["time_s"] is None else float(a["time_s"]))
+            for a in prior["series"]
+        )
+    else:
+        # Results stored before attitudes had times: equal steps.
+        listed = [prior["quaternion"], *prior["earlier"]] if prior["quaternion"] is not None else []
+        series = tuple(TimedAttitude(array(q), math.nan) for q in listed)
+    return PriorState(
+        series,
+        bool(prior.get("failed", False)),
+        array(prior["commanded"]),
+        float(prior["commanded_radius_rad"]),
+        None if prior["orbit"] is None else KnownOrbit(**prior["orbit"]),
+        None if prior["apriori"] is None else Apriori(**prior["apriori"]),
+    )

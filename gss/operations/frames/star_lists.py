@@ -1,0 +1,229 @@
+"""Lists of measured stars from a file, and their attitudes: the reference chain without pixels."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.callbacks import never
+from gss.domain.camera import Camera, Pinhole
+from gss.domain.errors import BadInput
+from gss.domain.frames import ra_dec_roll_rad
+from gss.domain.results import Centroids, Outcome, SolveResult
+from gss.domain.rotation import matrix_from_quaternion
+from gss.operations.clock import Monotonic
+from gss.operations.frames.solver_cache import SolverCache
+from gss.pipeline.chains.reference import solve_centroids
+
+ARRAYS = ("col_px", "row_px", "flux", "first")
+COLUMNS = ("list", "col_px", "row_px", "flux")
+EXPECTED = f"an .npz with the arrays {', '.join(ARRAYS)}, or a .csv with the columns {', '.join(COLUMNS)}"
+MAX_LIST_BYTES = 256 << 20
+MOST_LISTS, MOST_STARS = 2_000_000, 8_000_000
+MOST_STARS_IN_A_LIST = 20_000
+LARGEST_PX = 1e6
+SIGMA_PX = 0.2
+"""Error of a star's position per axis if the file does not state another."""
+
+
+@dataclass(frozen=True)
+class StarLists:
+    """Stars of several lists: (n,) columns and rows in pixels (pixel centres at integers), (n,) fluxes in any unit. List k
+    contains the stars ``first[k]`` to ``first[k + 1] - 1``; the last offset is n."""
+
+    col_px: Array
+    row_px: Array
+    flux: Array
+    first: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.first) - 1
+
+    def centroids(self, index: int, sigma_px: float) -> Centroids:
+        """Return one list, brightest first."""
+        part = slice(int(self.first[index]), int(self.first[index + 1]))
+        order = np.argsort(-self.flux[part], kind="stable")
+        pixels = np.column_stack([self.col_px[part], self.row_px[part]])[order]
+        return Centroids.from_pixels(pixels, self.flux[part][order], sigma_px)
+
+
+def read_star_lists(data: bytes, name: str) -> StarLists:
+    """Return the lists in an .npz or .csv file; ``name`` is used in messages only. Raises BadInput."""
+    if not data:
+        raise BadInput(f"{name} is empty", expected=EXPECTED, got="0 bytes")
+    lists = _read_npz(data, name) if data[:4] == b"PK\x03\x04" else _read_csv(data, name)
+    _check(lists, name)
+    return lists
+
+
+def _read_npz(data: bytes, name: str) -> StarLists:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+            if unpacked > MAX_LIST_BYTES:
+                limit = f"at most {MAX_LIST_BYTES >> 20} MiB"
+                raise BadInput(f"{name} is too large when it is unpacked", expected=limit, got=f"{unpacked >> 20} MiB")
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            missing = [a for a in ARRAYS if a not in file.files]
+            if missing:
+                got = ", ".join(file.files)[:200] or "no arrays"
+                raise BadInput(f"{name} has no array {', '.join(missing)}", expected=EXPECTED, got=got)
+            arrays = {a: file[a] for a in ARRAYS}
+    except (zipfile.BadZipFile, ValueError, OSError, EOFError, KeyError, NotImplementedError) as error:
+        raise BadInput(f"{name} cannot be read", expected=EXPECTED, got=str(error)[:200]) from None
+    for array_name, array in arrays.items():
+        wanted = "iu" if array_name == "first" else "iuf"
+        if array.ndim != 1 or array.dtype.kind not in wanted:
+            kind = "integers" if array_name == "first" else "numbers"
+            got = f"shape {array.shape}, type {array.dtype}"
+            raise BadInput(f"{array_name} in {name} is of the wrong kind", expected=f"one row of {kind}", got=got)
+    col, row, flux = (arrays[a].astype(float) for a in ARRAYS[:3])
+    return StarLists(col, row, flux, arrays["first"].astype(np.int64))
+
+
+def _read_csv(data: bytes, name: str) -> StarLists:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise BadInput(f"{name} is neither .npz nor text", expected=EXPECTED, got=data[:12].hex(" ")) from None
+    head, _, body = text.partition("\n")
+    names = [part.strip() for part in head.split(",")]
+    if sorted(names) != sorted(COLUMNS):
+        raise BadInput(f"the first line of {name} does not name the columns", expected=EXPECTED, got=head.strip()[:200])
+    try:
+        table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2) if body.strip() else np.zeros((0, len(COLUMNS)))
+    except ValueError as error:
+        raise BadInput(f"{name} has a line without four numbers", expected=EXPECTED, got=str(error)[:200]) from None
+    if table.shape[1] != len(COLUMNS):
+        raise BadInput(f"{name} has {table.shape[1]} columns", expected=EXPECTED)
+    number, col, row, flux = (table[:, names.index(column)] for column in COLUMNS)
+    whole = np.isfinite(number) & (number == np.floor(number)) & (number >= 0) & (number < MOST_LISTS)
+    if not whole.all():
+        bad = int(np.flatnonzero(~whole)[0])
+        expected = f"the number of the list, an integer from 0 to {MOST_LISTS - 1}"
+        raise BadInput(f"line {bad + 2} of {name} has no list", expected=expected, got=f"{number[bad]:g}")
+    order = np.argsort(number, kind="stable")
+    count = np.bincount(number.astype(np.int64)) if len(number) else np.zeros(0, np.int64)
+    first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    return StarLists(col[order], row[order], flux[order], first)
+
+
+def _check(lists: StarLists, name: str) -> None:
+    n, first = len(lists.col_px), lists.first
+    if not len(lists.row_px) == len(lists.flux) == n:
+        got = f"{n}, {len(lists.row_px)} and {len(lists.flux)}"
+        raise BadInput(
+            f"col_px, row_px and flux in {name} differ in length", expected="one value each per star", got=got
+        )
+    if n > MOST_STARS or len(first) - 1 > MOST_LISTS:
+        got = f"{n} stars in {len(first) - 1} lists"
+        raise BadInput(f"{name} is too long", expected=f"at most {MOST_STARS} stars in {MOST_LISTS} lists", got=got)
+    if len(first) < 2:
+        raise BadInput(
+            f"{name} has no list", expected="an offset for each list in first, and the number of stars at its end"
+        )
+    if first[0] != 0 or first[-1] != n or (np.diff(first) < 0).any():
+        got = f"{first[0]} to {first[-1]} for {n} stars"
+        expected = "ascending offsets that begin with 0 and end with the number of stars"
+        raise BadInput(f"first in {name} does not divide the stars", expected=expected, got=got)
+    longest = int(np.diff(first).max())
+    if longest > MOST_STARS_IN_A_LIST:
+        expected = f"at most {MOST_STARS_IN_A_LIST} stars in a list"
+        raise BadInput(f"a list in {name} is too long", expected=expected, got=str(longest))
+    for column, values, low in (
+        ("col_px", lists.col_px, -LARGEST_PX),
+        ("row_px", lists.row_px, -LARGEST_PX),
+        ("flux", lists.flux, 0.0),
+    ):
+        high = LARGEST_PX if column != "flux" else np.finfo(float).max
+        bad = np.flatnonzero(~((values >= low) & (values <= high)))
+        if len(bad):
+            at = int(bad[0])
+            where = int(np.searchsorted(first, at, side="right")) - 1
+            expected = "0 or more" if column == "flux" else f"a position in pixels, within ±{LARGEST_PX:g}"
+            raise BadInput(
+                f"{column} of star {at - first[where]} in list {where} of {name} is invalid",
+                expected=expected,
+                got=f"{values[at]:g}",
+            )
+
+
+@dataclass(frozen=True)
+class ListResult:
+    """Result of one list. ``quaternion``: cam_from_icrs, scalar last, None without a solution; ``processor_ms``: time of this
+    list."""
+
+    outcome: Outcome
+    reason: str
+    quaternion: tuple[float, float, float, float] | None
+    matched: int
+    false_match_probability: float | None
+    processor_ms: float
+    notes: tuple[str, ...]
+
+    @property
+    def ra_dec_roll_rad(self) -> tuple[float, float, float]:
+        """Boresight right ascension, declination, and roll, of a solved list."""
+        return ra_dec_roll_rad(matrix_from_quaternion(np.array(self.quaternion)))
+
+    def as_json(self) -> dict[str, object]:
+        """Return the result as a JSON object."""
+        return {
+            "outcome": str(self.outcome),
+            "reason": self.reason,
+            "quaternion": None if self.quaternion is None else list(self.quaternion),
+            "matched": self.matched,
+            "false_match_probability": self.false_match_probability,
+            "ms": round(self.processor_ms, 4),
+            "notes": list(self.notes),
+        }
+
+
+def list_result(result: SolveResult, processor_s: float) -> ListResult:
+    """Return what is reported of one list."""
+    chance = result.false_match_probability
+    quaternion = None
+    if result.attitude is not None:
+        x, y, z, w = (float(q) for q in result.attitude.quaternion)
+        quaternion = (x, y, z, w)
+    return ListResult(
+        result.outcome,
+        result.reason,
+        quaternion,
+        0 if result.matches is None else len(result.matches),
+        float(chance) if np.isfinite(chance) else None,
+        1e3 * processor_s,
+        result.notes,
+    )
+
+
+def without_distortion(camera: Camera) -> Camera:
+    """Return the camera with a perfect lens."""
+    return replace(camera, distortion=Pinhole())
+
+
+class StarListSolver:
+    """Solves lists of one camera, one after the other. ``processor_s`` only measures the time and does not affect results."""
+
+    def __init__(
+        self, camera: Camera, faint_limit_mag: float, epoch_jyear: float, cache: SolverCache, processor_s: Monotonic
+    ) -> None:
+        self._camera, self._stars = camera, cache.known(camera, faint_limit_mag, epoch_jyear)
+        self._processor_s = processor_s
+
+    def solve(
+        self, lists: StarLists, sigma_px: float = SIGMA_PX, stop: Callable[[], bool] = never
+    ) -> Iterator[tuple[SolveResult, float]]:
+        """Yield the result of each list and its processor time, s, until ``stop`` returns True."""
+        for index in range(len(lists)):
+            if stop():
+                return
+            started_s = self._processor_s()
+            result = solve_centroids(lists.centroids(index, sigma_px), self._camera, self._stars)
+            yield result, self._processor_s() - started_s

@@ -1,0 +1,26 @@
+"""Checks an uploaded package; runs in a child process of :mod:`gss.operations.parsing`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gss.instruments.package import load_instrument
+from gss.instruments.package_source import read_zip
+
+
+@dataclass(frozen=True)
+class CheckedPackage:
+    """A valid package with its decompressed files."""
+
+    name: str
+    title: str
+    version: str
+    files: dict[str, bytes]
+
+
+def check_zip(data: bytes) -> CheckedPackage:
+    """Return the files of a zipped package after a complete check. Raises BadInput with file, line, field and reason of
+    each mistake."""
+    files = read_zip(data)
+    instrument = load_instrument(files)
+    return CheckedPackage(instrument.name, instrument.about.title, instrument.version, files)

@@ -1,0 +1,68 @@
+"""The ground's model of the sensor's prior knowledge before its next frame: previous attitudes and commanded hints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from gss.device.protocol.codec import decode, encode_command
+from gss.domain.angles import Array
+from gss.domain.frames import cam_from_icrs
+from gss.domain.rotation import quaternion_from_matrix
+from gss.instruments.operations import Operation, StandardOperations
+from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState
+
+TAKES_BACK_DEG = 180.0
+"""SET_APRIORI with this uncertainty withdraws the a-priori angles."""
+
+
+class SensorKnowledge:
+    """Follows completed commands and reported attitudes. ``known`` is the prior knowledge used to match the next frame."""
+
+    def __init__(self, operations: StandardOperations) -> None:
+        self._operations = operations
+        self.known = PriorState()
+
+    def forget(self) -> None:
+        """Reset the knowledge, because the device restarted."""
+        self.known = PriorState()
+
+    def iterated(self, quaternion: Array | None, time_s: float) -> None:
+        """Update after the iteration of the frame at device time ``time_s``; ``quaternion`` is None if it gave no attitude."""
+        self.known = self.known.after(quaternion, time_s)
+
+    def completed(self, name: str, arguments: Mapping[str, Any]) -> None:
+        """Update after a completed command."""
+        operation = self._operations.of_command(name)
+        if operation is Operation.RESET:
+            self.forget()
+        elif operation in (Operation.SET_HINT, Operation.SET_ORBIT, Operation.SET_PRIOR):
+            given = self._as_received(operation, arguments)
+            if operation is Operation.SET_HINT:
+                ra, dec, roll = (math.radians(given[f"{a}_deg"]) for a in ("ra", "dec", "roll"))
+                quaternion = quaternion_from_matrix(cam_from_icrs(ra, dec, roll))
+                radius_rad = math.radians(given["uncertainty_deg"])
+                self.known = replace(self.known, commanded=quaternion, commanded_radius_rad=radius_rad)
+            elif operation is Operation.SET_ORBIT:
+                raan, inclination, latitude = (
+                    math.radians(given[f"{a}_deg"]) for a in ("raan", "inclination", "latitude")
+                )
+                orbit = KnownOrbit(raan, inclination, latitude, 1000.0 * given["altitude_km"], given["epoch_s"])
+                self.known = replace(self.known, orbit=orbit)
+            else:
+                self.known = replace(self.known, apriori=_apriori(given))
+
+    def _as_received(self, operation: Operation, arguments: Mapping[str, Any]) -> Mapping[str, float]:
+        """Return the standard arguments as the device receives them: with defaults, and rounded to the encoded width."""
+        command = self._operations.dictionary.command(self._operations.command(operation))
+        payload = encode_command(command, arguments).payload
+        received = decode(command.arguments, payload).values
+        return {k: float(v) for k, v in self._operations.given(operation, received).items()}
+
+
+def _apriori(given: Mapping[str, float]) -> Apriori | None:
+    if given["uncertainty_deg"] >= TAKES_BACK_DEG:
+        return None
+    return Apriori(*(math.radians(given[f"{a}_deg"]) for a in ("roll", "pitch", "yaw", "uncertainty")))

@@ -1,0 +1,109 @@
+"""The files of raw captures on disk: their names, sizes and content, plain or compressed.
+
+A file that is no longer written is compressed: ``contact-000012-000.raw`` becomes ``contact-000012-000.raw.zst``, which the
+program ``zstd`` reads, too. Everything outside this module names it without ``.zst``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, NamedTuple, Self
+
+NAME = re.compile(r"contact-(\d+)-(\d+)\.raw(?:\.zst)?")
+PACKED = ".zst"
+SKIP_BYTES = 1 << 20
+
+
+class SizedFile(NamedTuple):
+    """A file of a capture and its size on disk."""
+
+    path: Path
+    bytes: int
+
+
+def capture_files(folder: Path, contact_id: int | None = None) -> list[Path]:
+    """Return the files of a contact (None: of all) in the order in which they were written."""
+    found = [(NAME.fullmatch(p.name), p) for p in folder.glob("contact-*.raw*")]
+    numbered = sorted((int(m[1]), int(m[2]), p) for m, p in found if m and contact_id in (None, int(m[1])))
+    # Where a stop of the program left both forms of a file, the compressed one, which sorts last, is complete.
+    return list({plain_name(p): p for _, _, p in numbered}.values())
+
+
+def capture_sizes(folder: Path, contact_id: int | None = None) -> list[SizedFile]:
+    """Return the files with their sizes on disk, without those that are removed or compressed meanwhile."""
+    found = []
+    for path in capture_files(folder, contact_id):
+        with contextlib.suppress(FileNotFoundError):
+            found.append(SizedFile(path, path.stat().st_size))
+    return found
+
+
+def plain_name(path: Path) -> str:
+    """Return the name that the file has, or had, before it was compressed."""
+    return path.name.removesuffix(PACKED)
+
+
+def packed_path(path: Path) -> Path:
+    """Return the path that a file has after it was compressed."""
+    return path if path.suffix == PACKED else path.with_name(path.name + PACKED)
+
+
+class PackedReader:
+    """Reads a compressed capture like a file. OSError if it is damaged. ``at``: number of plain bytes before the position."""
+
+    def __init__(self, path: Path) -> None:
+        import pyarrow as pa  # imported here because it takes 0.1 s, and few commands read captures
+
+        self._file = pa.OSFile(str(path))
+        self._stream, self.at = pa.CompressedInputStream(self._file, "zstd"), 0
+
+    def read(self, size: int = -1) -> bytes:
+        """Return up to ``size`` bytes, fewer only at the end; all that are left if negative."""
+        data = bytes(self._stream.read() if size < 0 else self._stream.read(size))
+        self.at += len(data)
+        return data
+
+    def skip(self, size: int) -> None:
+        """Move forward."""
+        while size > 0 and (data := self.read(min(size, SKIP_BYTES))):
+            size -= len(data)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._stream.close()
+        self._file.close()
+
+
+def open_capture(path: Path) -> BinaryIO | PackedReader:
+    """Open a file of a capture, plain or compressed; also if it was compressed after its name was read. FileNotFoundError if
+    it was removed."""
+    if path.suffix != PACKED:
+        try:
+            return path.open("rb")
+        except FileNotFoundError:
+            if not packed_path(path).is_file():
+                raise
+    try:
+        return PackedReader(packed_path(path))
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise FileNotFoundError(str(path)) from error
+
+
+def position(file: BinaryIO | PackedReader) -> int:
+    """Return the number of plain bytes before the position of an open file."""
+    return file.at if isinstance(file, PackedReader) else file.tell()
+
+
+def plain_blocks(path: Path, size: int) -> Iterator[bytes]:
+    """Yield the plain bytes of a file of a capture in blocks of ``size``."""
+    with open_capture(path) as file:
+        while data := file.read(size):
+            yield data

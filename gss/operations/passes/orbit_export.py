@@ -1,0 +1,28 @@
+"""The orbit in use as CCSDS files: OMM of a TLE, OEM of any orbit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime, timedelta
+
+from gss.domain.errors import Conflict
+from gss.operations.passes.spacecraft import CurrentOrbit
+from gss.orbit.oem import oem_of
+from gss.orbit.omm import omm_of_tle
+
+LONGEST_DAYS = 5.0
+STEP_S = 60.0
+
+
+def omm_fields(current: CurrentOrbit) -> dict[str, object]:
+    """Return the elements in use as the fields of an OMM. Raises Conflict if an ephemeris is in use."""
+    if current.row.kind != "tle":
+        raise Conflict("the orbit in use has no mean elements", got=current.row.source_format, hint="Export an OEM.")
+    return omm_of_tle(current.row.spacecraft, current.row.text)
+
+
+def oem_file(current: CurrentOrbit, start: datetime, days: float) -> Iterator[str]:
+    """Yield the lines of an OEM from ``start`` on, shortened to the orbit's validity. Raises BadInput if that has ended."""
+    first = max(start, current.orbit.start + timedelta(seconds=1))
+    last = min(first + timedelta(days=days), current.orbit.end - timedelta(seconds=1))
+    return oem_of(current.row.spacecraft, current.orbit, first, max(first, last), STEP_S, start)

@@ -1,0 +1,66 @@
+"""Coming passes as an iCalendar file (RFC 5545), for the calendars of operators."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+from gss.operations.passes.pass_table import ComingPass, PassTable
+
+LONGEST_LINE = 75
+"""Bytes of a content line (RFC 5545 §3.1)."""
+
+
+def calendar(table: PassTable) -> str:
+    """Return the calendar of a table of passes."""
+    lines = ["BEGIN:VCALENDAR", "VERSION:2.0", "PRODID:-//GSS//Passes//EN", "CALSCALE:GREGORIAN"]
+    name = table.current.row.spacecraft if table.current else "Spacecraft"
+    for one in table.passes:
+        lines += _event(name, one, table.start)
+    lines.append("END:VCALENDAR")
+    return "".join(part + "\r\n" for line in lines for part in _folded(line))
+
+
+def _event(name: str, one: ComingPass, stamp: datetime) -> list[str]:
+    p, station = one.at, one.station
+    top_deg = math.degrees(p.max_elevation_rad)
+    words = (
+        f"Rise {p.rise:%H:%M:%S} UTC at azimuth {math.degrees(p.rise_azimuth_rad):.0f}°, culmination "
+        f"{p.culmination:%H:%M:%S} UTC at {top_deg:.1f}°, set {p.set:%H:%M:%S} UTC at azimuth "
+        f"{math.degrees(p.set_azimuth_rad):.0f}°. Sun {math.degrees(p.sun_elevation_rad):.0f}° at the station."
+    )
+    return [
+        "BEGIN:VEVENT",
+        f"UID:pass-{station.id}-{p.culmination:%Y%m%dT%H%M}@gss",
+        f"DTSTAMP:{_utc(stamp)}",
+        f"DTSTART:{_utc(p.rise)}",
+        f"DTEND:{_utc(p.set)}",
+        f"SUMMARY:{_text(f'{name} over {station.name}, {top_deg:.0f}°')}",
+        f"LOCATION:{_text(station.name)}",
+        f"GEO:{math.degrees(station.latitude_rad):.6f};{math.degrees(station.longitude_rad):.6f}",
+        f"DESCRIPTION:{_text(words)}",
+        "END:VEVENT",
+    ]
+
+
+def _utc(moment: datetime) -> str:
+    return f"{moment.astimezone(UTC):%Y%m%dT%H%M%SZ}"
+
+
+def _text(words: str) -> str:
+    """Escape a text value (RFC 5545 §3.3.11); control characters are left out."""
+    plain = "".join(c if c.isprintable() else " " for c in words)
+    return plain.replace("\\", "\\\\").replace(";", "\\;").replace(",", "\\,")
+
+
+def _folded(line: str) -> Iterator[str]:
+    """Yield a line in parts of at most 75 bytes, without cutting a character; every further part begins with a space."""
+    part, size = "", 0
+    for character in line:
+        width = len(character.encode())
+        if size + width > LONGEST_LINE:
+            yield part
+            part, size = " ", 1
+        part, size = part + character, size + width
+    yield part

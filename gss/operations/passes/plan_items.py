@@ -1,0 +1,158 @@
+"""Items of a pass plan: a stack, a download or an upload. Each is started once, followed, paused and stopped through the service
+that owns it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Literal
+
+from gss.domain.errors import BadInput, GssError
+from gss.operations.catalogues.build_catalogue import CatalogueService
+from gss.operations.commanding.stack_runs import StackRunner
+from gss.operations.commanding.stacks import StackService
+from gss.operations.transfers.downloads import Downloads, permission_of
+from gss.operations.transfers.transfers import TransferService
+
+ItemKind = Literal["stack", "download", "upload"]
+ItemState = Literal["waiting", "starting", "running", "done", "failed", "stopped", "unknown"]
+MOST_ITEMS = 50
+LONGEST_ITEM_S = 86_400.0
+BROUGHT = ("committed", "active", "done")
+BROKEN = ("failed", "aborted")
+
+
+@dataclass(frozen=True)
+class PlanItem:
+    """``stack_id``: of a stack; ``content``: kind of a download, with its ``slot`` or ``bank``; ``catalogue_id`` and ``bank``: of
+    an upload. ``started_id``: number of the stack run or transfer. Times are ISO 8601."""
+
+    kind: ItemKind
+    title: str
+    estimated_s: float
+    stack_id: int | None = None
+    content: str = ""
+    slot: int | None = None
+    bank: str | None = None
+    catalogue_id: int | None = None
+    state: ItemState = "waiting"
+    started_id: int | None = None
+    detail: str = ""
+    started: str = ""
+    finished: str = ""
+
+    def at(self, state: ItemState, now: datetime, detail: str = "") -> PlanItem:
+        """Return the item in another state, with the time of its start or end."""
+        began = now.isoformat() if state == "starting" else self.started
+        ended = now.isoformat() if state in ("done", "failed", "stopped", "unknown") else ""
+        return replace(self, state=state, detail=detail or self.detail, started=began, finished=ended)
+
+
+class ItemControl:
+    """Checks and controls items. ``permits``: raises NotPermitted unless the user has a permission."""
+
+    def __init__(
+        self,
+        stacks: StackService,
+        runs: StackRunner,
+        downloads: Downloads,
+        transfers: TransferService,
+        catalogues: CatalogueService,
+        permits: Callable[[str, str], None],
+    ) -> None:
+        self._stacks, self._runs, self._downloads = stacks, runs, downloads
+        self._transfers, self._catalogues, self._permits = transfers, catalogues, permits
+
+    def checked(self, item: PlanItem) -> PlanItem:
+        """Return the item with its title. Raises BadInput or NotFound if it names nothing that exists."""
+        if not 0 < item.estimated_s <= LONGEST_ITEM_S:
+            raise BadInput(
+                "the estimated duration is out of range",
+                expected=f"above 0, to {LONGEST_ITEM_S:g} s",
+                got=f"{item.estimated_s:g}",
+            )
+        if item.kind == "stack" and item.stack_id is not None:
+            return replace(item, title=f"Stack {self._stacks.get(item.stack_id).name}")
+        if item.kind == "upload" and item.catalogue_id is not None and item.bank:
+            return replace(item, title=f"Upload {self._catalogues.get(item.catalogue_id).name} to bank {item.bank}")
+        if item.kind == "download" and item.content and (item.slot is None) != (item.bank is None):
+            place = f"slot {item.slot}" if item.bank is None else f"bank {item.bank}"
+            return replace(item, title=f"Download {item.content.replace('_', ' ')} of {place}")
+        raise BadInput(
+            f"an item of kind {item.kind} is not complete",
+            expected="stack_id; or content with slot or bank; or catalogue_id with bank",
+            got=item.kind,
+        )
+
+    def confirm(self, items: Sequence[PlanItem], *, user: str) -> list[str]:
+        """Return the names to type before a plan is armed. Raises NotPermitted if the user may not do one of the items, NotFound
+        if one no longer exists."""
+        names: dict[str, None] = {}
+        for item in items:
+            self.require(item, user)
+            if item.stack_id is not None:
+                steps = self._stacks.get(item.stack_id).steps
+                names |= dict.fromkeys(name for name in (self._stacks.confirmation(step) for step in steps) if name)
+        return list(names)
+
+    def require(self, item: PlanItem, user: str) -> None:
+        """Raise NotPermitted unless the user may do the item."""
+        self._permits(user, "passes")
+        if item.stack_id is not None:
+            self._permits(user, "stacks")
+            self._stacks.check_permitted(self._stacks.get(item.stack_id).steps, user=user)
+        else:
+            self._permits(user, permission_of(item.content) if item.kind == "download" else "catalogues.upload")
+
+    def start(self, item: PlanItem, confirm: Sequence[str], *, user: str) -> int:
+        """Start an item and return the number of its stack run or transfer. Raises GssError if it cannot start."""
+        self.require(item, user)
+        if item.stack_id is not None:
+            return self._runs.run(item.stack_id, confirm, user=user).id
+        if item.catalogue_id is not None:
+            return self._catalogues.upload(item.catalogue_id, item.bank or "").row.id
+        return self._downloads.start(item.content, slot=item.slot, bank=item.bank).row.id
+
+    def state(self, item: PlanItem) -> tuple[ItemState, str]:
+        """Return the state of a started item, and why it failed."""
+        if item.started_id is None:
+            return "unknown", "its start was not recorded"
+        if item.kind == "stack":
+            run = self._runs.get(item.started_id)
+            if run.state in ("running", "paused"):
+                return "running", ""
+            return ("done", "") if run.state == "completed" else ("failed", run.reason or run.state)
+        row = self._transfers.get(item.started_id).row
+        if row.state in BROUGHT or (row.state == "verified" and row.direction == "down"):
+            return "done", ""
+        return ("failed", row.reason or row.state) if row.state in BROKEN else ("running", "")
+
+    def pause(self, item: PlanItem, *, user: str) -> None:
+        """Send nothing more for the item; what has ended meanwhile stays as it ended."""
+        if item.started_id is not None:
+            with contextlib.suppress(GssError):
+                if item.kind == "stack":
+                    self._runs.pause(item.started_id, user=user)
+                else:
+                    self._transfers.pause(item.started_id)
+
+    def resume(self, item: PlanItem, *, user: str) -> None:
+        """Continue a paused item. Raises GssError if it cannot continue."""
+        if item.started_id is None or self.state(item)[0] != "running":
+            return
+        if item.kind == "stack":
+            self._runs.resume(item.started_id, user=user)
+        elif self._transfers.get(item.started_id).row.state == "paused":
+            self._transfers.resume(item.started_id)
+
+    def stop(self, item: PlanItem, *, user: str) -> None:
+        """End a stack run; pause a transfer, whose stored chunks are kept."""
+        if item.started_id is None:
+            return
+        with contextlib.suppress(GssError):
+            if item.kind == "stack":
+                self._runs.stop(item.started_id, user=user)
+            else:
+                self._transfers.pause(item.started_id)

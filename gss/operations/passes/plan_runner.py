@@ -1,0 +1,187 @@
+"""Carries out armed pass plans: starts at acquisition of signal, pauses at loss of signal, continues in the next pass if the plan
+says so, and ends at ABORT, at an item that fails, or when a user stops it.
+
+Each item is stored as *starting* before it is started. An item that a restart of the server finds in that state, or running, is
+*unknown*: the plan stops, and nothing is sent again.
+"""
+
+from __future__ import annotations
+
+import threading
+from datetime import timedelta
+
+from gss.domain.errors import Conflict, GssError
+from gss.operations.clock import Now
+from gss.operations.commanding.commanding import CommandService
+from gss.operations.events import EventBus
+from gss.operations.line.link import LinkService
+from gss.operations.passes.pass_table import PassService
+from gss.operations.passes.plan_items import ItemControl, PlanItem
+from gss.operations.passes.plans import ACTIVE, PlanService, items_of
+from gss.store.models import PassPlan
+
+SIGNAL_S = 5.0
+"""A signal is present while the last good packet is younger; units report every second."""
+EARLY = timedelta(minutes=2)
+"""A signal this long before the predicted rise belongs to the pass: predictions and horizons are not exact."""
+NEXT_DAYS = 7.0
+RESTARTED = "the server restarted while an item was in progress; check the unit and make a new plan"
+
+
+class PlanRunner:
+    """``tick`` runs once a second on the status thread; requests stop plans from their own threads."""
+
+    def __init__(
+        self,
+        plans: PlanService,
+        control: ItemControl,
+        table: PassService,
+        link: LinkService,
+        commands: CommandService,
+        bus: EventBus,
+        now: Now,
+    ) -> None:
+        self._plans, self._control, self._table = plans, control, table
+        self._link, self._commands, self._bus, self._now = link, commands, bus, now
+        self._lock = threading.Lock()
+        self._aborts = commands.aborts
+
+    def start(self) -> None:
+        """Stop plans with an item in progress when the last server ended; armed and waiting plans remain."""
+        for row in self._plans.active():
+            items = items_of(row)
+            if any(item.state in ("starting", "running") for item in items):
+                items = [i.at("unknown", self._now()) if i.state in ("starting", "running") else i for i in items]
+                self._end(row, items, "stopped", RESTARTED)
+
+    def stop(self, plan_id: int, *, user: str, reason: str = "") -> PassPlan:
+        """Stop a plan: nothing more of it is sent. Raises Conflict if it is not active."""
+        with self._lock:
+            row = self._plans.get(plan_id)
+            if row.state not in ACTIVE:
+                raise Conflict("the plan is not active", expected=" or ".join(ACTIVE), got=row.state)
+            return self._halt(row, "stopped", reason or f"stopped by {user}")
+
+    def tick(self) -> None:
+        """Advance every active plan."""
+        with self._lock:
+            aborts = self._commands.aborts
+            for row in self._plans.active():
+                if aborts != self._aborts:
+                    self._halt(row, "stopped", "ABORT was sent")
+                else:
+                    self._advance(row)
+            self._aborts = aborts
+
+    def _advance(self, row: PassPlan) -> None:
+        now, signal = self._now(), self._signal()
+        if row.state in ("armed", "waiting"):
+            if now > row.set:
+                self._over(row, "no signal was acquired in the pass")
+            elif signal and now >= row.rise - EARLY:
+                self._begin(row)
+        elif row.state == "paused":
+            if now > row.set:
+                self._over(row, "the signal was lost and the pass ended")
+            elif signal:
+                self._begin(row)
+        elif not signal:
+            self._pause(row, "paused", "loss of signal")
+        elif now > row.set:
+            self._over(row, "the pass ended before the plan")
+        else:
+            self._follow(row)
+
+    def _signal(self) -> bool:
+        last_s = self._link.counters.last_good_s
+        return self._link.connected and last_s is not None and self._link.monotonic_s() - last_s < SIGNAL_S
+
+    def _begin(self, row: PassPlan) -> None:
+        """Start or continue a plan with the signal present."""
+        first = row.started is None
+        try:
+            self._commands.check_user(row.armed_by)
+            for item in items_of(row):
+                if item.state == "running":
+                    self._control.resume(item, user=row.armed_by)
+        except GssError as error:
+            self._halt(row, "failed", str(error))
+            return
+        row = self._plans.change(row.id, state="running", reason="", started=row.started or self._now())
+        self._record(row, "ok", "starts: signal acquired" if first else "continues: signal acquired")
+        self._follow(row)
+
+    def _follow(self, row: PassPlan) -> None:
+        """Look at the item in progress, and start the next one when it is done."""
+        items = items_of(row)
+        for k, item in enumerate(items):
+            if item.state == "running":
+                state, detail = self._control.state(item)
+                if state == "running":
+                    return
+                items[k] = item.at(state, self._now(), detail)
+                row = self._plans.change(row.id, items)
+                if state != "done":
+                    self._end(row, items, "failed", f"item {k + 1}, {item.title}: {detail}")
+                    return
+            elif item.state == "waiting":
+                self._start(row, items, k)
+                return
+        self._end(row, items, "completed", "")
+
+    def _start(self, row: PassPlan, items: list[PlanItem], k: int) -> None:
+        """Start an item. Its state is stored first, so that a restart never starts it twice."""
+        items[k] = items[k].at("starting", self._now())
+        self._plans.change(row.id, items)
+        try:
+            self._commands.check_user(row.armed_by)
+            started_id = self._control.start(items[k], row.confirm, user=row.armed_by)
+        except GssError as error:
+            items[k] = items[k].at("failed", self._now(), str(error))
+            self._end(row, items, "failed", f"item {k + 1}, {items[k].title}: {error}")
+            return
+        items[k] = PlanItem(**{**vars(items[k]), "state": "running", "started_id": started_id})
+        row = self._plans.change(row.id, items)
+        if self._commands.aborts != self._aborts:  # ABORT came between the check and the start
+            self._halt(row, "stopped", "ABORT was sent")
+
+    def _pause(self, row: PassPlan, state: str, reason: str) -> None:
+        for item in items_of(row):
+            if item.state == "running":
+                self._control.pause(item, user=row.armed_by)
+        row = self._plans.change(row.id, state=state, reason=reason)
+        self._record(row, "watch", f"{state}: {reason}")
+
+    def _over(self, row: PassPlan, reason: str) -> None:
+        """Continue in the next pass over the same station if the plan says so; else end."""
+        if row.resume:
+            try:
+                coming = self._table.coming(NEXT_DAYS, row.station_id).passes
+            except GssError:
+                coming = []
+            later = next((one for one in coming if one.at.rise > row.set), None)
+            if later is not None:
+                self._pause(row, "waiting", f"{reason}; continues at {later.at.rise:%Y-%m-%d %H:%M:%S} UTC")
+                self._plans.change(row.id, rise=later.at.rise, set=later.at.set)
+                return
+            reason += "; there is no later pass"
+        self._halt(row, "missed" if row.started is None else "stopped", reason)
+
+    def _halt(self, row: PassPlan, state: str, reason: str) -> PassPlan:
+        """End a plan and what it has in progress."""
+        items = items_of(row)
+        for k, item in enumerate(items):
+            if item.state == "running":
+                self._control.stop(item, user=row.armed_by)
+                items[k] = item.at("stopped", self._now(), reason)
+        return self._end(row, items, state, reason)
+
+    def _end(self, row: PassPlan, items: list[PlanItem], state: str, reason: str) -> PassPlan:
+        row = self._plans.change(row.id, items, state=state, reason=reason, finished=self._now())
+        done = sum(item.state == "done" for item in items)
+        words = f"{state}, {done} of {len(items)} items done" + (f": {reason}" if reason else "")
+        self._record(row, "ok" if state == "completed" else "warning", words)
+        return row
+
+    def _record(self, row: PassPlan, severity: str, words: str) -> None:
+        self._bus.record("pass", severity, f"plan {row.name} {words}", plan_id=row.id)

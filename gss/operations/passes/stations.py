@@ -1,0 +1,102 @@
+"""Ground stations: stored, checked, changed and deleted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from gss.device.line_address import parse_line_address
+from gss.domain.errors import BadInput, Conflict
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.orbit.station import GroundStation, checked_station
+from gss.store import passes as store
+from gss.store.engine import Database
+from gss.store.models import Station
+
+MOST_STATIONS = 50
+
+
+class StationService:
+    """Stores ground stations. ``line_url`` and ``line_baud``: see the row."""
+
+    def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
+        self._database, self._bus, self._now = database, bus, now
+
+    def every(self) -> list[Station]:
+        """Return all stations by name."""
+        with self._database.unit_of_work() as session:
+            return store.every_station(session)
+
+    def get(self, station_id: int) -> Station:
+        """Return the station with that id. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            return store.get_station(session, station_id)
+
+    def create(self, station: GroundStation, line_url: str, line_baud: int, note: str, *, user: str) -> Station:
+        """Store a new station. Raises BadInput naming the invalid number, Conflict if the name is in use."""
+        checked, url = _named(checked_station(station)), checked_url(line_url)
+        with self._database.unit_of_work() as session:
+            self._check_name(store.station_named(session, checked.name), None)
+            if len(store.every_station(session)) >= MOST_STATIONS:
+                raise Conflict("too many ground stations", expected=f"at most {MOST_STATIONS}", hint="Delete one.")
+            row = Station(
+                name=checked.name, line_url=url, line_baud=line_baud, note=note, user=user, changed=self._now()
+            )
+            _place(row, checked)
+            store.add(session, row)
+        self._bus.record("pass", "ok", f"{user} added the ground station {row.name}")
+        return row
+
+    def change(
+        self, station_id: int, station: GroundStation, line_url: str, line_baud: int, note: str, *, user: str
+    ) -> Station:
+        """Replace all values of a station. Raises as ``create``, and NotFound."""
+        checked, url = _named(checked_station(station)), checked_url(line_url)
+        with self._database.unit_of_work() as session:
+            row = store.get_station(session, station_id)
+            self._check_name(store.station_named(session, checked.name), row)
+            row.name, row.line_url, row.line_baud, row.note = checked.name, url, line_baud, note
+            row.user, row.changed = user, self._now()
+            _place(row, checked)
+        self._bus.record("pass", "ok", f"{user} changed the ground station {row.name}")
+        return row
+
+    def delete(self, station_id: int, *, user: str) -> None:
+        """Delete a station. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            name = store.get_station(session, station_id).name
+            store.delete_station(session, station_id)
+        self._bus.record("pass", "ok", f"{user} deleted the ground station {name}")
+
+    @staticmethod
+    def _check_name(found: Station | None, same: Station | None) -> None:
+        if found is not None and (same is None or found.id != same.id):
+            raise Conflict(
+                "a ground station with this name exists", got=found.name, hint="Choose another name, or edit that one."
+            )
+
+
+def ground_station(row: Station) -> GroundStation:
+    """Return a stored station for calculations."""
+    mask = tuple((float(azimuth), float(elevation)) for azimuth, elevation in row.mask)
+    return GroundStation(row.name, row.latitude_rad, row.longitude_rad, row.height_m, row.min_elevation_rad, mask)
+
+
+def checked_url(url: str) -> str:
+    """Return the address of a line, "" if none is given. Raises BadInput."""
+    words = url.strip()
+    if words:
+        parse_line_address(words)
+    return words
+
+
+def _named(station: GroundStation) -> GroundStation:
+    words = " ".join(station.name.split())
+    if not 0 < len(words) <= 60:
+        raise BadInput("the ground station has no name", expected="1 – 60 characters", got=str(len(words)))
+    return replace(station, name=words)
+
+
+def _place(row: Station, station: GroundStation) -> None:
+    row.latitude_rad, row.longitude_rad, row.height_m = station.latitude_rad, station.longitude_rad, station.height_m
+    row.min_elevation_rad, row.mask = station.min_elevation_rad, [list(point) for point in station.mask]

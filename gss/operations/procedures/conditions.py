@@ -1,0 +1,27 @@
+"""Evaluates the conditions of procedures with the newest telemetry."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from gss.domain.expressions import Evaluation, parse
+from gss.operations.telemetry.derived import evaluate
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.telemetry.value_format import plain
+
+Values = dict[str, float | bool | str | None]
+
+
+class Conditions:
+    """Telemetry as conditions see it: the newest packet of each kind, missing where it is stale."""
+
+    def __init__(self, telemetry: TelemetryService) -> None:
+        self._telemetry = telemetry
+
+    def evaluate(self, text: str, at: datetime) -> tuple[Evaluation, Values]:
+        """Return the result of a condition, and the values that it used. Raises BadInput."""
+        expression = parse(text)
+        definitions = self._telemetry.derived
+        fresh_s = {r.packet: definitions.packet(r.packet).stale_after_s for r in expression.references}
+        result, values = evaluate(expression, fresh_s, self._telemetry.newest_values, at)
+        return result, {name: plain(value) for name, value in values.items()}

@@ -1,0 +1,250 @@
+"""The file of a procedure: Markdown whose headings of level 2 are steps, each with at most one fenced block of an action.
+
+    ## cool: Cool the detector
+    Text for the operator.
+    ```check
+    housekeeping.sensor_temperature_c < 10
+    within: 60 s
+    else: stop
+    ```
+
+Blocks: ``check`` (an expression; ``within:`` waits for it, ``else:`` names the step to continue at if it is false), ``command``
+(NAME argument=value …), ``wait`` (a duration), ``question`` (the question, then ``answer: step`` lines), ``hold`` (what a second
+person confirms), ``sign`` (what is signed) and ``branch`` (``if expression: step`` lines, then ``else: step``). A target is a step,
+``next`` or ``end``.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from markdown_it import MarkdownIt
+
+from gss.domain.errors import BadInput
+
+ActionKind = Literal["text", "check", "command", "wait", "question", "hold", "sign", "branch"]
+ACTIONS: tuple[ActionKind, ...] = ("check", "command", "wait", "question", "hold", "sign", "branch")
+NEXT, END = "next", "end"
+HEADING = re.compile(r"(?P<id>[a-z][a-z0-9-]{0,39})\s*:\s*(?P<title>\S.*)")
+OPTION = re.compile(r"(?P<name>[^:]+):\s*(?P<value>\S.*)")
+DURATION = re.compile(r"(?P<number>\d+(?:\.\d+)?)\s*(?P<unit>s|min|h)")
+SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+LONGEST_S = 86_400.0
+MOST_CHARACTERS, MOST_STEPS = 100_000, 200
+_MARKDOWN = MarkdownIt("commonmark", {"html": False})
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake of a procedure. ``line``: 1 for the first."""
+
+    line: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A target of a step. ``when``: the expression, answer or "else" that leads there."""
+
+    when: str
+    target: str
+
+
+@dataclass(frozen=True)
+class ProcedureStep:
+    """One step. ``words``: expression, command line, question or statement of its action; ``seconds``: of a wait, or how long a
+    check waits; ``branches``: where it leads other than to the next step. ``line``: of its heading; ``at``: of its action."""
+
+    id: str
+    title: str
+    text: str
+    kind: ActionKind
+    line: int
+    words: str = ""
+    seconds: float = 0.0
+    branches: tuple[Branch, ...] = ()
+    at: int = 0
+
+    def targets(self) -> tuple[str, ...]:
+        """Every place that the step can lead to."""
+        named = tuple(branch.target for branch in self.branches)
+        return named if self.kind in ("question", "branch") else (NEXT, *named)
+
+    def target(self, when: str) -> str:
+        """Return the target of an expression or answer; ``next`` if the step does not name it."""
+        return next((branch.target for branch in self.branches if branch.when == when), NEXT)
+
+
+@dataclass(frozen=True)
+class ProcedureDocument:
+    """A procedure as it was read. ``mistakes``: what cannot be read; its steps may then be incomplete."""
+
+    title: str
+    introduction: str
+    steps: tuple[ProcedureStep, ...]
+    mistakes: tuple[Mistake, ...]
+
+    def step(self, step_id: str) -> ProcedureStep:
+        """Return the step of that name. Raises BadInput."""
+        for step in self.steps:
+            if step.id == step_id:
+                return step
+        raise BadInput("The procedure has no such step", got=step_id)
+
+    def after(self, step: ProcedureStep, target: str) -> str | None:
+        """Return the id of the step that a target of a step means; None at the end."""
+        if target == END:
+            return None
+        if target != NEXT:
+            return target
+        index = self.steps.index(step) + 1
+        return self.steps[index].id if index < len(self.steps) else None
+
+
+@dataclass
+class _Section:
+    """A heading with the text and the blocks below it."""
+
+    heading: str
+    line: int
+    end: int = 0
+    blocks: list[tuple[str, str, int, int]] = field(default_factory=list)
+    """(kind, content, first line, line behind it) of each action."""
+
+
+def read_procedure(text: str) -> ProcedureDocument:
+    """Read a procedure; every mistake is reported with its line. Raises BadInput for a text that is too long."""
+    if len(text) > MOST_CHARACTERS:
+        raise BadInput(
+            "The procedure is too long", expected=f"at most {MOST_CHARACTERS} characters", got=str(len(text))
+        )
+    lines = text.splitlines()
+    title, first, sections = _sections(text, len(lines))
+    mistakes: list[Mistake] = []
+    if not title:
+        mistakes.append(Mistake(1, "The procedure has no title: begin it with a line “# Title”."))
+    if not 1 <= len(sections) <= MOST_STEPS:
+        mistakes.append(
+            Mistake(1, f"The procedure has {len(sections)} steps: write 1 – {MOST_STEPS} headings “## name: Title”.")
+        )
+    steps = [_step(section, lines, mistakes) for section in sections[:MOST_STEPS]]
+    return ProcedureDocument(title, _prose(lines, *first), tuple(steps), tuple(mistakes))
+
+
+def _sections(text: str, count: int) -> tuple[str, tuple[int, int], list[_Section]]:
+    """Return the title, the lines of the introduction, and the sections of level 2."""
+    title, title_end = "", 0
+    sections: list[_Section] = []
+    tokens = _MARKDOWN.parse(text)
+    for k, token in enumerate(tokens):
+        if token.map is None or token.level != 0:
+            continue
+        if token.type == "heading_open" and token.tag == "h1" and not title:
+            title, title_end = tokens[k + 1].content.strip(), token.map[1]
+        elif token.type == "heading_open" and token.tag == "h2":
+            if sections:
+                sections[-1].end = token.map[0]
+            sections.append(_Section(tokens[k + 1].content.strip(), token.map[0], count))
+        elif token.type == "fence" and sections and token.info.strip() in ACTIONS:
+            sections[-1].blocks.append((token.info.strip(), token.content, token.map[0], token.map[1]))
+    return title, (title_end, sections[0].line if sections else count), sections
+
+
+def _prose(lines: Sequence[str], start: int, end: int, leave: tuple[int, int] = (0, 0)) -> str:
+    kept = [line for k, line in enumerate(lines[start:end], start) if not leave[0] <= k < leave[1]]
+    return "\n".join(kept).strip()
+
+
+def _step(section: _Section, lines: Sequence[str], mistakes: list[Mistake]) -> ProcedureStep:
+    named = HEADING.fullmatch(section.heading)
+    if named is None:
+        mistakes.append(
+            Mistake(section.line + 1, f"The heading “{section.heading}” is not a step: write “## name: Title”.")
+        )
+    step_id = named["id"] if named else f"line-{section.line + 1}"
+    title = named["title"] if named else section.heading
+    if step_id in (NEXT, END):
+        mistakes.append(Mistake(section.line + 1, f"A step cannot be named {step_id}: it is a target."))
+    if len(section.blocks) > 1:
+        mistakes.append(Mistake(section.blocks[1][2] + 1, "A step has one action: begin a new step for this one."))
+    if not section.blocks:
+        return ProcedureStep(step_id, title, _prose(lines, section.line + 1, section.end), "text", section.line + 1)
+    kind, content, start, end = section.blocks[0]
+    prose = _prose(lines, section.line + 1, section.end, (start, end))
+    bare = ProcedureStep(step_id, title, prose, next(a for a in ACTIONS if a == kind), section.line + 1, at=start + 2)
+    try:
+        return _with_action(bare, [line.strip() for line in content.splitlines() if line.strip()])
+    except BadInput as error:
+        mistakes.append(Mistake(start + 2, str(error)))
+        return bare
+
+
+def _with_action(bare: ProcedureStep, lines: Sequence[str]) -> ProcedureStep:
+    """Return the step with its action. Raises BadInput."""
+    if not lines:
+        raise BadInput(f"The {bare.kind} block is empty")
+    words, seconds, branches = lines[0], 0.0, [*_branches(bare, lines)]
+    if bare.kind == "check":
+        within = [b.target for b in branches if b.when == "within"]
+        seconds = seconds_of(within[0]) if within else 0.0
+        branches = [b for b in branches if b.when != "within"]
+    elif bare.kind == "wait":
+        words, seconds = lines[0], seconds_of(lines[0])
+    elif bare.kind == "branch":
+        words = "; ".join(lines)
+    elif bare.kind in ("hold", "sign"):
+        words = " ".join(lines)
+    return ProcedureStep(bare.id, bare.title, bare.text, bare.kind, bare.line, words, seconds, tuple(branches), bare.at)
+
+
+def _branches(step: ProcedureStep, lines: Sequence[str]) -> list[Branch]:
+    if step.kind in ("hold", "sign"):
+        return []
+    options = [OPTION.fullmatch(line) for line in (lines if step.kind == "branch" else lines[1:])]
+    if any(option is None for option in options) or (options and step.kind in ("command", "wait")):
+        expected = {"command": "one line", "wait": "one line", "branch": "if expression: step"}
+        raise BadInput(
+            f"The {step.kind} block has a line that cannot be read", expected=expected.get(step.kind, "name: value")
+        )
+    branches = [Branch(o["name"].strip(), o["value"].strip()) for o in options if o]
+    if step.kind == "check" and not {b.when for b in branches} <= {"within", "else"}:
+        raise BadInput("The check has an unknown option", expected="within: or else:", got=branches[0].when)
+    if step.kind == "question" and not branches:
+        raise BadInput("The question has no answers", expected="answer: step lines below it")
+    if step.kind == "branch" and (branches[-1].when != "else" or any(b.when == "else" for b in branches[:-1])):
+        raise BadInput("The branch does not end with its else", expected="else: step as the last line")
+    if step.kind == "branch" and not all(b.when.startswith("if ") for b in branches[:-1]):
+        raise BadInput("The branch has a line that cannot be read", expected="if expression: step")
+    if len({b.when for b in branches}) != len(branches):
+        raise BadInput("The block has the same answer or option twice")
+    return branches
+
+
+def seconds_of(text: str) -> float:
+    """Return a duration such as ``90 s``, ``1.5 min`` or ``1 h`` in seconds. Raises BadInput."""
+    found = DURATION.fullmatch(text.strip())
+    seconds = float(found["number"]) * SECONDS[found["unit"]] if found else 0.0
+    if not 0 < seconds <= LONGEST_S:
+        raise BadInput(
+            "The duration cannot be used", expected="for example 90 s, 1.5 min or 1 h, at most 24 h", got=text
+        )
+    return seconds
+
+
+def command_words(text: str) -> tuple[str, dict[str, str]]:
+    """Split a command line into the command's name and its arguments as text. Raises BadInput."""
+    try:
+        name, *pairs = shlex.split(text)
+    except ValueError as error:
+        raise BadInput("The command line cannot be read", expected="NAME argument=value", got=str(error)) from None
+    arguments = {}
+    for pair in pairs:
+        key, sign, value = pair.partition("=")
+        if not sign or not key or key in arguments:
+            raise BadInput("The command line cannot be read", expected="argument=value, each once", got=pair[:80])
+        arguments[key] = value
+    return name, arguments

@@ -1,0 +1,106 @@
+"""Stores procedures and checks them; those of the unit's instrument package are offered too."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gss.domain.errors import BadInput, Conflict
+from gss.instruments.package import Instrument
+from gss.operations.clock import Now
+from gss.operations.line.link import LinkService
+from gss.operations.procedures.document import Mistake, ProcedureDocument, read_procedure
+from gss.operations.procedures.validation import mistakes_of
+from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.store import procedures as store
+from gss.store.engine import Database
+from gss.store.models import Procedure
+
+
+@dataclass(frozen=True)
+class ProcedureCheck:
+    """A procedure as it was read, and its mistakes; it can start if it has none."""
+
+    document: ProcedureDocument
+    mistakes: Sequence[Mistake]
+
+
+class ProcedureService:
+    """Stores procedures. ``definitions``: telemetry that conditions may refer to."""
+
+    def __init__(
+        self, link: LinkService, unit: Instrument, definitions: TelemetryDefinitions, database: Database, now: Now
+    ) -> None:
+        self._link, self._unit, self._definitions = link, unit, definitions
+        self._database, self._now = database, now
+
+    def every(self) -> list[Procedure]:
+        """Return all stored procedures by name."""
+        with self._database.unit_of_work() as session:
+            return store.every(session)
+
+    def of_package(self) -> dict[str, str]:
+        """Return the texts of the procedures in the package of the unit on the line, by file name."""
+        return dict(self._unit.procedures)
+
+    def get(self, procedure_id: int) -> Procedure:
+        """Return the procedure with that id. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            return store.get(session, procedure_id)
+
+    def check(self, text: str) -> ProcedureCheck:
+        """Return what a text contains and its mistakes. Raises BadInput if it is too long."""
+        document = read_procedure(text)
+        return ProcedureCheck(document, mistakes_of(document, self._link.roles.operations, self._definitions))
+
+    def valid(self, procedure: Procedure) -> ProcedureDocument:
+        """Return a stored procedure for a run. Raises BadInput with its first mistake."""
+        checked = self.check(procedure.text)
+        if checked.mistakes:
+            first = checked.mistakes[0]
+            more = f" There are {len(checked.mistakes)} mistakes." if len(checked.mistakes) > 1 else ""
+            raise BadInput(
+                f"The procedure cannot start. Line {first.line}: {first.text}{more}",
+                hint="correct it and save it again",
+            )
+        return checked.document
+
+    def create(self, text: str, *, user: str) -> Procedure:
+        """Store a procedure under its title; mistakes are allowed until it starts. Raises BadInput, Conflict."""
+        row = Procedure(name=self._name(text), text=text, author=user, changed=self._now())
+        with self._database.unit_of_work() as session:
+            self._check_free(store.named(session, row.name), None)
+            store.add(session, row)
+        return row
+
+    def change(self, procedure_id: int, text: str, *, user: str) -> Procedure:
+        """Replace the text of a procedure; runs keep theirs. Raises NotFound, BadInput, Conflict."""
+        with self._database.unit_of_work() as session:
+            row = store.get(session, procedure_id)
+            name = self._name(text)
+            self._check_free(store.named(session, name), row.id)
+            row.name, row.text, row.author, row.changed = name, text, user, self._now()
+        return row
+
+    def delete(self, procedure_id: int) -> None:
+        """Delete a procedure; the records of its runs are kept. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            store.delete(session, procedure_id)
+
+    @staticmethod
+    def _name(text: str) -> str:
+        title = read_procedure(text).title
+        if not 1 <= len(title) <= 80:
+            raise BadInput(
+                "The procedure has no title that can be its name",
+                expected="a first line “# Title” of 1 – 80 characters",
+                got=f"{len(title)} characters",
+            )
+        return title
+
+    @staticmethod
+    def _check_free(found: Procedure | None, own_id: int | None) -> None:
+        if found is not None and found.id != own_id:
+            raise Conflict(
+                "A procedure with this title exists", got=found.name, hint="change its title, or edit that procedure"
+            )

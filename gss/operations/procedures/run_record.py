@@ -1,0 +1,173 @@
+"""The rows of procedure runs: every change is stored and published, and a run that ended is frozen under its hash."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from typing import Any, Literal
+
+from pydantic import TypeAdapter
+
+from gss.operations.clock import Now, iso_z
+from gss.operations.events import EventBus
+from gss.store import procedures as store
+from gss.store.engine import Database
+from gss.store.models import Procedure, ProcedureRun
+
+EntryState = Literal["sending", "running", "done", "failed", "skipped"]
+FORMAT, VERSION = "gss-procedure-record", 1
+
+
+@dataclass(frozen=True)
+class StepEntry:
+    """A step as it was run. ``by``: who ran it; ``detail``: result or reason; ``values``: the telemetry that a condition used;
+    ``due``: when a wait ends at the latest. Times are ISO 8601, UTC."""
+
+    step: str
+    title: str
+    kind: str
+    state: EntryState
+    by: str
+    began: str
+    ended: str = ""
+    detail: str = ""
+    values: dict[str, float | bool | str | None] | None = None
+    command_id: int | None = None
+    due: str = ""
+    note: str = ""
+
+
+ENTRIES = TypeAdapter(list[StepEntry])
+
+
+def entries_of(row: ProcedureRun) -> list[StepEntry]:
+    """Return the entries of a run, oldest first."""
+    return ENTRIES.validate_python(row.entries)
+
+
+def open_entry(row: ProcedureRun) -> StepEntry | None:
+    """Return the entry that is under way; None if the run waits for a person."""
+    entries = entries_of(row)
+    return entries[-1] if entries and entries[-1].state in ("sending", "running") else None
+
+
+def record_bytes(row: ProcedureRun) -> bytes:
+    """Return the record of a run as canonical JSON: sorted keys, no spaces, UTF-8."""
+    record = {
+        "format": FORMAT,
+        "version": VERSION,
+        "run": row.id,
+        "procedure": row.name,
+        "text": row.text,
+        "text_sha256": hashlib.sha256(row.text.encode()).hexdigest(),
+        "instrument": row.instrument,
+        "contact": row.contact_id,
+        "started_by": row.user,
+        "started": iso_z(row.started),
+        "finished": iso_z(row.finished) if row.finished else None,
+        "state": row.state,
+        "reason": row.reason,
+        "entries": [asdict(entry) for entry in entries_of(row)],
+    }
+    return json.dumps(record, ensure_ascii=False, sort_keys=True, separators=(",", ":")).encode()
+
+
+def is_intact(row: ProcedureRun) -> bool:
+    """True if an ended run's record still has the hash under which it was frozen."""
+    return row.sha256 == hashlib.sha256(record_bytes(row)).hexdigest()
+
+
+class ProcedureRecorder:
+    """Stores the state of each run and of its steps."""
+
+    def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
+        self._database, self._bus, self._now = database, bus, now
+
+    def begin(
+        self, procedure: Procedure, first: str, instrument: str, contact_id: int | None, user: str, automatic: bool
+    ) -> ProcedureRun:
+        """Store a new run."""
+        row = ProcedureRun(
+            procedure_id=procedure.id,
+            name=procedure.name,
+            text=procedure.text,
+            instrument=instrument,
+            contact_id=contact_id,
+            user=user,
+            automatic=automatic,
+            state="running",
+            current=first,
+            entries=[],
+            reason="",
+            started=self._now(),
+            sha256="",
+        )
+        with self._database.unit_of_work() as session:
+            store.add(session, row)
+        self._bus.publish("procedure_run", row)
+        return row
+
+    def get(self, run_id: int) -> ProcedureRun:
+        """Return the run with that id. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            return store.get_run(session, run_id)
+
+    def add(self, run_id: int, entry: StepEntry) -> ProcedureRun:
+        """Append an entry."""
+        return self._write(run_id, entry, replaces=False)
+
+    def update(self, run_id: int, entry: StepEntry) -> ProcedureRun:
+        """Replace the last entry."""
+        return self._write(run_id, entry, replaces=True)
+
+    def _write(self, run_id: int, entry: StepEntry, *, replaces: bool) -> ProcedureRun:
+        with self._database.unit_of_work() as session:
+            row = store.get_run(session, run_id)
+            kept = list(row.entries)[: -1 if replaces else None]
+            row.entries = [*kept, asdict(entry)]
+        self._bus.publish("procedure_run", row)
+        return row
+
+    def close(self, run_id: int, state: EntryState, detail: str, **changes: Any) -> ProcedureRun:
+        """End the last entry."""
+        entry = entries_of(self.get(run_id))[-1]
+        return self.update(run_id, replace(entry, state=state, detail=detail, ended=iso_z(self._now()), **changes))
+
+    def move(self, run_id: int, current: str) -> ProcedureRun:
+        """Make another step the next one."""
+        return self.change(run_id, current=current)
+
+    def change(self, run_id: int, **values: Any) -> ProcedureRun:
+        """Change columns of the run itself."""
+        with self._database.unit_of_work() as session:
+            row = store.get_run(session, run_id)
+            for name, value in values.items():
+                setattr(row, name, value)
+        self._bus.publish("procedure_run", row)
+        return row
+
+    def freeze(self, run_id: int, state: str, reason: str) -> ProcedureRun:
+        """End a run: its record gets a hash and is not changed any more."""
+        with self._database.unit_of_work() as session:
+            row = store.get_run(session, run_id)
+            at = self._now()
+            row.state, row.reason, row.finished, row.current = state, reason, at, ""
+            row.automatic = False
+            row.entries = [self._ended(entry, at, reason) for entry in row.entries]
+            session.flush()
+            row.sha256 = hashlib.sha256(record_bytes(row)).hexdigest()
+        self._bus.publish("procedure_run", row)
+        severity = "ok" if state == "completed" else "watch"
+        words = f"Procedure {row.name}: {state}" + (f", {reason}" if reason else "")
+        self._bus.record("procedure", severity, f"{words}; record {row.sha256[:12]}", procedure_run_id=row.id)
+        return row
+
+    @staticmethod
+    def _ended(entry: dict[str, Any], at: datetime, reason: str) -> dict[str, Any]:
+        """Return an entry as it is at the end of the run."""
+        if entry["state"] not in ("sending", "running"):
+            return entry
+        detail = f"{entry['detail']}; {reason}".removeprefix("; ")
+        return entry | {"state": "failed", "ended": iso_z(at), "detail": detail}

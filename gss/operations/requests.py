@@ -1,0 +1,72 @@
+"""Base of request models, and how requests are stored with jobs and results."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+
+from gss.domain.errors import BadInput
+
+LARGEST_ID = 2**31 - 1
+"""Row ids in the database are 32-bit."""
+DEEPEST = 32
+"""Maximum nesting depth of a request body."""
+Id = Annotated[int, Field(ge=1, le=LARGEST_ID)]
+"""Row id in a request."""
+
+
+class Request(BaseModel):
+    """Request of a user, in user units, as the API takes it and the job store keeps it.
+
+    Unknown fields and implicit type conversions are rejected.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _whole_characters(cls, data: Any) -> Any:
+        """Reject lone surrogates and NUL, which cannot be stored, sent or shown."""
+        _check_text(data)
+        return data
+
+
+def _check_text(value: Any) -> None:
+    """Check all text in a value. Iterative, because the client controls the nesting depth."""
+    rest: list[tuple[Any, int]] = [(value, 0)]
+    while rest:
+        item, depth = rest.pop()
+        if depth > DEEPEST:
+            raise ValueError(f"nested deeper than {DEEPEST}")
+        if isinstance(item, dict):
+            rest += [(part, depth + 1) for pair in item.items() for part in pair]
+        elif isinstance(item, list):
+            rest += [(part, depth + 1) for part in item]
+        elif isinstance(item, str) and ("\0" in item or any("\ud800" <= c <= "\udfff" for c in item)):
+            raise ValueError("text holds NUL or half a character")
+
+
+R = TypeVar("R", bound=Request)
+
+
+def request_from(model: type[R], values: dict[str, Any]) -> R:
+    """Return the request with these values, for the command line. Raises BadInput naming the first wrong one."""
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = "".join(f", item {part + 1}" if isinstance(part, int) else f".{part}" for part in first["loc"])[1:]
+        if not name:
+            raise BadInput("the request is not valid", got=first["msg"].removeprefix("Value error, ")) from None
+        raise BadInput(
+            f"{name} is out of range",
+            expected=first["msg"].removeprefix("Input should be "),
+            got=str(first["input"])[:80],
+        ) from None
+
+
+def as_stored(request: Any) -> dict[str, Any]:
+    """Return a request (a model or a dataclass) as JSON values."""
+    stored: dict[str, Any] = TypeAdapter(type(request)).dump_python(request, mode="json")
+    return stored

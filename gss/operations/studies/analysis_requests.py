@@ -1,0 +1,114 @@
+"""Requests for analyses, in user units: of the API and the job store."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from gss.domain.errors import BadInput
+from gss.operations.frames.solve import CHAINS
+from gss.operations.jobs import JobRequest
+from gss.operations.requests import Id, Request
+from gss.operations.studies.analyse import check_kind
+
+MOST_FRAMES = 5000
+MOUNTING_SLACK = 1e-3
+ManyIds = Annotated[list[Id], Field(max_length=MOST_FRAMES)]
+
+
+class FrameAnalysis(Request):
+    """Analysis of stored frames. ``profile``: camera of the frames; ``commanded_deg_s``: commanded rate of a slew;
+    ``other_*``: second camera, for two-cameras only."""
+
+    kind: Literal["earth-fixed", "celestial-fixed", "slew", "sensitivity", "nea", "spatial", "two-cameras"]
+    profile: str = Field(max_length=40)
+    frame_ids: ManyIds
+    chain: str = Field(default="reference", max_length=30)
+    commanded_deg_s: float | None = Field(default=None, gt=0, lt=20)
+    other_profile: str = Field(default="", max_length=40)
+    other_ids: ManyIds = Field(default=[])
+    title: str = Field(default="", max_length=120)
+
+    @property
+    def commanded_rad_s(self) -> float | None:
+        """Commanded rate of a slew."""
+        return None if self.commanded_deg_s is None else math.radians(self.commanded_deg_s)
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        check_kind(self.kind, self.commanded_rad_s, len(self.other_ids))
+        if self.chain not in CHAINS:
+            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=self.chain)
+        for ids in (self.frame_ids, self.other_ids):
+            if len(set(ids)) != len(ids):
+                raise BadInput("frames cannot be used", expected="different frames", got=f"{len(ids)} with duplicates")
+        if not self.frame_ids:
+            raise BadInput("no frames given", expected="frames of one night")
+        return self
+
+
+class TelemetryAnalysis(Request):
+    """Performance analysis of the attitudes of a contact."""
+
+    kind: Literal["telemetry"]
+    contact: Id
+    title: str = Field(default="", max_length=120)
+
+
+class SheetRequest(Request):
+    """Performance sheet from stored frames, or of a simulated unit. ``other_*``: frames of a second head on the
+    same body, taken at the same times; ``mounting``: quaternion camera from second head, scalar last, as aligned on
+    the ground."""
+
+    kind: Literal["sheet"]
+    profile: str = Field(max_length=40)
+    simulated: bool = False
+    frame_ids: ManyIds = Field(default=[])
+    chain: str = Field(default="reference", max_length=30)
+    other_profile: str = Field(default="", max_length=40)
+    other_ids: ManyIds = Field(default=[])
+    mounting: Annotated[list[Annotated[float, Field(ge=-1, le=1)]], Field(min_length=4, max_length=4)] | None = None
+    seed: int = Field(default=1, ge=0, le=2**31 - 1)
+    title: str = Field(default="", max_length=120)
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.chain not in CHAINS:
+            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=self.chain)
+        for ids in (self.frame_ids, self.other_ids):
+            if len(set(ids)) != len(ids):
+                raise BadInput("frames cannot be used", expected="different frames", got=f"{len(ids)} with duplicates")
+        if self.simulated == bool(self.frame_ids):
+            got = "both" if self.simulated else "neither"
+            raise BadInput("a sheet is of frames or of a simulated unit", expected="one of the two", got=got)
+        if self.other_ids and (self.simulated or not self.other_profile):
+            raise BadInput("frames of a second head", expected="its profile, and frames of the unit")
+        if self.mounting is not None and abs(math.hypot(*self.mounting) - 1) > MOUNTING_SLACK:
+            raise BadInput("the mounting is not a unit quaternion", got=f"length {math.hypot(*self.mounting):g}")
+        return self
+
+
+AnalysisRequest = Annotated[FrameAnalysis | TelemetryAnalysis | SheetRequest, Field(discriminator="kind")]
+
+
+@dataclass(frozen=True)
+class AnalysisJob(JobRequest):
+    """An analysis as a job."""
+
+    wanted: AnalysisRequest
+
+
+def earlier_request(stored: dict[str, Any]) -> dict[str, Any]:
+    """Convert a request that version 0.4 stored, with radians and the title beside it."""
+    if "title" not in stored:
+        return stored
+    wanted = dict(stored["wanted"])
+    if "contact_id" in wanted:
+        wanted = {"kind": "telemetry", "contact": wanted["contact_id"]}
+    else:
+        rate = wanted.pop("commanded_rad_s", None)
+        wanted["commanded_deg_s"] = None if rate is None else math.degrees(rate)
+    return {"wanted": wanted | {"title": stored["title"]}, "user": stored.get("user", "")}

@@ -1,0 +1,73 @@
+"""The performance sheet from frames of a unit, or of a simulated unit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
+from gss.operations.frames.solve import Solver
+from gss.operations.studies.analyse import Analysis, Run, subject_of
+from gss.operations.studies.night_frames import ProgressCallback
+from gss.operations.studies.sheet_record import SheetSource, as_sheet_record, sheet_report
+from gss.operations.studies.sheet_simulation import simulated_input
+from gss.pipeline.sheet.collect import pointing_blocks, star_sightings
+from gss.pipeline.sheet.heads import ReferenceInput
+from gss.pipeline.sheet.sheet import SheetInput, performance_sheet
+
+NEAR_S = 600.0
+"""A temperature is interpolated between packets that are at most this far apart."""
+
+
+def sheet_of_frames(
+    run: Run,
+    *,
+    second: Run | None = None,
+    mounting: tuple[float, ...] | None = None,
+    temperature: tuple[Array, Array] | None = None,
+    seed: int = 1,
+) -> Analysis:
+    """Return the sheet of solved frames. ``second``: frames of a second head; ``mounting``: quaternion camera from
+    second head; ``temperature``: Unix seconds and °C of the unit."""
+    known, series = run.known, run.series
+    # Frames and their results are in the same order as the series, which sorts by time.
+    observers = [s.observer for s in run.shots]
+    reference = None
+    if second is not None:
+        velocity = None
+        if all(o is not None for o in observers):
+            velocity = np.array([o.velocity_c for o in observers if o is not None])
+        reference = ReferenceInput(
+            series,
+            second.series,
+            pointing_blocks(series.quaternion, known.camera),
+            None if mounting is None else np.array(mounting) / np.linalg.norm(mounting),
+            None if temperature is None else temperature_at(series.times_s, *temperature),
+            velocity,
+        )
+    given = SheetInput(known.camera, series, star_sightings(run.results, known.camera), reference)
+    chain = next((r.chain for r in run.results if r is not None), "")
+    return _sheet(given, known, SheetSource(known.name, known.title, chain, "frames", subject_of(run), seed))
+
+
+def sheet_of_simulation(
+    solver: Solver, known: CameraProfile, chain: str, seed: int, progress: ProgressCallback
+) -> Analysis:
+    """Return the sheet of a simulated unit."""
+    given = simulated_input(solver, known, chain, seed, progress)
+    subject = f"simulated unit of {known.name}, {len(given.series)} frames, seed {seed}, chain {chain}"
+    return _sheet(given, known, SheetSource(known.name, known.title, chain, "simulated", subject, seed))
+
+
+def _sheet(given: SheetInput, known: CameraProfile, of: SheetSource) -> Analysis:
+    sheet = performance_sheet(given, np.random.default_rng([of.seed, 64]))
+    return Analysis("sheet", sheet_report(sheet, of, known.camera), as_sheet_record(sheet, of))
+
+
+def temperature_at(times_s: Array, at_s: Array, celsius: Array) -> Array | None:
+    """(n,) temperatures at these times; None if a time has no packet near it."""
+    if len(at_s) < 2:
+        return None
+    index = np.clip(np.searchsorted(at_s, times_s), 1, len(at_s) - 1)
+    gap = np.minimum(np.abs(at_s[index] - times_s), np.abs(at_s[index - 1] - times_s))
+    return np.asarray(np.interp(times_s, at_s, celsius)) if (gap <= NEAR_S).all() else None

@@ -1,0 +1,186 @@
+"""The performance sheet as stored, exported and shown: figures in the units of users, and the report with its
+drawings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.camera import Camera
+from gss.operations.report.figures import number
+from gss.operations.report.parts import Arrows, Drawing, Fact, Note, Plot, Report, Section, Series, Table
+from gss.operations.studies.sheet_pieces import maybe, numbers, over_time
+from gss.pipeline.sheet.noise import TemporalNoise
+from gss.pipeline.sheet.rows import CONFIDENCE, SheetFigure, SheetRow
+from gss.pipeline.sheet.sheet import PerformanceSheet
+from gss.pipeline.sheet.spatial import SpatialErrors
+
+SCHEMA = "gss-performance-sheet-1"
+STANDARD = "Terms after ECSS-E-ST-60-20C; the full text was not available, so conformity is not claimed."
+DEGREE_RAD = float(np.pi / 180)
+USER_UNITS: dict[str, tuple[str, float]] = {
+    "rad": ("arcsec", ARCSEC_RAD),
+    "rad/K": ("arcsec/K", ARCSEC_RAD),
+    "rad/d": ("arcsec/day", ARCSEC_RAD),
+    "rad/s": ("deg/s", DEGREE_RAD),
+    "rad/s²": ("deg/s²", DEGREE_RAD),
+    "s": ("s", 1.0),
+    "share": ("%", 0.01),
+    "px": ("px", 1.0),
+    "frames": ("frames", 1.0),
+    "1": ("", 1.0),
+}
+"""Unit for users of each internal unit, and its size."""
+SIGNS = {"arcsec": "″", "arcsec/K": "″/K", "arcsec/day": "″/day", "deg/s": "°/s", "deg/s²": "°/s²"}
+
+
+@dataclass(frozen=True)
+class SheetSource:
+    """What the sheet is of. ``source``: frames or simulated; ``seed``: of the intervals and, if simulated, of the
+    frames."""
+
+    unit: str
+    title: str
+    chain: str
+    source: str
+    subject: str
+    seed: int
+
+
+def as_sheet_record(sheet: PerformanceSheet, of: SheetSource) -> dict[str, Any]:
+    """Return the sheet in the units of users; None where an interval has no bound."""
+    return {
+        "schema_name": SCHEMA,
+        "standard": STANDARD,
+        "unit": of.unit,
+        "title": of.title,
+        "chain": of.chain,
+        "source": of.source,
+        "subject": of.subject,
+        "seed": of.seed,
+        "confidence": CONFIDENCE,
+        "rows": [_row(row) for row in sheet.rows],
+    }
+
+
+def _row(row: SheetRow) -> dict[str, Any]:
+    return {
+        "key": row.key,
+        "title": row.title,
+        "measured": row.measured,
+        "method": row.method,
+        "conditions": row.conditions,
+        "frames": row.frames,
+        "needs": row.needs,
+        "figures": [_figure(f) for f in row.figures],
+    }
+
+
+def _figure(figure: SheetFigure) -> dict[str, Any]:
+    unit, size = USER_UNITS[figure.unit]
+    value, low, high = maybe(np.array([figure.value, figure.low, figure.high]) / size)
+    return {"name": figure.name, "value": value, "low": low, "high": high, "unit": unit}
+
+
+def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Report:
+    """Return the sheet as a report: a section of all figures, then the drawings and how each row was made."""
+    rows = [_row(row) for row in sheet.rows]
+    table = [line for row in rows for line in _lines(row)]
+    facts = [
+        Fact("unit", of.title),
+        Fact("source", "simulated" if of.source == "simulated" else "frames of the unit"),
+        Fact("processing", f"chain {of.chain}"),
+        Fact("detector", f"{camera.columns} x {camera.rows} px, {number(camera.pixel_rad / ARCSEC_RAD, 3)}″ per pixel"),
+        Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {of.seed}"),
+    ]
+    sections = [
+        Section(
+            "Performance",
+            f"{STANDARD} Axes of the camera: x and y across the boresight, z about it. Angles are one σ unless stated.",
+            facts,
+            [],
+            [Table("Figures", ["quantity", "figure", "value", "95 %", "frames"], table)],
+        )
+    ]
+    if sheet.spatial is not None:
+        sections.append(
+            Section("Spatial errors", _scatter(sheet.spatial), [], _spatial_drawings(sheet.spatial, camera))
+        )
+    if sheet.noise is not None:
+        sections.append(Section("Temporal noise", "", [], _noise_drawings(sheet.noise)))
+    if sheet.reference is not None:
+        rest = over_time(
+            "Rotation from the reference, without the fitted terms",
+            sheet.reference.times_s,
+            sheet.reference.rest_rad / ARCSEC_RAD,
+            ("x", "y", "z"),
+            "arcsec",
+        )
+        sections.append(Section("Reference", "", [], [rest]))
+    method = [[row.title, row.method, row.conditions or row.needs] for row in sheet.rows]
+    sections.append(
+        Section("Methods and conditions", "", [], [], [Table("Methods", ["row", "method", "conditions"], method)])
+    )
+    unmeasured = [row.title for row in sheet.rows if not row.measured]
+    notes = (
+        [Note(f"not measured: {', '.join(unmeasured)}", "the table states what each row needs")] if unmeasured else []
+    )
+    return Report(f"Performance sheet: {of.title}", of.subject, sections, notes)
+
+
+def _lines(row: dict[str, Any]) -> list[list[str]]:
+    if not row["measured"]:
+        return [[row["title"], "not measured", "–", f"needs {row['needs']}", "–"]]
+    made = []
+    for k, f in enumerate(row["figures"]):
+        sign = SIGNS.get(f["unit"], f["unit"])
+        low, high = number(f["low"], 3), number(f["high"], 3)
+        bounds = f"{low} – {high}" if f["high"] is not None else f"≥ {low}"
+        head = [row["title"], str(row["frames"])] if k == 0 else ["", ""]
+        made.append([head[0], f["name"], f"{number(f['value'], 3)} {sign}".strip(), bounds, head[1]])
+    return made
+
+
+def _scatter(found: SpatialErrors) -> str:
+    return f"{found.sightings} stars in {found.frames} frames; what remains has a scatter of {found.noise_px:.3f} px."
+
+
+def _spatial_drawings(found: SpatialErrors, camera: Camera) -> list[Drawing]:
+    columns, rows = np.meshgrid(found.map_col_px, found.map_row_px)
+    largest = float(np.linalg.norm(found.map_px, axis=-1).max())
+    cell = camera.columns / len(found.map_col_px)
+    arrows = Arrows(
+        "Slow error over the detector",
+        camera.columns,
+        camera.rows,
+        numbers(columns.ravel()),
+        numbers(rows.ravel()),
+        maybe(found.map_px[..., 0].ravel()),
+        maybe(found.map_px[..., 1].ravel()),
+        0.9 * cell / largest if largest > 0 else 1.0,
+        f"longest {largest:.3g} px",
+    )
+    at = numbers(found.within_px)
+    within = Plot(
+        "Error against the place within a pixel",
+        "place, px from the centre",
+        "px",
+        [Series("columns", at, maybe(found.curve_px[:, 0])), Series("rows", at, maybe(found.curve_px[:, 1]))],
+    )
+    return [arrows, within]
+
+
+def _noise_drawings(found: TemporalNoise) -> list[Drawing]:
+    made: list[Drawing] = []
+    if len(found.allan_s):
+        at, allan = numbers(found.allan_s), found.allan_rad / ARCSEC_RAD
+        lines = [Series(axis, at, maybe(allan[:, k])) for k, axis in enumerate("xyz")]
+        made.append(Plot("Allan deviation", "averaging time, s", "arcsec", lines, log_y=True, log_x=True))
+    if len(found.frequency_hz):
+        at, power = numbers(found.frequency_hz), found.psd_rad2_hz / ARCSEC_RAD**2
+        lines = [Series(axis, at, maybe(power[:, k])) for k, axis in enumerate("xyz")]
+        made.append(Plot("Power spectrum", "frequency, Hz", "arcsec²/Hz", lines, log_y=True, log_x=True))
+    return made

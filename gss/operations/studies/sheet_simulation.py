@@ -1,0 +1,203 @@
+"""The performance sheet of a camera on paper: frames of a simulated unit, solved by its own chain and compared with
+the truth."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.sensor import Defects
+from gss.operations.frames.solve import DEFAULT_EPOCH_JYEAR, Solver, SolveRequest
+from gss.operations.studies.night_frames import ProgressCallback
+from gss.pipeline.chip import make_chip
+from gss.pipeline.readout import HotPixel
+from gss.pipeline.render import FalseStar
+from gss.pipeline.score import Score, assess
+from gss.pipeline.sheet.collect import trials_of
+from gss.pipeline.sheet.sheet import SheetInput
+from gss.pipeline.sheet.trials import Trials
+from gss.pipeline.sheet.unit import Disturbance, Moment, Observation, RenderedUnit, scan, sheet_input, slew, staring
+from gss.pipeline.veil import Veil, halo, sun_stray
+
+SCAN_FRAMES, STARE_FRAMES, SLEW_FRAMES, EACH_FRAMES = 60, 60, 24, 8
+MOST_SCAN_FRAMES, WANTED_STARS = 180, 700
+STARE_PX = 0.03
+SLEW_PX = 2.0
+"""Smear at the largest rate of the slew."""
+MOON_MAG, MOON_RAD, MOON_POINTS = -12.7, math.radians(0.26), 40
+FAR_MARGIN_RAD = math.radians(10.0)
+PROTONS = 200
+AGED = (
+    ("dark current x 10", 10.0, 1.0, 0.0),
+    ("transmission −20 %", 1.0, 0.8, 0.0),
+    ("1 % of the pixels hot", 1.0, 1.0, 0.01),
+    ("all three", 10.0, 0.8, 0.01),
+)
+"""Title, factor of the dark current, factor of the light, share of hot pixels. Assumptions, not a radiation
+analysis."""
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """Renders frames of one profile and solves them."""
+
+    profile: CameraProfile
+    solver: Solver
+    chain: str
+
+    def unit(self, light: float = 1.0, defects: Defects | None = None, seed: int = 1) -> RenderedUnit:
+        """Return the simulated unit, with other light and defects if given."""
+        p = self.profile
+        sensor = replace(p.sensor, zero_point_e_s=p.sensor.zero_point_e_s * light)
+        chip = make_chip(p.defects if defects is None else defects, sensor, p.camera, seed)
+        stars = self.solver.cache.stars(DEFAULT_EPOCH_JYEAR)
+        return RenderedUnit(p.camera, sensor, stars, p.sensor.exposure_s, chip)
+
+    def request(self) -> SolveRequest:
+        """Return the request for the solver, without prior attitude."""
+        return SolveRequest(
+            self.chain, known=self.profile, epoch_jyear=DEFAULT_EPOCH_JYEAR, exposure_s=self.profile.sensor.exposure_s
+        )
+
+
+def simulated_input(
+    solver: Solver, profile: CameraProfile, chain: str, seed: int, progress: ProgressCallback
+) -> SheetInput:
+    """Render, solve and collect all that the sheet needs. The same seed gives the same frames."""
+    bench = _Bench(profile, solver, chain)
+    rng = np.random.default_rng([seed, 60])
+    unit = bench.unit(seed=seed)
+    conditions = disturbances(profile, np.random.default_rng([seed, 61]))
+    total = SCAN_FRAMES + STARE_FRAMES + SLEW_FRAMES + EACH_FRAMES * (len(conditions) + len(AGED))
+    count = itertools.count()
+
+    def step(text: str) -> None:
+        progress(min(1.0, next(count) / total), text)
+
+    seen = _sky(bench, unit, rng, step)
+    scores = [assess(o.result, o.truth, profile.camera) for o in seen]
+    # A pointing that the chain solves, so that the noise can be measured there.
+    solved = [o.moment for o in seen if o.result.attitude is not None] or [o.moment for o in seen]
+    start = solved[0].cam_from_icrs
+    top = SLEW_PX * profile.camera.pixel_rad / profile.sensor.exposure_s
+    runs = (
+        ("steady", staring(start, STARE_FRAMES, profile.camera, STARE_PX, 1e4)),
+        ("slew", slew(start, SLEW_FRAMES, top, 2e4)),
+    )
+    for title, run in runs:
+        for k, moment in enumerate(run):
+            step(f"{title}, frame {k + 1} of {len(run)}")
+            seen.append(_observed(bench, unit, moment, rng))
+    return replace(
+        sheet_input(seen, profile.camera),
+        acquisition=trials_of("pointings even over the sky, at rest, simulated", scores),
+        aged=tuple(_aged(bench, seed, step)),
+        disturbed=tuple(_disturbed(bench, unit, conditions, seed, step)),
+    )
+
+
+def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Callable[[str], None]) -> list[Observation]:
+    """Observe random pointings; more of them if the chain names few stars in each."""
+    seen: list[Observation] = []
+    stars = 0
+    while len(seen) < SCAN_FRAMES or (stars < WANTED_STARS and len(seen) < MOST_SCAN_FRAMES):
+        moment = scan(1, rng, 10.0 * len(seen))[0]
+        step(f"sky, frame {len(seen) + 1}")
+        seen.append(_observed(bench, unit, moment, rng))
+        matches = seen[-1].result.matches
+        stars += 0 if matches is None else int(np.count_nonzero(matches.weight > 0))
+    return seen
+
+
+def _observed(bench: _Bench, unit: RenderedUnit, moment: Moment, rng: np.random.Generator) -> Observation:
+    drawn = unit.frame(moment, rng)
+    return Observation(moment, bench.solver.solve(drawn.pixels, bench.request()), drawn.truth)
+
+
+def _scores(
+    bench: _Bench,
+    unit: RenderedUnit,
+    seed: int,
+    step: Callable[[str], None],
+    title: str,
+    disturbed: Disturbance | None = None,
+    dark_factor: float = 1.0,
+) -> list[Score]:
+    """Solve the same pointings under one condition."""
+    rng = np.random.default_rng([seed, 62])
+    made = []
+    for moment in scan(EACH_FRAMES, np.random.default_rng([seed, 63])):
+        step(title)
+        drawn = unit.frame(moment, rng, disturbed, dark_factor)
+        made.append(assess(bench.solver.solve(drawn.pixels, bench.request()), drawn.truth, bench.profile.camera))
+    return made
+
+
+def _aged(bench: _Bench, seed: int, step: Callable[[str], None]) -> Iterator[Trials]:
+    for title, dark, light, hot in AGED:
+        own = bench.profile.defects
+        defects = replace(own, hot_share=own.hot_share + hot, hot_e_s=max(own.hot_e_s, 10 * _noise_e_s(bench.profile)))
+        yield trials_of(title, _scores(bench, bench.unit(light, defects, seed), seed, step, title, None, dark))
+
+
+def _noise_e_s(profile: CameraProfile) -> float:
+    """Dark signal of one standard deviation of a pixel in one exposure."""
+    return profile.sensor.noise_e(profile.sensor.exposure_s) / profile.sensor.exposure_s
+
+
+def _disturbed(
+    bench: _Bench, unit: RenderedUnit, conditions: list[Disturbance], seed: int, step: Callable[[str], None]
+) -> Iterator[Trials]:
+    for one in conditions:
+        yield trials_of(one.title, _scores(bench, unit, seed, step, one.title, one))
+
+
+def disturbances(profile: CameraProfile, rng: np.random.Generator) -> list[Disturbance]:
+    """Return the disturbances of the robustness row, in detector coordinates."""
+    camera, sensor = profile.camera, profile.sensor
+    columns, rows = camera.columns, camera.rows
+    sun = profile.baffle.sun_limit_rad
+    inside = 0.5 * (profile.baffle.sun_limit_rad + profile.baffle.blind_rad)
+    full_e_s = sensor.full_well_e / sensor.exposure_s
+    hits = zip(rng.integers(0, columns, PROTONS), rng.integers(0, rows, PROTONS), rng.random(PROTONS), strict=True)
+    places = rng.uniform((0, 0), (columns - 1, rows - 1), (20, 2))
+    faint = rng.uniform(sensor.faint_limit_mag - 3, sensor.faint_limit_mag, 20)
+    return [
+        Disturbance("none"),
+        Disturbance("Sun at the limit of the baffle", veil=Veil(sun_stray(camera, profile.baffle, _towards(sun)))),
+        Disturbance("Sun inside the limit", veil=Veil(sun_stray(camera, profile.baffle, _towards(inside)))),
+        _moon(profile),
+        Disturbance(
+            f"{PROTONS} pixels hit by protons",
+            hot_pixels=tuple(HotPixel(int(c), int(r), float(full_e_s * e)) for c, r, e in hits),
+        ),
+        Disturbance(
+            "20 false stars", tuple(FalseStar(c, r, float(v)) for (c, r), v in zip(places.tolist(), faint, strict=True))
+        ),
+        Disturbance("one object of V −4", (FalseStar(0.4 * columns, 0.6 * rows, -4.0),)),
+    ]
+
+
+def _towards(angle_rad: float) -> Array:
+    """(3,) direction in camera axes at an angle from the boresight."""
+    return np.array([math.sin(angle_rad), 0.0, math.cos(angle_rad)])
+
+
+def _moon(profile: CameraProfile) -> Disturbance:
+    """Return the full Moon in a quarter of the field, as points on its disc, and its light scattered by the lens."""
+    camera = profile.camera
+    centre = np.array([0.75 * camera.columns, 0.25 * camera.rows])
+    k = np.arange(MOON_POINTS) + 0.5
+    radius, angle = np.sqrt(k / MOON_POINTS) * MOON_RAD / camera.pixel_rad, k * math.pi * (3 - math.sqrt(5))
+    points = centre + np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    each_mag = MOON_MAG + 2.5 * math.log10(MOON_POINTS)
+    light = halo(camera, profile.sensor, camera.unproject(centre[None])[0], MOON_MAG, FAR_MARGIN_RAD)
+    return Disturbance(
+        "full Moon in the field", tuple(FalseStar(c, r, each_mag) for c, r in points.tolist()), veil=Veil(light)
+    )

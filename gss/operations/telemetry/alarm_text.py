@@ -1,0 +1,99 @@
+"""Texts of alarms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gss.domain.limits import State
+from gss.instruments.dictionary.definitions import TelemetryField
+from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.limit_book import Rule
+from gss.operations.telemetry.limit_check import Key
+from gss.operations.telemetry.value_format import formatted
+from gss.store.models import Alarm
+
+LONGEST = 120
+EVENT, LINK, CATALOGUE, STORE = "event", "link", "catalogue", "store"
+UNMEASURED = (EVENT, LINK, CATALOGUE, STORE)
+"""Pseudo packet names of alarms that are not about a telemetry field."""
+SIGNAL: Key = (LINK, "housekeeping")
+
+
+@dataclass(frozen=True)
+class AlarmView:
+    """An alarm's row with its current level and display texts. ``action``: what to do, "" if not stated."""
+
+    row: Alarm
+    level: State
+    title: str
+    unit: str
+    text: str
+    shelved: bool
+    action: str
+
+
+def field_of(dictionary: TelemetryDefinitions, row: Alarm) -> TelemetryField | None:
+    """Return the field that an alarm is about; None for events, the line, and fields that the current dictionary lacks."""
+    packets = [p for p in dictionary.telemetry if p.name == row.packet]
+    return next((f for p in packets for f in p.values if f.name == row.field), None)
+
+
+def title_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
+    """Return the title of an alarm."""
+    if (row.packet, row.field) == SIGNAL:
+        return "Loss of signal"
+    if row.packet == CATALOGUE:
+        return f"Catalogue {row.field}"
+    if row.packet == STORE:
+        return row.field.capitalize()
+    field = field_of(dictionary, row)
+    return field.title if field else row.field
+
+
+ACTIONS = {
+    LINK: "Check cable, power and pointing of the antenna. Open the line again on the page Contacts if the port was lost.",
+    CATALOGUE: "Upload a catalogue that is valid for longer, then activate and confirm it.",
+    STORE: "Open the page Admin, Health and Storage: they state the cause and what to do.",
+}
+"""What to do about alarms of the server."""
+
+
+def action_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
+    """Return what to do about an alarm, from the instrument's dictionary or, for alarms of the server, from here."""
+    if row.packet == EVENT:
+        return next((e.action for e in dictionary.events if e.name == row.field), "")
+    field = field_of(dictionary, row)
+    return field.action if field else ACTIONS.get(row.packet, "")
+
+
+def text_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
+    """Return the text of an alarm for the header bar."""
+    if row.packet == EVENT:
+        times = int(row.value or 1)
+        return f"{row.limit_text} ({times} times)" if times > 1 else row.limit_text
+    before = {"cleared": "Cleared, not acknowledged: ", "acked": "Acknowledged: "}.get(row.state, "")
+    return f"{before}{title_of(dictionary, row)} {row.limit_text}"
+
+
+def with_unit(value: float, field: TelemetryField) -> str:
+    """Return a value with its unit, as displayed."""
+    if field.type == "bool":
+        return formatted(bool(value), 0)
+    shown = formatted(value if field.decimals or not value.is_integer() else int(value), field.decimals)
+    return f"{shown} {field.unit}".rstrip()
+
+
+def limit_text(rule: Rule, state: State, value: float) -> str:
+    """Return the limit that was exceeded: "above 55 (warning)"."""
+    for level, (low, high) in rule.limits.levels:
+        if level is state:
+            if low is not None and value < low:
+                return f"below {low:g} ({level})"
+            if high is not None and value > high:
+                return f"above {high:g} ({level})"
+    return f"outside ({state})"
+
+
+def cut(text: str) -> str:
+    """Truncate a text to the length of its column."""
+    return text if len(text) <= LONGEST else text[: LONGEST - 1] + "…"

@@ -1,0 +1,298 @@
+"""Derived parameters: expressions over telemetry, computed when a packet arrives and handled as telemetry from then on.
+
+The parameter ``power_w`` is the field ``power_w`` of the packet ``derived_power_w``, so that its history, limits, alarms, plots and
+exports are those of any other field. It is computed whenever one of the packets that it refers to arrives, from the newest packet
+of each. A packet older than its dictionary's staleness has no current value. Derived parameters do not refer to each other, so
+there is no cycle.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+
+from gss.device.session_events import Telemetry
+from gss.domain.errors import BadInput, Conflict
+from gss.domain.expressions import Evaluation, Expression, Quantity, ValueKind, parse
+from gss.domain.limits import PERSISTENCE_MAX, Limits
+from gss.instruments.dictionary.definitions import (
+    Dictionary,
+    EventDefinition,
+    LimitSet,
+    PacketDefinition,
+    TelemetryField,
+    Value,
+    Values,
+)
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.value_format import kind
+from gss.store import derived as store
+from gss.store.engine import Database
+from gss.store.models import DerivedParameter
+
+PREFIX, PAGE = "derived_", "derived"
+NAME = re.compile(r"[a-z][a-z0-9_]{0,29}")
+KINDS: Mapping[str, ValueKind] = {"number": "number", "bool": "bool", "enum": "text", "text": "text"}
+MOST = 100
+LEVELS = ("watch", "warning", "critical")
+Received = Callable[[str], tuple[datetime, Values] | None]
+"""Newest (received, values) of a packet; None before the first."""
+
+
+def kinds_of(definitions: TelemetryDefinitions) -> dict[str, ValueKind]:
+    """Return the kind of every field that an expression can refer to, by ``packet.field``."""
+    return {f"{p.name}.{f.name}": KINDS[kind(f)] for p in definitions.telemetry for f in p.values if kind(f) in KINDS}
+
+
+def evaluate(
+    expression: Expression, fresh_s: Mapping[str, float], received: Received, at: datetime
+) -> tuple[Evaluation, dict[str, Quantity | None]]:
+    """Return the value of an expression at a time, and the values that it used. ``fresh_s``: age up to which a packet's values
+    are current, by packet; 0: always."""
+    values: dict[str, Quantity | None] = {}
+    for reference in expression.references:
+        found, limit_s = received(reference.packet), fresh_s[reference.packet]
+        value = None
+        if found is not None and (not limit_s or (at - found[0]).total_seconds() <= limit_s):
+            value = found[1].get(reference.field)
+        values[str(reference)] = None if isinstance(value, bytes) else value
+    return expression.value(values), values
+
+
+@dataclass(frozen=True)
+class DerivedRequest:
+    """A definition as a user writes it. ``limits``: of the value, as for any field."""
+
+    name: str
+    expression: str
+    title: str
+    unit: str
+    decimals: int
+    limits: Limits
+    persistence: int
+
+
+@dataclass(frozen=True)
+class ComputedParameter:
+    """A derived parameter ready for computing. ``fresh_s``: age up to which a packet's values are current; 0: always."""
+
+    row: DerivedParameter
+    expression: Expression
+    packet: PacketDefinition
+    fresh_s: Mapping[str, float]
+
+    @property
+    def field(self) -> TelemetryField:
+        """Its only field."""
+        return self.packet.values[0]
+
+    def evaluate(self, received: Received, at: datetime) -> Evaluation:
+        """Return its value at a time, from the newest packets."""
+        return evaluate(self.expression, self.fresh_s, received, at)[0]
+
+    def telemetry(self, result: Evaluation, device_time_s: float) -> Telemetry:
+        """Return a value as the packet that carries it; an unknown value as NaN."""
+        value: Value = math.nan if result.value is None else result.value
+        value = float(value) if self.field.type == "f64" else value
+        return Telemetry(self.packet.name, device_time_s, 0, {}, {self.field.name: value})
+
+
+class DerivedParameters:
+    """Stores the definitions, computes the values, and extends the instrument's dictionary by them. Thread-safe."""
+
+    def __init__(self, dictionary: Dictionary, database: Database, bus: EventBus, now: Now) -> None:
+        self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
+        self._kinds = kinds_of(dictionary)
+        self._lock = threading.Lock()
+        self._parameters: dict[str, ComputedParameter] = {}
+        self._reasons: dict[str, str] = {}
+        self._listeners: list[Callable[[str], None]] = []
+        self.load()
+
+    def load(self) -> None:
+        """Read the definitions from the database. One that the dictionary no longer supports stays stored and is not computed."""
+        parameters = {}
+        for row in self.every():
+            with suppress(BadInput):  # its ``problem`` is shown
+                parameters[row.name] = self._parameter(row)
+        self._parameters = parameters
+
+    def subscribe(self, listener: Callable[[str], None]) -> None:
+        """Call ``listener`` with ``packet.name`` of each parameter whose definition changed."""
+        self._listeners.append(listener)
+
+    # --- dictionary ---------------------------------------------------------------------------------------------
+
+    @property
+    def telemetry(self) -> tuple[PacketDefinition, ...]:
+        """The instrument's packets, then one per derived parameter."""
+        return (*self._dictionary.telemetry, *(p.packet for p in self._parameters.values()))
+
+    @property
+    def events(self) -> tuple[EventDefinition, ...]:
+        """The instrument's events."""
+        return self._dictionary.events
+
+    @property
+    def limit_sets(self) -> tuple[LimitSet, ...]:
+        """The instrument's limit sets."""
+        return self._dictionary.limit_sets
+
+    def packet(self, name: str) -> PacketDefinition:
+        """Return the packet of that name. Raises NotFound."""
+        parameter = self._parameters.get(name.removeprefix(PREFIX)) if name.startswith(PREFIX) else None
+        return parameter.packet if parameter else self._dictionary.packet(name)
+
+    def stored_packet(self, name: str) -> PacketDefinition:
+        """As ``packet``, with derived parameters read from the database: an API worker's own definitions may be outdated."""
+        if name.startswith(PREFIX):
+            self.load()
+        return self.packet(name)
+
+    def unknown_reason(self, packet: str) -> str:
+        """Return why a derived parameter's newest value is unknown; "" if it is known."""
+        return self._reasons.get(packet, "")
+
+    # --- definitions --------------------------------------------------------------------------------------------
+
+    def every(self) -> list[DerivedParameter]:
+        """Return all definitions by name."""
+        with self._database.unit_of_work() as session:
+            return store.every(session)
+
+    def get(self, name: str) -> DerivedParameter:
+        """Return the definition of that name. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            return store.named(session, name)
+
+    def parameter(self, name: str) -> ComputedParameter:
+        """Return the parameter of that name. Raises NotFound, or BadInput if the dictionary no longer supports it."""
+        return self._parameter(self.get(name))
+
+    @property
+    def boolean_fields(self) -> frozenset[str]:
+        """``packet.field`` of every yes/no field, which the store returns as 1 and 0."""
+        return frozenset(name for name, found in self._kinds.items() if found == "bool")
+
+    def problem(self, row: DerivedParameter) -> str:
+        """Return why a stored definition is not computed; "" if it is."""
+        try:
+            self._parameter(row)
+        except BadInput as error:
+            return str(error)
+        return ""
+
+    def add(self, request: DerivedRequest, *, user: str) -> DerivedParameter:
+        """Store a new definition and compute it from the next packet on. Raises BadInput, Conflict."""
+        with self._lock:
+            rows = self.every()
+            if any(row.name == request.name for row in rows):
+                raise Conflict("A derived parameter with this name exists", got=request.name, hint="change it")
+            if len(rows) >= MOST:
+                raise Conflict("There are too many derived parameters", expected=f"at most {MOST}", got=str(len(rows)))
+            row = self._row(DerivedParameter(name=request.name), request, user)
+            with self._database.unit_of_work() as session:
+                store.add(session, row)
+        self._changed(row.name, f"{user} added the derived parameter {row.name} = {row.expression}")
+        return row
+
+    def change(self, name: str, request: DerivedRequest, *, user: str) -> DerivedParameter:
+        """Replace a definition; its stored history is unchanged until it is recomputed. Raises BadInput, NotFound."""
+        if request.name != name:
+            raise BadInput("The name of a derived parameter cannot be changed", expected=name, got=request.name)
+        with self._lock, self._database.unit_of_work() as session:
+            row = store.named(session, name)
+            before = row.expression
+            self._row(row, request, user)
+        self._changed(name, f"{user} changed the derived parameter {name} from {before} to {row.expression}")
+        return row
+
+    def delete(self, name: str, *, user: str) -> None:
+        """Delete a definition; its stored history is kept and shown again if the name is defined again. Raises NotFound."""
+        with self._lock, self._database.unit_of_work() as session:
+            store.delete(session, store.named(session, name))
+        self._changed(name, f"{user} deleted the derived parameter {name}")
+
+    def _row(self, row: DerivedParameter, request: DerivedRequest, user: str) -> DerivedParameter:
+        """Fill in a row. Raises BadInput."""
+        if not NAME.fullmatch(request.name):
+            raise BadInput(
+                "The name of the derived parameter is invalid",
+                expected="1 – 30 lower-case letters, digits and _, a letter first",
+                got=request.name[:40],
+            )
+        if not 1 <= request.persistence <= PERSISTENCE_MAX:
+            raise BadInput(
+                "The persistence is out of range", expected=f"1 – {PERSISTENCE_MAX}", got=str(request.persistence)
+            )
+        limits = request.limits.checked()
+        row.expression, row.title, row.unit = request.expression.strip(), request.title.strip(), request.unit.strip()
+        row.decimals, row.persistence = request.decimals, request.persistence
+        row.limits = {level.value: list(bounds) for level, bounds in limits.levels}
+        row.author, row.changed = user, self._now()
+        self._parameter(row)
+        return row
+
+    def check(self, text: str) -> tuple[Expression, ValueKind]:
+        """Parse an expression and return it with the kind of its result. Raises BadInput."""
+        expression = parse(text)
+        found = expression.kind(self._kinds)
+        if found == "text":
+            raise BadInput("The result of the expression is text", expected="a number or yes/no")
+        if not expression.references:
+            raise BadInput("The expression refers to no telemetry field", expected="at least one packet.field")
+        return expression, found
+
+    def _parameter(self, row: DerivedParameter) -> ComputedParameter:
+        expression, found = self.check(row.expression)
+        fresh_s = {r.packet: self._dictionary.packet(r.packet).stale_after_s for r in expression.references}
+        field = TelemetryField(
+            name=row.name,
+            type="bool" if found == "bool" else "f64",
+            unit=row.unit,
+            purpose=row.expression,
+            title=row.title or row.name,
+            page=PAGE,
+            decimals=row.decimals,
+            limits=Limits(*((low, high) for low, high in (row.limits[level] for level in LEVELS))),
+            stale_after_s=max(fresh_s.values()),
+            persistence=row.persistence,
+        )
+        packet = PacketDefinition(PREFIX + row.name, 0, row.expression, (field,), field.stale_after_s, False)
+        return ComputedParameter(row, expression, packet, fresh_s)
+
+    def _changed(self, name: str, text: str) -> None:
+        self.load()
+        self._reasons.pop(PREFIX + name, None)
+        for listener in self._listeners:
+            listener(f"{PREFIX}{name}.{name}")
+        self._bus.record("telemetry", "ok", text, parameter=name)
+
+    # --- values -------------------------------------------------------------------------------------------------
+
+    def computed(self, packet: Telemetry, at: datetime, received: Received) -> Sequence[Telemetry]:
+        """Return the parameters that refer to a packet that has arrived, as packets."""
+        computed = []
+        for parameter in self._parameters.values():
+            if packet.packet in parameter.fresh_s:
+                result = parameter.evaluate(received, at)
+                self._reasons[parameter.packet.name] = result.reason
+                computed.append(parameter.telemetry(result, packet.device_time_s))
+        return computed
+
+    def trial(self, text: str, received: Received) -> tuple[ValueKind, Sequence[str], Evaluation]:
+        """Evaluate an expression with the newest packets, however old. Returns kind, references and value. Raises BadInput."""
+        expression, found = self.check(text)
+        values: dict[str, Quantity | None] = {}
+        for reference in expression.references:
+            newest = received(reference.packet)
+            value = newest[1].get(reference.field) if newest else None
+            values[str(reference)] = None if isinstance(value, bytes) else value
+        return found, [str(r) for r in expression.references], expression.value(values)

@@ -1,0 +1,126 @@
+"""Computes the past of a derived parameter again from stored telemetry, as a job that continues where it was interrupted."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import Any
+
+from gss.domain.errors import BadInput
+from gss.instruments.dictionary.definitions import Value, Values
+from gss.operations.clock import Now
+from gss.operations.jobs import JobKind, JobRequest, JobService, Run
+from gss.operations.telemetry.derived import ComputedParameter, DerivedParameters
+from gss.operations.telemetry.value_format import plain_values
+from gss.store import derived as store
+from gss.store import telemetry as packets
+from gss.store.engine import Database
+from gss.store.models import Job
+
+STEP = timedelta(hours=1)
+"""Span that is replaced in one transaction."""
+LONGEST = timedelta(days=3660)
+
+
+@dataclass(frozen=True)
+class DeriveJob(JobRequest):
+    """Recompute the parameter ``name`` from ``start`` to ``end``, the end excluded."""
+
+    name: str
+    start: datetime
+    end: datetime
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A span that is replaced at once."""
+
+    start: datetime
+    end: datetime
+
+
+class DerivedHistory:
+    """Recomputes the history of derived parameters."""
+
+    def __init__(self, derived: DerivedParameters, database: Database, jobs: JobService, now: Now) -> None:
+        self._derived, self._database, self._jobs, self._now = derived, database, jobs, now
+        jobs.register(JobKind("derive", DeriveJob, self._work))
+
+    def recompute(self, name: str, start: datetime, end: datetime, *, user: str) -> Job:
+        """Start a job that replaces the stored values of a span; later packets are computed as they arrive. Raises NotFound,
+        BadInput."""
+        self._derived.parameter(name)
+        end = min(end, self._now())
+        if not start < end or end - start > LONGEST:
+            raise BadInput(
+                "The time span is empty or too long",
+                expected=f"a start before the end and before now, at most {LONGEST.days} days",
+                got=f"{start.isoformat()} … {end.isoformat()}",
+            )
+        request = DeriveJob(name, start, end, user=user)
+        return self._jobs.begin("derive", f"recompute {name}", request)
+
+    def _work(self, request: DeriveJob, run: Run) -> dict[str, Any]:
+        parameter = self._derived.parameter(request.name)
+        done: dict[str, Any] = run.checkpoint or {"at": request.start.isoformat(), "values": 0, "unknown": 0}
+        at = datetime.fromisoformat(done["at"])
+        total = int((request.end - request.start) / STEP) + 1
+        while at < request.end:
+            run.progress(int((at - request.start) / STEP), total, f"{at:%Y-%m-%d %H:%M} UTC")
+            step = self._next_step(parameter, at, request.end)
+            rows = list(self._computed(parameter, step))
+            unknown = sum(row["values"][parameter.field.name] is None for row in rows)
+            done = {
+                "at": step.end.isoformat(),
+                "values": done["values"] + len(rows) - unknown,
+                "unknown": done["unknown"] + unknown,
+            }
+            with self._database.unit_of_work() as session:
+                store.replace(session, parameter.packet.name, step.start, step.end, rows)
+                run.keep(done, session)
+            at = step.end
+        return {"values": done["values"], "unknown": done["unknown"]}
+
+    def _next_step(self, parameter: ComputedParameter, at: datetime, end: datetime) -> _Step:
+        """Return the next span with packets, at most ``STEP`` long; it starts where nothing has to be replaced."""
+        with self._database.unit_of_work() as session:
+            names = [*parameter.fresh_s, parameter.packet.name]
+            first = store.first_received(session, names, at, end)
+        start = end if first is None else first
+        return _Step(start, min(start + STEP, end))
+
+    def _computed(self, parameter: ComputedParameter, step: _Step) -> Iterator[Mapping[str, Any]]:
+        """Yield the rows of a span. Packets before it are read too: their values may still be current at its start."""
+        newest: dict[str, tuple[datetime, Values]] = {}
+        before = timedelta(seconds=max(parameter.fresh_s.values()) or STEP.total_seconds())
+        for row, values in self._packets(parameter, step.start - before, step.end):
+            newest[row.packet] = (row.received, values)
+            if row.received < step.start:
+                continue
+            result = parameter.evaluate(newest.get, row.received)
+            yield {
+                "contact_id": row.contact_id,
+                "packet": parameter.packet.name,
+                "received": row.received,
+                "device_time_s": row.device_time_s,
+                "request_id": 0,
+                "values": plain_values(parameter.telemetry(result, row.device_time_s).values),
+            }
+
+    def _packets(
+        self, parameter: ComputedParameter, start: datetime, end: datetime
+    ) -> Iterator[tuple[packets.Row, Values]]:
+        """Yield the packets that the parameter refers to with the fields that it needs, oldest first, the end excluded."""
+        fields: dict[str, list[str]] = {}
+        for reference in parameter.expression.references:
+            fields.setdefault(reference.packet, []).append(reference.field)
+        booleans, last = self._derived.boolean_fields, end - timedelta(microseconds=1)
+        streams = [packets.rows(self._database, packet, names, start, last) for packet, names in fields.items()]
+        for row in heapq.merge(*streams, key=lambda row: (row.received, row.id)):
+            values: dict[str, Value] = {}
+            for name, value in zip(fields[row.packet], row.values, strict=True):
+                if value is not None:
+                    values[name] = bool(value) if f"{row.packet}.{name}" in booleans else value
+            yield row, values

@@ -1,0 +1,191 @@
+"""Checks telemetry against limits with persistence: the state of every field, from packets alone; used live and in replays."""
+
+from __future__ import annotations
+
+import math
+import sys
+import threading
+from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gss.device.session_events import Telemetry
+from gss.domain.limits import Persistence, State
+from gss.instruments.dictionary.definitions import TelemetryField, Value
+from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.limit_book import Rule
+from gss.operations.telemetry.value_format import plain
+
+ITERATION_PAGES = ("attitude", "timing")
+AT_REST = Persistence()
+LARGEST = sys.float_info.max
+Key = tuple[str, str]
+"""(packet, field)."""
+FieldState = Literal["ok", "watch", "warning", "critical", "stale", "never"]
+WORDS: dict[State, FieldState] = {
+    State.OK: "ok",
+    State.WATCH: "watch",
+    State.WARNING: "warning",
+    State.CRITICAL: "critical",
+}
+RuleOf = Callable[[str, TelemetryField], Rule]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Result of checking one sample against limits. ``judged`` False: its iteration has ended, so limits were not applied."""
+
+    packet: str
+    field: TelemetryField
+    value: float
+    state: State
+    rule: Rule
+    judged: bool = True
+
+
+@dataclass(slots=True)
+class _Watched:
+    """A field with limits. ``calm``: a further sample from ``low`` to ``high`` changes no state, which allows a fast path
+    for nearly all samples; NaN and infinities are in no range. ``unknown``: a further NaN changes no state either."""
+
+    key: Key
+    field: TelemetryField
+    rule: Rule
+    low: float
+    high: float
+    calm: bool = False
+    unknown: bool = False
+
+    @classmethod
+    def by(cls, packet: str, field: TelemetryField, rule: Rule) -> _Watched:
+        """Create an entry for a field under a rule."""
+        lows = [low for _, (low, _) in rule.limits.levels if low is not None]
+        highs = [high for _, (_, high) in rule.limits.levels if high is not None]
+        bounds = max(lows, default=-LARGEST), min(highs, default=LARGEST)
+        return cls((packet, field.name), field, rule, max(bounds[0], -LARGEST), min(bounds[1], LARGEST))
+
+
+class LimitCheck:
+    """Keeps the persistence of every field with limits. Thread-safe.
+
+    ``followed``: fields whose judgements are reported even while they are calm, because they have an open alarm.
+    """
+
+    def __init__(self, dictionary: TelemetryDefinitions, rule: RuleOf, followed: Container[Key]) -> None:
+        self._dictionary, self._rule, self._followed = dictionary, rule, followed
+        self._housekeeping: Mapping[str, Value] = {}
+        self._runs: dict[Key, Persistence] = {}
+        self._samples: dict[Key, State] = {}
+        self._unjudged: set[Key] = set()
+        self._unfair: tuple[Any, ...] = ()
+        self._watched: dict[str, list[_Watched]] = {}
+        self._was_iterating = False
+        self._lock = threading.RLock()
+
+    def take(self, packet: Telemetry) -> list[Judgement]:
+        """Judge each field of a packet that has limits. A field that remains within its limits is not reported unless it is
+        followed."""
+        with self._lock:
+            if packet.packet == "housekeeping":
+                self._housekeeping = packet.values
+                if not packet.values.get("cycle_running"):
+                    at_rest = packet.values.get("iteration")
+                    self._unfair = (at_rest, at_rest + 1) if isinstance(at_rest, int) else (at_rest,)
+            iterating = self._iterating()
+            if iterating is not self._was_iterating:
+                self._was_iterating = iterating
+                self._look_again()
+            watched = self._watched.get(packet.packet)
+            if watched is None:
+                watched = self._watched[packet.packet] = self._watch(packet.packet)
+            values, judgements = packet.values, []
+            for one in watched:
+                value: Any = values.get(one.key[1], math.nan)
+                if one.calm and one.low <= value <= one.high:
+                    if one.key in self._followed:
+                        judged = iterating or one.field.page not in ITERATION_PAGES
+                        judgements.append(Judgement(packet.packet, one.field, float(value), State.OK, one.rule, judged))
+                elif one.unknown and value != value:
+                    continue
+                elif (judgement := self._judge(packet, one, iterating)) is not None:
+                    judgements.append(judgement)
+        return judgements
+
+    def _watch(self, packet: str) -> list[_Watched]:
+        """Return the fields of a packet that have limits or still count as out of limits."""
+        watched = []
+        for field in self._dictionary.packet(packet).values:
+            rule, key = self._rule(packet, field), (packet, field.name)
+            if rule.limits.any or self.counted(key) is not State.OK:
+                watched.append(_Watched.by(packet, field, rule))
+            else:
+                self._samples.pop(key, None)
+        return watched
+
+    def _look_again(self) -> None:
+        """Reset the fast path of all fields until their next sample has been judged."""
+        for watched in self._watched.values():
+            for one in watched:
+                one.calm = one.unknown = False
+
+    def _judge(self, packet: Telemetry, one: _Watched, iterating: bool) -> Judgement | None:
+        key, field, rule = one.key, one.field, one.rule
+        one.calm = one.unknown = False
+        run = self._runs.get(key, AT_REST)
+        if not rule.limits.any and run.counted is State.OK:
+            self._samples.pop(key, None)
+            return None
+        value = plain(packet.values.get(field.name))
+        if not isinstance(value, int | float):
+            self._runs[key] = run.broken()  # sent as NaN: the device has not measured it
+            self._samples.pop(key, None)
+            one.unknown = True
+            return None
+        sample = rule.limits.state(float(value))
+        self._samples[key] = sample
+        if not iterating and field.page in ITERATION_PAGES:
+            self._unjudged.add(key)
+            self._runs[key] = AT_REST
+            one.calm = sample is State.OK
+            return Judgement(packet.packet, field, float(value), State.OK, rule, judged=False)
+        self._unjudged.discard(key)
+        self._runs[key] = after = run.after(sample, rule.persistence)
+        # A further sample in the same range changes no state either.
+        one.calm = after is run and run.counted is sample is State.OK and rule.limits.any
+        return Judgement(packet.packet, field, float(value), after.counted, rule)
+
+    def _iterating(self) -> bool:
+        """True if results and timing of iterations are to be judged: the cycle runs and has produced a result since it
+        started. A sensor at rest finds no stars, and the first iteration after a rest may still use the previous pointing."""
+        if not self._housekeeping.get("cycle_running"):
+            return False
+        iteration = self._housekeeping.get("iteration")
+        return iteration is None or iteration not in self._unfair
+
+    def seed(self, key: Key, counted: State) -> None:
+        """Set the state that counted before a restart."""
+        with self._lock:
+            self._runs[key] = Persistence(counted)
+            self._watched.clear()
+
+    def limits_changed(self, key: str | None) -> None:
+        """Reset the persistence of a field ``packet.name`` (None: of all fields) after its limits changed."""
+        with self._lock:
+            for k, run in self._runs.items():
+                if key is None or key == f"{k[0]}.{k[1]}":
+                    self._runs[k] = run.broken()
+            self._watched.clear()
+
+    def counted(self, key: Key) -> State:
+        """Return the state of a field after persistence."""
+        with self._lock:
+            return self._runs.get(key, Persistence()).counted
+
+    def states(self, key: Key) -> tuple[FieldState, FieldState]:
+        """Return the state of a measured field after persistence, and of its newest sample alone; "stale" if the sample is out
+        of limits in an iteration that has ended: neither an alarm nor a good value."""
+        with self._lock:
+            sample = self._samples.get(key, State.OK)
+            if key in self._unjudged and sample is not State.OK:
+                return "stale", WORDS[sample]
+            return WORDS[self._runs.get(key, AT_REST).counted], WORDS[sample]

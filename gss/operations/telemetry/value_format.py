@@ -1,0 +1,110 @@
+"""Forms of a telemetry value: as transmitted, in its engineering unit, and as displayed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from gss.device.protocol.codec import STRUCT
+from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, Item, TelemetryField
+
+NOTHING = "–"
+Kind = Literal["number", "enum", "bool", "text", "bytes"]
+AS_IT_IS = frozenset({int, bool, str})
+
+
+def kind(field: Item) -> Kind:
+    """Return number, enum, bool, text or bytes."""
+    if field.type in INTEGER_RANGES or field.type in FLOATS:
+        return "number"
+    if field.type == "enum":
+        return "enum"
+    if field.type == "bool":
+        return "bool"
+    return "text" if field.type in ("str", "text") else "bytes"
+
+
+def plain(value: Any) -> Any:
+    """Convert a value for JSON: bytes to hex, NaN and infinities to None."""
+    if isinstance(value, bytes):
+        return value.hex()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Apply :func:`plain` to each value, with a fast path for the most common types."""
+    return {
+        name: value
+        if (kind := type(value)) in AS_IT_IS
+        else ((value if value - value == 0 else None) if kind is float else plain(value))
+        for name, value in values.items()
+    }
+
+
+def as_number(value: Any) -> float | int | None:
+    """Return a value as a JSON number: yes as 1, no as 0; None for anything else, NaN and infinities."""
+    if isinstance(value, bool):
+        return float(value)
+    return value if isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)) else None
+
+
+def formatted(value: Any, decimals: int) -> str:
+    """Format a value with the dictionary's decimals and a true minus sign; yes and no; a dash for an unknown value."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return NOTHING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, float | int):
+        text = f"{value:.{decimals}f}" if isinstance(value, float) else str(value)
+        return text.replace("-", "−")
+    return str(value)
+
+
+def raw_text(field: Item, raw: Any) -> str:
+    """Format a raw value: integers in hexadecimal of their width, floats as numbers, bytes in hexadecimal."""
+    if raw is None:
+        return NOTHING
+    if isinstance(raw, bytes):
+        return raw.hex()
+    if isinstance(raw, float):
+        return f"{raw:g}" if math.isfinite(raw) else "not a number"
+    if isinstance(raw, int) and field.type in STRUCT:
+        size = STRUCT[field.type].size
+        return f"0x{int(raw) & ((1 << 8 * size) - 1):0{2 * size}X}"
+    return str(raw)
+
+
+def number(field: Item, value: Any) -> float | None:
+    """Return a stored value as a number to plot: enumerations by their number, yes as 1; None for anything else."""
+    if isinstance(value, str):
+        return next((float(c.value) for c in field.choices if c.name == value), None)
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def raw_of(field: Item, value: Any) -> Any:
+    """Return the raw value of a stored engineering value; None if it cannot be determined.
+
+    Conversions are monotonic over the range of their type, so the raw value is found by bisection and verified by converting it
+    again.
+    """
+    if value is None:
+        return None
+    if field.type == "enum":
+        return next((c.value for c in field.choices if c.name == value), None)
+    conversion = field.conversion if isinstance(field, TelemetryField) else None
+    if conversion is None or not conversion.coefficients:
+        return value
+    if field.type not in INTEGER_RANGES:
+        return None
+    low, high = INTEGER_RANGES[field.type]
+    rising = float(conversion.engineering(high)) > float(conversion.engineering(low))
+    while low < high:
+        middle = (low + high) // 2
+        if (float(conversion.engineering(middle)) >= value) == rising or conversion.engineering(middle) == value:
+            high = middle
+        else:
+            low = middle + 1
+    return low if conversion.engineering(low) == value else None

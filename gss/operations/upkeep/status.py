@@ -1,0 +1,219 @@
+"""The overall state in one record, published to all browsers once a second for the header bar."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from gss.operations.clock import Now
+from gss.operations.commanding.authority import AuthorityService
+from gss.operations.events import EventBus
+from gss.operations.line.link import LinkService
+from gss.operations.telemetry.alarm_text import SIGNAL
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.last_attitude import LastAttitude, ReportedAttitude
+from gss.operations.transfers.banks import BankService, BankView
+
+log = logging.getLogger("gss.status")
+
+TICK_S = 1.0
+UP_WITHIN_S = 3.0
+NOISY_ABOVE = 0.005
+ERROR_WINDOW_S = 60
+Found = dict[str, tuple[str, str]]
+ORDER = {"ok": 0, "unknown": 1, "watch": 2, "warning": 3, "critical": 4}
+
+
+@dataclass(frozen=True)
+class DirectionState:
+    """One direction of the line: up, noisy or down, and the share of damaged packets in the last minute."""
+
+    state: str
+    age_s: float | None
+    error_rate: float
+    bytes: int
+    frames: int
+    bad: int
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """A condition that needs attention, and its start."""
+
+    id: str
+    level: str
+    text: str
+    since: datetime
+
+
+@dataclass(frozen=True)
+class Header:
+    """Content of the header bar."""
+
+    device: str
+    profile: str
+    firmware: str
+    simulated: bool
+    tried_on_hardware: bool | None
+    url: str
+    connected: bool
+    reason: str
+    tx: DirectionState
+    rx: DirectionState
+    mode: str | None
+    cycle_running: bool
+    attitude: ReportedAttitude | None
+    banks: list[BankView]
+    dictionary_hash: str
+    device_dictionary_hash: str | None
+    dictionary_match: bool | None
+    dictionary_acknowledged: bool
+    alarms: list[Alarm]
+    contact_id: int | None
+    authority: str | None
+    utc: datetime
+
+
+class StatusService:
+    """Publishes the state of link and banks once a second, after calling each of ``tickers``. ``own_simulator``: address of
+    the simulator that this server started, empty if none; a unit there is simulated, also if its protocol cannot say so."""
+
+    def __init__(
+        self,
+        link: LinkService,
+        banks: BankService,
+        alarms: AlarmService,
+        bus: EventBus,
+        now: Now,
+        authority: AuthorityService,
+        attitude: LastAttitude,
+        tried_on_hardware: bool | None,
+        tickers: Sequence[Callable[[], None]],
+        own_simulator: str = "",
+    ) -> None:
+        self._link, self._banks, self._latched = link, banks, alarms
+        self._bus, self._now, self._authority = bus, now, authority
+        self._attitude, self._tried_on_hardware = attitude, tried_on_hardware
+        self._own_simulator = own_simulator
+        self._since: dict[str, datetime] = {}
+        self._counts: deque[tuple[float, int, int]] = deque()
+        self._last_sent: tuple[int, float] = (0, 0.0)
+        self._lock = threading.Lock()  # requests and the ticker use it concurrently
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="status", daemon=True)
+        self._tickers = tuple(tickers)
+
+    def start(self) -> None:
+        """Start publishing."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop publishing."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=3)
+
+    def _run(self) -> None:
+        while not self._stop.wait(TICK_S):
+            for look in (*self._tickers, self._publish):
+                try:
+                    look()
+                except Exception:  # a full disk or a locked database must not end the status thread
+                    log.exception("%r failed", look)
+
+    def _publish(self) -> None:
+        self._bus.publish("link", self.header())
+
+    def header(self) -> Header:
+        """Return the current state."""
+        hello, status = self._link.last_hello, self._link.status()
+        device_hash = self._link.session.device_dictionary_hash
+        match = None if device_hash is None else self._link.dictionary.describes(bytes.fromhex(device_hash))
+        banks = self._banks.views()
+        with self._lock:
+            tx, rx = self._directions()
+            alarms = self._alarms(rx, match)
+        connected = self._link.connected
+        return Header(
+            device=(hello.serial or hello.device_model) if hello else "no device",
+            profile=hello.profile if hello else "",
+            firmware=hello.firmware if hello else "",
+            simulated=hello is not None and (hello.simulated or self._link.url == self._own_simulator),
+            tried_on_hardware=self._tried_on_hardware,
+            url=self._link.url,
+            connected=connected,
+            reason=self._link.reason,
+            tx=tx,
+            rx=rx,
+            mode=str(status["mode"]) if connected and "mode" in status else None,
+            cycle_running=bool(status.get("cycle_running", False)) and connected,
+            attitude=self._attitude.report(),
+            banks=banks,
+            dictionary_hash=self._link.dictionary.hash_hex,
+            device_dictionary_hash=device_hash,
+            dictionary_match=match,
+            dictionary_acknowledged=self._link.dictionary_acknowledged,
+            alarms=alarms,
+            contact_id=self._link.contact_id,
+            authority=self._authority.holder(),
+            utc=self._now(),
+        )
+
+    def _directions(self) -> tuple[DirectionState, DirectionState]:
+        counters, now_s = self._link.counters, self._link.monotonic_s()
+        received, sent = counters.received, counters.sent
+        self._counts.append((now_s, received.good, received.bad))
+        while self._counts[0][0] < now_s - ERROR_WINDOW_S:
+            self._counts.popleft()
+        good, bad = received.good - self._counts[0][1], received.bad - self._counts[0][2]
+        rate = bad / (good + bad) if good + bad else 0.0
+        age_s = None if counters.last_good_s is None else max(0.0, now_s - counters.last_good_s)
+        alive = self._link.connected and age_s is not None and age_s < UP_WITHIN_S
+        rx_state = "down" if not alive else "noisy" if rate > NOISY_ABOVE else "up"
+        if sent.good != self._last_sent[0]:
+            self._last_sent = (sent.good, now_s)
+        tx_age_s = now_s - self._last_sent[1] if sent.good else None
+        tx = DirectionState("up" if alive else "down", tx_age_s, 0.0, sent.bytes, sent.good, 0)
+        return tx, DirectionState(rx_state, age_s, rate, received.bytes, received.good, received.bad)
+
+    def _alarms(self, rx: DirectionState, match: bool | None) -> list[Alarm]:
+        found = self._line_alarms(rx, match)
+        if self._link.connected:
+            found |= self._bank_alarms()
+        now = self._now()
+        self._since = {key: self._since.get(key, now) for key in found}
+        alarms = [Alarm(key, level, text, self._since[key]) for key, (level, text) in found.items()]
+        alarms += self._latched_alarms("silent" in found)
+        return sorted(alarms, key=lambda a: (-ORDER[a.level], a.since))
+
+    def _line_alarms(self, rx: DirectionState, match: bool | None) -> Found:
+        found: Found = {}
+        if not self._link.connected:
+            found["line"] = ("warning", f"Line down: {self._link.reason}")
+        elif rx.state == "down":
+            found["silent"] = ("warning", f"Nothing received for {UP_WITHIN_S:g} s")
+        elif rx.state == "noisy":
+            found["noise"] = ("watch", f"RX frame errors {100 * rx.error_rate:.1f} %")
+        if match is False:
+            found["dictionary"] = ("warning", "Dictionary differs from the device's")
+        return found
+
+    def _latched_alarms(self, silent: bool) -> list[Alarm]:
+        """Return open alarms that are not shelved; a silent line is reported only once."""
+        views = [v for v in self._latched.opened() if not v.shelved]
+        return [
+            Alarm(f"alarm-{v.row.id}", v.row.worst, v.text, v.row.raised)
+            for v in views
+            if not (silent and (v.row.packet, v.row.field) == SIGNAL)
+        ]
+
+    def _bank_alarms(self) -> Found:
+        found: Found = {}
+        left_s = self._link.status().get("confirm_left_s", 0)
+        if isinstance(left_s, int | float) and left_s > 0:
+            found["confirm"] = ("warning", f"New bank unconfirmed, reverts in {left_s:.0f} s")
+        return found

@@ -1,0 +1,132 @@
+"""CCSDS Orbit Ephemeris Messages in KVN (CCSDS 502.0-B-3 §5): read as an orbit, and written from one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+import numpy as np
+
+from gss.catalogue_tools.corrections.ephemeris import TT_MINUS_UTC_S, teme_from_icrs
+from gss.catalogue_tools.envelope.orbits import jyear_of
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.orbit.omm import omm_epoch
+from gss.orbit.trajectory import EphemerisTrajectory, Trajectory, fixed_from_teme, unix_s
+
+MOST_STATES = 50_000
+FEWEST_STATES = 4
+MATRIX_EVERY_S = 3600.0
+"""The axes of date turn by 0.006″ in this time."""
+INERTIAL = ("ICRF", "GCRF", "EME2000")
+FIXED = "ITRF"
+BEHIND_UTC_S = {"UTC": 0.0, "GPS": 18.0, "TAI": 37.0, "TT": TT_MINUS_UTC_S}
+"""Seconds that a time scale is ahead of UTC since 2017."""
+
+
+def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
+    """Return name and orbit of an OEM of one object. Raises BadInput naming the line that is wrong."""
+    name, blocks, meta = "", [], dict[str, str]()
+    for line, words in _lines(text):
+        if words == "META_START":
+            meta = {}
+        elif words == "META_STOP":
+            _check_meta(meta, name)
+            name = meta["OBJECT_NAME"]
+            blocks.append((meta, list[tuple[float, ...]]()))
+        elif "=" in words:
+            key, _, value = words.partition("=")
+            meta[key.strip()] = value.strip()
+        elif blocks:
+            blocks[-1][1].append(_state(line, words, meta["TIME_SYSTEM"]))
+        else:
+            raise BadInput(f"line {line} of the OEM is not valid", expected="a META block", got=words[:60])
+    if not blocks:
+        raise BadInput("the OEM has no ephemeris", expected="META_START, META_STOP and states", got="no META block")
+    times_s = np.array([state[0] for _, states in blocks for state in states])
+    if not FEWEST_STATES <= len(times_s) <= MOST_STATES:
+        raise BadInput(
+            "the OEM has an unusable number of states",
+            expected=f"{FEWEST_STATES} to {MOST_STATES}",
+            got=str(len(times_s)),
+        )
+    if not (np.diff(times_s) > 0).all():
+        raise BadInput("the states of the OEM are not in order of time", expected="each later than the one before")
+    places = [_teme(np.array(states), m["REF_FRAME"]) for m, states in blocks if states]
+    return name, EphemerisTrajectory(times_s, np.concatenate(places))
+
+
+def oem_of(
+    name: str, orbit: Trajectory, start: datetime, end: datetime, step_s: float, created: datetime
+) -> Iterator[str]:
+    """Yield the lines of an OEM in ICRF, UTC. Raises BadInput outside the orbit's span."""
+    times_s = np.arange(unix_s(start), unix_s(end) + 1e-3, step_s)
+    knots_s = np.concatenate([times_s - 0.5, times_s, times_s + 0.5])
+    teme = orbit.teme_km(knots_s).reshape(3, -1, 3)
+    first, last = (f"{datetime.fromtimestamp(t, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] for t in (times_s[0], times_s[-1]))
+    yield "CCSDS_OEM_VERS = 2.0\n"
+    yield f"CREATION_DATE = {created:%Y-%m-%dT%H:%M:%S}\nORIGINATOR = GSS\n\nMETA_START\n"
+    yield f"OBJECT_NAME = {name}\nOBJECT_ID = {name}\nCENTER_NAME = EARTH\nREF_FRAME = ICRF\nTIME_SYSTEM = UTC\n"
+    yield f"START_TIME = {first}\nSTOP_TIME = {last}\nMETA_STOP\n\n"
+    for k, at_s in enumerate(times_s):
+        if k % max(1, int(MATRIX_EVERY_S / step_s)) == 0:
+            icrs_from_teme = teme_from_icrs(jyear_of(datetime.fromtimestamp(at_s, UTC))).T
+        place, velocity = icrs_from_teme @ teme[1, k], icrs_from_teme @ (teme[2, k] - teme[0, k])
+        numbers = " ".join([*(f"{v:.6f}" for v in place), *(f"{v:.9f}" for v in velocity)])
+        yield f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + f" {numbers}\n"
+
+
+def _lines(text: str) -> Iterator[tuple[int, str]]:
+    """Yield number and words of each line with content; covariance blocks are left out."""
+    covariance = False
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.strip()
+        covariance = (covariance or words == "COVARIANCE_START") and words != "COVARIANCE_STOP"
+        if words and not covariance and not words.startswith(("COMMENT", "COVARIANCE_STOP")):
+            yield number, words
+
+
+def _check_meta(meta: dict[str, str], name: str) -> None:
+    for key in ("OBJECT_NAME", "CENTER_NAME", "REF_FRAME", "TIME_SYSTEM"):
+        if not meta.get(key):
+            raise BadInput(f"the OEM states no {key}", expected=f"{key} in each META block")
+    if meta["CENTER_NAME"].upper() != "EARTH":
+        raise BadInput("CENTER_NAME of the OEM is not supported", expected="EARTH", got=meta["CENTER_NAME"][:40])
+    frame, system = meta["REF_FRAME"].upper(), meta["TIME_SYSTEM"].upper()
+    if frame not in (*INERTIAL, "TEME") and not frame.startswith(FIXED):
+        expected = ", ".join((*INERTIAL, "TEME", FIXED))
+        raise BadInput("REF_FRAME of the OEM is not supported", expected=expected, got=meta["REF_FRAME"][:40])
+    if system not in BEHIND_UTC_S:
+        raise BadInput("TIME_SYSTEM of the OEM is not supported", expected=", ".join(BEHIND_UTC_S), got=system[:40])
+    if name and meta["OBJECT_NAME"] != name:
+        raise BadInput("the OEM has several objects", expected=name, got=meta["OBJECT_NAME"][:40])
+
+
+def _state(line: int, words: str, system: str) -> tuple[float, ...]:
+    """Unix seconds and km of a state; velocities are not needed."""
+    parts = words.split()
+    try:
+        numbers = tuple(float(part) for part in parts[1:])
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (3, 6, 9) or not np.isfinite(numbers).all() or max(map(abs, numbers[:3])) > 1e7:
+        raise BadInput(f"line {line} of the OEM is not a state", expected="time x y z vx vy vz, in km", got=words[:80])
+    return unix_s(omm_epoch(parts[0])) - BEHIND_UTC_S[system.upper()], *numbers[:3]
+
+
+def _teme(states: Array, frame: str) -> Array:
+    """(n, 3) positions in TEME of (n, 4) states of a frame."""
+    times_s, places = states[:, 0], states[:, 1:]
+    name = frame.upper()
+    if name == "TEME":
+        return places
+    if name.startswith(FIXED):
+        back = places * np.array([1.0, -1.0, 1.0])  # a rotation by −angle is the rotation by +angle in mirrored axes
+        return np.asarray(fixed_from_teme(back, times_s) * np.array([1.0, -1.0, 1.0]))
+    block = np.floor((times_s - times_s[0]) / MATRIX_EVERY_S)
+    rotated = np.empty_like(places)
+    for number in np.unique(block):
+        chosen = block == number
+        matrix = teme_from_icrs(jyear_of(datetime.fromtimestamp(float(times_s[chosen].mean()), UTC)))
+        rotated[chosen] = places[chosen] @ matrix.T
+    return rotated

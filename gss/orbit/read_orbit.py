@@ -1,0 +1,74 @@
+"""Orbit files: two-line elements, CCSDS OMM (JSON, KVN, XML) and CCSDS OEM (KVN). The format is recognised from the content."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Literal
+
+from gss.domain.errors import BadInput
+from gss.orbit.oem import read_oem
+from gss.orbit.omm import fields_of_json, fields_of_kvn, fields_of_xml, tle_of_omm
+from gss.orbit.trajectory import TleTrajectory, Trajectory
+
+LARGEST_CHARACTERS = 900_000
+LONGEST_NAME = 80
+OrbitKind = Literal["tle", "oem"]
+
+
+@dataclass(frozen=True)
+class ReadOrbit:
+    """Content of an orbit file. ``kind``: how ``text`` is stored; an OMM is stored as the TLE with the same elements.
+    ``source_format``: of the file. ``name``: of the object, "" if the file has none."""
+
+    kind: OrbitKind
+    source_format: str
+    name: str
+    text: str
+    orbit: Trajectory
+
+
+def read_orbit(text: str) -> ReadOrbit:
+    """Read an orbit file. Raises BadInput that names what is wrong."""
+    if len(text) > LARGEST_CHARACTERS:
+        raise BadInput(
+            "the orbit file is too large",
+            expected=f"at most {LARGEST_CHARACTERS} characters",
+            got=str(len(text)),
+            hint="Import fewer days or larger steps.",
+        )
+    words = text.lstrip("\ufeff").strip()
+    if words.startswith("<"):
+        return _omm("OMM XML", fields_of_xml(words))
+    if words.startswith(("{", "[")):
+        return _omm("OMM JSON", fields_of_json(_json(words)))
+    if words.startswith("CCSDS_OMM_VERS"):
+        return _omm("OMM KVN", fields_of_kvn(words))
+    if words.startswith("CCSDS_OEM_VERS"):
+        name, orbit = read_oem(words)
+        return ReadOrbit("oem", "OEM KVN", name[:LONGEST_NAME], words + "\n", orbit)
+    return _tle("TLE", words)
+
+
+def stored_orbit(kind: OrbitKind, text: str) -> Trajectory:
+    """Return the orbit of a stored text."""
+    return TleTrajectory.of(text) if kind == "tle" else read_oem(text)[1]
+
+
+def _tle(source_format: str, text: str) -> ReadOrbit:
+    orbit = TleTrajectory.of(text)
+    lines = [line.rstrip() for line in text.splitlines() if line.strip()]
+    name = lines[0].removeprefix("0 ").strip() if len(lines) == 3 else ""
+    return ReadOrbit("tle", source_format, name[:LONGEST_NAME], "\n".join(lines[-2:]) + "\n", orbit)
+
+
+def _omm(source_format: str, fields: dict[str, str]) -> ReadOrbit:
+    tle = tle_of_omm(fields)
+    return ReadOrbit("tle", source_format, fields.get("OBJECT_NAME", "")[:LONGEST_NAME], tle, TleTrajectory.of(tle))
+
+
+def _json(text: str) -> object:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise BadInput("the OMM is not valid JSON", expected="an object of OMM fields", got=str(error)[:120]) from None

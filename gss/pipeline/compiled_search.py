@@ -1,0 +1,170 @@
+"""Compiled search of the pairs of a list for identification without a prior attitude; equivalent to ``pair_search.PairSearch``."""
+
+# The loops have no type annotations: numba compiles them for the argument types.
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+EXHAUSTED, TOO_LONG = 0, -1
+
+
+@njit(cache=True)
+def geometry(unit, sigma_rad, sigmas, scale_error):
+    """Return distance and tolerance of each pair of (n, 3) directions, and the middle and half width of its cosines."""
+    n = len(unit)
+    distance, tolerance = np.zeros((n, n)), np.zeros((n, n))
+    middle, half = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for k in range(i, n):
+            x, y, z = unit[i, 0] - unit[k, 0], unit[i, 1] - unit[k, 1], unit[i, 2] - unit[k, 2]
+            d = 2 * math.asin(min(1.0, math.sqrt(x * x + y * y + z * z) / 2))
+            t = sigmas * math.sqrt(sigma_rad[i] ** 2 + sigma_rad[k] ** 2) + scale_error * d
+            near, far = math.cos(max(d - t, 0.0)), math.cos(d + t)
+            distance[i, k] = distance[k, i] = d
+            tolerance[i, k] = tolerance[k, i] = t
+            middle[i, k] = middle[k, i] = (far + near) / 2
+            half[i, k] = half[k, i] = (near - far) / 2
+    return distance, tolerance, middle, half
+
+
+@njit(cache=True)
+def _anchor(i, distance, tolerance, table_rad, first, second, start, stop, offsets, pool_k, pool_c, used):
+    """Store the candidates of all pairs with star i, grouped by the catalogue star of i, from ``used`` on in the pool. Return the
+    pool, which may have grown, and the end."""
+    n, stars = len(distance), len(offsets) - 1
+    offsets[:] = 0
+    total = 0
+    for k in range(n):
+        if k == i:
+            continue
+        low, high = max(distance[i, k] - tolerance[i, k], 0.0), distance[i, k] + tolerance[i, k]
+        start[k] = np.searchsorted(table_rad, low)
+        stop[k] = np.searchsorted(table_rad, high, side="right")
+        total += 2 * max(stop[k] - start[k], 0)
+        for p in range(start[k], stop[k]):
+            offsets[first[p] + 1] += 1
+            offsets[second[p] + 1] += 1
+    if used + total > len(pool_k):
+        size = max(2 * len(pool_k), used + total)
+        more_k, more_c = np.empty(size, np.int16), np.empty(size, np.int32)
+        more_k[:used], more_c[:used] = pool_k[:used], pool_c[:used]
+        pool_k, pool_c = more_k, more_c
+    offsets[0] = used
+    for s in range(stars):
+        offsets[s + 1] += offsets[s]
+    place = offsets[:stars].copy()
+    for k in range(n):
+        if k == i:
+            continue
+        for p in range(start[k], stop[k]):
+            a, b = first[p], second[p]
+            pool_k[place[a]], pool_c[place[a]] = k, b
+            place[a] += 1
+            pool_k[place[b]], pool_c[place[b]] = k, a
+            place[b] += 1
+    return pool_k, pool_c, used + total
+
+
+@njit(cache=True)
+def _join(i, j, h_first, h_second, slices, offsets, pool_k, pool_c, icrs, unit, seen, flat, middle, half, need, out):
+    """Write the best supported hypotheses of the pair (i, j) to ``out``, rows of (star of i, star of j, third, its star, votes).
+    Return their number."""
+    count = 0
+    for side in range(2):
+        for p in range(slices[0], slices[1]):
+            a, b = (h_first[p], h_second[p]) if side == 0 else (h_second[p], h_first[p])
+            bx, by, bz = icrs[b, 0], icrs[b, 1], icrs[b, 2]
+            ax, ay, az = icrs[a, 0], icrs[a, 1], icrs[a, 2]
+            nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            votes, third, its, widest = 0, -1, -1, -1.0
+            for q in range(offsets[a], offsets[a + 1]):
+                k, c = pool_k[q], pool_c[q]
+                off = -middle[j, k] + bx * icrs[c, 0] + by * icrs[c, 1] + bz * icrs[c, 2]
+                if abs(off) > half[j, k] or k == j or c == b:
+                    continue
+                triple = nx * icrs[c, 0] + ny * icrs[c, 1] + nz * icrs[c, 2]
+                wide = abs(seen[k])
+                # Nearly collinear triangles have no reliable handedness; they are tested later on the whole field.
+                if not (seen[k] * triple > 0 or max(wide, abs(triple)) < flat[k]):
+                    continue
+                votes += 1
+                if wide > widest or (wide == widest and k == third and c < its):
+                    widest, third, its = wide, k, c
+            if votes < need or (count == len(out) and votes <= out[count - 1, 4]):
+                continue
+            at = count if count < len(out) else count - 1
+            count = min(count + 1, len(out))
+            while at > 0 and out[at - 1, 4] < votes:
+                out[at] = out[at - 1]
+                at -= 1
+            out[at, 0], out[at, 1], out[at, 2], out[at, 3], out[at, 4] = a, b, third, its, votes
+    return count
+
+
+@njit(cache=True)
+def next_pair(unit, icrs, table, geometry_of, anchors, pool_k, pool_c, state, limits, out):
+    """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG, and the pool.
+
+    ``state``: sum of the rows of the next pair, its first row, hypotheses, joined rows, used rows of the pool. ``limits``: rows
+    per pair, rows at once, rows in all, COLLINEAR.
+    """
+    first, second, table_rad = table
+    distance, tolerance, middle, half = geometry_of
+    built, offsets, start, stop = anchors
+    n = len(unit)
+    seen, flat = np.empty(n), np.empty(n)
+    need = min(2, n - 2)
+    while state[0] < 2 * n - 2:
+        total, i = state[0], state[1]
+        if i >= (total + 1) // 2:
+            state[0] = total + 1
+            state[1] = max(0, total + 1 - n + 1)
+            continue
+        j = total - i
+        if state[3] > limits[2]:
+            return TOO_LONG, pool_k, pool_c
+        state[1] = i + 1
+        if not built[i]:
+            pool_k, pool_c, used = _anchor(
+                i,
+                distance,
+                tolerance,
+                table_rad,
+                first,
+                second,
+                start[i],
+                stop[i],
+                offsets[i],
+                pool_k,
+                pool_c,
+                state[4],
+            )
+            state[4] = used
+            built[i] = True
+        s, e = start[i, j], stop[i, j]
+        if e <= s:
+            continue
+        state[2] += 2 * (e - s)
+        rows = 0
+        for p in range(s, e):
+            rows += offsets[i, first[p] + 1] - offsets[i, first[p]] + offsets[i, second[p] + 1] - offsets[i, second[p]]
+        state[3] += rows + limits[0]
+        if rows > limits[1]:
+            continue  # too unspecific to be evidence
+        cx = unit[i, 1] * unit[j, 2] - unit[i, 2] * unit[j, 1]
+        cy = unit[i, 2] * unit[j, 0] - unit[i, 0] * unit[j, 2]
+        cz = unit[i, 0] * unit[j, 1] - unit[i, 1] * unit[j, 0]
+        for k in range(n):
+            seen[k] = unit[k, 0] * cx + unit[k, 1] * cy + unit[k, 2] * cz
+            flat[k] = limits[3] * tolerance[i, j] * max(distance[i, j], distance[i, k], distance[j, k])
+        count = _join(
+            i, j, first, second, (s, e), offsets[i], pool_k, pool_c, icrs, unit, seen, flat, middle, half, need, out
+        )
+        if count:
+            return count, pool_k, pool_c
+    return EXHAUSTED, pool_k, pool_c

@@ -1,0 +1,64 @@
+"""From results of single frames to the input of the performance sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.results import SolveResult, Verdict
+from gss.domain.rotation import turn_between
+from gss.pipeline.score import Score
+from gss.pipeline.sheet.spatial import StarSightings
+from gss.pipeline.sheet.trials import Trials
+
+BLOCK_PX = 2.0
+"""Frames whose image moved by less have their stars at nearly the same places."""
+
+
+def star_sightings(results: Sequence[SolveResult | None], camera: Camera) -> StarSightings | None:
+    """Collect the identified stars of frames in order of time; None if no frame was solved."""
+    frames: list[NDArray[np.intp]] = []
+    parts: list[tuple[Array, Array, Array, NDArray[np.int32]]] = []
+    attitude = np.full((len(results), 4), np.nan)
+    for k, result in enumerate(results):
+        if result is None or result.matches is None or result.attitude is None or not len(result.matches):
+            continue
+        m = result.matches
+        parts.append((result.centroids.pixels[m.centroid], m.residual_px, m.weight, m.hip))
+        frames.append(np.full(len(m), k, np.intp))
+        attitude[k] = result.attitude.quaternion
+    if not parts:
+        return None
+    pixels, residual, weight, hip = (np.concatenate([p[c] for p in parts]) for c in range(4))
+    return StarSightings(
+        np.concatenate(frames), pixels, residual, weight, hip.astype(np.int32), pointing_blocks(attitude, camera)
+    )
+
+
+def pointing_blocks(attitude: Array, camera: Camera) -> NDArray[np.intp]:
+    """(n,) label of each frame; it changes when the image has moved by ``BLOCK_PX``. Rows of NaN keep the label."""
+    labels, label = np.zeros(len(attitude), np.intp), 0
+    start: Array | None = None
+    for k, q in enumerate(attitude):
+        if np.isfinite(q).all():
+            if start is not None:
+                turn = turn_between(start[None], q[None])[0]
+                # A roll moves the corners by the half diagonal.
+                move = np.linalg.norm([turn[0], turn[1], turn[2] * camera.half_diagonal_rad]) / camera.pixel_rad
+                if move >= BLOCK_PX:
+                    start, label = q, label + 1
+            else:
+                start = q
+        labels[k] = label
+    return labels
+
+
+def trials_of(condition: str, scores: Sequence[Score]) -> Trials:
+    """Count verdicts under one condition; an imprecise attitude counts as correct, its error is in the errors."""
+    good = [s for s in scores if s.verdict in (Verdict.CORRECT, Verdict.IMPRECISE)]
+    false = sum(s.verdict is Verdict.WRONG for s in scores)
+    return Trials(condition, len(scores), len(good), false, np.array([s.cross_rad for s in good], float))

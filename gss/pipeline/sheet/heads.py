@@ -1,0 +1,193 @@
+"""Errors against a reference attitude: a second head on the same body, or the attitude of a simulation.
+
+The rotation between the two is a constant bias plus what temperature, a date error and uncorrected aberration add.
+All are fitted together, so that none is mistaken for another; a term is fitted only if the data excite it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.rotation import matrix_from_quaternion, quaternion_inverse, quaternion_product, turn_between
+from gss.pipeline.analysis.series import AttitudeSeries
+from gss.pipeline.analysis.two_cameras import two_cameras
+from gss.pipeline.calibration.robust import fit_linear, robust_sigma
+from gss.pipeline.sheet.rows import interval, resampled
+
+LEAST_SPAN_K = 2.0
+LEAST_RATE_RAD_S = float(np.radians(0.02))
+LEAST_ABERRATION_RAD = float(np.radians(1.0 / 3600))
+LEAST_DRIFT_S = 3600.0
+BLOCKS, FEWEST_BLOCKS = 20, 8
+DAY_S = 86_400.0
+WEIGHT_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fitted quantity with its 95 % interval; scalars or (3,) per axis of the camera."""
+
+    value: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
+class ReferenceErrors:
+    """Errors of a camera against a reference. ``bias``: constant rotation, rad, against the ``expected`` mounting,
+    None if that is not known. ``drift``: rad per day. ``thermal``: rad/K. ``date_s``: how much later than stated the
+    attitude was measured. ``aberration``: share of the aberration that is left, 0 if corrected, 1 if not. None: not
+    excited by the data. ``rest_rad`` (m, 3) what remains."""
+
+    bias: Fitted | None
+    drift: Fitted | None
+    thermal: Fitted | None
+    date_s: Fitted | None
+    aberration: Fitted | None
+    span_k: float
+    middle_c: float
+    rate_rad_s: float
+    rest_rad: Array
+    times_s: Array
+    temperature_c: Array
+    pairs: int
+
+
+@dataclass(frozen=True)
+class ReferenceInput:
+    """``camera``: the attitudes under test, ``reference``: of the reference. ``block`` (n,): frames with the same
+    label have their stars at nearly the same pixels. ``expected`` (4,): camera_from_reference as aligned on the
+    ground, None if unknown. ``temperature_c`` (n,), ``velocity_c`` (n, 3): at the camera's times; None if unknown.
+    ``true_reference``: the reference has no aberration error (it is not a head of the same kind)."""
+
+    camera: AttitudeSeries
+    reference: AttitudeSeries
+    block: NDArray[np.intp]
+    expected: Array | None = None
+    temperature_c: Array | None = None
+    velocity_c: Array | None = None
+    true_reference: bool = False
+
+
+def reference_errors(given: ReferenceInput, rng: np.random.Generator) -> ReferenceErrors:
+    """Fit all terms. Raises BadInput with fewer than five pairs."""
+    pairs = two_cameras(given.reference, given.camera)
+    at = np.searchsorted(given.camera.times_s, pairs.times_s - 1e-9)
+    at = np.clip(_nearest(given.camera.times_s, pairs.times_s, at), 0, len(given.camera) - 1)
+    camera, expected = given.camera.only(at), given.expected
+    mounting = pairs.second_from_first if expected is None else expected
+    reference = _at(given.reference, pairs.times_s)
+    off = turn_between(
+        np.broadcast_to(mounting, camera.quaternion.shape),
+        quaternion_product(camera.quaternion, quaternion_inverse(reference)),
+    )
+    columns: list[Array] = [_each_axis(np.ones(len(at)))]
+    names = ["bias"]
+    clock = camera.times_s - camera.times_s.mean()
+    if np.ptp(clock) > LEAST_DRIFT_S:
+        columns.append(_each_axis(clock / DAY_S))
+        names.append("drift")
+    temperature = np.full(len(at), np.nan) if given.temperature_c is None else given.temperature_c[at]
+    span_k = float(np.ptp(temperature)) if np.isfinite(temperature).all() else 0.0
+    middle_c = float(temperature.mean()) if span_k else float("nan")
+    if span_k >= LEAST_SPAN_K:
+        columns.append(_each_axis(temperature - middle_c))
+        names.append("thermal")
+    rate = _rates(camera)
+    if float(np.linalg.norm(rate - rate.mean(axis=0), axis=1).max()) >= LEAST_RATE_RAD_S:
+        columns.append(-rate[:, :, None])
+        names.append("date")
+    if given.velocity_c is not None:
+        shift = _aberration(camera.quaternion, given.velocity_c[at])
+        if not given.true_reference:
+            turn = matrix_from_quaternion(mounting)
+            shift = shift - _aberration(reference, given.velocity_c[at]) @ turn.T
+        if float(np.linalg.norm(shift - shift.mean(axis=0), axis=1).max()) >= LEAST_ABERRATION_RAD:
+            columns.append(shift[:, :, None])
+            names.append("aberration")
+    blocks = given.block[at]
+    if len(np.unique(blocks)) < FEWEST_BLOCKS:
+        blocks = np.arange(len(at), dtype=np.intp) * min(BLOCKS, len(at)) // len(at)
+    made, rest = _fitted(np.concatenate(columns, axis=2), off, names, [c.shape[2] for c in columns], blocks, rng)
+    return ReferenceErrors(
+        made["bias"] if expected is not None else None,
+        made.get("drift"),
+        made.get("thermal"),
+        made.get("date"),
+        made.get("aberration"),
+        span_k,
+        middle_c,
+        float(np.linalg.norm(rate, axis=1).max()),
+        rest,
+        camera.times_s,
+        temperature,
+        len(at),
+    )
+
+
+def _fitted(
+    design: Array,
+    off: Array,
+    names: list[str],
+    widths: list[int],
+    blocks: NDArray[np.intp],
+    rng: np.random.Generator,
+) -> tuple[dict[str, Fitted], Array]:
+    """Fit (m, 3, p) columns to (m, 3) rotations and return the terms by name, and the rest."""
+    p = design.shape[2]
+    # The error about the boresight is many times larger, so each axis is weighted with its own scatter.
+    left, good = off, np.ones(off.shape, bool)
+    for _ in range(WEIGHT_ROUNDS):
+        scale = np.array([max(robust_sigma(left[:, k]), 1e-12) for k in range(3)])
+        fit = fit_linear((design / scale[None, :, None]).reshape(-1, p), (off / scale).ravel())
+        left, good = off - design @ fit.coefficients, fit.used.reshape(off.shape)
+    design_w, off_w = design / scale[None, :, None] * good[:, :, None], off / scale * good
+
+    def once(index: NDArray[np.intp]) -> Array:
+        rows, data = design_w[index].reshape(-1, p), off_w[index].ravel()
+        size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+        return np.asarray(np.linalg.lstsq(rows / size, data, rcond=1e-9)[0] / size)
+
+    best = once(np.arange(len(off), dtype=np.intp))
+    low, high = interval(resampled(blocks, once, rng))
+    starts = np.cumsum([0, *widths])
+    made = {n: Fitted(best[a:b], low[a:b], high[a:b]) for n, a, b in zip(names, starts, starts[1:], strict=False)}
+    return made, np.asarray(off - design @ best)
+
+
+def _each_axis(values: Array) -> Array:
+    """(m, 3, 3) columns that act on each axis separately."""
+    return np.asarray(values[:, None, None] * np.eye(3))
+
+
+def _nearest(times_s: Array, at_s: Array, right: NDArray[np.intp]) -> NDArray[np.intp]:
+    left = np.clip(right - 1, 0, len(times_s) - 1)
+    right = np.clip(right, 0, len(times_s) - 1)
+    return np.where(np.abs(times_s[left] - at_s) < np.abs(times_s[right] - at_s), left, right)
+
+
+def _at(series: AttitudeSeries, times_s: Array) -> Array:
+    """(m, 4) solved attitudes of the series nearest to these times."""
+    good = series.only(series.solved)
+    index = _nearest(good.times_s, times_s, np.searchsorted(good.times_s, times_s))
+    return np.asarray(good.quaternion[index])
+
+
+def _rates(series: AttitudeSeries) -> Array:
+    """(m, 3) angular velocity in camera axes, from the attitudes before and after; 0 beside a gap."""
+    q, t = series.quaternion, series.times_s
+    before, after = np.r_[0, np.arange(len(t) - 1)], np.r_[np.arange(1, len(t)), len(t) - 1]
+    span = t[after] - t[before]
+    usual = 2 * float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    rate = -turn_between(q[before], q[after]) / np.maximum(span, 1e-9)[:, None]
+    return np.where((span <= 1.5 * usual)[:, None], rate, 0.0)
+
+
+def _aberration(quaternion: Array, velocity_c: Array) -> Array:
+    """(m, 3) attitude error by uncorrected aberration, in camera axes: apparent stars lean towards the velocity."""
+    in_cam = np.einsum("nij,nj->ni", np.stack([matrix_from_quaternion(q) for q in quaternion]), velocity_c)
+    return np.cross(np.array([0.0, 0.0, 1.0]), in_cam)

@@ -1,0 +1,316 @@
+"""Spatial errors from the residuals of identified stars: slow over the field, periodic in a pixel, and fixed to
+pixels.
+
+A residual is what remains after the attitude was fitted to the same stars, so an error that resembles a rotation is
+hidden in each frame. Frames with stars at other places show it again: the model of the error is projected like the
+residuals, ``r = P·B·c``, where P removes the rotation that the fit absorbs. The fitted model then gives the
+rotation that each frame absorbed: the error of the attitude.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.robust import robust_sigma
+from gss.pipeline.sheet.rows import draws, interval
+
+FEWEST_SIGHTINGS = 200
+FEWEST_BLOCKS = 8
+PER_UNKNOWN = 12
+HARMONICS = 2
+REJECT_SIGMAS = 5.0
+FIRST_REJECT_SIGMAS = 15.0
+SMALLEST_SHARE = 1e-4
+"""Directions of the normal equations with a smaller share of the largest eigenvalue are not observed: rotations of
+all frames."""
+MAP_CELLS = 12
+PHASE_POINTS = 41
+
+
+@dataclass(frozen=True)
+class StarSightings:
+    """m sightings of identified stars in n frames. ``frame`` (m,): number of the frame, ascending; ``pixels`` (m,
+    2) measured positions; ``residual_px`` (m, 2) measured − predicted; ``weight`` (m,) as in the attitude; ``hip``
+    (m,). ``block`` (n,): frames with the same label have their stars at nearly the same pixels."""
+
+    frame: NDArray[np.intp]
+    pixels: Array
+    residual_px: Array
+    weight: Array
+    hip: NDArray[np.int32]
+    block: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+
+@dataclass(frozen=True)
+class AxisError:
+    """Root mean square of an attitude error over the frames per camera axis (3,), with its 95 % interval, in
+    radians."""
+
+    value_rad: Array
+    low_rad: Array
+    high_rad: Array
+
+
+@dataclass(frozen=True)
+class StarError:
+    """Position error of one star per axis in pixels, with its 95 % interval."""
+
+    value_px: float
+    low_px: float
+    high_px: float
+
+
+@dataclass(frozen=True)
+class SpatialErrors:
+    """``field``, ``phase``: attitude errors of the model's slow part and of its part periodic in a pixel;
+    ``field_star``, ``phase_star``: their rms per star. ``map_col_px``, ``map_row_px``, ``map_px`` (r, c, 2): the
+    slow part over the detector. ``within_px`` (k,), ``curve_px`` (k, 2): the periodic part. ``noise_px``: robust
+    scatter of the remaining residuals. ``rest_px`` (m, 2): residuals without the slow part, NaN for outliers;
+    ``gain2`` (m, 2, 3): square of the attitude error about each axis per pixel of error of a coordinate;
+    ``gain_rad_px`` (n, 3): attitude noise of each frame for one pixel of independent noise per star and axis."""
+
+    field: AxisError
+    phase: AxisError
+    field_star: StarError
+    phase_star: StarError
+    map_col_px: Array
+    map_row_px: Array
+    map_px: Array
+    within_px: Array
+    curve_px: Array
+    noise_px: float
+    rest_px: Array
+    gain2: Array
+    gain_rad_px: Array
+    sightings: int
+    frames: int
+    degree: int
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """Contribution of one frame: normal equations, rotation per unit of each coefficient (3, p) and of each
+    coordinate (3, 2k), and the moment of
+    the slow model."""
+
+    normal: Array
+    right: Array
+    turn: Array
+    gain: Array
+    moment: Array
+    count: int
+
+
+def rotation_effect(camera: Camera, pixels: Array) -> Array:
+    """(m, 2, 3) pixels of image motion per radian of rotation about the camera axes, at (m, 2) positions."""
+    step = 1e-6
+    unit = camera.unproject(pixels)
+    at = camera.project(unit)
+    columns = [(camera.project(unit + step * np.cross(np.eye(3)[k], unit)) - at) / step for k in range(3)]
+    return np.stack(columns, axis=-1)
+
+
+def spatial_errors(given: StarSightings, camera: Camera, rng: np.random.Generator) -> SpatialErrors:
+    """Fit the model and return the errors. Raises BadInput with too few stars, or stars at too few places."""
+    used = np.asarray(given.weight > 0) & np.isfinite(given.residual_px).all(axis=1)
+    keep = _inliers(given.residual_px, used, FIRST_REJECT_SIGMAS)
+    blocks = len(np.unique(given.block[given.frame[keep]]))
+    if np.count_nonzero(keep) < FEWEST_SIGHTINGS or blocks < FEWEST_BLOCKS:
+        raise BadInput(
+            "too few stars for the spatial errors",
+            expected=f"{FEWEST_SIGHTINGS} identified stars in frames of {FEWEST_BLOCKS} different pointings",
+            got=f"{np.count_nonzero(keep)} stars, {blocks} pointings",
+        )
+    degree = 5 if np.count_nonzero(keep) * 2 > PER_UNKNOWN * (2 * _terms(5) + 4 * HARMONICS) else 3
+    slow = 2 * _terms(degree)
+    frames = [np.flatnonzero(used & (given.frame == f)) for f in np.unique(given.frame[keep])]
+    made = [_frame(given, at, keep[at], camera, degree) for at in frames]
+    total = np.sum([f.normal for f in made], axis=0), np.sum([f.right for f in made], axis=0)
+    first = _solve(*total)
+    rest = _rest(given, frames, camera, first[:slow], degree)
+    # Without the slow error, outliers stand out.
+    keep = _inliers(rest, used, REJECT_SIGMAS)
+    made = [_frame(given, at, keep[at], camera, degree) for at in frames]
+    best, drawn, often = _drawn(made, given.block[[int(given.frame[at[0]]) for at in frames]], rng)
+    rest = _rest(given, frames, camera, best[:slow], degree)
+    rest[~keep] = np.nan
+    value, low, high = _debiased(made, slow, best, drawn, often)
+    columns, rows, field = _map(camera, best[:slow], degree)
+    within = np.linspace(-0.5, 0.5, PHASE_POINTS)
+    return SpatialErrors(
+        AxisError(value[:3], low[:3], high[:3]),
+        AxisError(value[3:6], low[3:6], high[3:6]),
+        StarError(float(value[6]), float(low[6]), float(high[6])),
+        StarError(float(value[7]), float(low[7]), float(high[7])),
+        columns,
+        rows,
+        field,
+        within,
+        np.asarray(_phase_terms(within) @ best[slow:].reshape(2, -1).T),
+        float(np.mean([robust_sigma(rest[:, k]) for k in (0, 1)])),
+        rest,
+        _gains(given, frames, made),
+        np.array([np.sqrt((f.gain**2).sum(axis=1)) for f in made]),
+        int(np.count_nonzero(keep)),
+        len(made),
+        degree,
+    )
+
+
+def _drawn(made: list[_Frame], block: NDArray[np.intp], rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """Return the coefficients (p,), those of each bootstrap sample (r, p), and how often each frame is in it (r,
+    n)."""
+    normals, rights = np.array([f.normal for f in made]), np.array([f.right for f in made])
+    p = rights.shape[1]
+    whole = normals.sum(axis=0)
+    best, seen = _solve(whole, rights.sum(axis=0)), _observed(whole)
+    often = draws(block, rng)
+    # Two products of matrices instead of a sum for each sample.
+    shaped = seen.T @ normals @ seen
+    sums = (often @ shaped.reshape(len(made), -1)).reshape(len(often), seen.shape[1], seen.shape[1])
+    right = often @ (rights @ seen)
+    tiny = np.eye(seen.shape[1]) * SMALLEST_SHARE**2 * np.trace(whole) / p
+    return best, np.linalg.solve(sums + tiny, right[..., None])[..., 0] @ seen.T, often
+
+
+def _debiased(made: list[_Frame], slow: int, best: Array, drawn: Array, often: Array) -> tuple[Array, Array, Array]:
+    """Return root mean squares over the frames with intervals. Noise of the coefficients adds to a mean square; the
+    spread of the bootstrap samples about the estimate shows how much, and it is subtracted (twice for the samples,
+    which have the noise twice)."""
+    turns, moment = np.array([f.turn for f in made]), sum(f.moment for f in made) / sum(f.count for f in made)
+    ones = np.ones(len(made))
+
+    def squares(c: Array, weight: Array) -> Array:
+        parts = []
+        for part in (slice(0, slow), slice(slow, None)):
+            error = turns[:, :, part] @ c[part]
+            error = error - np.average(error, axis=0, weights=weight)
+            parts.append(np.average(error**2, axis=0, weights=weight))
+        star = float(c[:slow] @ moment @ c[:slow])
+        return np.concatenate([*parts, [star, float(np.mean(c[slow:] ** 2) * HARMONICS)]])
+
+    noise = np.mean([squares(c - best, ones) for c in drawn], axis=0)
+    low, high = interval(np.array([squares(c, w) for c, w in zip(drawn, often, strict=True)]) - 2 * noise)
+    value, bottom, top = (np.sqrt(np.maximum(v, 0)) for v in (squares(best, ones) - noise, low, high))
+    return value, np.minimum(bottom, value), np.maximum(top, value)
+
+
+def _inliers(residual_px: Array, used: NDArray[np.bool_], sigmas: float) -> NDArray[np.bool_]:
+    """(m,) True for used stars whose residual is not an outlier."""
+    if not used.any():
+        return used
+    spread = np.array([robust_sigma(residual_px[used, k]) for k in (0, 1)])
+    off = np.abs(residual_px - np.median(residual_px[used], axis=0))
+    return np.asarray(used & (off <= sigmas * np.maximum(spread, 1e-6)).all(axis=1))
+
+
+def _terms(degree: int) -> int:
+    return (degree + 1) * (degree + 2) // 2
+
+
+def _slow_terms(pixels: Array, camera: Camera, degree: int) -> Array:
+    """(m, terms) products of Legendre polynomials over the detector, up to a total degree."""
+    u = 2 * (pixels[:, 0] + 0.5) / camera.columns - 1
+    v = 2 * (pixels[:, 1] + 0.5) / camera.rows - 1
+    across, down = legendre.legvander(u, degree), legendre.legvander(v, degree)
+    return np.stack([across[:, i] * down[:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
+
+
+def _phase_terms(within_px: Array) -> Array:
+    """(m, 2·HARMONICS) sines and cosines of the place within the pixel."""
+    angles = 2 * np.pi * np.outer(within_px, np.arange(1, HARMONICS + 1))
+    return np.concatenate([np.sin(angles), np.cos(angles)], axis=1)
+
+
+def _design(true_px: Array, camera: Camera, degree: int) -> Array:
+    """(m, 2, p) derivatives of the error of the two coordinates by the coefficients: slow part, then periodic part."""
+    slow = _slow_terms(true_px, camera, degree)
+    within = true_px - np.round(true_px)
+    blocks = [slow, slow, _phase_terms(within[:, 0]), _phase_terms(within[:, 1])]
+    starts = np.cumsum([0, *(b.shape[1] for b in blocks)])
+    design = np.zeros((len(true_px), 2, starts[-1]))
+    for k, b in enumerate(blocks):
+        design[:, k % 2, starts[k] : starts[k + 1]] = b
+    return design
+
+
+def _absorbed(given: StarSightings, at: NDArray[Any], camera: Camera) -> tuple[Array, Array, Array]:
+    """Return rotation effect (2k, 3), weights (2k,) and the least-squares rotation per pixel (3, 2k) of the stars
+    ``at`` of a frame."""
+    effect = rotation_effect(camera, given.pixels[at]).reshape(-1, 3)
+    weight = np.repeat(given.weight[at] / given.weight[at].mean(), 2)
+    gain = np.linalg.pinv(effect.T @ (effect * weight[:, None])) @ (effect * weight[:, None]).T
+    return effect, weight, gain
+
+
+def _frame(given: StarSightings, at: NDArray[np.intp], keep: NDArray[np.bool_], camera: Camera, degree: int) -> _Frame:
+    """Build the contribution of the stars ``at``; only those in ``keep`` (len(at),) enter the equations."""
+    effect, weight, gain = _absorbed(given, at, camera)
+    design = _design(given.pixels[at] - given.residual_px[at], camera, degree)
+    slow = design[keep][:, :, : 2 * _terms(degree)]
+    flat = design.reshape(-1, design.shape[2])
+    turn = gain @ flat
+    both = np.repeat(keep, 2)
+    seen = (flat - effect @ turn)[both]
+    residual = given.residual_px[at].ravel()
+    residual = (residual - effect @ (gain @ residual))[both]
+    return _Frame(
+        seen.T @ (seen * weight[both, None]),
+        seen.T @ (weight[both] * residual),
+        turn,
+        gain,
+        np.einsum("mkp,mkq->pq", slow, slow, optimize=True) / 2,
+        int(keep.sum()),
+    )
+
+
+def _gains(given: StarSightings, frames: list[NDArray[np.intp]], made: list[_Frame]) -> Array:
+    """(m, 2, 3) squared sensitivities of the attitude to each star."""
+    gains = np.zeros((len(given), 2, 3))
+    for at, one in zip(frames, made, strict=True):
+        gains[at] = (one.gain.T**2).reshape(-1, 2, 3)
+    return gains
+
+
+def _rest(given: StarSightings, frames: list[NDArray[np.intp]], camera: Camera, slow: Array, degree: int) -> Array:
+    """(m, 2) residuals without the slow part; NaN for stars of no frame."""
+    rest = np.full_like(given.residual_px, np.nan)
+    for at in frames:
+        effect, _, gain = _absorbed(given, at, camera)
+        design = _design(given.pixels[at] - given.residual_px[at], camera, degree)[:, :, : len(slow)]
+        left = given.residual_px[at].ravel() - (design @ slow).ravel()
+        rest[at] = (left - effect @ (gain @ left)).reshape(-1, 2)
+    return rest
+
+
+def _observed(normal: Array) -> Array:
+    """(p, q) directions of the coefficients that the frames show."""
+    values, vectors = np.linalg.eigh(normal)
+    return np.asarray(vectors[:, values > SMALLEST_SHARE * values[-1]])
+
+
+def _solve(normal: Array, right: Array) -> Array:
+    """Least squares in the observed directions."""
+    seen = _observed(normal)
+    return np.asarray(seen @ np.linalg.solve(seen.T @ normal @ seen, seen.T @ right))
+
+
+def _map(camera: Camera, slow: Array, degree: int) -> tuple[Array, Array, Array]:
+    step = max(camera.columns, camera.rows) / MAP_CELLS
+    columns = (np.arange(max(1, round(camera.columns / step))) + 0.5) * step - 0.5
+    rows = (np.arange(max(1, round(camera.rows / step))) + 0.5) * step - 0.5
+    across, down = np.meshgrid(columns, rows)
+    terms = _slow_terms(np.column_stack([across.ravel(), down.ravel()]), camera, degree)
+    field = np.asarray(terms @ slow.reshape(2, -1).T).reshape(len(rows), len(columns), 2)
+    return np.asarray(columns, float), np.asarray(rows, float), field

@@ -1,0 +1,140 @@
+"""Acquisition, tracking, ageing and robustness: counts of results under stated conditions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.rotation import turn_between
+from gss.pipeline.analysis.series import AttitudeSeries
+from gss.pipeline.sheet.noise import steady_runs
+from gss.pipeline.sheet.rows import SheetFigure, SheetRow, counted_conditions, missing, share_figure
+
+ACQUISITION = ("acquisition", "Acquisition", "frames solved without prior attitude, counted; Wilson intervals")
+TRACKING = ("tracking", "Tracking", "attitudes lost from one frame to the next, and rates at which frames were solved")
+END_OF_LIFE = (
+    "end-of-life",
+    "End of life",
+    "frames rendered with an aged detector and lens, solved and compared with the truth",
+)
+ROBUSTNESS = ("robustness", "Robustness", "frames rendered with each disturbance, solved and compared with the truth")
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Results of ``trials`` frames under one condition, compared with the truth. ``correct`` includes imprecise
+    attitudes; the others have none. ``cross_rad`` (k,): errors across the boresight of the correct ones."""
+
+    condition: str
+    trials: int
+    correct: int
+    false: int
+    cross_rad: Array
+
+    @property
+    def none(self) -> int:
+        """Frames without an attitude."""
+        return self.trials - self.correct - self.false
+
+
+def acquisition_row(tried: Trials | None, series: AttitudeSeries) -> SheetRow:
+    """Return the row from trials with a known truth, or from frames, where a false attitude is one that its
+    neighbours contradict."""
+    if tried is not None:
+        figures = [
+            share_figure("correct", tried.correct, tried.trials),
+            share_figure("false", tried.false, tried.trials),
+            share_figure("none", tried.none, tried.trials),
+        ]
+        return SheetRow(*ACQUISITION, tried.condition, tried.trials, (*figures, _frames_needed(tried)))
+    if not len(series):
+        return missing(*ACQUISITION, "frames of stars")
+    n, solved = len(series), int(series.solved.sum())
+    return SheetRow(
+        *ACQUISITION,
+        "each frame solved alone; whether an attitude is false is not known without a reference",
+        n,
+        (share_figure("attitude", solved, n), share_figure("none", n - solved, n)),
+    )
+
+
+def _frames_needed(tried: Trials) -> SheetFigure:
+    """Mean number of frames until the first correct attitude: the inverse of the share."""
+    share = share_figure("", tried.correct, tried.trials)
+    mean, low, high = (1 / v if v > 0 else float("inf") for v in (share.value, share.high, share.low))
+    return SheetFigure("frames to the first attitude", mean, low, high, "frames")
+
+
+def tracking_row(series: AttitudeSeries, camera: Camera) -> SheetRow:
+    """Return the row of consecutive frames."""
+    runs = [r for r in steady_runs(series, camera) if len(r) >= 3]
+    if not runs:
+        return missing(*TRACKING, "at least three frames taken one after the other at equal intervals")
+    solved, steps = series.solved, np.diff(series.times_s)
+    # A frame much later than usual is a new acquisition.
+    next_soon = solved[:-1] & (steps < 1.5 * float(np.quantile(steps, 0.1)))
+    followed = int(np.count_nonzero(next_soon))
+    lost = int(np.count_nonzero(next_soon & ~solved[1:]))
+    rates, accelerations = [], []
+    for run in runs:
+        rate, acceleration = _motion(run)
+        rates.append(rate)
+        accelerations.append(acceleration)
+    figures = [share_figure("loss per frame", lost, followed)] if followed else []
+    top, most = float(np.max(np.concatenate(rates))), float(np.max(np.concatenate(accelerations), initial=0.0))
+    figures += [SheetFigure("largest rate tracked", top, top, float("inf"), "rad/s")]
+    if most > 0:
+        figures += [SheetFigure("largest acceleration tracked", most, most, float("inf"), "rad/s²")]
+    outage = _longest_outage_s(series)
+    figures += [SheetFigure("longest loss", outage, outage, outage, "s")]
+    text = "rates and accelerations are those that occurred, not the limits"
+    return SheetRow(*TRACKING, text, len(series), tuple(figures))
+
+
+def _motion(run: AttitudeSeries) -> tuple[Array, Array]:
+    """Return rates (m,) and accelerations (k,) between the attitudes of a run, robust against the noise of single
+    attitudes."""
+    step = np.diff(run.times_s)[:, None]
+    rate = turn_between(run.quaternion[:-1], run.quaternion[1:]) / step
+    change = np.diff(rate, axis=0)
+    noise = np.median(np.linalg.norm(change - np.median(change, axis=0), axis=1)) if len(change) else 0.0
+    size = np.linalg.norm(change, axis=1)
+    return np.linalg.norm(rate, axis=1), np.where(size > 5 * noise, size, 0.0) / step[1:, 0]
+
+
+def _longest_outage_s(series: AttitudeSeries) -> float:
+    at = series.times_s[series.solved]
+    steps = np.diff(series.times_s)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    longest = 0.0
+    for a, b in pairwise(at):
+        inside = int(np.count_nonzero((series.times_s > a) & (series.times_s < b)))
+        if inside:
+            longest = max(longest, float(b - a) - usual)
+    return longest
+
+
+def condition_row(head: tuple[str, str, str], tried: tuple[Trials, ...], needs: str) -> SheetRow:
+    """Return a row with the share of correct and false attitudes under each condition."""
+    if not tried:
+        return missing(*head, needs)
+    figures: list[SheetFigure] = []
+    for t in tried:
+        figures.append(share_figure(f"{t.condition}: correct", t.correct, t.trials))
+        figures.append(share_figure(f"{t.condition}: false", t.false, t.trials))
+        if len(t.cross_rad) >= 5:
+            figures.append(_error(t))
+    conditions = counted_conditions([f"{t.trials} frames each" if t is tried[0] else "" for t in tried])
+    return SheetRow(*head, conditions, sum(t.trials for t in tried), tuple(figures))
+
+
+def _error(t: Trials) -> SheetFigure:
+    """Root mean square error across the boresight, per axis, with the χ² interval of 2k squares (Wilson–Hilferty)."""
+    k = 2 * len(t.cross_rad)
+    value = float(np.sqrt(np.mean(t.cross_rad**2) / 2))
+    low, high = (float((1 - 2 / (9 * k) + z * np.sqrt(2 / (9 * k))) ** 1.5) for z in (1.96, -1.96))
+    return SheetFigure(f"{t.condition}: error across", value, value / low, value / high, "rad")

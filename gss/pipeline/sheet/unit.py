@@ -1,0 +1,183 @@
+"""A simulated unit with chosen errors, whose frames prove the performance sheet and give the sheet of a camera on
+paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.aberration import aberrate
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.results import SolveResult, Truth
+from gss.domain.rotation import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    random_quaternion,
+    rotation_from_vector,
+)
+from gss.domain.sensor import Sensor
+from gss.domain.stars import StarTable
+from gss.pipeline.analysis.series import AttitudeSeries, series_of
+from gss.pipeline.chip import Chip
+from gss.pipeline.readout import HotPixel
+from gss.pipeline.render import FalseStar, Lights, Rendered, render
+from gss.pipeline.sheet.collect import pointing_blocks, star_sightings
+from gss.pipeline.sheet.heads import ReferenceInput
+from gss.pipeline.sheet.sheet import SheetInput
+from gss.pipeline.veil import Veil
+
+CALIBRATED_C = 20.0
+"""Temperature at which the mounting was aligned."""
+Solve = Callable[[NDArray[Any], "Moment"], SolveResult]
+"""Solves a frame without prior attitude."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """State at the stated time of a frame: ``cam_from_icrs`` (3, 3) of the body in the camera's nominal axes,
+    ``rate_rad_s`` (3,), ``temperature_c``, ``velocity_c`` (3,) of the observer."""
+
+    time_s: float
+    cam_from_icrs: Array
+    rate_rad_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    temperature_c: float = CALIBRATED_C
+    velocity_c: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Light and particles beside the stars: see :func:`gss.pipeline.render.render`."""
+
+    title: str = ""
+    false_stars: tuple[FalseStar, ...] = ()
+    hot_pixels: tuple[HotPixel, ...] = ()
+    lights: Lights | None = None
+    veil: Veil | None = None
+
+
+@dataclass(frozen=True)
+class RenderedUnit:
+    """True properties of a unit. ``camera``: its real lens; ``chip``: its detector. ``bias_rad`` (3,) and
+    ``thermal_rad_k`` (3,): its mounting, away from the nominal one. ``date_s``: how much later than stated frames
+    are taken."""
+
+    camera: Camera
+    sensor: Sensor
+    stars: StarTable
+    exposure_s: float
+    chip: Chip | None = None
+    bias_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    thermal_rad_k: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    date_s: float = 0.0
+
+    def frame(
+        self, at: Moment, rng: np.random.Generator, disturbed: Disturbance | None = None, dark_factor: float = 1.0
+    ) -> Rendered:
+        """Render the frame that the unit takes then."""
+        rate = np.array(at.rate_rad_s)
+        mounting = np.array(self.bias_rad) + np.array(self.thermal_rad_k) * (at.temperature_c - CALIBRATED_C)
+        attitude = rotation_from_vector(mounting) @ rotation_from_vector(-rate * self.date_s) @ at.cam_from_icrs
+        velocity = np.array(at.velocity_c)
+        stars = replace(self.stars, icrs=aberrate(self.stars.icrs, velocity)) if velocity.any() else self.stars
+        extra = disturbed if disturbed is not None else Disturbance()
+        return render(
+            stars,
+            self.camera,
+            self.sensor,
+            attitude,
+            self.exposure_s,
+            rng,
+            rate_rad_s=rate,
+            chip=self.chip,
+            false_stars=extra.false_stars,
+            hot_pixels=extra.hot_pixels,
+            lights=extra.lights,
+            veil=extra.veil,
+            dark_factor=dark_factor,
+        )
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One solved frame of a simulated unit."""
+
+    moment: Moment
+    result: SolveResult
+    truth: Truth
+
+
+def observe(
+    unit: RenderedUnit,
+    moments: Sequence[Moment],
+    solve: Solve,
+    rng: np.random.Generator,
+    progress: Callable[[int], None] = lambda _: None,
+) -> list[Observation]:
+    """Render and solve a frame for each moment."""
+    made = []
+    for k, at in enumerate(moments):
+        progress(k)
+        drawn = unit.frame(at, rng)
+        made.append(Observation(at, solve(drawn.pixels, at), drawn.truth))
+    return made
+
+
+def sheet_input(seen: Sequence[Observation], camera: Camera) -> SheetInput:
+    """Return the input of the sheet; the reference is the body's attitude, which a simulation knows. ``camera``: as
+    assumed."""
+    at = [o.moment for o in seen]
+    times = [m.time_s for m in at]
+    n = len(seen)
+    true = np.array([quaternion_from_matrix(m.cam_from_icrs) for m in at])
+    ones = np.ones(n, np.intp)
+    reference = AttitudeSeries(np.array(times), true, np.zeros((n, 3, 3)), ones, ones, np.zeros(n))
+    results = [o.result for o in seen]
+    series = series_of(times, results)
+    return SheetInput(
+        camera,
+        series,
+        star_sightings(results, camera),
+        ReferenceInput(
+            series,
+            reference,
+            pointing_blocks(series.quaternion, camera),
+            np.array([0.0, 0.0, 0.0, 1.0]),
+            np.array([m.temperature_c for m in at]),
+            np.array([m.velocity_c for m in at]),
+            true_reference=True,
+        ),
+    )
+
+
+def staring(start: Array, count: int, camera: Camera, step_px: float, begin_s: float = 0.0) -> list[Moment]:
+    """Moments one second apart while the image drifts by ``step_px`` per frame along both axes."""
+    rate = step_px * camera.pixel_rad * np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
+    return [
+        Moment(begin_s + k, rotation_from_vector(-rate * k) @ start, (float(rate[0]), float(rate[1]), 0.0))
+        for k in range(count)
+    ]
+
+
+def scan(count: int, rng: np.random.Generator, begin_s: float = 0.0, step_s: float = 10.0) -> list[Moment]:
+    """Moments at random attitudes, uniform over the sky and the roll."""
+    return [Moment(begin_s + step_s * k, matrix_from_quaternion(random_quaternion(rng))) for k in range(count)]
+
+
+def slew(start: Array, count: int, top_rad_s: float, begin_s: float = 0.0, step_s: float = 1.0) -> list[Moment]:
+    """Moments of a turn about the diagonal of the detector whose rate swings between ± ``top_rad_s``."""
+    axis = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
+    period_s = count * step_s
+    made = []
+    for k in range(count):
+        phase = 2 * np.pi * k * step_s / period_s
+        rate = axis * top_rad_s * np.sin(phase)
+        angle = axis * top_rad_s * (1 - np.cos(phase)) * period_s / (2 * np.pi)
+        made.append(
+            Moment(begin_s + k * step_s, rotation_from_vector(-angle) @ start, (float(rate[0]), float(rate[1]), 0.0))
+        )
+    return made

@@ -1,0 +1,68 @@
+"""Lossless compression of stored bytes: zstd level 1 of the bytes, those of multi-byte items separated into planes.
+
+Star frames are mostly noise, so their size is bounded by its entropy. On rendered frames of all shipped cameras zstd reaches
+1.0 to 1.2 times the entropy of single pixels in 1 to 3 ms per 512 KiB. Differences of neighbouring pixels add half a bit of
+noise to every pixel and were larger on every frame; zlib takes 5 to 8 ms.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+MAGIC = b"GSSPACK1"
+_HEADER = struct.Struct("<8sBQ")
+"""Magic, bytes of an item, bytes before compression."""
+LEVEL = 1
+LEAST_BYTES = 512
+"""Shorter content is stored as it is."""
+WORTHWHILE = 0.95
+"""Maximum ratio of compressed to plain size at which the compressed form is stored."""
+MOST_UNPACKED_BYTES = 1 << 32
+MOST_ITEM_BYTES = 16
+
+
+def compressed(data: bytes | memoryview, item_bytes: int = 1) -> bytes | None:
+    """Return the compressed form, or None if it is not clearly smaller. ``item_bytes``: size of a number in ``data``.
+    Content that begins like a compressed form is always compressed, so that the two are never confused."""
+    size = len(data)
+    is_alike = bytes(data[: len(MAGIC)]) == MAGIC
+    if size < LEAST_BYTES and not is_alike:
+        return None
+    if 1 < item_bytes <= MOST_ITEM_BYTES and size % item_bytes == 0:
+        planes: bytes | memoryview = np.frombuffer(data, np.uint8).reshape(-1, item_bytes).T.tobytes()
+    else:
+        item_bytes, planes = 1, data
+    packed = zstd(planes)
+    return _HEADER.pack(MAGIC, item_bytes, size) + packed if is_alike or len(packed) < WORTHWHILE * size else None
+
+
+def decompressed(data: bytes) -> bytes | None:
+    """Return the plain bytes of a compressed form; None if ``data`` is plain or damaged, which its hash shows."""
+    if len(data) < _HEADER.size or not data.startswith(MAGIC):
+        return None
+    _, item_bytes, size = _HEADER.unpack_from(data)
+    if not 1 <= item_bytes <= MOST_ITEM_BYTES or size > MOST_UNPACKED_BYTES or size % item_bytes:
+        return None
+    plain = zstd_plain(memoryview(data)[_HEADER.size :], size)
+    if plain is None or item_bytes == 1:
+        return plain
+    return np.frombuffer(plain, np.uint8).reshape(item_bytes, -1).T.tobytes()
+
+
+def zstd(data: bytes | memoryview) -> bytes:
+    """Return one zstd frame."""
+    import pyarrow as pa  # imported here because it takes 0.1 s and 30 MB, which commands that store nothing do not need
+
+    return bytes(pa.Codec("zstd", compression_level=LEVEL).compress(data, asbytes=True))
+
+
+def zstd_plain(data: bytes | memoryview, size: int) -> bytes | None:
+    """Return the ``size`` bytes of one zstd frame; None if it is damaged."""
+    import pyarrow as pa
+
+    try:
+        return bytes(pa.Codec("zstd").decompress(data, decompressed_size=size, asbytes=True))
+    except (OSError, ValueError):
+        return None

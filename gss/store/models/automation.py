@@ -1,0 +1,60 @@
+"""Automation: derived parameters and procedures."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import ForeignKey, String, Text
+from sqlalchemy.orm import Mapped, mapped_column
+
+from gss.store.models.base import Base
+
+
+class DerivedParameter(Base):
+    """Definition of a derived parameter. ``limits``: [low, high] of each level, null for none."""
+
+    __tablename__ = "derived_parameters"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(30), unique=True)
+    title: Mapped[str] = mapped_column(String(80), default="")
+    expression: Mapped[str] = mapped_column(Text)
+    unit: Mapped[str] = mapped_column(String(20), default="")
+    decimals: Mapped[int]
+    limits: Mapped[dict[str, Any]]
+    persistence: Mapped[int]
+    author: Mapped[str] = mapped_column(String(60))
+    changed: Mapped[datetime]
+
+
+class Procedure(Base):
+    """A procedure as a Markdown file."""
+
+    __tablename__ = "procedures"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(80), unique=True)
+    text: Mapped[str] = mapped_column(Text)
+    author: Mapped[str] = mapped_column(String(60))
+    changed: Mapped[datetime]
+
+
+class ProcedureRun(Base):
+    """Run of a procedure: a copy of its text, and an entry per step that was begun. ``current``: name of the step that is next or
+    under way, "" at the end. ``sha256``: of the record, set when it is frozen at the end."""
+
+    __tablename__ = "procedure_runs"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    procedure_id: Mapped[int | None] = mapped_column(ForeignKey("procedures.id", ondelete="SET NULL"))
+    name: Mapped[str] = mapped_column(String(80))
+    text: Mapped[str] = mapped_column(Text)
+    instrument: Mapped[str] = mapped_column(String(40))
+    contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"), index=True)
+    user: Mapped[str] = mapped_column(String(60))
+    automatic: Mapped[bool]
+    state: Mapped[str] = mapped_column(String(10), index=True)
+    current: Mapped[str] = mapped_column(String(40))
+    entries: Mapped[list[Any]]
+    reason: Mapped[str] = mapped_column(Text, default="")
+    started: Mapped[datetime]
+    finished: Mapped[datetime | None]
+    sha256: Mapped[str] = mapped_column(String(64), default="")

@@ -1,0 +1,180 @@
+"""Column type for the regions and stars of a solution: packed arrays within its JSON document, a tenth of the text.
+
+Positions are stored to 1e-5 px, magnitudes to 1e-4, fluxes, residuals and weights to seven digits. Lists that do not have the
+expected fields are stored as they are, and rows with plain lists, as older versions wrote them, are read as they are.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import JSON, Dialect, TypeDecorator
+
+POSITION_STEP_PX = 1e-5
+MAGNITUDE_STEP = 1e-4
+NO_MAGNITUDE = np.iinfo(np.int32).min
+LARGEST, LARGEST_FLOAT = float(1 << 31), 3e38
+PACKED = "packed"
+Rows = list[dict[str, Any]]
+BOUNDS = ("col_min", "row_min", "col_max", "row_max", "area_px")
+SEEN = ("index", "col_px", "row_px", "flux_dn", "peak_dn", "area_px")
+NAMED = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
+
+
+class PackedDetail(TypeDecorator[dict[str, Any]]):
+    """JSON document whose lists ``regions`` and ``stars`` are packed in the database."""
+
+    impl = JSON
+    cache_ok = True
+
+    def process_bind_param(self, value: dict[str, Any] | None, dialect: Dialect) -> dict[str, Any] | None:
+        return value if value is None else packed(value)
+
+    def process_result_value(self, value: dict[str, Any] | None, dialect: Dialect) -> dict[str, Any] | None:
+        return value if value is None else unpacked(value)
+
+
+def packed(detail: dict[str, Any]) -> dict[str, Any]:
+    """Return the document with packed lists, where they have the fields of regions and stars."""
+    found = {}
+    for name, pack in (("regions", _pack_regions), ("stars", _pack_stars)):
+        if detail.get(name):
+            try:
+                found[name] = _text(pack(detail[name]))
+            except (KeyError, TypeError, ValueError, OverflowError):  # other fields, or a number that does not fit
+                continue
+    if not found:
+        return detail
+    return {name: value for name, value in detail.items() if name not in found} | {PACKED: found}
+
+
+def unpacked(detail: dict[str, Any]) -> dict[str, Any]:
+    """Return the document with plain lists."""
+    if PACKED not in detail:
+        return detail
+    plain = {name: value for name, value in detail.items() if name != PACKED}
+    for name, unpack in (("regions", _unpack_regions), ("stars", _unpack_stars)):
+        if name in detail[PACKED]:
+            plain[name] = unpack(_Reader(zlib.decompress(base64.b85decode(detail[PACKED][name]))))
+    return plain
+
+
+def _text(parts: list[bytes]) -> str:
+    return base64.b85encode(zlib.compress(b"".join(parts), 9)).decode("ascii")
+
+
+def _integers(rows: Rows, name: str, step: float = 1.0) -> bytes:
+    """Return a column in multiples of ``step`` as the bytes of an int32 array. ValueError if a number does not fit."""
+    values = np.round(np.array([row[name] for row in rows], float) / step)
+    if not (np.abs(values) < LARGEST).all():  # also false for NaN, a missing number
+        raise ValueError(name)
+    return values.astype("<i4").tobytes()
+
+
+def _floats(rows: Rows, name: str, *, missing: bool = False) -> bytes:
+    """Return a column as the bytes of a float32 array. ValueError if a number does not fit, or is missing and must not be."""
+    values = np.array([row[name] for row in rows], float)
+    allowed = np.isnan(values) if missing else np.zeros(len(values), bool)
+    if not (allowed | (np.abs(values) < LARGEST_FLOAT)).all():
+        raise ValueError(name)
+    return values.astype("<f4").tobytes()
+
+
+def _words(words: list[str]) -> bytes:
+    data = json.dumps(words, ensure_ascii=False, separators=(",", ":")).encode()
+    return np.array([len(data)], "<u4").tobytes() + data
+
+
+def _pack_regions(rows: Rows) -> list[bytes]:
+    if any(set(row) != {*BOUNDS, "peak_dn", "rejected"} for row in rows):
+        raise KeyError
+    numbers = [_integers(rows, name) for name in BOUNDS]
+    reasons = [str(row["rejected"]) for row in rows]
+    return [_count(len(rows)), *numbers, _floats(rows, "peak_dn"), _words(reasons)]
+
+
+def _unpack_regions(reader: _Reader) -> Rows:
+    count = reader.count()
+    columns = {name: reader.numbers("<i4", count).tolist() for name in BOUNDS}
+    columns["peak_dn"] = _shortest(reader.numbers("<f4", count))
+    columns["rejected"] = reader.words()
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+def _pack_stars(rows: Rows) -> list[bytes]:
+    matched = [row for row in rows if "hip" in row]
+    if any(set(row) != ({*SEEN, *NAMED} if "hip" in row else {*SEEN}) for row in rows):
+        raise KeyError
+    if [row["index"] for row in rows] != list(range(len(rows))):
+        raise ValueError("index")
+    seen = [_integers(rows, name, POSITION_STEP_PX) for name in ("col_px", "row_px")]
+    seen += [_floats(rows, name) for name in ("flux_dn", "peak_dn")]
+    places = np.array([row["index"] for row in matched], "<u4").tobytes()
+    magnitudes = [NO_MAGNITUDE if m["v_mag"] is None else round(m["v_mag"] / MAGNITUDE_STEP) for m in matched]
+    named = [_integers(matched, "hip"), np.array(magnitudes, "<i4").tobytes()]
+    named += [_floats(matched, name, missing=True) for name in NAMED[3:]]
+    words = _words([str(row["name"]) for row in matched])
+    return [_count(len(rows)), *seen, _integers(rows, "area_px"), _count(len(matched)), places, *named, words]
+
+
+def _unpack_stars(reader: _Reader) -> Rows:
+    count = reader.count()
+    seen: dict[str, list[Any]] = {"index": list(range(count))}
+    seen |= {name: _decimal(reader.numbers("<i4", count), 5) for name in ("col_px", "row_px")}
+    seen |= {name: _shortest(reader.numbers("<f4", count)) for name in ("flux_dn", "peak_dn")}
+    seen["area_px"] = reader.numbers("<i4", count).tolist()
+    rows = [dict(zip(seen, values, strict=True)) for values in zip(*seen.values(), strict=True)]
+    matches = reader.count()
+    places = reader.numbers("<u4", matches)
+    hip, v_mag = reader.numbers("<i4", matches).tolist(), reader.numbers("<i4", matches)
+    named: dict[str, list[Any]] = {"hip": hip, "name": []}
+    named["v_mag"] = [None if m == NO_MAGNITUDE else d for m, d in zip(v_mag, _decimal(v_mag, 4), strict=True)]
+    for name in NAMED[3:]:
+        values = reader.numbers("<f4", matches)
+        named[name] = [
+            None if missing else value for missing, value in zip(np.isnan(values), _shortest(values), strict=True)
+        ]
+    named["name"] = reader.words()
+    for place, match in zip(places.tolist(), zip(*named.values(), strict=True), strict=True):
+        rows[place] |= dict(zip(named, match, strict=True))
+    return rows
+
+
+def _count(count: int) -> bytes:
+    return np.array([count], "<u4").tobytes()
+
+
+def _decimal(values: NDArray[Any], digits: int) -> list[float]:
+    """Return integer multiples of 10**-digits as the nearest float64, so that 2.06 stays 2.06."""
+    return [value / 10**digits for value in values.tolist()]
+
+
+def _shortest(values: NDArray[Any]) -> list[float]:
+    """Return float32 values as float64 with at most seven digits, so that 0.1 stays 0.1."""
+    return [float(str(value)) for value in values]
+
+
+class _Reader:
+    """Reads arrays and words in the order in which they were written."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data, self._at = data, 0
+
+    def numbers(self, dtype: str, count: int) -> NDArray[Any]:
+        values = np.frombuffer(self._data, dtype, count, self._at)
+        self._at += values.nbytes
+        return values
+
+    def count(self) -> int:
+        return int(self.numbers("<u4", 1)[0])
+
+    def words(self) -> list[str]:
+        size = self.count()
+        words: list[str] = json.loads(self._data[self._at : self._at + size])
+        self._at += size
+        return words

@@ -1,0 +1,83 @@
+"""Orbits of the spacecraft, ground stations and pass plans."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import OrbitSet, PassPlan, Station, Transfer
+
+COMPLETE = ("verified", "done")
+ACTIVE = ("armed", "running", "paused", "waiting")
+
+
+def newest_orbits(session: Session, limit: int) -> list[OrbitSet]:
+    """Return the newest orbits first; the first one is in use."""
+    return list(session.scalars(select(OrbitSet).order_by(OrbitSet.id.desc()).limit(limit)))
+
+
+def add(session: Session, row: OrbitSet | Station | PassPlan) -> None:
+    """Store a new row and give it its id."""
+    session.add(row)
+    session.flush()
+
+
+def every_station(session: Session) -> list[Station]:
+    """Return all stations, by name."""
+    return list(session.scalars(select(Station).order_by(Station.name)))
+
+
+def get_station(session: Session, station_id: int) -> Station:
+    """Return the station with that id; NotFound if there is none."""
+    row = session.get(Station, station_id)
+    if row is None:
+        raise NotFound("no such ground station", got=str(station_id))
+    return row
+
+
+def station_named(session: Session, name: str) -> Station | None:
+    """Return the station with that name."""
+    return session.scalar(select(Station).where(Station.name == name))
+
+
+def delete_station(session: Session, station_id: int) -> None:
+    """Delete a station. Raises NotFound."""
+    session.delete(get_station(session, station_id))
+
+
+def newest_downloads(session: Session, least_bytes: int, limit: int) -> list[tuple[int, datetime, datetime]]:
+    """Return (size, created, finished) of the newest complete downloads that are not small and were not resumed."""
+    query = (
+        select(Transfer.size, Transfer.created, Transfer.finished)
+        .where(Transfer.direction == "down", Transfer.state.in_(COMPLETE), Transfer.size >= least_bytes)
+        .where(Transfer.finished.is_not(None))
+        .order_by(Transfer.id.desc())
+        .limit(limit)
+    )
+    return [(size, created, finished) for size, created, finished in session.execute(query) if finished is not None]
+
+
+def get_plan(session: Session, plan_id: int) -> PassPlan:
+    """Return the plan with that id; NotFound if there is none."""
+    row = session.get(PassPlan, plan_id)
+    if row is None:
+        raise NotFound("no such pass plan", got=str(plan_id))
+    return row
+
+
+def newest_plans(session: Session, limit: int) -> list[PassPlan]:
+    """Return the newest plans first."""
+    return list(session.scalars(select(PassPlan).order_by(PassPlan.id.desc()).limit(limit)))
+
+
+def active_plans(session: Session) -> list[PassPlan]:
+    """Return the plans that are armed or in progress, by rise."""
+    return list(session.scalars(select(PassPlan).where(PassPlan.state.in_(ACTIVE)).order_by(PassPlan.rise)))
+
+
+def delete_plan(session: Session, row: PassPlan) -> None:
+    """Delete a plan."""
+    session.delete(session.merge(row))

@@ -1,0 +1,38 @@
+"""Procedures over HTTP: store, check, run by hand without a device, and export the record."""
+
+from __future__ import annotations
+
+import hashlib
+
+from fastapi.testclient import TestClient
+
+TEXT = (
+    "# Sign\n\n## read: Read this\n\nText.\n\n## status: Ask\n\n```command\nGET_STATUS\n```\n\n"
+    "## done: Sign\n\n```sign\nDone.\n```\n"
+)
+
+
+def test_an_operator_stores_runs_and_exports_a_procedure(client: TestClient) -> None:
+    """A command that cannot be sent is refused and on the record; the exported bytes have the hash of the run."""
+    checked = client.post("/api/procedures/check", json={"text": TEXT.replace("GET_STATUS", "NOTHING")}).json()
+    assert [(m["line"], m["text"].split(";")[0]) for m in checked["mistakes"]] == [(10, "unknown command")]
+    stored = client.post("/api/procedures", json={"text": TEXT})
+    assert (stored.status_code, stored.json()["steps"], stored.json()["mistakes"]) == (201, 3, 0)
+    listed = client.get("/api/procedures").json()
+    assert [p["name"] for p in listed["stored"]] == ["Sign"]
+    assert listed["package"]
+    run = client.post(f"/api/procedures/{stored.json()['id']}/start", json={}).json()
+    place = f"/api/procedure-runs/{run['id']}"
+    assert (run["current"], [s["kind"] for s in run["steps"]]) == ("read", ["text", "command", "sign"])
+    assert client.post(f"{place}/step", json={"step": "status"}).status_code == 409
+    assert client.post(f"{place}/step", json={"step": "read"}).json()["current"] == "status"
+    refused = client.post(f"{place}/step", json={"step": "status"})
+    assert (refused.status_code, refused.json()["message"]) == (409, "the line is down")
+    assert client.post(f"{place}/skip", json={"step": "status", "reason": "no line"}).json()["current"] == "done"
+    ended = client.post(f"{place}/step", json={"step": "done", "note": "fine"}).json()
+    assert (ended["state"], ended["intact"]) == ("completed", True)
+    assert [e["state"] for e in ended["entries"]] == ["done", "failed", "skipped", "done"]
+    record = client.get(f"{place}/record.json").content
+    assert hashlib.sha256(record).hexdigest() == ended["sha256"]
+    assert client.delete(f"/api/procedures/{stored.json()['id']}").status_code == 204
+    assert [r["id"] for r in client.get("/api/procedure-runs").json()] == [run["id"]]

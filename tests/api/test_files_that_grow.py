@@ -1,0 +1,30 @@
+"""Downloads of a file that is being written: the length stated is the length sent."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastapi import FastAPI
+from fastapi.responses import StreamingResponse
+from fastapi.testclient import TestClient
+
+from gss.api.files.cached import BLOCK_BYTES, file_of_now
+
+
+def test_a_file_that_grows_while_it_is_sent_has_its_length_at_the_start(tmp_path: Path) -> None:
+    """Bytes appended after the response began are not sent, over several blocks."""
+    path = tmp_path / "contact-000001-000.raw"
+    content = bytes(range(256)) * (BLOCK_BYTES // 128)
+    path.write_bytes(content)
+    app = FastAPI()
+
+    @app.get("/file")
+    def download() -> StreamingResponse:
+        response = file_of_now(path)
+        with path.open("ab") as file:
+            file.write(b"x" * 100_000)
+        return response
+
+    reply = TestClient(app).get("/file")
+    assert reply.headers["content-length"] == str(len(content))
+    assert reply.content == content

@@ -1,0 +1,70 @@
+"""``gss render`` makes images that the chains solve at the pointing asked for."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gss.cli import main
+from gss.instruments.registry import shipped_registry
+
+
+@pytest.mark.parametrize("camera", ["aim", "cubestar", "sunsat"])
+def test_a_rendered_image_is_solved_at_its_pointing(
+    camera: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With noise and false stars; the truth file makes ``gss solve`` fail on a wrong answer."""
+    out, truth = tmp_path / "orion.png", tmp_path / "truth.json"
+    where = ["--camera", camera, "--at", "84.0,-2.0,30.0"]
+    made = ["render", *where, "--out", str(out), "--truth", str(truth), "--false-stars", "3", "--epoch", "2026"]
+    assert main(made) == 0
+    assert "3 false stars" in capsys.readouterr().out
+    shape = shipped_registry().camera(camera).camera
+    assert np.asarray(Image.open(out)).shape == (shape.rows, shape.columns)
+    assert json.loads(truth.read_text()) == {"orion.png": [84.0, -2.0, 30.0]}
+    assert main(["solve", str(out), "--camera", camera, "--epoch", "2026", "--truth", str(truth)]) == 0
+
+
+def test_the_same_seed_gives_the_same_image(tmp_path: Path) -> None:
+    """Another seed has other noise; without noise the seed has no effect."""
+
+    def image(name: str, *more: str) -> bytes:
+        out = tmp_path / name
+        assert (
+            main(["render", "--camera", "cubestar", "--at", "84,5,0", "--out", str(out), "--epoch", "2026", *more]) == 0
+        )
+        return out.read_bytes()
+
+    assert image("a.png") == image("b.png")
+    assert image("c.png", "--seed", "2") != image("a.png")
+    assert image("d.png", "--no-noise") == image("e.png", "--no-noise", "--seed", "2")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--at", "84,95,0", "--out", "a.png"], "declination is out of range"),
+        (["--at", "84,5", "--out", "a.png"], "unreadable angles"),
+        (["--at", "84,5,0", "--out", "a.jpg"], "ends in .png"),
+        (["--at", "84,5,0", "--out", "a.png", "--exposure", "0"], "exposure is impossible"),
+        (["--at", "84,5,0", "--out", "a.png", "--rate", "900,0,0"], "turns too fast"),
+        (["--at", "84,5,0", "--out", "a.png", "--false-stars", "-1"], "0 – 500"),
+        (["--at", "84,5,0", "--out", "a.png", "--seed", "-1"], "impossible seed"),
+    ],
+)
+def test_impossible_images_are_refused(
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Exit code 2, the reason, and no file."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["render", "--camera", "cubestar", *options]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,32 @@
+"""Housekeeping of a simulator whose process did not run for a time, as on a busy machine."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+from gss.device.simulator.machine import MOST_OVERDUE
+
+if TYPE_CHECKING:
+    from conftest import Bench
+
+
+def test_a_pause_of_the_process_loses_no_housekeeping(bench: Bench) -> None:
+    """After five seconds without processor time, every second has its packet, with the time at which it was due."""
+    bench.run(3.0)
+    bench.now_s += 5.0
+    bench.run(3.0)
+    times = [e.device_time_s for e in bench.telemetry("housekeeping")]
+    assert len(times) >= 10
+    assert all(abs(b - a - 1.0) < 0.1 for a, b in itertools.pairwise(times))
+
+
+def test_after_a_long_pause_the_number_of_late_packets_is_limited(bench: Bench) -> None:
+    """A computer that slept for a day sends a bounded number of packets and continues in time."""
+    bench.run(3.0)
+    before = len(bench.telemetry("housekeeping"))
+    bench.now_s += 86_400.0
+    bench.run(3.0)
+    times = [e.device_time_s for e in bench.telemetry("housekeeping")]
+    assert MOST_OVERDUE <= len(times) - before <= MOST_OVERDUE + 4
+    assert all(abs(b - a - 1.0) < 0.1 for a, b in itertools.pairwise(times[-5:]))

@@ -1,0 +1,74 @@
+"""The page Passes: from an empty installation to the path of a pass in the sky, and what it says about bad input."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+
+
+def test_from_nothing_to_a_pass_in_the_sky(page, tle_of, picture):
+    """Import an orbit, add a station with a mask, choose a pass; each empty state says what to do next."""
+    page.goto("/passes")
+    expect(page.get_by_test_id("passes-problem")).to_contain_text("No orbit was imported")
+    page.get_by_role("link", name="Import an orbit").click()
+    broken = tle_of(1).rstrip()
+    page.get_by_test_id("orbit-text").fill(broken[:-1] + str((int(broken[-1]) + 1) % 10))
+    page.get_by_test_id("orbit-save").click()
+    expect(page.get_by_test_id("orbit-problem")).to_contain_text("wrong checksum")
+    page.get_by_test_id("orbit-text").fill(tle_of(5))
+    page.get_by_test_id("orbit-source").fill("tracking service")
+    page.get_by_test_id("orbit-save").click()
+    expect(page.get_by_test_id("orbit-panel")).to_contain_text("5.0 days old")
+    expect(page.get_by_test_id("orbit-panel")).to_contain_text("tracking service")
+    page.get_by_role("button", name="Ground stations").click()
+    page.get_by_test_id("station-name").fill("Stellenbosch")
+    page.get_by_test_id("station-latitude_deg").fill("-33.9275")
+    page.get_by_test_id("station-longitude_deg").fill("200")
+    expect(page.get_by_test_id("station-save")).to_be_disabled()
+    page.get_by_test_id("station-longitude_deg").fill("18.865")
+    page.get_by_test_id("station-mask").fill("0, 4\n60, 14\n120, 5\n240, 3")
+    page.get_by_test_id("station-save").click()
+    expect(page.get_by_test_id("station-row")).to_contain_text("4 points")
+    page.get_by_role("button", name="Passes", exact=True).click()
+    expect(page.get_by_test_id("next-pass")).to_contain_text(re.compile("Next pass|Pass under way"))
+    expect(page.get_by_test_id("pass-timeline")).to_be_visible()
+    page.get_by_test_id("pass-row").nth(1).click()
+    expect(page.get_by_test_id("pass-panel")).to_contain_text("Culmination")
+    expect(page.get_by_test_id("pass-budget")).to_contain_text("of the line")
+    expect(page.get_by_test_id("sky-plot")).to_be_visible()
+    picture("passes")
+    with page.expect_download() as download:
+        page.get_by_test_id("passes-ics").click()
+    assert download.value.path().read_text().startswith("BEGIN:VCALENDAR")
+    page.reload()
+    expect(page.get_by_test_id("pass-panel")).to_contain_text("Culmination")
+
+
+def test_an_armed_plan_is_on_every_page_until_it_is_stopped(page, served, tle_of, picture):
+    """A plan is made from a pass and a download, armed, shown on another page with who armed it, and stopped there."""
+    served.ask("PUT", "/spacecraft", {"text": tle_of(1)})
+    place = {"latitude_deg": 50.0, "longitude_deg": 8.0, "name": "Frankfurt"}
+    if all(s["name"] != "Frankfurt" for s in served.ask("GET", "/stations")):
+        served.ask("POST", "/stations", place)
+    coming = [p for p in served.ask("GET", "/passes?days=3")["passes"] if p["station"] == "Frankfurt"]
+    later = coming[2]
+    page.goto("/passes?show=plans")
+    page.get_by_test_id("plan-pass").select_option(f"{later['station_id']} {later['culmination']}")
+    page.get_by_test_id("plan-name").fill("Evening image")
+    page.get_by_test_id("plan-add-download").click()
+    page.get_by_test_id("plan-save").click()
+    expect(page.get_by_test_id("plan-detail")).to_contain_text("Download frame of slot 0")
+    page.get_by_test_id("plan-arm").click()
+    expect(page.get_by_test_id("plan-strip")).to_contain_text("Pass plan armed")
+    picture("pass-plan")
+    page.goto("/telemetry")
+    expect(page.get_by_test_id("plan-strip")).to_contain_text("Evening image")
+    expect(page.get_by_test_id("plan-strip")).to_contain_text("armed by admin")
+    page.get_by_test_id("plan-strip-stop").click()
+    expect(page.get_by_test_id("plan-strip")).to_have_count(0)
+    (plan,) = [p for p in served.ask("GET", "/pass-plans") if p["name"] == "Evening image"]
+    assert (plan["state"], plan["reason"], plan["items"][0]["state"]) == ("stopped", "stopped by admin", "waiting")

@@ -1,0 +1,83 @@
+"""An operator writes a procedure and a derived parameter in a real browser, and runs the procedure on the simulated sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from playwright.sync_api import Page, expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+SLOW = 30_000
+TEXT = """# Warm start
+
+Bring the sensor to a state in which it can measure.
+
+## ready: Check the temperature
+
+The detector must not be warmer than 100 °C.
+
+```check
+housekeeping.sensor_temperature_c < 100
+within: 60 s
+```
+
+## status: Ask for the status
+
+```command
+GET_STATUS
+```
+
+## dark: Look at the sky
+
+```question
+Is the sky dark?
+yes: signed
+no: end
+```
+
+## signed: Sign off
+
+```sign
+The warm start is complete.
+```
+"""
+
+
+def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[str], None]) -> None:
+    """A mistake is shown with its line; each step is run and recorded; the record has its hash at the end."""
+    page.goto("/procedures")
+    page.get_by_test_id("procedure-new").click()
+    page.get_by_test_id("procedure-text").fill(TEXT.replace("GET_STATUS", "GET_STATE"))
+    mistakes = page.get_by_test_id("procedure-mistakes")
+    expect(mistakes).to_contain_text("Line 17: unknown command", timeout=SLOW)
+    page.get_by_test_id("procedure-text").fill(TEXT)
+    expect(mistakes).to_contain_text("No mistakes", timeout=SLOW)
+    page.get_by_test_id("procedure-save").click()
+    page.locator("[data-procedure='Warm start']").get_by_test_id("procedure-start").click(timeout=SLOW)
+    for step in ("ready", "status"):
+        shown = page.locator(f"[data-step={step}]")
+        shown.get_by_test_id("procedure-run").click(timeout=SLOW)
+        expect(shown.get_by_test_id("procedure-entry")).to_have_attribute("data-state", "done", timeout=SLOW)
+    expect(page.locator("[data-step=ready]")).to_contain_text("housekeeping.sensor_temperature_c =")
+    expect(page.locator("[data-step=dark]")).to_have_attribute("aria-current", "step", timeout=SLOW)
+    picture("procedure")
+    page.get_by_test_id("procedure-answer").filter(has_text="yes").click()
+    page.locator("[data-step=signed]").get_by_test_id("procedure-note").fill("all well", timeout=SLOW)
+    page.locator("[data-step=signed]").get_by_test_id("procedure-run").click()
+    expect(page.get_by_test_id("procedure-hash")).to_contain_text("unchanged", timeout=SLOW)
+
+
+def test_an_operator_defines_a_derived_parameter(page: Page) -> None:
+    """The expression is tried while it is written; the value appears in the table and on the telemetry page."""
+    page.goto("/telemetry/derived")
+    page.get_by_test_id("derived-name").fill("supply_twice_v")
+    page.get_by_test_id("derived-expression").fill("2 * housekeeping.supply_3v3_v +")
+    expect(page.get_by_test_id("derived-form")).to_contain_text("position 32", timeout=SLOW)
+    page.get_by_test_id("derived-expression").fill("2 * housekeeping.supply_3v3_v")
+    expect(page.get_by_test_id("derived-trial")).to_contain_text("With the newest values: 6.", timeout=SLOW)
+    page.get_by_test_id("derived-unit").fill("V")
+    page.get_by_test_id("derived-save").click()
+    expect(page.locator("[data-derived=supply_twice_v]")).to_contain_text("6.", timeout=SLOW)
+    page.goto("/telemetry?page=derived")
+    expect(page.locator("[data-field='derived_supply_twice_v.supply_twice_v']")).to_contain_text("6.", timeout=SLOW)

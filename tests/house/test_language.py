@@ -1,0 +1,166 @@
+"""Texts, names and messages use standard technical terms instead of private idiom."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+WORDS: dict[str, str] = {
+    r"tells?|told|telling": "reports, notifies, states",
+    r"nobody|somebody|whoever|anybody": "no user, another user, the caller",
+    r"anew": "again",
+    r"(?<!there )(?:is|are|was|were) no(?= (?!longer|more|less|later))": "is not a valid …, has no …",
+    r"of (?:its|their) own": "separate, own …",
+    r"what (?:came|comes|went|goes)": "received data, input, output",
+    r"stands?(?!-| for| out)": "is shown, is stored, applies",
+    r"(?:goes|go|went|going) on": "continues",
+    r"the look of": "appearance",
+    r"a word of it": "a note",
+    r"so many": "this number of",
+    r"of before": "previous, earlier",
+    r"hears?|heard": "receives",
+    r"knock(?:s|ed|ing)?": "unauthenticated request",
+    r"asked": "requested",
+    r"a moment": "a time, interactive",
+    r"by (?:itself|themselves)": "automatically",
+}
+"""Words to avoid, as regular expressions, and the terms to use instead."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """``patterns``: git path specifications; ``maximum``: words to avoid that remain; 0 for a clean area."""
+
+    patterns: tuple[str, ...]
+    maximum: int = 0
+
+
+SCIENCE = ("device", "instruments", "skytables", "pipeline", "catalogue_tools", "domain")
+"""Rooms of gss with separate areas below."""
+APPLICATION = ("operations", "api", "cli", "store")
+"""Rooms of gss with an area each."""
+
+AREAS: dict[str, Area] = {
+    "root": Area(("*.md", ":!docs", ":!web", "Makefile"), 0),
+    "docs": Area(("docs/*.md", "web/README.md"), 0),
+    "deploy": Area(("deploy",), 0),
+    "gss": Area(("gss/*.py", *(f":!gss/{room}" for room in (*SCIENCE, *APPLICATION)))),
+    **{room: Area((f"gss/{room}/*.py",)) for room in APPLICATION},
+    "device": Area(("gss/device/*.py",), 0),
+    "science": Area(tuple(f"gss/{room}/*.{kind}" for room in SCIENCE[1:] for kind in ("py", "yaml")), 0),
+    "migrations": Area(("migrations/*.py",), 0),
+    "validation": Area(("validation/*.py",), 0),
+    "tools": Area(("tools/*.py",), 0),
+    "tests": Area(("tests/*.py", ":!tests/house/test_language.py"), 33),
+    "web": Area(("web/src/*.ts", "web/src/*.svelte", "web/mock/*.ts")),
+}
+SLACK = 20
+"""A maximum above 0 must be lowered when this many words fewer remain. Changes that land at the same time need some room."""
+
+STORED = "a key of stored job requests since 0.4"
+API = "a field of the API since 0.4"
+FILE = "the method of file objects"
+
+ALLOWED: tuple[tuple[str, str, str], ...] = (
+    ("gss/operations/accounts/users.py", "OF_SOFTWARE = (", "a reserved user name"),
+    (
+        "gss/api/guard/record.py",
+        'UNAUTHENTICATED = "nobody"',
+        "the name in audit rows without a user, which are part of the hash chain",
+    ),
+    ("gss/operations/catalogues/build_catalogue.py", 'Literal["asked", "sensor", "usual"]', API),
+    ("gss/operations/catalogues/build_catalogue.py", 'return request, "asked"', API),
+    ("gss/api/schemas/catalogues.py", '"asked"', API),
+    ("gss/api/schemas/catalogues.py", "(asked)", API),
+    ("gss/operations/catalogues/build_catalogue.py", "asked: CatalogueRequest", STORED),
+    ("gss/operations/catalogues/build_catalogue.py", "job.asked", STORED),
+    ("gss/operations/catalogues/design.py", "asked: DesignQuestion", STORED),
+    ("gss/operations/catalogues/design.py", "job.asked", STORED),
+    ("gss/operations/jobs.py", '"asked"', STORED),
+    ("gss/operations/studies/campaigns.py", "asked: ExperimentsRequest", STORED),
+    ("gss/operations/studies/campaigns.py", "request.asked", STORED),
+    ("gss/operations/studies/reprocess.py", "asked: ReprocessRequest", STORED),
+    ("gss/operations/studies/reprocess.py", "job.asked", STORED),
+    ("gss/operations/studies/reprocess.py", '"asked"', STORED),
+    ("gss/operations/frames/frames.py", '{"told": ', "a key of stored solutions since 0.4"),
+    ("gss/operations/frames/replay.py", '.get("told")', "a key of stored solutions since 0.4"),
+    ("gss/operations/line/capture_files.py", "file.tell()", FILE),
+    ("gss/operations/telemetry/telemetry_export.py", "def tell(self)", FILE),
+    ("gss/operations/transfers/bank_history.py", "row.told = ", "a column of the bank history since 0.4"),
+    ("gss/operations/transfers/bank_history.py", "told=now", "a column of the bank history since 0.4"),
+    ("gss/store/models/catalogues.py", "``told``", "a column of the bank history since 0.4"),
+    ("gss/store/models/catalogues.py", "told: Mapped", "a column of the bank history since 0.4"),
+    ("gss/api/present/catalogues.py", '"bank state sha256 began ended told how user"', API),
+    ("gss/api/present/schedule.py", "told=state.listed_at", API),
+    ("gss/api/schemas/catalogue_history.py", "``told``", API),
+    ("gss/api/schemas/catalogue_history.py", "told: Utc", API),
+    ("gss/api/schemas/schedule.py", "``told``", API),
+    ("gss/api/schemas/schedule.py", "told: Utc | None", API),
+    ("web/src/components/device/BanksPanel.svelte", "day(last.told)", API),
+    ("web/src/pages/commands/SchedulePanel.svelte", "{schedule?.told", API),
+    ("migrations/versions/0003_studies_and_bank_history.py", 'sa.Column("told"', "a column of this stored version"),
+)
+"""Path, text of the line, and the reason why the word is the right one there."""
+
+CODE_SPAN = re.compile(r"^```.*?^```|`[^`\n]+`|\]\([^)]*\)", re.MULTILINE | re.DOTALL)
+AVOIDED = re.compile("|".join(rf"(?<![A-Za-z])(?:{word})(?![A-Za-z])" for word in WORDS), re.IGNORECASE)
+
+
+def tracked(root: Path, area: Area) -> list[Path]:
+    """Return the tracked files of an area. Skips without git."""
+    ran = subprocess.run(
+        ["git", "ls-files", "-z", "--", *area.patterns], cwd=root, capture_output=True, text=True, check=False
+    )
+    if ran.returncode:
+        pytest.skip("no git checkout")
+    return [path for name in ran.stdout.split("\0") if name and (path := root / name).is_file()]
+
+
+def findings(root: Path, area: Area) -> Iterator[str]:
+    """Yield ``path:line: word: line`` of each word to avoid. Code and link targets in Markdown are not read."""
+    for path in tracked(root, area):
+        name = str(path.relative_to(root))
+        text = path.read_text("utf-8")
+        if path.suffix == ".md":
+            text = CODE_SPAN.sub(lambda code: "\n" * code[0].count("\n"), text)
+        for number, line in enumerate(text.splitlines(), 1):
+            if any(name == where and part in line for where, part, _ in ALLOWED):
+                continue
+            for match in AVOIDED.finditer(line):
+                yield f"{name}:{number}: {match[0]}: {line.strip()[:100]}"
+
+
+@pytest.mark.parametrize("name", AREAS)
+def test_words_to_avoid_do_not_return(root: Path, name: str) -> None:
+    """Their number does not exceed the area's maximum, which only decreases."""
+    maximum = AREAS[name].maximum
+    matches = list(findings(root, AREAS[name]))
+    assert len(matches) <= maximum, "\n".join([f"{len(matches)} words, at most {maximum}", *matches[:200]])
+    assert not maximum or len(matches) > maximum - SLACK, f"lower the maximum of {name} to {len(matches)}"
+
+
+def test_allowed_lines_exist_and_have_a_reason(root: Path) -> None:
+    """The allow-list contains no line that was removed."""
+    for name, part, reason in ALLOWED:
+        assert part in (root / name).read_text("utf-8"), (name, part)
+        assert reason
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["nobody is told", "the sensor goes on", "a bank of its own", "it is no bank", "_tell_status", "values of before"],
+)
+def test_idiom_is_recognised(text: str) -> None:
+    """In sentences and in names."""
+    assert AVOIDED.search(text)
+
+
+@pytest.mark.parametrize("text", ["there is no bank", "it is no longer valid", "standard", "intelligent", "masked"])
+def test_standard_terms_are_not_recognised(text: str) -> None:
+    """Words that only contain one of them are allowed."""
+    assert not AVOIDED.search(text)

@@ -1,0 +1,107 @@
+"""Services and the API use standard operations and quantities; only the driver level knows a sensor's own names."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gss.instruments.dictionary.definitions import TelemetryField
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.operations import ARGUMENTS
+from gss.instruments.telemetry_roles import Quantities
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("gss/operations", "gss/api")
+DRIVER = {
+    "gss/operations/checks/": "the conformance check sends the shared protocol's own packets",
+    "gss/operations/contacts/capture_decoder.py": "decodes HELLO as the driver does",
+}
+"""Files at the level of the driver, with the reason."""
+ALLOWED: dict[str, tuple[set[str], str]] = {
+    "gss/operations/contacts/contact_report.py": (
+        {
+            "attitude.sigma_cross_arcsec",
+            "housekeeping.stars_matched",
+            "housekeeping.rate_deg_s",
+            "housekeeping.sensor_temperature_c",
+        },
+        "plots of the report: not mapped yet",
+    ),
+    "gss/operations/recordings/live.py": ({"housekeeping"}, "recordings: not mapped yet"),
+    "gss/operations/recordings/stored.py": (
+        {
+            "housekeeping",
+            "current_imager_ma",
+            "processor_temperature_c",
+            "sensor_temperature_c",
+            "supply_3v3_v",
+        },
+        "recordings: not mapped yet",
+    ),
+    "gss/operations/telemetry/alarm_text.py": ({"housekeeping"}, "key of a stored alarm, which must not change"),
+    "gss/operations/telemetry/limit_check.py": ({"housekeeping"}, "judged with the dictionary alone: not mapped yet"),
+    "gss/operations/studies/calibration_sheet.py": ({"gain"}, "gain of the camera, not of the sensor's telemetry"),
+    "gss/api/present/link.py": ({"frames_good", "frames_bad"}, "counters of the shared protocol's line"),
+    "gss/api/schemas/stacks.py": ({"housekeeping"}, "default of stored stacks, which must not change"),
+}
+"""Names of the dictionary that a file may still contain, with the reason. Remove a name when its file no longer needs it."""
+WORDS = {"memory", "address", "value", "length", "direction", "duration_s", "state"}
+"""Plain words that are also names in the dictionary."""
+
+
+def standard_names() -> set[str]:
+    """Names of standard quantities, their packets and standard arguments; services may use these."""
+    names = {name for arguments in ARGUMENTS.values() for name in arguments}
+    for purpose, field in Quantities.model_fields.items():
+        assert isinstance(field.annotation, type)
+        names |= {purpose, *vars(field.annotation())}
+    return names | {f"quaternion_{axis}" for axis in "xyzw"}
+
+
+def own_names() -> set[str]:
+    """Names of the shared protocol that are not standard names: of commands, arguments, packets, fields and events."""
+    dictionary = load_dictionary()
+    names = {c.name for c in dictionary.commands} | {e.name for e in dictionary.events}
+    names |= {a.name for c in dictionary.commands for a in c.arguments}
+    for packet in dictionary.telemetry:
+        fields = {f.name for f in packet.fields if isinstance(f, TelemetryField)}
+        names |= {packet.name, *fields, *(f"{packet.name}.{field}" for field in fields)}
+    return names - standard_names() - WORDS
+
+
+def literals(file: Path) -> Iterator[tuple[int, str]]:
+    """Line and text of every string in a file that is not a docstring."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    texts = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in texts:
+            yield node.lineno, node.value
+
+
+def files() -> list[str]:
+    """Files of the rooms above the driver level."""
+    found = (path.relative_to(ROOT).as_posix() for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+    return sorted(name for name in found if not name.startswith(tuple(DRIVER)))
+
+
+def test_no_service_contains_a_sensor_s_own_names() -> None:
+    """A command, packet, field or event of one protocol is not named above the driver level outside the list above."""
+    names = own_names()
+    wrong = [
+        f"{name}:{line}: {text}"
+        for name in files()
+        for line, text in literals(ROOT / name)
+        if text in names and text not in ALLOWED.get(name, (set(), ""))[0]
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("name", sorted(ALLOWED))
+def test_the_list_only_has_what_is_needed(name: str) -> None:
+    """An allowed name that its file no longer contains is removed from the list, and every entry has a reason."""
+    allowed, reason = ALLOWED[name]
+    assert reason
+    assert allowed <= {text for _, text in literals(ROOT / name)}

@@ -1,0 +1,218 @@
+"""Instrument packages: validation names file, line and field; archives are bounded; the version follows the content."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.instruments.marked_yaml import parse_yaml
+from gss.instruments.package import load_instrument
+from gss.instruments.package_source import MOST_FILE_BYTES, read_package_files, read_zip, write_folder, write_zip
+from gss.instruments.registry import SHIPPED, Registry
+
+CUBESTAR = read_package_files(SHIPPED / "cubestar")
+
+
+def changed(file: str, old: str, new: str) -> dict[str, bytes]:
+    """Files of the cubestar package with one text replaced."""
+    text = CUBESTAR[file].decode()
+    assert old in text
+    return {**CUBESTAR, file: text.replace(old, new, 1).encode()}
+
+
+def renamed(name: str) -> dict[str, bytes]:
+    """Files of the cubestar package under another name."""
+    return changed("instrument.yaml", "id: cubestar", f"id: {name}")
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "field", "reason"),
+    [
+        ("camera.yaml", "value: 6.28, unit: mm", "value: 6.28, unit: cm", "geometry.focal_length", "unit must be mm"),
+        ("camera.yaml", "value: 6.28", "value: -6.28", "geometry.focal_length", "must be between"),
+        ("camera.yaml", "value: 6.28", "value: .nan", "geometry.focal_length.value", "finite"),
+        ("camera.yaml", "value: 1024", "value: 1024.5", "geometry.columns", "whole number"),
+        ("camera.yaml", 'source: "Erlank 2013 §3.5.4"', "origin: x", "geometry.f_number.origin", "not permitted"),
+        ("camera.yaml", ', source: "Erlank 2013 §3.5.4"', "", "geometry.f_number", "needs either its source"),
+        ("camera.yaml", "model: brown", "model: fisheye", "lens", "fisheye"),
+        ("camera.yaml", "faintest: {value: 3.8", "faintest: {value: -3.8", "limits", "brightest must be"),
+        ("instrument.yaml", "chain: cubestar", "chain: unheard", "chain", "must be one of"),
+        ("instrument.yaml", "dictionary: gss-common", "dictionary: ../secret", "dictionary", "unknown shared"),
+        ("instrument.yaml", "id: cubestar", "id: Cube Star", "id", "pattern"),
+        ("link.yaml", "framing: cobs", "framing: morse", "framing", "'cobs', 'slip', 'kiss'"),
+        ("catalogue.yaml", "name: cubestar", "name: unheard", "formats.0.name", "must be one of"),
+        ("simulator.yaml", "hot_share: ", "hot_shares: ", "defects.hot_shares", "not permitted"),
+    ],
+)
+def test_a_mistake_is_named_by_file_line_and_field(file: str, old: str, new: str, field: str, reason: str) -> None:
+    """The error has the file, the line of the field in that file, its path and the reason."""
+    files = changed(file, old, new)
+    with pytest.raises(BadInput) as caught:
+        load_instrument(files)
+    message = str(caught.value)
+    lines = files[file].decode().splitlines()
+    place = message.split(f"{file}, line ")[1]
+    number = int(place.split(":")[0])
+    assert field in message
+    assert reason in message
+    assert field.split(".")[-1] in lines[number - 1] or field.split(".")[-2] in lines[number - 1]
+
+
+def test_all_mistakes_of_a_file_are_reported_together() -> None:
+    """Two wrong numbers give two lines of text."""
+    text = CUBESTAR["camera.yaml"].decode().replace("unit: mag", "unit: lux")
+    with pytest.raises(BadInput) as caught:
+        load_instrument({**CUBESTAR, "camera.yaml": text.encode()})
+    assert "limits.brightest" in str(caught.value)
+    assert "limits.faintest" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("a: &x 1\nb: *x\n", "aliases"),
+        ("a: 1\na: 2\n", "appears twice"),
+        ("a: [1\n", "not YAML"),
+        ("- 1\n", "mapping"),
+        ("", "mapping"),
+        ("[" * 200 + "]" * 200, "nested"),
+        ("a: !!python/object/apply:os.system [x]\n", "not YAML"),
+        ("<<: {a: 1}\n", "plain word"),
+    ],
+)
+def test_yaml_that_a_package_does_not_need_is_refused(text: str, reason: str) -> None:
+    """Aliases, duplicate keys, deep nesting, tags and merge keys are errors with the file's name."""
+    with pytest.raises(BadInput, match=r"instrument\.yaml") as caught:
+        load_instrument({**CUBESTAR, "instrument.yaml": text.encode()})
+    assert reason in str(caught.value)
+
+
+def test_exponents_without_a_point_are_numbers() -> None:
+    """``5e-05`` is a float, as in YAML 1.2."""
+    assert (
+        load_instrument(changed("simulator.yaml", "dead_share: 2e-05", "dead_share: 3e-05")).profile.defects.dead_share
+        == 3e-5
+    )
+
+
+def test_only_true_and_false_are_booleans() -> None:
+    """``on``, ``off``, ``yes`` and ``no`` are text, as in YAML 1.2, so that an argument can be named so."""
+    content = parse_yaml("procedure.yaml", b"a: on\nb: [off, yes, No]\nc: true\nd: False\n").content
+    assert content == {"a": "on", "b": ["off", "yes", "No"], "c": True, "d": False}
+
+
+def test_missing_and_unknown_files_are_errors() -> None:
+    """A package needs instrument.yaml and camera.yaml and contains nothing else than package files."""
+    with pytest.raises(BadInput, match=r"camera\.yaml is missing"):
+        load_instrument({k: v for k, v in CUBESTAR.items() if k != "camera.yaml"})
+    with pytest.raises(BadInput, match="no such file"):
+        load_instrument({**CUBESTAR, "run.py": b"print()"})
+
+
+def test_the_version_follows_the_content() -> None:
+    """Comments, layout and line ends leave the version; a number, a procedure or the dictionary changes it."""
+    version = load_instrument(CUBESTAR).version
+    remarks = {name: b"# remark\r\n" if name.endswith(".yaml") else b"" for name in CUBESTAR}
+    remarked = {name: remarks[name] + data.replace(b"\n", b"\r\n") for name, data in CUBESTAR.items()}
+    assert load_instrument(remarked).version == version
+    assert load_instrument(changed("camera.yaml", "value: 6.28", "value: 6.29")).version != version
+    assert load_instrument({**CUBESTAR, "procedures/start.md": b"# Start\n"}).version != version
+    own = {**changed("instrument.yaml", "dictionary: gss-common\n", ""), "dictionary.yaml": DICTIONARY}
+    assert load_instrument(own).dictionary.hash == load_instrument(CUBESTAR).dictionary.hash
+
+
+DICTIONARY = (SHIPPED.parent / "dictionary" / "gss-common.yaml").read_bytes()
+
+
+def test_a_mistake_in_the_packages_own_dictionary_is_named() -> None:
+    """File, line and row."""
+    own = changed("instrument.yaml", "dictionary: gss-common\n", "")
+    broken = DICTIONARY.replace(
+        b"type: u16, unit: ms, min: 1, max: 2000,", b"type: u12, unit: ms, min: 1, max: 2000,", 1
+    )
+    with pytest.raises(BadInput, match=r"dictionary\.yaml, line \d+: .*unknown type"):
+        load_instrument({**own, "dictionary.yaml": broken})
+    with pytest.raises(BadInput, match="remove one of the two"):
+        load_instrument({**CUBESTAR, "dictionary.yaml": DICTIONARY})
+
+
+def archive(entries: dict[str, bytes]) -> bytes:
+    """A zip archive with any names."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in entries.items():
+            file.writestr(name, data)
+    return out.getvalue()
+
+
+def test_an_archive_gives_the_same_package() -> None:
+    """With and without an enclosing folder."""
+    version = load_instrument(CUBESTAR).version
+    assert load_instrument(read_zip(write_zip("cubestar", CUBESTAR))).version == version
+    assert load_instrument(read_zip(archive(dict(CUBESTAR)))).version == version
+
+
+@pytest.mark.parametrize(
+    "name", ["../instrument.yaml", "/instrument.yaml", "a/../../instrument.yaml", "procedures/../x.md", "a\\b.yaml"]
+)
+def test_an_archive_cannot_name_files_elsewhere(name: str) -> None:
+    """Absolute names and names with dots are refused."""
+    with pytest.raises(BadInput, match="no such file"):
+        read_zip(archive({**CUBESTAR, name: b"x"}))
+
+
+def test_an_archive_that_expands_without_end_is_refused() -> None:
+    """A file of 300 MB of zeros is cut off at the limit, however small the archive; so are many files."""
+    bomb = archive({**CUBESTAR, "procedures/big.md": b"\0" * (300 * MOST_FILE_BYTES)})
+    assert len(bomb) < MOST_FILE_BYTES
+    with pytest.raises(BadInput, match="too large"):
+        read_zip(bomb)
+    with pytest.raises(BadInput, match="too many files"):
+        read_zip(archive({f"procedures/{n}.md": b"x" for n in range(100)}))
+    with pytest.raises(BadInput, match="zip"):
+        read_zip(b"PK\3\4 not a zip")
+
+
+def test_a_link_to_another_file_is_refused(tmp_path: Path) -> None:
+    """A folder with a symbolic link is not read."""
+    write_folder(tmp_path / "a", CUBESTAR)
+    (tmp_path / "a" / "link.yaml").unlink()
+    (tmp_path / "a" / "link.yaml").symlink_to("/etc/passwd")
+    with pytest.raises(BadInput, match="symbolic link"):
+        read_package_files(tmp_path / "a")
+
+
+def test_an_added_package_is_found_and_a_changed_one_read_again(tmp_path: Path) -> None:
+    """The registry has it at once, keeps the former version for comparison, and notices an edited file."""
+    registry = Registry(tmp_path)
+    first = registry.add(renamed("mine"))
+    second = registry.add({**renamed("mine"), "procedures/start.md": b"# Start\n"})
+    assert registry.get("mine").version == second.version != first.version
+    assert registry.versions("mine") == (second.version, first.version)
+    assert registry.version("mine", first.version[:8]).files == first.files
+    camera = tmp_path / "mine" / "camera.yaml"
+    camera.write_bytes(camera.read_bytes().replace(b"value: 6.28", b"value: 12.28"))
+    assert registry.camera("mine").focal_mm == 12.28
+    assert Registry(tmp_path).get("mine").version == registry.get("mine").version
+
+
+def test_an_invalid_package_is_reported_and_harms_no_other(tmp_path: Path) -> None:
+    """It is listed as broken with its reason; nothing of it is loaded, and a rejected one is not installed."""
+    registry = Registry(tmp_path)
+    write_folder(tmp_path / "broken", changed("camera.yaml", "value: 6.28", "value: much"))
+    write_folder(tmp_path / "other", CUBESTAR)
+    assert {b.name for b in registry.broken()} == {"broken", "other"}
+    assert "line" in registry.broken()[0].reason
+    with pytest.raises(BadInput, match="focal_length"):
+        registry.get("broken")
+    assert {i.name for i in registry.all()} == set(Registry().names())
+    with pytest.raises(BadInput):
+        registry.add(changed("camera.yaml", "value: 6.28", "value: much"))
+    with pytest.raises(Conflict, match="shipped"):
+        registry.add(CUBESTAR)
+    with pytest.raises(NotFound, match="unknown instrument"):
+        registry.get("unheard")

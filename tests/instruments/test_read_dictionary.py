@@ -1,0 +1,154 @@
+"""The dictionary is checked when it is read."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import pytest
+import yaml
+
+from gss.device.icd import icd_markdown
+from gss.domain.errors import BadInput, NotFound
+from gss.instruments.dictionary.definitions import Conversion, Hazard, Precondition
+from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
+
+TEXT = resources.files("gss.instruments.dictionary").joinpath("gss-common.yaml").read_text("utf-8")
+
+
+def test_interface_document_is_up_to_date() -> None:
+    """docs/icd.md is what the dictionary says now; ``python -m gss.device.icd > docs/icd.md`` renews it."""
+    path = Path(__file__).parents[2] / "docs" / "icd.md"
+    assert path.read_text("utf-8") == icd_markdown(load_dictionary())
+
+
+def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:
+    """A comment, another order of keys or another description leaves the hash; a changed range does not."""
+    content = yaml.safe_load(TEXT)
+    assert parse_dictionary(yaml.safe_dump(content)).hash == load_dictionary().hash
+    assert parse_dictionary(TEXT + "# remark\n").hash == load_dictionary().hash
+    content["commands"][0]["purpose"] += "!"
+    assert parse_dictionary(yaml.safe_dump(content)).hash == load_dictionary().hash
+    content["commands"][0]["accept_s"] += 1.0
+    assert parse_dictionary(yaml.safe_dump(content)).hash != load_dictionary().hash
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("code: 2\n    subsystem", "code: 1\n    subsystem", "given twice"),
+        ("name: GET_STATUS", "name: HELLO", "given twice"),
+        ("min: 1, max: 2000, default: 250", "min: 1, max: 2000, default: 2250", "default is not allowed"),
+        ("min: 1, max: 2000, default: 250", "min: 1, max: 70000, default: 250", "does not fit u16"),
+        ("type: u16, unit: ms, min: 1, max: 2000,", "type: u12, unit: ms, min: 1, max: 2000,", "unknown type"),
+        ("enum: mode, default: lost_in_space", "enum: modes, default: lost_in_space", "enum is missing or unknown"),
+        ("enum: mode, default: lost_in_space", "enum: mode, default: lost", "default is not allowed"),
+        ("{linear: [0.0625, -50.0]}", "{eval: [0.0625, -50.0]}", "unknown conversion"),
+        ("{field: mode, op: ne,", "{field: mood, op: ne,", "unknown field"),
+        ("{field: mode, op: ne,", "{field: mode, op: is,", "unknown operator"),
+        ("hazard_reason: The bank's", "hazard_reasoning: The bank's", "unknown keys"),
+        ("watch: [-15, 45]", "watch: [45, -15]", "limits are crossed"),
+        ("{watch: [null, 60.0]}", "{watches: [null, 60.0]}", "unknown keys"),
+        ("sets: {commissioning: {watch: [null, 60.0]}}", "sets: {training: {}}", "unknown limit set"),
+        ("critical: [-30, 65], persistence: 3", "critical: [-10, 65], persistence: 3", "beyond a more urgent level"),
+        ("persistence: 3,", "persistence: 0,", "persistence counts samples"),
+        ("limit_sets:", "limit_set:", "unknown keys"),
+        ("commands:", "commands: [", "not YAML"),
+    ],
+)
+def test_a_wrong_row_is_refused_and_named(old: str, new: str, message: str) -> None:
+    """Each kind of mistake in the file is found when it is loaded."""
+    assert old in TEXT
+    with pytest.raises(BadInput) as caught:
+        parse_dictionary(TEXT.replace(old, new, 1))
+    assert message in str(caught.value)
+
+
+def test_hazards_are_where_they_belong() -> None:
+    """What can lose a catalogue or the session is marked."""
+    d = load_dictionary()
+    hazards = {c.name: c.hazard for c in d.commands if c.hazard is not Hazard.NONE}
+    assert hazards == {
+        "RESET": Hazard.WARNING,
+        "CLEAR_LATCHUP": Hazard.WARNING,
+        "SCHEDULE": Hazard.WATCH,
+        "ACTIVATE_BANK": Hazard.CRITICAL,
+        "ROLLBACK_BANK": Hazard.WARNING,
+        "ERASE_BANK": Hazard.CRITICAL,
+        "ACTIVATE_TABLE": Hazard.CRITICAL,
+        "ROLLBACK_TABLE": Hazard.WARNING,
+        "ERASE_TABLE": Hazard.CRITICAL,
+    }
+    once = [name for name in hazards if name != "CLEAR_LATCHUP"]
+    assert not any(d.command(name).idempotent for name in ("TAKE_IMAGE", "RUN_ITERATION", *once))
+
+
+def test_a_value_of_an_enumeration_can_be_the_hazard() -> None:
+    """POWER is harmless switching on and a warning with its reason switching off; the worse of both counts."""
+    d = load_dictionary()
+    power = d.command("POWER")
+    assert power.hazard_for({"rail": "sram", "state": "on"}) == (Hazard.NONE, "")
+    assert power.hazard_for({"rail": "sram", "state": "off"}) == (Hazard.WARNING, "The unit loses its stored content")
+    assert power.hazard_for({"state": 0})[0] is Hazard.WARNING
+    assert power.hazard_for({})[0] is Hazard.NONE
+    activate = d.command("ACTIVATE_BANK")
+    assert activate.hazard_for({"bank": "B"}) == (Hazard.CRITICAL, activate.hazard_reason)
+
+
+def test_limits_follow_the_chosen_set() -> None:
+    """A field without limits for a set keeps its own; persistence is 1 unless the row says more."""
+    d = load_dictionary()
+    fields = {f.name: f for f in d.packet("housekeeping").values}
+    warm, rate = fields["sensor_temperature_c"], fields["rate_deg_s"]
+    assert [s.name for s in d.limit_sets] == ["nominal", "commissioning"]
+    assert (warm.limits.watch, warm.persistence) == ((-15, 45), 3)
+    assert "nominal" not in warm.sets
+    assert warm.sets["commissioning"].watch == (-25, 55)
+    assert "commissioning" not in rate.sets
+    assert rate.persistence == 1
+
+
+def test_only_a_simulator_has_the_instructors_commands() -> None:
+    """What starts with SIM_ is marked, and nothing else is."""
+    assert {c.name for c in load_dictionary().commands if c.simulator_only} == {
+        c.name for c in load_dictionary().commands if c.name.startswith("SIM_")
+    }
+
+
+def test_names_that_are_not_there_say_what_is() -> None:
+    """Look-ups fail with the list of names; codes from the line give None."""
+    d = load_dictionary()
+    with pytest.raises(NotFound, match="TAKE_IMAGE"):
+        d.command("TAKE_PICTURE")
+    with pytest.raises(NotFound, match="housekeeping"):
+        d.packet("x")
+    assert d.command_of_code(250) is None
+    assert d.packet_of_code(250) is None
+    assert d.event_of_code(250) is None
+    assert d.service_of_code("transfer", 250) is None
+
+
+def test_conversion_is_the_polynomial() -> None:
+    """Raw to engineering by Horner; without coefficients nothing changes."""
+    assert Conversion((2.0, 3.0, 0.5)).engineering(4) == pytest.approx(2 + 12 + 8)
+    assert Conversion().engineering(4) == 4
+    assert Conversion((1.0, 1.0)).engineering("text") == "text"
+
+
+@pytest.mark.parametrize(
+    ("op", "value", "left", "met"),
+    [
+        ("eq", 1, 1, True),
+        ("ne", "standby", "standby", False),
+        ("lt", 3, 2, True),
+        ("le", 3, 4, False),
+        ("gt", 3, 4, True),
+        ("ge", 5, 4, False),
+    ],
+)
+def test_preconditions_compare(op: str, value: int | str, left: int | str, met: bool) -> None:
+    """Each operator, and unknown where the field is not known."""
+    condition = Precondition("f", op, value, "")
+    assert condition.met({"f": left}) is met
+    assert condition.met({}) is None
+    assert condition.met(None) is None

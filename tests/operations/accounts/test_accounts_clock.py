@@ -1,0 +1,71 @@
+"""A clock that is set back, or was ahead for a time, revives no session and no token."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from types import SimpleNamespace
+
+from gss.operations.accounts.accounts import open_accounts
+from gss.operations.accounts.audit import AuditService
+from gss.operations.accounts.audit_anchor import AnchorFile
+from gss.store import choices
+
+PASSWORD = "correct horse battery"
+RULES = SimpleNamespace(password_passes=1, password_memory_kib=32, session_idle_minutes=60, session_hours=10)
+DAY_S = 86400.0
+
+
+class Seconds:
+    """A monotonic clock, independent of the system clock."""
+
+    def __init__(self) -> None:
+        self.at_s = 0.0
+
+    def __call__(self) -> float:
+        return self.at_s
+
+
+def test_a_clock_set_back_revives_neither_token_nor_session(database, clock):
+    """While the server runs: the monotonic clock continues where the system clock had been."""
+    seconds = Seconds()
+    accounts = open_accounts(database, RULES, clock, seconds)
+    accounts.users.add("ann", "admin", by="test", password=PASSWORD)
+    token = accounts.tokens.add("t", "viewer", 1, by="ann").key
+    session = accounts.sessions.sign_in("ann", PASSWORD, address="a").key
+    clock.forward(2 * DAY_S)
+    seconds.at_s += 2 * DAY_S
+    assert accounts.who_has_token(token, "a") is None
+    clock.forward(-2 * DAY_S)
+    assert accounts.who_has_token(token, "a") is None
+    assert accounts.who_has_cookie(session) is None
+    assert accounts.who_has_cookie(accounts.sessions.sign_in("ann", PASSWORD, address="a").key) is not None
+
+
+def test_after_a_restart_with_a_clock_set_back_an_expired_token_stays_expired(database, clock, tmp_path):
+    """The newest audit row is the floor; after further rows with the wrong time, the last trusted time still is."""
+    accounts = open_accounts(database, RULES, clock, Seconds())
+    token = accounts.tokens.add("t", "viewer", 1, by="ann").key
+    audit = AuditService(database, clock, AnchorFile(tmp_path / "anchors"))
+    clock.forward(2 * DAY_S)
+    audit.record("ann", "x.y", "late", "done")
+    clock.forward(-2 * DAY_S)
+    assert open_accounts(database, RULES, clock, Seconds()).who_has_token(token, "a") is None
+    with database.unit_of_work() as session:
+        trusted = clock.at + timedelta(days=2)
+        choices.write(session, choices.TRUSTED_TIME, {"at": trusted.isoformat()}, clock.at, "gss")
+    audit.record("ann", "x.y", "with the clock set back", "done")
+    assert open_accounts(database, RULES, clock, Seconds()).who_has_token(token, "a") is None
+
+
+def test_keys_made_with_a_clock_ahead_are_not_valid_for_years(database, clock):
+    """Made ten years ahead, they would live ten years longer than they may; once the clock is right they are refused."""
+    clock.forward(3650 * DAY_S)
+    ahead = open_accounts(database, RULES, clock, Seconds())
+    ahead.users.add("ann", "admin", by="test", password=PASSWORD)
+    token = ahead.tokens.add("t", "viewer", 1, by="ann").key
+    session = ahead.sessions.sign_in("ann", PASSWORD, address="a").key
+    assert ahead.who_has_token(token, "a") is not None
+    clock.forward(-3650 * DAY_S)
+    right = open_accounts(database, RULES, clock, Seconds())
+    assert right.who_has_token(token, "a") is None
+    assert right.who_has_cookie(session) is None

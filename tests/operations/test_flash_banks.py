@@ -1,0 +1,51 @@
+"""Banks of catalogues and of tables are one concept: (kind, bank)."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from gss.domain.errors import BadInput, Conflict
+from gss.instruments.roles import shared_roles
+from gss.operations.transfers.flash_banks import CATALOGUES, TABLES, FlashBanks
+
+SHA256 = bytes(range(32))
+
+
+def flash(hello: Any = "a device") -> FlashBanks:
+    """The banks of a device that has identified itself."""
+    return FlashBanks(SimpleNamespace(hello=hello, reason="silence", roles=shared_roles()))  # type: ignore[arg-type]
+
+
+def test_reports_of_catalogues_and_tables_are_kept_apart_by_kind() -> None:
+    """Bank A of the catalogues and bank B of two kinds of tables; a newer report replaces the older one."""
+    banks = flash()
+    banks.take({"bank": "A", "state": "empty", "active": False, "sha256": bytes(32)})
+    banks.take({"table": "calibration", "bank": "B", "state": "empty", "active": False, "sha256": bytes(32)})
+    banks.take({"table": "parameters", "bank": "B", "state": "committed", "active": True, "sha256": SHA256})
+    held = banks.take({"bank": "A", "state": "committed", "active": True, "sha256": SHA256})
+    assert banks.of(CATALOGUES) == [held]
+    assert (held.kind, held.sha256, held.holds_data) == ("catalogue", SHA256.hex(), True)
+    assert [(r.kind, r.bank, r.sha256) for r in banks.of(TABLES)] == [
+        ("calibration", "B", ""),
+        ("parameters", "B", SHA256.hex()),
+    ]
+    banks.forget()
+    assert banks.of(CATALOGUES) == banks.of(TABLES) == []
+
+
+def test_an_upload_goes_to_an_inactive_bank_of_its_kind() -> None:
+    """An active bank is rejected for its own kind only; so are an unknown bank and a device that has not identified
+    itself.
+    """
+    banks = flash()
+    banks.take({"table": "parameters", "bank": "B", "state": "committed", "active": True, "sha256": SHA256})
+    assert banks.target("calibration", "B")[0] == TABLES.number(shared_roles().operations, "B")
+    with pytest.raises(Conflict, match="parameters bank B is active"):
+        banks.target("parameters", "B")
+    with pytest.raises(BadInput, match="no such choice"):
+        banks.target("catalogue", "Z")
+    with pytest.raises(Conflict, match="no device has answered"):
+        flash(None).target("catalogue", "A")

@@ -1,0 +1,53 @@
+"""The last solved attitude, whatever order and names a sensor gives it."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+
+from gss.device.session_events import Telemetry
+from gss.instruments.telemetry_roles import AttitudeRole
+from gss.operations.line.line_events import LineBatch
+from gss.operations.telemetry.last_attitude import LastAttitude
+
+ROLE = AttitudeRole(packet="solution", quaternion=("w", "x", "y", "z"), order="scalar_first", outcome="valid")
+AXIS = {"w": 0.5**0.5, "x": 0.5**0.5, "y": 0.0, "z": 0.0}
+"""The camera turned by 90° about its x axis: it looks along −y or +y of the inertial frame."""
+
+
+class Seconds:
+    value = 10.0
+
+    def __call__(self) -> float:
+        return self.value
+
+
+def batch(at_s: float, **values: Any) -> LineBatch:
+    packet = Telemetry("solution", 0.0, 0, values, values)
+    return LineBatch((packet,), datetime(2026, 11, 23, tzinfo=UTC), at_s)
+
+
+def test_the_last_solved_attitude_stays_with_its_age() -> None:
+    """A later report without a solution is named, and does not replace the attitude."""
+    clock = Seconds()
+    last = LastAttitude(ROLE, clock)
+    assert last.report() is None
+    last.handle(batch(8.0, valid="solved", **AXIS))
+    last.handle(batch(9.0, valid="none", w=1.0, x=0.0, y=0.0, z=0.0))
+    report = last.report()
+    assert report is not None
+    assert report.age_s == pytest.approx(2.0)
+    assert report.newest_outcome == "none"
+    assert report.dec_deg == pytest.approx(0.0, abs=1e-9)
+    assert report.ra_deg in (pytest.approx(90.0), pytest.approx(270.0))
+    assert report.sigma_cross_arcsec is None
+
+
+@pytest.mark.parametrize("bad", [{"w": 0.0, "x": 0.0}, {"w": float("nan")}])
+def test_a_quaternion_that_is_none_gives_no_attitude(bad: dict[str, float]) -> None:
+    """Of length zero, or not a number."""
+    last = LastAttitude(ROLE, Seconds())
+    last.handle(batch(8.0, valid="solved", **{**AXIS, **bad}))
+    assert last.report() is None

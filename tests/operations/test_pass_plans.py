@@ -1,0 +1,211 @@
+"""Pass plans on a simulated sensor with a clock that the test owns: acquisition, loss of signal, next pass, ABORT, restart."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+from typing import Any, cast
+
+import pytest
+
+from gss.domain.errors import BadInput, Conflict, NotPermitted
+from gss.operations.passes.line_budget import LineBudgetService
+from gss.operations.passes.pass_table import PassService
+from gss.operations.passes.plan_items import ItemControl, PlanItem
+from gss.operations.passes.plan_runner import PlanRunner
+from gss.operations.passes.plans import PlanService, items_of
+from gss.operations.passes.spacecraft import SpacecraftService
+from gss.operations.passes.stations import StationService
+from gss.orbit.station import GroundStation
+from gss.store import commands as store
+
+pytestmark = pytest.mark.timeout(120)
+STATUS = {"command": "GET_STATUS"}
+STANDBY = {"command": "SET_MODE", "arguments": {"mode": "standby"}}
+STELLENBOSCH = GroundStation("Stellenbosch", -0.59215, 0.32926, 136.0, 0.0873)
+
+
+class Mission:
+    """Passes and plans on a console. The plans here have stacks only: transfers are not needed."""
+
+    def __init__(self, console: Any, database: Any, bus: Any, clock: Any, tle: str) -> None:
+        self.console, self.clock, self.bus = console, clock, bus
+        spacecraft, stations = SpacecraftService(database, bus, clock), StationService(database, bus, clock)
+        self.table = PassService(spacecraft, stations, LineBudgetService(console.link, database), clock)
+        none = cast(Any, None)
+        control = ItemControl(console.stacks, console.runs, none, none, none, console._permits)
+        self.plans = PlanService(self.table, spacecraft, control, console.commands, database, bus, clock)
+        self.runner = PlanRunner(self.plans, control, self.table, console.link, console.commands, bus, clock)
+        if not stations.every():
+            stations.create(STELLENBOSCH, "", 0, "", user="ann")
+            spacecraft.set(tle, name="", source="", user="ann")
+
+    def stack(self, *steps: Any, name: str) -> PlanItem:
+        row = self.console.stacks.create(name, "", steps, user="ann")
+        return PlanItem("stack", "", 30.0, stack_id=row.id)
+
+    def plan(self, *items: PlanItem, resume: bool = False, name: str = "p") -> Any:
+        first = next(p for p in self.table.coming(3).passes if p.at.rise > self.clock.at + timedelta(minutes=5))
+        return self.plans.create(name, first.station.id, first.at.culmination, items, resume=resume, user="ann")
+
+    def at(self, moment: Any) -> None:
+        self.clock.at = moment
+
+    def until(self, plan: Any, *states: str) -> Any:
+        """Tick until the plan has one of these states."""
+
+        def there() -> bool:
+            self.runner.tick()
+            return self.plans.get(plan.id).state in states
+
+        self.console.wait(there)
+        return self.plans.get(plan.id)
+
+    def sent(self, name: str) -> int:
+        with self.console.commands._database.unit_of_work() as session:
+            return len(store.page(session, store.Filter(names=(name,), user="ann"), 100))
+
+
+@pytest.fixture
+def mission(make_console, database, bus, clock, tle_of):
+    """A mission with one station and an orbit of yesterday."""
+    return Mission(make_console(), database, bus, clock, tle_of(1, clock.at))
+
+
+def states(plan: Any) -> list[str]:
+    return [item.state for item in items_of(plan)]
+
+
+def test_a_plan_starts_at_its_pass_and_records_each_item(mission):
+    """Nothing is sent before the pass or without arming; then the items run in order, each with its times."""
+    plan = mission.plan(mission.stack(STANDBY, name="a"), mission.stack(STATUS, name="b"))
+    mission.at(plan.rise + timedelta(seconds=5))
+    mission.runner.tick()
+    assert mission.plans.get(plan.id).state == "draft"
+    mission.at(plan.rise - timedelta(minutes=10))
+    assert mission.plans.arm(plan.id, [], user="ann").state == "armed"
+    assert mission.console.authority.holder() == "ann"
+    mission.runner.tick()
+    assert (mission.plans.get(plan.id).state, mission.sent("SET_MODE")) == ("armed", 0)
+    mission.at(plan.rise + timedelta(seconds=5))
+    done = mission.until(plan, "completed", "failed")
+    assert (done.state, states(done)) == ("completed", ["done", "done"])
+    assert (mission.sent("SET_MODE"), mission.sent("GET_STATUS")) == (1, 1)
+    assert all(item.started and item.finished for item in items_of(done))
+    with pytest.raises(Conflict, match="only a draft"):
+        mission.plans.arm(plan.id, [], user="ann")
+
+
+def test_loss_of_signal_pauses_and_the_next_pass_continues(mission):
+    """The item after the loss is sent once, in the next pass over the station."""
+    plan = mission.plan(mission.stack(STATUS, name="a"), mission.stack(STANDBY, name="b"), resume=True)
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.at(plan.rise + timedelta(seconds=5))
+    mission.runner.tick()  # starts the first item
+    link, url = mission.console.link, mission.console.sensor.url
+    mission.console.wait(lambda: mission.console.runs.newest(1)[0].state == "completed")
+    link.close()
+    mission.console.wait(lambda: not link.connected)
+    paused = mission.until(plan, "paused")
+    assert (paused.reason, mission.sent("SET_MODE")) == ("loss of signal", 0)
+    mission.at(plan.set + timedelta(seconds=5))
+    waiting = mission.until(plan, "waiting")
+    assert waiting.rise > plan.set
+    link.open_later(url)
+    mission.console.wait(lambda: link.connected and link.hello is not None)
+    mission.runner.tick()
+    assert mission.plans.get(plan.id).state == "waiting"
+    mission.at(waiting.rise + timedelta(seconds=5))
+    done = mission.until(plan, "completed", "failed")
+    assert (done.state, states(done), mission.sent("SET_MODE")) == ("completed", ["done", "done"], 1)
+
+
+def test_a_pass_without_signal_is_missed(mission):
+    """Without a line nothing is sent, and the record says why."""
+    plan = mission.plan(mission.stack(STATUS, name="a"))
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.console.link.close()
+    mission.console.wait(lambda: not mission.console.link.connected)
+    mission.at(plan.set + timedelta(seconds=1))
+    missed = mission.until(plan, "missed")
+    assert (missed.reason, states(missed)) == ("no signal was acquired in the pass", ["waiting"])
+
+
+@pytest.mark.parametrize("how", ["abort", "stop"])
+def test_abort_and_stop_end_the_plan_and_its_stack(mission, how):
+    """The stack in progress ends, the items after it are not sent."""
+    plan = mission.plan(mission.stack(STATUS | {"delay_s": 600}, name="a"), mission.stack(STANDBY, name="b"))
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.at(plan.rise + timedelta(seconds=5))
+    mission.until(plan, "running")
+    if how == "abort":
+        mission.console.commands.abort(user="eve", source="form")
+    else:
+        mission.runner.stop(plan.id, user="eve")
+    ended = mission.until(plan, "stopped")
+    assert ended.reason == ("ABORT was sent" if how == "abort" else "stopped by eve")
+    mission.console.run_ends(mission.console.runs.newest(1)[0])
+    assert (states(ended), mission.sent("SET_MODE")) == (["stopped", "waiting"], 0)
+    with pytest.raises(Conflict, match="not active"):
+        mission.runner.stop(plan.id, user="eve")
+
+
+def test_after_a_restart_an_item_in_progress_is_unknown_and_an_armed_plan_stays(
+    mission, make_console, database, bus, clock, tle_of
+):
+    """Nothing is sent twice; a plan that had not begun is still armed."""
+    later = mission.plan(mission.stack(STANDBY, name="b"), name="later")
+    mission.at(later.set + timedelta(minutes=5))
+    second = mission.plan(mission.stack(STATUS | {"delay_s": 600}, name="a"), name="second")
+    third = mission.plan(mission.stack(STANDBY, name="c"), name="third")
+    mission.plans.change(third.id, rise=second.set + timedelta(hours=1), set=second.set + timedelta(hours=2))
+    for plan in (second, third):
+        mission.plans.arm(plan.id, [], user="ann")
+    mission.at(second.rise + timedelta(seconds=5))
+    mission.until(second, "running")
+    again = Mission(make_console(), database, bus, clock, "")
+    again.console.runs.start()
+    again.runner.start()
+    stopped = again.plans.get(second.id)
+    assert (stopped.state, states(stopped), "restarted" in stopped.reason) == ("stopped", ["unknown"], True)
+    assert again.plans.get(third.id).state == "armed"
+    again.runner.tick()
+    assert again.sent("GET_STATUS") == 0
+
+
+def test_a_plan_is_armed_only_if_it_fits_and_its_user_may(mission):
+    """Too long, overlapping, over, not permitted, not confirmed, without authority: each with its reason."""
+    item = mission.stack(STATUS, name="a")
+    long = mission.plan(*[item] * 40, name="long")
+    with pytest.raises(Conflict, match="cannot be armed") as caught:
+        mission.plans.arm(long.id, [], user="ann")
+    assert "The items need 1200 s" in caught.value.got
+    plan, other = mission.plan(item), mission.plan(item, name="other")
+    mission.plans.arm(other.id, [], user="ann")
+    assert "overlaps the armed plan other" in mission.plans.problems(plan)[0]
+    mission.runner.stop(other.id, user="ann")
+    erase = mission.plan(mission.stack({"command": "ERASE_BANK", "arguments": {"bank": "C"}}, name="e"), name="erase")
+    with pytest.raises(BadInput, match="need confirmation"):
+        mission.plans.arm(erase.id, [], user="ann")
+    mission.console.refused.add("bob")
+    with pytest.raises(NotPermitted):
+        mission.plans.arm(plan.id, [], user="bob")
+    with pytest.raises(Conflict, match="command authority is held by ann"):
+        mission.plans.arm(plan.id, [], user="eve")
+    mission.at(plan.set + timedelta(seconds=1))
+    assert "The pass is over" in mission.plans.problems(plan)[0]
+    with pytest.raises(BadInput, match="not in view"):
+        mission.plans.create("x", plan.station_id, plan.rise - timedelta(minutes=20), [item], resume=False, user="ann")
+    mission.plans.delete(plan.id)
+    with pytest.raises(Conflict, match="only a draft can be deleted"):
+        mission.plans.delete(other.id)
+
+
+def test_lost_authority_fails_the_plan_before_anything_is_sent(mission):
+    """Another user broke the authority: the plan does not send in the name of the first."""
+    plan = mission.plan(mission.stack(STANDBY, name="a"))
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.console.authority.break_("eve", "urgent")
+    mission.at(plan.rise + timedelta(seconds=5))
+    failed = mission.until(plan, "failed")
+    assert "command authority is held by eve" in failed.reason
+    assert mission.sent("SET_MODE") == 0

@@ -1,0 +1,259 @@
+"""Procedures: read and checked before they start, run step by step on a simulated sensor, recorded and frozen."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from gss.domain.errors import BadInput, Conflict, NotPermitted
+from gss.operations.procedures.document import read_procedure
+from gss.operations.procedures.run_record import StepEntry, entries_of, is_intact, record_bytes
+from gss.store.commands import Filter
+
+pytestmark = pytest.mark.timeout(180)
+
+
+def fence(kind: str, *lines: str) -> str:
+    """Return a fenced block."""
+    return "\n".join([f"```{kind}", *lines, "```", ""])
+
+
+def procedure(*steps: tuple[str, str], title: str = "Test") -> str:
+    """Return a procedure with these (name, content) steps."""
+    return f"# {title}\n\nIntroduction.\n\n" + "\n".join(
+        f"## {name}: The {name} step\n\n{body}" for name, body in steps
+    )
+
+
+GOOD = procedure(
+    ("note", "Read this."),
+    ("cool", fence("check", "housekeeping.sensor_temperature_c < 200", "within: 60 s", "else: pause")),
+    ("status", fence("command", "GET_STATUS")),
+    ("dark", fence("question", "Is the sky dark?", "yes: way", "no: end")),
+    ("way", fence("branch", "if housekeeping.sensor_temperature_c > 200: pause", "else: second")),
+    ("pause", fence("wait", "30 s")),
+    ("second", fence("hold", "The unit may be commanded.")),
+    ("signed", fence("sign", "Complete.")),
+)
+
+
+@pytest.fixture
+def console(make_console: Callable[..., Any]) -> Any:
+    """An operator console whose sensor has sent housekeeping."""
+    console = make_console()
+    console.wait(lambda: console.telemetry.newest_values("housekeeping") is not None)
+    return console
+
+
+def begin(console: Any, text: str, **how: Any) -> Any:
+    """Store a procedure and start it."""
+    row = console.procedures.create(text, user="ann")
+    return console.procedure_runs.begin(row.id, user="ann", **how)
+
+
+def states(console: Any, run: Any) -> list[tuple[str, str]]:
+    """Return (step, state) of every entry."""
+    return [(e.step, e.state) for e in entries_of(console.procedure_runs.get(run.id))]
+
+
+def step(console: Any, run: Any, name: str, user: str = "ann", **how: Any) -> Any:
+    """Run a step and wait until it is no longer under way."""
+    console.procedure_runs.run_step(run.id, name, user=user, **how)
+    console.wait(lambda: states(console, run)[-1][1] == "failed" or console.procedure_runs.get(run.id).current != name)
+    return console.procedure_runs.get(run.id)
+
+
+def sent(console: Any) -> list[str]:
+    """Return the commands that procedures sent."""
+    return [row.name for row in console.history.page(Filter(source="procedure"), 20)]
+
+
+# --- reading ------------------------------------------------------------------------------------------------------
+
+
+def test_a_procedure_is_read_with_its_texts_and_actions() -> None:
+    """Title, introduction, and each step with text, action, options and targets."""
+    found = read_procedure(GOOD)
+    assert (found.title, found.introduction, found.mistakes) == ("Test", "Introduction.", ())
+    assert [(s.id, s.kind) for s in found.steps] == [
+        ("note", "text"),
+        ("cool", "check"),
+        ("status", "command"),
+        ("dark", "question"),
+        ("way", "branch"),
+        ("pause", "wait"),
+        ("second", "hold"),
+        ("signed", "sign"),
+    ]
+    cool = found.step("cool")
+    assert (cool.words, cool.seconds, cool.target("else")) == ("housekeeping.sensor_temperature_c < 200", 60.0, "pause")
+    assert found.step("note").text == "Read this."
+    assert found.after(found.step("signed"), "next") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("## a: b\n", 1, "no title"),
+        ("# T\n", 1, "has 0 steps"),
+        ("# T\n## Without name\n", 2, "is not a step"),
+        (procedure(("end", "x")), 5, "cannot be named end"),
+        (procedure(("a", fence("command", "NO_SUCH"))), 8, "unknown command"),
+        (procedure(("a", fence("command", "ABORT"))), 8, "ABORT cannot be a step"),
+        (procedure(("a", fence("command", "TAKE_IMAGE slot=4000"))), 8, "slot"),
+        (procedure(("a", fence("command", "TAKE_IMAGE slot=x"))), 8, "not a number"),
+        (procedure(("a", fence("command", "TAKE_IMAGE depth=3"))), 8, "has no argument depth"),
+        (procedure(("a", fence("command", "TAKE_IMAGE slot"))), 8, "argument=value"),
+        (procedure(("a", fence("check", "housekeeping.nothing > 1"))), 8, "unknown telemetry field"),
+        (procedure(("a", fence("check", "housekeeping.supply_3v3_v + 1"))), 8, "not a condition"),
+        (procedure(("a", fence("check", "1 <"))), 8, "position"),
+        (procedure(("a", fence("check", "1 < 2", "then: b"))), 8, "unknown option"),
+        (procedure(("a", fence("check", "1 < 2", "else: b"))), 8, "There is no step b"),
+        (procedure(("a", fence("wait", "soon"))), 8, "duration"),
+        (procedure(("a", fence("question", "Dark?"))), 8, "no answers"),
+        (procedure(("a", fence("branch", "if 1 < 2: end"))), 8, "does not end with its else"),
+        (procedure(("a", fence("check"))), 8, "block is empty"),
+        (procedure(("a", "x"), ("a", "y")), 8, "used twice"),
+        (procedure(("a", fence("question", "Dark?", "no: end")), ("b", "x")), 12, "b cannot be reached"),
+        (procedure(("a", fence("wait", "1 s") + fence("wait", "1 s"))), 10, "one action"),
+    ],
+)
+def test_a_mistake_is_reported_with_its_line(console: Any, text: str, line: int, words: str) -> None:
+    """Each mistake of a procedure that must not start."""
+    found = [m for m in console.procedures.check(text).mistakes if words in m.text]
+    assert found, console.procedures.check(text).mistakes
+    assert found[0].line == line, found
+
+
+def test_a_procedure_with_mistakes_is_stored_and_cannot_start(console: Any) -> None:
+    """An unfinished text is not lost; starting it states the first mistake."""
+    row = console.procedures.create(procedure(("a", fence("command", "NO_SUCH"))), user="ann")
+    with pytest.raises(BadInput, match=r"cannot start\. Line 8: unknown command"):
+        console.procedure_runs.begin(row.id, user="ann")
+    with pytest.raises(Conflict, match="title exists"):
+        console.procedures.create(procedure(("a", "x")), user="ann")
+    changed = console.procedures.change(row.id, procedure(("a", "x"), title="Other"), user="bob")
+    assert (changed.name, changed.author) == ("Other", "bob")
+
+
+# --- running ------------------------------------------------------------------------------------------------------
+
+
+def test_a_procedure_is_run_step_by_step_and_its_record_is_frozen(console: Any) -> None:
+    """Checks with their values, the command with its result, the answer, a second person, and the hash of the record."""
+    run = begin(console, GOOD)
+    assert console.procedure_runs.get(run.id).current == "note"
+    for name, how in (("note", {}), ("cool", {}), ("status", {}), ("dark", {"answer": "yes"}), ("way", {})):
+        step(console, run, name, **how)
+    with pytest.raises(Conflict, match="second person"):
+        console.procedure_runs.run_step(run.id, "second", user="ann")
+    with pytest.raises(Conflict, match="not the current step"):
+        console.procedure_runs.run_step(run.id, "signed", user="ann")
+    step(console, run, "second", user="bob")
+    done = step(console, run, "signed", note="all well")
+    assert (done.state, done.current, {s for _, s in states(console, run)}) == ("completed", "", {"done"})
+    record = json.loads(record_bytes(done))
+    assert done.sha256 == hashlib.sha256(record_bytes(done)).hexdigest()
+    entries = {e["step"]: e for e in record["entries"]}
+    assert entries["cool"]["values"].keys() == {"housekeeping.sensor_temperature_c"}
+    assert console.commands.get(entries["status"]["command_id"]).source == "procedure"
+    assert (entries["dark"]["detail"], entries["second"]["by"], entries["signed"]["note"]) == ("yes", "bob", "all well")
+    assert "pause" not in entries
+    assert is_intact(done)
+    done.entries = [*done.entries[:-1], done.entries[-1] | {"by": "mallory"}]
+    assert not is_intact(done)
+
+
+def test_an_automatic_run_stops_where_a_person_is_needed(console: Any, clock: Any) -> None:
+    """Text, check, command, branch and wait run alone; the question waits."""
+    text = procedure(
+        ("status", fence("command", "GET_STATUS")),
+        ("way", fence("branch", "if housekeeping.sensor_temperature_c < 200: pause", "else: end")),
+        ("pause", fence("wait", "30 s")),
+        ("dark", fence("question", "Dark?", "yes: end", "no: end")),
+    )
+    run = begin(console, text, automatic=True)
+    console.wait(lambda: states(console, run)[-1:] == [("pause", "running")])
+    clock.forward(31)
+    console.wait(lambda: console.procedure_runs.get(run.id).current == "dark")
+    assert step(console, run, "dark", answer="no").state == "completed"
+
+
+def test_a_check_that_is_not_met_or_unknown_fails_and_waits_for_a_person(console: Any) -> None:
+    """It can be run again, or skipped with a reason; nothing continues alone."""
+    unknown = "housekeeping.sensor_temperature_c / 0 > 1"
+    run = begin(
+        console,
+        procedure(("hot", fence("check", "housekeeping.sensor_temperature_c > 500")), ("odd", fence("check", unknown))),
+    )
+    step(console, run, "hot")
+    step(console, run, "hot")
+    assert states(console, run) == [("hot", "failed"), ("hot", "failed")]
+    with pytest.raises(BadInput, match="needs a reason"):
+        console.procedure_runs.skip(run.id, "hot", " ", user="ann")
+    console.procedure_runs.skip(run.id, "hot", "measured by hand", user="ann")
+    step(console, run, "odd")
+    assert entries_of(console.procedure_runs.get(run.id))[-1].detail == "The check is unknown: division by zero."
+    ended = console.procedure_runs.stop(run.id, "no time", user="bob")
+    assert (ended.state, ended.reason) == ("stopped", "stopped by bob: no time")
+
+
+def test_only_a_person_with_command_authority_sends(console: Any) -> None:
+    """A refused command is on the record and was not sent."""
+    run = begin(console, procedure(("status", fence("command", "GET_STATUS"))))
+    console.authority.take("bob")
+    with pytest.raises(Conflict, match="held by bob"):
+        console.procedure_runs.run_step(run.id, "status", user="ann")
+    console.refused.add("eve")
+    with pytest.raises(NotPermitted):
+        console.procedure_runs.run_step(run.id, "status", user="eve")
+    assert states(console, run) == [("status", "failed"), ("status", "failed")]
+    assert step(console, run, "status", user="bob").state == "completed"
+    assert sent(console) == ["GET_STATUS"]
+
+
+def test_abort_ends_a_procedure(console: Any) -> None:
+    """The step under way ends, the record is frozen, and no later step can be run."""
+    run = begin(console, procedure(("pause", fence("wait", "1 h")), ("status", fence("command", "GET_STATUS"))))
+    console.procedure_runs.run_step(run.id, "pause", user="ann")
+    console.commands.abort(user="bob", source="header")
+    console.wait(lambda: console.procedure_runs.get(run.id).finished is not None)
+    ended = console.procedure_runs.get(run.id)
+    assert (ended.state, ended.reason, states(console, run)) == ("aborted", "ABORT by bob", [("pause", "failed")])
+    with pytest.raises(Conflict, match="has ended"):
+        console.procedure_runs.run_step(run.id, "status", user="ann")
+
+
+def test_one_procedure_runs_at_a_time(console: Any) -> None:
+    """The second one states which run it waits for."""
+    run = begin(console, procedure(("a", "x")))
+    with pytest.raises(Conflict, match=f"got run {run.id}"):
+        begin(console, procedure(("a", "x"), title="Second"))
+
+
+def test_a_run_continues_after_a_restart_and_sends_nothing_twice(console: Any, make_console: Any, clock: Any) -> None:
+    """A wait goes on; a command whose result was lost is unknown and is retried with the same id."""
+    text = procedure(("status", fence("command", "GET_STATUS")), ("pause", fence("wait", "30 s")), ("last", "x"))
+    run = begin(console, text)
+    step(console, run, "status")
+    console.procedure_runs.run_step(run.id, "pause", user="ann")
+    again = make_console(sensor=console.sensor)
+    assert states(again, run) == [("status", "done"), ("pause", "running")]
+    clock.forward(31)
+    again.wait(lambda: again.procedure_runs.get(run.id).current == "last")
+    assert sent(again) == ["GET_STATUS"]
+
+
+def test_a_server_that_dies_before_queueing_leaves_a_step_that_was_not_sent(console: Any, make_console: Any) -> None:
+    """The entry was stored as sending, but there is no command: the step failed, and a person runs it again."""
+    run = begin(console, procedure(("status", fence("command", "GET_STATUS"))))
+    recorder = console.procedure_runs._record
+    recorder.add(run.id, StepEntry("status", "t", "command", "sending", "ann", console.link._now().isoformat()))
+    again = make_console(sensor=console.sensor)
+    [entry] = entries_of(again.procedure_runs.get(run.id))
+    assert (entry.state, "was not sent" in entry.detail) == ("failed", True)
+    assert step(again, run, "status").state == "completed"

@@ -1,0 +1,73 @@
+"""The audit log is verified at start and while the server runs."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import text
+
+from gss.operations.accounts.audit import AuditService
+from gss.operations.accounts.audit_anchor import ANCHORS, AnchorFile
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.operations.upkeep.audit_watch import AuditWatch
+
+
+@pytest.fixture
+def audit(store) -> AuditService:
+    """A log with three rows."""
+    service = AuditService(store.database, store.clock, AnchorFile(store.folder / ANCHORS))
+    service.begin_anchors()
+    for number in range(3):
+        service.record("ann", "x.y", str(number), "done")
+    return service
+
+
+@pytest.fixture
+def alarms(store, bus) -> AlarmService:
+    """The alarms of a server on that store."""
+    dictionary = store.link.dictionary
+    telemetry = TelemetryService(dictionary, store.database, bus, store.clock, lambda: None, lambda: True)
+    return AlarmService(dictionary, telemetry, store.link, store.database, bus, store.clock)
+
+
+def cut(store, seq: int) -> None:
+    """Remove the newest rows, and put the triggers back so that only the anchors show it."""
+    removal = f"DELETE FROM audit WHERE seq >= {seq}"  # noqa: S608 - a number of this test
+    with store.database.engine.begin() as connection:
+        trigger = connection.execute(text("SELECT sql FROM sqlite_master WHERE name = 'audit_no_delete'")).scalar_one()
+        for statement in ("DROP TRIGGER audit_no_delete", removal, trigger):
+            connection.exec_driver_sql(statement)
+
+
+def raised(alarms: AlarmService) -> list[tuple[str, str, bool]]:
+    """Return title, level and whether an action is stated, of each raised alarm."""
+    return [(v.title, v.level.value, bool(v.action)) for v in alarms.opened() if v.row.state == "raised"]
+
+
+def test_a_log_truncated_while_the_server_was_stopped_raises_an_alarm_at_start(store, audit, alarms):
+    """Also after rows of the next start took the numbers of the removed ones; the alarm ends when the log is accepted."""
+    cut(store, 2)
+    for number in range(4):
+        audit.record("eve", "x.y", str(number), "done")
+    watch = AuditWatch(audit, alarms)
+    watch.verify()
+    assert raised(alarms) == [("Audit log", "critical", True)]
+    assert "gss audit accept" in watch.problem
+    watch.compare()
+    assert raised(alarms) == [("Audit log", "critical", True)]
+    audit.accept("shell:ann", "tried")
+    watch.compare()
+    assert raised(alarms) == []
+    assert "intact" in watch.state
+
+
+def test_a_log_truncated_while_the_server_runs_raises_an_alarm(store, audit, alarms):
+    """The comparison with the newest anchor is enough."""
+    watch = AuditWatch(audit, alarms)
+    watch.verify()
+    watch.compare()
+    assert (watch.problem, raised(alarms)) == ("", [])
+    cut(store, 3)
+    watch.compare()
+    assert raised(alarms) == [("Audit log", "critical", True)]
+    assert "row 3" in watch.problem

@@ -1,0 +1,119 @@
+"""Orbit files: TLE, OMM in three forms, OEM; against astropy's frames; and broken files."""
+
+import json
+from datetime import UTC, datetime, timedelta
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import GCRS, TEME, CartesianRepresentation
+from astropy.time import Time
+
+from gss.domain.errors import BadInput
+from gss.orbit.oem import oem_of
+from gss.orbit.omm import omm_of_tle
+from gss.orbit.read_orbit import read_orbit, stored_orbit
+from gss.orbit.trajectory import TleTrajectory, fixed_from_teme, icrs_km
+
+TLE = """ISS (ZARYA)
+1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
+2 25544  51.6439 211.2001 0007417  17.6667  85.6398 15.50103472202482
+"""
+START = datetime(2019, 12, 10, tzinfo=UTC)
+FIELDS = omm_of_tle("ISS (ZARYA)", TLE)
+KVN = "CCSDS_OMM_VERS = 2.0\nCOMMENT made here\n" + "\n".join(f"{k} = {v}" for k, v in FIELDS.items())
+XML = (
+    "<ndm><omm><body><segment><metadata>"
+    + "".join(f"<{k}>{v}</{k}>" for k, v in list(FIELDS.items())[:6])
+    + "</metadata><data><meanElements>"
+    + "".join(f"<{k}>{v}</{k}>" for k, v in list(FIELDS.items())[6:13])
+    + "</meanElements><tleParameters>"
+    + "".join(f"<{k}>{v}</{k}>" for k, v in list(FIELDS.items())[13:])
+    + "</tleParameters></data></segment></body></omm></ndm>"
+)
+
+
+@pytest.mark.parametrize(
+    "text", [json.dumps(FIELDS), json.dumps([FIELDS]), KVN, XML], ids=["json", "list", "kvn", "xml"]
+)
+def test_an_omm_has_the_orbit_of_its_tle(text: str) -> None:
+    """Each form gives the same name, and the same positions over ten days to 30 m."""
+    read, expected = read_orbit(text), TleTrajectory.of(TLE)
+    times_s = START.timestamp() + np.arange(0, 864_000, 600.0)
+    assert (read.kind, read.name) == ("tle", "ISS (ZARYA)")
+    assert np.abs(read.orbit.teme_km(times_s) - expected.teme_km(times_s)).max() < 0.03
+    assert stored_orbit(read.kind, read.text).epoch == read.orbit.epoch
+
+
+@pytest.mark.parametrize("frame", ["TEME", "ICRF", "ITRF2020"])
+def test_an_oem_has_the_orbit_it_was_sampled_from(frame: str) -> None:
+    """States every two minutes, interpolated between, agree to 20 m in every frame."""
+    orbit = TleTrajectory.of(TLE)
+    lines = list(oem_of("ISS", orbit, START, START + timedelta(hours=6), 120.0, START))
+    if frame != "ICRF":
+        times_s = START.timestamp() + np.arange(0, 21_601, 120.0)
+        places = orbit.teme_km(times_s)
+        places = fixed_from_teme(places, times_s) if frame.startswith("ITRF") else places
+        head = "".join(lines[:4]).replace("REF_FRAME = ICRF", f"REF_FRAME = {frame}")
+        states = [
+            f"{datetime.fromtimestamp(t, UTC):%Y-%m-%dT%H:%M:%S} {x:.6f} {y:.6f} {z:.6f} 0 0 0\n"
+            for t, (x, y, z) in zip(times_s, places, strict=True)
+        ]
+        lines = [head, *states]
+    read = read_orbit("".join(lines))
+    between_s = START.timestamp() + np.arange(600, 20_000, 77.0)
+    assert (read.kind, read.source_format, read.name) == ("oem", "OEM KVN", "ISS")
+    assert np.abs(read.orbit.teme_km(between_s) - orbit.teme_km(between_s)).max() < 0.02
+    with pytest.raises(BadInput, match="outside the validity"):
+        read.orbit.teme_km(np.array([START.timestamp() - 1]))
+
+
+def test_the_place_is_that_of_astropy() -> None:
+    """Position in celestial axes to 50 m."""
+    orbit, moment = TleTrajectory.of(TLE), START + timedelta(hours=5)
+    time = Time(moment)
+    place = orbit.teme_km(np.array([moment.timestamp()]))[0]
+    expected = TEME(CartesianRepresentation(place * u.km), obstime=time).transform_to(GCRS(obstime=time))
+    assert np.abs(icrs_km(orbit, moment) - expected.cartesian.xyz.to_value(u.km)).max() < 0.05
+
+
+STATE = "2019-12-10T00:00:00 7000 0 0 0 7 0\n"
+HEAD = "".join(list(oem_of("X", TleTrajectory.of(TLE), START, START, 60.0, START))[:4])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (TLE.replace("9991", "9992"), "wrong checksum"),
+        ("", "not a two-line element set"),
+        ("hello", "not a two-line element set"),
+        (TLE.replace("2 25544", "2 25545"), "checksum"),
+        ("{", "not valid JSON"),
+        ("[]", "several objects"),
+        ("[[]]", "not an OMM"),
+        ("{" * 5000, "not valid JSON"),
+        (json.dumps({**FIELDS, "ECCENTRICITY": "nan"}), "ECCENTRICITY"),
+        (json.dumps({**FIELDS, "REF_FRAME": "ICRF"}), "REF_FRAME"),
+        (json.dumps({**FIELDS, "EPOCH": "yesterday"}), "a time of the file"),
+        (json.dumps({**FIELDS, "NORAD_CAT_ID": 999_999_999}), "NORAD_CAT_ID"),
+        (json.dumps({**FIELDS, "MEAN_MOTION": -3}), "orbit|TLE"),
+        (json.dumps({**FIELDS, "ECCENTRICITY": 7}), "orbit|TLE"),
+        (json.dumps({k: v for k, v in FIELDS.items() if k != "INCLINATION"}), "INCLINATION"),
+        ("CCSDS_OMM_VERS = 2.0\nnonsense", "line 2"),
+        ("<a>", "cannot be read"),
+        ("<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>", "declarations"),
+        ("<a/>", "one satellite"),
+        (HEAD + STATE, "number of states"),
+        (HEAD + STATE * 5, "in order of time"),
+        (HEAD + "x y z\n", "is not a state"),
+        (HEAD.replace("EARTH", "MARS"), "CENTER_NAME"),
+        (HEAD.replace("= ICRF", "= LVLH"), "REF_FRAME"),
+        (HEAD.replace("= UTC", "= MET"), "TIME_SYSTEM"),
+        ("CCSDS_OEM_VERS = 2.0\n7 7 7", "META block"),
+        ("x" * 900_001, "too large"),
+    ],
+)
+def test_a_broken_file_is_rejected_with_its_reason(text: str, words: str) -> None:
+    """Every fault is a BadInput that says what is wrong."""
+    with pytest.raises(BadInput, match=words):
+        read_orbit(text)

@@ -1,0 +1,277 @@
+"""Performance sheet: every error injected alone into star lists is found in its own row, within its interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.rotation import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    random_quaternion,
+    rotation_from_vector,
+    turn_between,
+    turned,
+)
+from gss.pipeline.analysis.series import AttitudeSeries
+from gss.pipeline.attitude import svd
+from gss.pipeline.sheet.heads import ReferenceInput, reference_errors
+from gss.pipeline.sheet.noise import allan_deviation
+from gss.pipeline.sheet.rows import share_figure
+from gss.pipeline.sheet.sheet import PerformanceSheet, SheetInput, performance_sheet
+from gss.pipeline.sheet.spatial import StarSightings, spatial_errors
+from gss.pipeline.sheet.trials import Trials
+
+CAMERA = Camera.from_fov(640, 480, float(np.radians(15.0)))
+NOISE_PX = 0.03
+
+
+@dataclass
+class Unit:
+    """Errors of a synthetic unit: ``field_px`` cubic distortion left at the corner, ``wave_px`` amplitude of the
+    error within a pixel, ``fixed_px`` error of each pixel, ``noise_px`` of one star."""
+
+    field_px: float = 0.0
+    wave_px: float = 0.0
+    fixed_px: float = 0.0
+    noise_px: float = NOISE_PX
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(5))
+
+    def __post_init__(self) -> None:
+        chip = np.random.default_rng(99)
+        self.pixels = chip.normal(size=(CAMERA.rows, CAMERA.columns, 2)) * self.fixed_px
+
+    def error(self, true_px: Array) -> Array:
+        """(k, 2) systematic error at the true places."""
+        u = (true_px - np.array([CAMERA.columns, CAMERA.rows]) / 2) / (CAMERA.columns / 2)
+        slow = self.field_px * u * (u**2).sum(axis=1, keepdims=True) + self.field_px * np.column_stack(
+            [u[:, 1] ** 2, 0 * u[:, 0]]
+        )
+        wave = self.wave_px * np.sin(2 * np.pi * true_px)
+        at = np.rint(true_px).astype(int)
+        return slow + wave + self.pixels[at[:, 1], at[:, 0]]
+
+
+def fields(unit: Unit, attitudes: list[Array]) -> tuple[AttitudeSeries, StarSightings]:
+    """Measure the stars of each attitude and fit the attitude to them."""
+    stars = load_stars(6.5)
+    frame, pixels, residual, hip, found, covariance = [], [], [], [], [], []
+    for k, c in enumerate(attitudes):
+        near = stars.icrs @ c[2] > np.cos(CAMERA.half_diagonal_rad)
+        icrs = stars.icrs[near]
+        true = CAMERA.project(icrs @ c.T)
+        on = CAMERA.contains(true, 3)
+        true, icrs = true[on], icrs[on]
+        seen = true + unit.error(true) + unit.noise_px * unit.rng.normal(size=true.shape)
+        fit = svd(CAMERA.unproject(seen), icrs)
+        frame += [k] * len(true)
+        pixels.append(seen)
+        residual.append(seen - CAMERA.project(icrs @ fit.T))
+        hip.append(stars.hip[near][on])
+        found.append(quaternion_from_matrix(fit))
+        covariance.append(np.eye(3) * 1e-10)
+    n = len(attitudes)
+    moved = np.arccos(np.clip([a[2] @ b[2] for a, b in pairwise(attitudes)], -1, 1)) / CAMERA.pixel_rad
+    block = np.r_[0, np.cumsum(np.cumsum(moved) // 5 != np.r_[0, np.cumsum(moved)[:-1] // 5])].astype(np.intp)
+    ones = np.ones(n, np.intp)
+    series = AttitudeSeries(
+        np.arange(n) * 1.0, np.array(found), np.array(covariance), ones * 9, ones * 9, np.full(n, 0.1)
+    )
+    stars_seen = StarSightings(
+        np.array(frame, np.intp),
+        np.concatenate(pixels),
+        np.concatenate(residual),
+        np.ones(len(frame)),
+        np.concatenate(hip),
+        block,
+    )
+    return series, stars_seen
+
+
+def scan(count: int, seed: int = 3) -> list[Array]:
+    """Random attitudes, each taken again one and two frames later by a fiftieth of a pixel."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for _ in range(count):
+        c = matrix_from_quaternion(random_quaternion(rng))
+        made += [rotation_from_vector(CAMERA.pixel_rad * 0.02 * k * np.array([1.0, 1.0, 0.0])) @ c for k in range(3)]
+    return made
+
+
+def sheet_of(unit: Unit, count: int = 60) -> PerformanceSheet:
+    series, stars = fields(unit, scan(count))
+    return performance_sheet(SheetInput(CAMERA, series, stars), np.random.default_rng(1))
+
+
+def expected_rad(part: Unit, count: int = 60) -> Array:
+    """(3,) rms attitude error that one error alone causes: with and without it, without noise."""
+    attitudes = scan(count)
+    with_it, _ = fields(replace(part, noise_px=0.0), attitudes)
+    turn = turn_between(np.array([quaternion_from_matrix(c) for c in attitudes]), with_it.quaternion)
+    return np.asarray((turn - turn.mean(axis=0)).std(axis=0))
+
+
+CASES = {
+    "field": Unit(field_px=0.5),
+    "wave": Unit(wave_px=0.05),
+    "fixed": Unit(fixed_px=0.05),
+    "none": Unit(),
+}
+
+
+@pytest.fixture(scope="module")
+def sheets() -> dict[str, PerformanceSheet]:
+    return {name: sheet_of(replace(unit, rng=np.random.default_rng(5))) for name, unit in CASES.items()}
+
+
+Sheets = dict[str, PerformanceSheet]
+
+
+def test_a_field_error_is_found_in_its_row(sheets: Sheets) -> None:
+    """A lens error left by the calibration is found as the attitude error that it causes, and not within the pixel."""
+    sheet, truth = sheets["field"], expected_rad(CASES["field"])
+    for axis, true in zip("xyz", truth, strict=True):
+        figure = sheet.row("field-of-view").figure(axis)
+        assert figure.low <= true <= figure.high
+        assert sheet.row("pixel").figure(f"periodic {axis}").low == 0
+    assert sheet.row("pixel").figure("one star, fixed").low == 0
+
+
+def test_an_error_periodic_in_a_pixel_is_found_in_its_row(sheets: Sheets) -> None:
+    """The error of a centroid formula within the pixel is found with its amplitude, and not over the field."""
+    sheet, truth = sheets["wave"], expected_rad(CASES["wave"])
+    for axis, true in zip("xyz", truth, strict=True):
+        figure = sheet.row("pixel").figure(f"periodic {axis}")
+        assert figure.low <= true <= figure.high
+        assert sheet.row("field-of-view").figure(axis).low == 0
+    star = sheet.row("pixel").figure("one star, fixed")
+    assert star.low <= CASES["wave"].wave_px / np.sqrt(2) <= star.high
+
+
+def test_a_fixed_pattern_is_found_in_its_row(sheets: Sheets) -> None:
+    """An error of each pixel is found from stars that return to their pixels, and is neither slow nor periodic."""
+    sheet = sheets["fixed"]
+    star = sheet.row("pixel").figure("one star, fixed")
+    assert star.low <= CASES["fixed"].fixed_px <= star.high
+    assert sheet.row("pixel").figure("one star, periodic").low == 0
+    assert sheet.row("field-of-view").figure("one star").low == 0
+
+
+def test_noise_alone_leaks_into_no_spatial_row(sheets: Sheets) -> None:
+    """Without spatial errors, all their intervals reach zero."""
+    for key in ("field-of-view", "pixel"):
+        assert all(f.low == 0 for f in sheets["none"].row(key).figures)
+
+
+def test_temporal_noise_is_found(sheets: Sheets) -> None:
+    """The noise of one attitude is found from consecutive frames, with and without a slow error of the field."""
+    count = 90
+    attitudes = [rotation_from_vector(CAMERA.pixel_rad * 0.02 * k * np.array([1.0, 0, 0])) for k in range(count)]
+    for unit in (Unit(), Unit(field_px=0.5)):
+        series, stars = fields(unit, attitudes)
+        clean, _ = fields(replace(unit, noise_px=0.0), attitudes)
+        truth = turn_between(clean.quaternion, series.quaternion).std(axis=0)
+        sheet = performance_sheet(SheetInput(CAMERA, series, stars), np.random.default_rng(1))
+        row = sheet.row("temporal-noise")
+        assert all(row.figure(a).low <= t <= row.figure(a).high for a, t in zip("xyz", truth, strict=True))
+        assert not sheet.row("field-of-view").measured
+        assert "pointings" in sheet.row("field-of-view").needs
+
+
+def test_allan_deviation_of_white_noise_falls_with_the_root_of_time() -> None:
+    """Independent values have their σ at the shortest time, and half of it after four steps."""
+    noise = np.random.default_rng(1).normal(size=(4000, 3))
+    times_s, allan = allan_deviation(noise, 2.0)
+    assert times_s[0] == 2.0
+    assert allan[0] == pytest.approx(1.0, abs=0.05)
+    assert allan[2] == pytest.approx(0.5, abs=0.05)
+
+
+ERRORS = {"bias": 20 * ARCSEC_RAD, "thermal": 2 * ARCSEC_RAD, "date": 0.05, "aberration": 1.0}
+
+
+def reference_input(injected: str) -> ReferenceInput:
+    """A camera with one error against the true attitude: over an orbit, with swinging rates and temperatures."""
+    rng = np.random.default_rng(8)
+    n = 480
+    at = np.arange(n) * 12.0
+    rate = np.radians(0.3) * np.sin(2 * np.pi * at / 900)[:, None] * np.array([0.6, 0.8, 0.0])
+    attitude = [np.array([0.1, 0.2, 0.3, 0.9]) / np.linalg.norm([0.1, 0.2, 0.3, 0.9])]
+    for k in range(n - 1):
+        attitude.append(turned(attitude[-1], -0.5 * (rate[k] + rate[k + 1]) * 12.0))
+    true = np.array(attitude)
+    warm = 20 + 8 * np.sin(2 * np.pi * at / 5700)
+    speed = 1e-4 * np.column_stack([np.cos(2 * np.pi * at / 5600), np.sin(2 * np.pi * at / 5600), 0.2 + 0 * at])
+    off = 1 * ARCSEC_RAD * rng.normal(size=(n, 3))
+    axis = np.array([1.0, -1.0, 0.5])
+    if injected == "bias":
+        off = off + ERRORS["bias"] * axis
+    if injected == "thermal":
+        off = off + ERRORS["thermal"] * axis * (warm - warm.mean())[:, None]
+    if injected == "date":
+        off = off - ERRORS["date"] * rate
+    if injected == "aberration":
+        in_cam = np.einsum("nij,nj->ni", np.array([matrix_from_quaternion(q) for q in true]), speed)
+        off = off + np.cross(np.array([0.0, 0, 1.0]), in_cam)
+    ones, none = np.ones(n, np.intp), np.full((n, 3, 3), 1e-11)
+    camera = AttitudeSeries(
+        at, np.array([turned(q, d) for q, d in zip(true, off, strict=True)]), none, ones, ones, np.ones(n)
+    )
+    reference = AttitudeSeries(at, true, none, ones, ones, np.ones(n))
+    block = np.arange(n, dtype=np.intp) // 12
+    return ReferenceInput(camera, reference, block, np.array([0, 0, 0, 1.0]), warm, speed, true_reference=True)
+
+
+@pytest.mark.parametrize("injected", ERRORS)
+def test_errors_against_a_reference_are_separated(injected: str) -> None:
+    """Bias, thermo-elastic, date and aberration errors are each found in their own row, and in no other."""
+    found = reference_errors(reference_input(injected), np.random.default_rng(2))
+    axis = np.array([1.0, -1.0, 0.5])
+    truth = {
+        "bias": ERRORS["bias"] * axis * (injected == "bias"),
+        "thermal": ERRORS["thermal"] * axis * (injected == "thermal"),
+        "date": np.array([ERRORS["date"] * (injected == "date")]),
+        "aberration": np.array([ERRORS["aberration"] * (injected == "aberration")]),
+    }
+    fits = {"bias": found.bias, "thermal": found.thermal, "date": found.date_s, "aberration": found.aberration}
+    for name, true in truth.items():
+        fit = fits[name]
+        assert fit is not None
+        width = fit.high - fit.low
+        # Eight intervals of 95 %: a few may miss narrowly.
+        assert (np.abs(fit.value - true) <= 0.9 * width + 1e-12).all(), name
+
+
+def test_rows_without_data_state_what_they_need() -> None:
+    """A sheet of a single head has no bias, and says which data would give it."""
+    sheet = sheet_of(Unit(), 12)
+    for key in ("bias", "thermo-elastic", "aberration", "date", "end-of-life", "robustness"):
+        row = sheet.row(key)
+        assert not row.measured
+        assert row.needs
+
+
+def test_trials_give_shares_with_intervals() -> None:
+    """Acquisition counts correct, false and missing attitudes; no false one in twenty bounds the share, it is not
+    zero."""
+    series, stars = fields(Unit(), scan(4))
+    given = SheetInput(CAMERA, series, stars, acquisition=Trials("at rest", 20, 19, 0, np.full(19, 1e-5)))
+    row = performance_sheet(given, np.random.default_rng(1)).row("acquisition")
+    assert row.figure("correct").value == 0.95
+    assert row.figure("false").value == 0
+    assert row.figure("false").high > 0.1
+    assert row.figure("none") == share_figure("none", 1, 20)
+
+
+def test_too_few_pointings_are_refused() -> None:
+    """Stars that never move over the detector cannot show its errors."""
+    _, stars = fields(Unit(), scan(2))
+    with pytest.raises(BadInput, match="too few stars"):
+        spatial_errors(stars, CAMERA, np.random.default_rng(1))

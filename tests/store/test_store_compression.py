@@ -1,0 +1,126 @@
+"""Compressed blobs, and the packed detail of solutions."""
+
+from __future__ import annotations
+
+import hashlib
+from copy import deepcopy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gss.domain.errors import CorruptData
+from gss.store.blobs import BlobStore
+from gss.store.compression import MAGIC, compressed, decompressed
+from gss.store.models.packed_detail import packed, unpacked
+
+
+def noise(dtype: str, rows: int = 512, columns: int = 1024) -> np.ndarray:
+    """A dark frame with the noise of a typical detector."""
+    return np.random.default_rng(4).normal(18, 2.5, (rows, columns)).clip(0, 255).astype(dtype)
+
+
+@pytest.mark.parametrize("dtype", ["<u1", "<u2", "<f4"])
+def test_a_frame_takes_little_over_half_and_reads_back(tmp_path: Path, dtype: str) -> None:
+    """At most 55 % of the raw size for integers; the same bytes come back under the same hash."""
+    frame = noise(dtype)
+    data, blobs = frame.tobytes(), BlobStore(str(tmp_path))
+    key = blobs.put(frame.data.cast("B"), frame.itemsize)
+    assert key == hashlib.sha256(data).hexdigest()
+    assert blobs.get(key) == data
+    assert blobs.size(key) <= (0.55 if frame.itemsize < 4 else 1.0) * len(data)
+    assert blobs.put(data) == key
+    assert list(blobs.keys()) == [key]
+
+
+def test_files_of_older_versions_are_read_and_kept(tmp_path: Path) -> None:
+    """A plain file is read as it is and not written again; a damaged one is replaced by the next copy."""
+    data = noise("<u1").tobytes()
+    blobs, key = BlobStore(str(tmp_path)), hashlib.sha256(data).hexdigest()
+    path = tmp_path / key[:2] / key[2:]
+    path.parent.mkdir()
+    path.write_bytes(data)
+    assert blobs.get(key) == data
+    blobs.put(data)
+    assert path.read_bytes() == data
+    path.write_bytes(data[:-1])
+    with pytest.raises(CorruptData):
+        blobs.get(key)
+    blobs.put(data)
+    assert blobs.get(key) == data
+
+
+@pytest.mark.parametrize("place", [3, 9, 12, 20, 200, -1])
+def test_a_damaged_compressed_file_is_noticed(tmp_path: Path, place: int) -> None:
+    """One wrong byte anywhere, or a missing end: CorruptData, not other pixels."""
+    blobs = BlobStore(str(tmp_path))
+    key = blobs.put(noise("<u1").tobytes())
+    path = tmp_path / key[:2] / key[2:]
+    whole = bytearray(path.read_bytes())
+    for damaged in (
+        whole[:place],
+        whole[:place] + bytes([whole[place] ^ 0x55]) + (whole[place + 1 :] if place > 0 else b""),
+    ):
+        path.write_bytes(damaged)
+        with pytest.raises(CorruptData):
+            blobs.get(key)
+
+
+@pytest.mark.parametrize("data", [b"", b"x", MAGIC, MAGIC + bytes(30), MAGIC + b"\x01" + bytes(600), b"\xff" * 511])
+def test_any_content_reads_back(tmp_path: Path, data: bytes) -> None:
+    """Also content that looks like a compressed form, and content that is too short to compress."""
+    blobs = BlobStore(str(tmp_path))
+    assert blobs.get(blobs.put(data)) == data
+    assert blobs.get(blobs.put(data + bytes(3), item_bytes=2)) == data + bytes(3)
+
+
+def test_noise_is_stored_plain() -> None:
+    """Content without redundancy is not wrapped, and a header with impossible sizes is no compressed form."""
+    random = np.random.default_rng(1).bytes(100_000)
+    assert compressed(random) is None
+    assert decompressed(random) is None
+    assert decompressed(MAGIC + b"\xff" * 9 + random) is None
+
+
+STAR = {"index": 0, "col_px": 511.12345, "row_px": 3.25, "flux_dn": 812.5, "peak_dn": 97.1, "area_px": 9}
+NAMED = {"hip": 27989, "name": "Betelgeuse", "v_mag": 0.45, "weight": 0.75}
+RESIDUALS = {"dx_px": 0.125, "dy_px": None, "dx_arcsec": 13.5, "dy_arcsec": None}
+REGION = {
+    "col_min": 1,
+    "row_min": 2,
+    "col_max": 3,
+    "row_max": 4,
+    "area_px": 9,
+    "peak_dn": 80.0,
+    "rejected": "area 9 < 10",
+}
+
+
+def test_a_packed_detail_reads_back() -> None:
+    """Stars with and without a name, missing numbers, regions, and all that is not packed."""
+    named = STAR | {"index": 1} | NAMED | RESIDUALS
+    unknown = named | {"index": 2, "hip": 2_000_000_001, "name": "Gaia row 1", "v_mag": None}
+    detail = {"stars": [STAR, named, unknown], "regions": [REGION, REGION | {"rejected": ""}], "versions": {"gss": "1"}}
+    before = deepcopy(detail)
+    stored = packed(detail)
+    assert set(stored) == {"packed", "versions"}
+    assert unpacked(stored) == before == detail
+
+
+@pytest.mark.parametrize(
+    "detail",
+    [
+        {},
+        {"stars": []},
+        {"stars": [{"index": 0, "hip": 5}], "grid": []},
+        {"stars": [STAR | {"index": 7}]},
+        {"stars": [STAR | {"col_px": 1e9}]},
+        {"stars": [STAR | {"flux_dn": None}]},
+        {"stars": [STAR | {"other": 1}]},
+        {"regions": [REGION | {"area_px": None}]},
+    ],
+)
+def test_a_detail_with_other_fields_is_stored_as_it_is(detail: dict[str, object]) -> None:
+    """Nothing is lost from lists that do not have the expected form."""
+    assert packed(deepcopy(detail)) == detail
+    assert unpacked(deepcopy(detail)) == detail

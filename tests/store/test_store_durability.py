@@ -1,0 +1,73 @@
+"""What an acknowledged write does before it returns, so that a power failure loses none."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from gss.operations.clock import utc_now
+from gss.operations.line.line_capture import CaptureSync, LineCapture
+from gss.operations.line.raw_capture import RECEIVED, Retention
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database, open_engine
+
+FULL, NORMAL = 2, 1
+
+
+def synchronous(database: Database, **options: bool) -> int:
+    """Return the setting within a transaction."""
+    with database.unit_of_work(**options) as session:
+        return int(session.connection().exec_driver_sql("PRAGMA synchronous").scalar_one())
+
+
+@pytest.fixture
+def flushed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Paths that were flushed to the disk, in order; each is really flushed."""
+    paths: list[str] = []
+    flush = os.fsync
+
+    def note(handle: int) -> None:
+        paths.append(os.readlink(f"/proc/self/fd/{handle}"))
+        flush(handle)
+
+    monkeypatch.setattr(os, "fsync", note)
+    return paths
+
+
+def test_commits_reach_the_disk_except_telemetry(tmp_path: Path) -> None:
+    """Each commit of SQLite is flushed; one that may be lost does not change the commits after it."""
+    database = Database(open_engine(f"sqlite:///{tmp_path / 'gss.db'}"))
+    assert synchronous(database) == FULL
+    assert synchronous(database, durable=False) == NORMAL
+    assert synchronous(database) == FULL
+    database.close()
+
+
+def test_a_stored_blob_is_flushed_before_its_name_is_given(tmp_path: Path, flushed: list[str]) -> None:
+    """The bytes first, then the folders that hold the name."""
+    root = tmp_path / "blobs"
+    key = BlobStore(str(root)).put(b"pixels")
+    assert flushed[0].startswith(f"{root}/{key[:2]}/{key[2:]}.")
+    assert flushed[1:] == [f"{root}/{key[:2]}", str(root)]
+
+
+def test_captures_are_flushed_once_a_second(tmp_path: Path, flushed: list[str]) -> None:
+    """Every file that was written since, also one that was closed meanwhile; without new bytes nothing is flushed."""
+    capture = LineCapture(tmp_path, Retention(file_bytes=100), utc_now, lambda text: None)
+    at_s = [0.0]
+    sync = CaptureSync(capture, lambda: at_s[0])
+    capture.begin(1)
+    for _ in range(3):
+        capture.write(RECEIVED, bytes(90))
+    sync()
+    assert flushed == []
+    at_s[0] = 1.0
+    sync()
+    assert sorted(flushed) == [str(tmp_path), *(str(p) for p in sorted(tmp_path.glob("*.raw")))]
+    flushed.clear()
+    at_s[0] = 2.0
+    sync()
+    assert flushed == []
+    capture.end()

@@ -1,0 +1,92 @@
+"""Experiments by name."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from gss.cli import main
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.experiment import share_interval
+from validation.entries import ENTRIES
+from validation.result_store import as_page, as_text
+from validation.run import from_record, run_experiment
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    """NotFound names the experiments."""
+    with pytest.raises(NotFound, match="jacobs-5-1"):
+        run_experiment("no-such")
+
+
+def test_invalid_trials_and_seeds_are_rejected() -> None:
+    """Zero trials and a negative seed give an error."""
+    with pytest.raises(BadInput, match="trials"):
+        run_experiment("erlank-3-6", trials=0)
+    with pytest.raises(BadInput, match="seed"):
+        run_experiment("erlank-3-6", trials=10, seed=-1)
+
+
+def test_the_same_seed_gives_the_same_figures() -> None:
+    """Two runs are equal; another seed differs."""
+    first, again, other = (run_experiment("erlank-3-6", trials=300, seed=s) for s in (3, 3, 4))
+    assert first == again
+    assert first.rows != other.rows
+
+
+@pytest.mark.parametrize("name", ["jacobs-5-1", "jacobs-5-2", "erlank-3-6", "erlank-fig-3-8"])
+def test_catalogue_tables_come_close_to_the_papers(name: str) -> None:
+    """Every figure of the paper except counts of rare fields is reproduced within 20 %."""
+    experiment = run_experiment(name, trials=4000, seed=1)
+    compared = 0
+    for label, paper, ours, *_ in experiment.rows:
+        if isinstance(paper, int | float) and paper > 25 and isinstance(ours, int | float):
+            assert ours == pytest.approx(paper, rel=0.3), label
+            compared += 1
+    assert compared or name == "erlank-fig-3-8"
+
+
+def test_every_experiment_prints_text_and_page() -> None:
+    """Text and page have each row's label and the source."""
+    experiment = run_experiment("erlank-3-6", trials=50)
+    for text in (as_text(experiment), as_page([experiment], "0")):
+        assert "Erlank 2013 Table 3.6" in text
+        assert all(str(row[0]) in text for row in experiment.rows)
+
+
+def test_the_command_line_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
+    """One object per experiment with the paper's figures and ours."""
+    assert main(["experiments", "run", "erlank-3-6", "--trials", "50", "--json"]) == 0
+    record = json.loads(capsys.readouterr().out)
+    assert record["name"] == "erlank-3-6"
+    assert record["columns"][1:3] == ["paper", "ours"]
+    assert main(["experiments", "list"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in ENTRIES)
+    assert main(["experiments", "run", "nothing"]) == 2
+
+
+def test_shares_have_wilson_intervals() -> None:
+    """Against the textbook value for 8 of 10: 0.490 to 0.943."""
+    low, high = share_interval(8, 10)
+    assert (low, high) == pytest.approx((0.4902, 0.9433), abs=1e-3)
+
+
+def test_stored_runs_are_not_repeated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A second run uses the stored table, even with a truncated line; another number of trials runs again."""
+    kept, page = tmp_path / "kept.jsonl", tmp_path / "page.md"
+    arguments = ["experiments", "run", "erlank-3-6", "--keep", str(kept), "--trials"]
+    assert main([*arguments, "50", "--json"]) == 0
+    first = capsys.readouterr().out
+    with kept.open("a") as out:
+        out.write('{"trials": 50, "torn')
+    assert main([*arguments, "50", "--json"]) == 0
+    assert capsys.readouterr().out == first
+    assert len(kept.read_text().splitlines()) == 2, "the kept one and the torn one"
+    kept.write_text(kept.read_text().splitlines()[0] + "\n")
+    assert main([*arguments, "60", "--page", str(page)]) == 0
+    assert len(kept.read_text().splitlines()) == 2
+    assert "s of processor time" in page.read_text()
+    assert from_record(json.loads(first)) == run_experiment("erlank-3-6", trials=50)

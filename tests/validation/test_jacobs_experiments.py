@@ -1,0 +1,74 @@
+"""Jacobs' tables rerun in small: the figures lie where the document's do, nothing is wrong, a seed names a run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.catalogue_tools.sources.hipparcos import load_stars
+from validation.jacobs.matching import TABLE_3_7, jacobs_3_7
+from validation.jacobs.sky import TABLE_3_5, random_attitude, sub_catalogue, sunsat_camera
+from validation.jacobs.tracking import jacobs_fig_2_7, jacobs_tracking, with_discs
+
+STARS = load_stars(8.0)
+
+
+def _percent(cell: object) -> float:
+    return float(str(cell).split()[0])
+
+
+def test_matching_succeeds_as_often_as_the_documents() -> None:
+    """Sixty attitudes per row: rows 2 to 5 of Table 3-7 within a sample's three standard deviations, no wrong match at all."""
+    progress: list[float] = []
+    made = jacobs_3_7(STARS, 60, 3, progress.append)
+    ours = [dict(zip(made.columns, row, strict=True)) for row in made.rows]
+    assert len(ours) == 5
+    for row, paper in list(zip(ours, TABLE_3_7, strict=True))[1:]:
+        assert _percent(row["ours (95 %)"]) >= paper[5] - 9
+    assert _percent(ours[0]["ours (95 %)"]) < _percent(ours[3]["ours (95 %)"])
+    assert [row["ours wrong"] for row in ours] == [0] * 5
+    assert [row["its wrong"] for row in ours] == [0] * 5
+    assert progress[-1] == 1.0
+    assert progress == sorted(progress)
+
+
+def test_sub_catalogue_has_the_documents_size() -> None:
+    """Table 3-5 gives 540 stars there; ours are the stars in view of all sampled attitudes, and every field is inside."""
+    camera = sunsat_camera()
+    stars = sub_catalogue(STARS, TABLE_3_5, camera, np.random.default_rng(1))
+    assert 470 <= len(stars) <= 570
+    bright = STARS.brighter_than(6.0)
+    missed = total = 0
+    for seed in range(50):
+        attitude = random_attitude(TABLE_3_5, np.random.default_rng([9, seed]))
+        ahead = bright.icrs @ attitude[2] > 0.9
+        seen = bright.hip[ahead][camera.contains(camera.project(bright.icrs[ahead] @ attitude.T))]
+        total += len(seen)
+        missed += len(set(seen.tolist()) - set(stars.hip.tolist()))
+    assert missed <= 0.01 * total
+
+
+def test_tracking_goes_on_among_false_stars() -> None:
+    """One run each without and with 100 false stars: at least nine of ten frames right, none wrong, the same by seed."""
+    made = jacobs_tracking(STARS, 25, 5, lambda _: None)
+    assert [row[0] for row in made.rows] == [0, 100]
+    for row in made.rows:
+        cells = dict(zip(made.columns, row, strict=True))
+        assert _percent(cells["ours: frames with a right attitude (95 %)"]) >= 88
+        assert cells["wrong"] == 0
+    assert made == jacobs_tracking(STARS, 25, 5, lambda _: None)
+
+
+def test_false_stars_have_the_documents_area() -> None:
+    """One disc lights about a hundred pixels."""
+    frame = np.full((582, 752), 12, np.uint8)
+    assert 95 <= np.count_nonzero(with_discs(frame, 1, np.random.default_rng(1)) != 12) <= 105
+
+
+def test_cost_grows_with_area_through_the_documents_points() -> None:
+    """Fig. 2-7 as described in the text: about 33 ms for 300 pixels, 90 ms for 900, not for stars."""
+    made = jacobs_fig_2_7(STARS, 5, 1, lambda _: None)
+    cost = {row[0]: row[2] for row in made.rows}
+    assert abs(float(cost[300] or 0) - 33) < 2
+    assert abs(float(cost[900] or 0) - 90) < 5
+    assert {row[0]: row[4] for row in made.rows}[900] == "no star"
+    assert len(made.series[0].x) == len(made.rows)

@@ -1,0 +1,148 @@
+"""``gss experiments``: rerun experiments from the documents and print both results side by side."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gss import __version__
+from gss.domain.errors import BadInput
+
+if TYPE_CHECKING:
+    from validation.never_wrong.campaign import OrderedExecutor
+
+
+def add_commands(parser: argparse.ArgumentParser, make_executor: Callable[[str | None, int], OrderedExecutor]) -> None:
+    """Add the subcommands. ``make_executor``: from the cluster's URL (None: as in the settings) and the number of local
+    processes."""
+    kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
+    listing = kinds.add_parser("list", help="list names and titles")
+    listing.set_defaults(run=list_experiments)
+    p = kinds.add_parser(
+        "run",
+        help="run some or all experiments",
+        description="Show published figures beside GSS's results, with conditions.",
+    )
+    p.add_argument("names", nargs="*", metavar="NAME", help="experiments; `gss experiments list` shows them")
+    p.add_argument("--all", action="store_true", help="every experiment")
+    p.add_argument("--trials", type=int, metavar="N", help="number of trials (default: that of the experiment)")
+    p.add_argument(
+        "--share",
+        type=float,
+        default=1.0,
+        metavar="S",
+        help="run this share of each experiment's default number of trials",
+    )
+    p.add_argument("--seed", type=int, default=1, help="seed of all random numbers (default 1)")
+    p.add_argument("--json", action="store_true", help="print one JSON object per experiment and line")
+    p.add_argument("--page", type=Path, metavar="FILE", help="write a Markdown page with every table")
+    p.add_argument("--keep", type=Path, metavar="FILE", help="store each run in FILE and reuse runs stored there")
+    p.set_defaults(run=run)
+    p = kinds.add_parser(
+        "never-wrong",
+        help="run the campaign that searches for false attitudes",
+        description="Random attitudes with faults before every camera's chain and the reference. What is done is kept in FILE, and "
+        "the next run does the rest. Exit code 0: no wrong answer; 3: some.",
+    )
+    p.add_argument("--attitudes", type=int, default=10_000, metavar="N", help="centroid lists per camera and chain")
+    p.add_argument("--frames", type=int, default=130, metavar="N", help="rendered frames per camera and chain")
+    p.add_argument("--seed", type=int, default=1, help="seed of all random numbers (default 1)")
+    p.add_argument("--camera", action="append", metavar="NAME", help="restrict to this one; may be repeated")
+    p.add_argument("--chain", action="append", metavar="own|reference", help="restrict to this one; may be repeated")
+    p.add_argument(
+        "--keep", type=Path, default=Path("never-wrong.jsonl"), metavar="FILE", help="file of stored results"
+    )
+    p.add_argument("--again", action="store_true", help="rerun results that FILE contains; the newer result counts")
+    p.add_argument("--workers", type=int, default=2, metavar="N", help="processes (default 2)")
+    p.add_argument("--cluster", metavar="URL", help="Dask scheduler to use instead of local processes (GSS_CLUSTER)")
+    p.add_argument(
+        "--page", type=Path, metavar="FILE", help="write a Markdown page of the stored results without further runs"
+    )
+    p.set_defaults(run=partial(never_wrong, make_executor))
+
+
+def list_experiments(_: argparse.Namespace) -> int:
+    """Print one line per experiment."""
+    from validation.entries import ENTRIES
+
+    for e in ENTRIES.values():
+        print(f"{e.name:24} {e.title}; {e.trials} trials")
+    return 0
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run experiments and print them in the requested order."""
+    from validation.entries import ENTRIES
+    from validation.fingerprint import fingerprint
+    from validation.result_store import ResultStore, StoredRun, as_page, as_text
+    from validation.run import as_record, entry, run_experiment
+
+    if not 0 < arguments.share <= 100:
+        raise BadInput("share of trials is out of range", expected="above 0, at most 100", got=f"{arguments.share:g}")
+    names = list(ENTRIES) if arguments.all else arguments.names
+    if not names:
+        raise BadInput("no experiment named", expected="NAME … or --all", hint="gss experiments list")
+    for name in names:
+        entry(name)
+    shelf = None if arguments.keep is None else ResultStore(arguments.keep)
+    done, took = [], {}
+    for name in names:
+        if sys.stderr.isatty():
+            print(f"… {name}", file=sys.stderr, flush=True)
+        trials = max(1, round(arguments.share * entry(name).trials)) if arguments.trials is None else arguments.trials
+        stored_run = None if shelf is None else shelf.get(name, trials, arguments.seed)
+        if stored_run is None:
+            began_s = time.process_time()
+            experiment = run_experiment(name, trials=trials, seed=arguments.seed)
+            stored_run = StoredRun(experiment, trials, round(time.process_time() - began_s, 1), fingerprint())
+            if shelf is not None:
+                shelf.keep(stored_run)
+        done.append(stored_run.experiment)
+        took[name] = stored_run.processor_s
+        if arguments.json:
+            print(json.dumps(as_record(done[-1]), ensure_ascii=False, allow_nan=False), flush=True)
+        elif arguments.page is None:
+            print(as_text(done[-1]) + "\n", flush=True)
+    if arguments.page is not None:
+        arguments.page.write_text(as_page(done, __version__, arguments.share, took), "utf-8")
+    return 0
+
+
+def never_wrong(make_executor: Callable[[str | None, int], OrderedExecutor], arguments: argparse.Namespace) -> int:
+    """Run the remaining trials of the campaign, or write a page of the completed ones."""
+    from validation.never_wrong.campaign import CampaignSettings, read, run_campaign, selected
+    from validation.never_wrong.lists import CAMERAS, CHAINS
+    from validation.never_wrong.page import page
+
+    if not 1 <= arguments.workers <= 64:
+        raise BadInput("number of processes is out of range", expected="1 – 64", got=str(arguments.workers))
+    settings = CampaignSettings(
+        arguments.attitudes,
+        arguments.frames,
+        arguments.seed,
+        tuple(arguments.camera or CAMERAS),
+        tuple(arguments.chain or CHAINS),
+    )
+
+    def progress(count: int, total: int) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{count} of {total}", end="", file=sys.stderr, flush=True)
+
+    if arguments.page is not None:
+        arguments.page.write_text(page(settings, read(arguments.keep)), "utf-8")
+    else:
+        executor = make_executor(arguments.cluster, arguments.workers)
+        try:
+            run_campaign(settings, arguments.keep, executor=executor, again=arguments.again, progress=progress)
+        finally:
+            executor.stop()
+    done = read(arguments.keep)
+    wrong = sorted(text for key in selected(done, settings) for text in done[key]["wrong"])
+    print("\n".join(wrong) if wrong else "no wrong answer")
+    return 3 if wrong else 0

@@ -1,0 +1,68 @@
+"""Table of all experiments."""
+
+from __future__ import annotations
+
+from gss.domain.experiment import ExperimentEntry
+from validation.erlank.attitude import erlank_4_4b
+from validation.erlank.catalogue import erlank_3_6, erlank_fig_3_8
+from validation.erlank.centroids import erlank_4_1_6
+from validation.erlank.matching import erlank_4_4, erlank_4_5
+from validation.erlank.night import erlank_6_1
+from validation.erlank.slew import erlank_6_2
+from validation.huffman.catalogue import huffman_5_1, huffman_5_5
+from validation.huffman.centroids import huffman_4_2, huffman_4_4
+from validation.huffman.detection import huffman_7_2
+from validation.huffman.magnitudes import huffman_5_3
+from validation.huffman.matching import huffman_8_2
+from validation.jacobs.calibration import jacobs_6
+from validation.jacobs.catalogue import jacobs_5_1, jacobs_5_2
+from validation.jacobs.matching import jacobs_3_7
+from validation.jacobs.tracking import jacobs_fig_2_7, jacobs_tracking
+from validation.liebe.tables import liebe_2, liebe_3, liebe_18
+from validation.moniteq.locator import moniteq_4_2, moniteq_nea, moniteq_noise
+from validation.moniteq.screening import moniteq_screening
+from validation.moniteq.sky import moniteq_2_1, moniteq_links
+from validation.never_wrong.table import never_wrong
+from validation.sheet.injection import injection
+from validation.shipped.units import shipped_units
+
+ENTRIES: dict[str, ExperimentEntry] = {
+    e.name: e
+    for e in (
+        ExperimentEntry("jacobs-5-1", "Stars in a Sunsat image", jacobs_5_1, 1_000_000, 1991.25),
+        ExperimentEntry("jacobs-5-2", "Sizes of Sunsat's sub-catalogues", jacobs_5_2, 1, 1991.25),
+        ExperimentEntry("jacobs-3-7", "Sunsat's matching: right, none, wrong", jacobs_3_7, 400, 1991.25),
+        ExperimentEntry("jacobs-6", "Calibration of Sunsat's camera", jacobs_6, 20, 1991.25),
+        ExperimentEntry("jacobs-tracking", "Tracking among false stars", jacobs_tracking, 100, 1991.25),
+        ExperimentEntry("jacobs-fig-2-7", "Cost of region growing against area", jacobs_fig_2_7, 20, 1991.25),
+        ExperimentEntry("erlank-3-6", "Sky coverage against limiting magnitude", erlank_3_6, 20_000),
+        ExperimentEntry("erlank-fig-3-8", "Sky coverage by field and magnitude", erlank_fig_3_8, 20_000),
+        ExperimentEntry("erlank-4-1-6", "Centroid error on artificial images", erlank_4_1_6, 300),
+        ExperimentEntry("erlank-4-4", "Matching against the cutoff of magnitude", erlank_4_4, 500),
+        ExperimentEntry("erlank-4-5", "Matching among false stars", erlank_4_5, 500),
+        ExperimentEntry("erlank-4-4b", "Best-case accuracy of the attitude", erlank_4_4b, 300),
+        ExperimentEntry("erlank-6-1", "Accuracy fixed to the Earth", erlank_6_1, 100),
+        ExperimentEntry("erlank-6-2", "Tracking while slewing", erlank_6_2, 4),
+        ExperimentEntry("huffman-4-2", "Maximum likelihood against weighted sum", huffman_4_2, 10),
+        ExperimentEntry("huffman-4-4", "Centroid error against PSF width and SNR", huffman_4_4, 2_000),
+        ExperimentEntry("huffman-5-1", "Limiting magnitude for a number of stars", huffman_5_1, 10_000),
+        ExperimentEntry("huffman-5-3", "Magnitudes measured from frames", huffman_5_3, 25),
+        ExperimentEntry("huffman-5-5", "The eight brightest of every field", huffman_5_5, 10_000),
+        ExperimentEntry("huffman-7-2", "Two centroiders at five thresholds", huffman_7_2, 6),
+        ExperimentEntry("huffman-8-2", "Matching algorithms on sequences", huffman_8_2, 20),
+        ExperimentEntry("liebe-2", "Correct initial estimates by kind of error", liebe_2, 500, 1994.95),
+        ExperimentEntry("liebe-3", "Accuracy of the predictional estimate by kind of error", liebe_3, 500, 1994.95),
+        ExperimentEntry("liebe-18", "Accuracy of the boresight against the number of stars", liebe_18, 10_000, 1994.95),
+        ExperimentEntry("moniteq-2-1", "Stars by magnitude and in a field", moniteq_2_1, 10_000),
+        ExperimentEntry("moniteq-4-2", "Systematic error of the mean locator", moniteq_4_2, 1),
+        ExperimentEntry("moniteq-noise", "Noise of the mean locator", moniteq_noise, 60_000),
+        ExperimentEntry("moniteq-nea", "Noise equivalent angle against orbital rate", moniteq_nea, 1),
+        ExperimentEntry("moniteq-links", "Walking links against searching the list", moniteq_links, 500),
+        ExperimentEntry(
+            "moniteq-screening", "False matches by chance, and stars to screen out", moniteq_screening, 9_000
+        ),
+        ExperimentEntry("shipped-units", "The five units as shipped", shipped_units, 1000, 2026.0),
+        ExperimentEntry("sheet-injection", "Performance sheet: each error alone", injection, 40),
+        ExperimentEntry("never-wrong", "False attitudes under every fault", never_wrong, 30),
+    )
+}

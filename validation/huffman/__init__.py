@@ -1,0 +1,1 @@
+"""Experiments of Huffman's document."""

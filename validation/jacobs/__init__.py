@@ -1,0 +1,1 @@
+"""Experiments of Jacobs's document."""

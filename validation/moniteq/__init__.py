@@ -1,0 +1,1 @@
+"""Experiments of Moniteq's report."""

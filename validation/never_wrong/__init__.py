@@ -1,0 +1,1 @@
+"""Search for false attitudes: random pointings with faults, judged for every chain."""

@@ -1,0 +1,93 @@
+"""Long "never wrong" campaign: many random attitudes per camera, each with its fault and mode, for its chain and the reference.
+
+The work is divided into shards that can be run in any order, by any process, and repeatedly: a shard's verdicts depend only on
+camera, chain, seed and shard number. Both chains of a camera get the same centroid lists.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from gss.domain.errors import NotFound
+from gss.domain.results import Verdict
+from gss.domain.stars import StarTable
+from gss.pipeline.chains import reference
+from validation.never_wrong.faults import FAULTS
+from validation.never_wrong.sky import SETTINGS, Setting, Subject, subject
+from validation.never_wrong.table import MODES, judge_with
+
+SHARD = 250
+"""Number of attitudes per shard."""
+OWN = "own"
+CHAINS = (OWN, reference.NAME)
+CAMERAS = tuple(s.camera for s in SETTINGS if s.chain != reference.NAME)
+_STREAM = 910
+_WEIGHT = np.array([f.share for f in FAULTS]) / sum(f.share for f in FAULTS)
+
+
+@dataclass(frozen=True)
+class Shard:
+    """A block of attitudes for one camera and one of its two chains."""
+
+    camera: str
+    chain: str
+    seed: int
+    number: int
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """Results of a shard: counts by (fault index, mode index, verdict), and a text for every wrong result."""
+
+    counts: dict[tuple[int, int, str], int]
+    wrong: tuple[str, ...]
+
+
+def shards(
+    attitudes: int, seed: int, cameras: tuple[str, ...] = CAMERAS, chains: tuple[str, ...] = CHAINS
+) -> list[Shard]:
+    """Return all shards of a campaign, ordered so that all cameras and chains advance evenly."""
+    numbers = range(-(-attitudes // SHARD))
+    return [Shard(camera, chain, seed, n) for n in numbers for camera in cameras for chain in chains]
+
+
+def setting_of(camera: str, chain: str) -> Setting:
+    """Return the camera's setting for the given chain."""
+    match = next((s for s in SETTINGS if s.camera == camera and s.chain != reference.NAME), None)
+    if match is None:
+        raise NotFound("unknown camera of the campaign", expected=" | ".join(CAMERAS), got=camera)
+    return match if chain == OWN else replace(match, chain=reference.NAME)
+
+
+class Campaign:
+    """Runs shards and caches the chains, because building their tables takes longer than running them."""
+
+    def __init__(self, stars: StarTable) -> None:
+        self._made = lru_cache(maxsize=None)(lambda camera, chain: subject(setting_of(camera, chain), stars))
+
+    def subject(self, camera: str, chain: str) -> Subject:
+        """Return the cached chain with that camera."""
+        return self._made(camera, chain)
+
+    def run(self, shard: Shard) -> Verdicts:
+        """Score every attitude of a shard."""
+        subject = self.subject(shard.camera, shard.chain)
+        counts: Counter[tuple[int, int, str]] = Counter()
+        wrong = []
+        for attitude in range(shard.number * SHARD, (shard.number + 1) * SHARD):
+            key = [shard.seed, _STREAM, CAMERAS.index(shard.camera), attitude]
+            rng = np.random.default_rng(key)
+            j, k = int(rng.choice(len(FAULTS), p=_WEIGHT)), attitude % len(MODES)
+            judged = judge_with(subject, FAULTS[j], MODES[k], rng)
+            counts[j, k, str(judged.verdict)] += 1
+            if judged.verdict is Verdict.WRONG:
+                off_px = judged.cross_rad / subject.camera.pixel_rad
+                wrong.append(
+                    f"{shard.camera}, {subject.setting.chain}, {FAULTS[j].title}, {MODES[k].value}: {judged.false_matches} false "
+                    f"of {judged.false_matches + judged.matched} names, {off_px:.1f} px off; generator {key}"
+                )
+        return Verdicts(dict(counts), tuple(wrong))

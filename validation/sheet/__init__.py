@@ -1,0 +1,1 @@
+"""Proof of the performance sheet: errors injected into rendered frames."""

@@ -1,0 +1,21 @@
+import { describe, expect, it } from 'vitest';
+import type { Command } from '../api/types';
+import { isUnsettled, joined, kept } from './stages';
+
+const command = (id: number, result = 'completed', resolved_note = ''): Command =>
+  ({ id, result, resolved_note }) as Command;
+
+describe('commands of unknown outcome', () => {
+  it('wait until an operator says what was found', () => {
+    expect([command(1, 'unknown'), command(2, 'unknown', 'seen on board'), command(3)].map(isUnsettled)).toEqual([
+      true,
+      false,
+      false,
+    ]);
+  });
+  it('stay in the list however old they are', () => {
+    const list = joined([command(9), command(8)], [command(2, 'unknown'), command(9)]);
+    expect(list.map((c) => c.id)).toEqual([9, 8, 2]);
+    expect(kept(list, 1).map((c) => c.id)).toEqual([9, 2]);
+  });
+});

@@ -1,0 +1,19 @@
+/**
+ * Numbers pasted from a table: one row per line, separated by commas, semicolons, tabs or spaces. Lines of words are
+ * headings.
+ */
+export function parseRows(text: string, columns: number): number[][] {
+  const out: number[][] = [];
+  text.split(/\r?\n/).forEach((line, k) => {
+    const cells = line
+      .trim()
+      .split(/[\s,;]+/)
+      .filter(Boolean);
+    if (!cells.length || !/^[-+.\d]/.test(cells[0] ?? '')) return;
+    const row = cells.map(Number);
+    if (row.length !== columns || row.some((v) => !Number.isFinite(v)))
+      throw new Error(`line ${k + 1} is not ${columns} numbers: ${line.trim().slice(0, 40)}`);
+    out.push(row);
+  });
+  return out;
+}

@@ -1,0 +1,99 @@
+/** The lanes of a contact's timeline, and the description of its record. Times are Unix seconds. */
+import type { ContactDetail, ContactRecord } from '../../api/types';
+import { counted, fixed, span } from '../../lib/format';
+import type { LampState } from '../../lib/lamp';
+import { lampOf } from '../../lib/lamp';
+import { resultState } from '../../lib/stages';
+
+export interface Mark {
+  key: string;
+  from: number;
+  /** Equal to `from` for an instant. */
+  to: number;
+  state: LampState;
+  text: string;
+}
+export interface Lane {
+  name: string;
+  /** gaps: hatched parts of a full bar; ticks: instants; bars: spans; boxes: frames. */
+  kind: 'gaps' | 'ticks' | 'bars' | 'boxes';
+  marks: Mark[];
+}
+
+const at = (iso: string): number => Date.parse(iso) / 1000;
+const when = (iso: string): string => `${iso.slice(11, 19)}Z`;
+
+export function lanes(c: ContactDetail, record: ContactRecord | null, endS: number): Lane[] {
+  return [
+    {
+      name: 'telemetry',
+      kind: 'gaps',
+      marks: (record?.gaps ?? []).map((g) => ({
+        key: g.start,
+        from: at(g.start),
+        to: at(g.end),
+        state: g.explained ? 'unknown' : 'warning',
+        text: `${when(g.start)} to ${when(g.end)}, ${counted(g.missing, 'packet')} missing: ${g.cause}`,
+      })),
+    },
+    {
+      name: 'commands',
+      kind: 'ticks',
+      marks: c.command_list.map((x) => ({
+        key: String(x.id),
+        from: at(x.created),
+        to: at(x.created),
+        state: resultState(x),
+        text: `${when(x.created)} ${x.name} ${x.result}`,
+      })),
+    },
+    {
+      name: 'frames',
+      kind: 'boxes',
+      marks: c.frame_list.map((f) => ({
+        key: String(f.id),
+        from: at(f.received),
+        to: at(f.received),
+        state: 'progress',
+        text: `${when(f.received)} ${f.name}`,
+      })),
+    },
+    {
+      name: 'transfers',
+      kind: 'bars',
+      marks: c.transfers.map((t) => ({
+        key: String(t.id),
+        from: at(t.created),
+        to: t.finished ? at(t.finished) : endS,
+        state: t.state === 'failed' ? 'critical' : 'progress',
+        text: `${when(t.created)} ${t.subject}, ${t.direction}, ${t.state}`,
+      })),
+    },
+    {
+      name: 'alarms',
+      kind: 'bars',
+      marks: c.alarms.map((a) => ({
+        key: String(a.id),
+        from: at(a.raised),
+        to: a.closed ? at(a.closed) : endS,
+        state: lampOf(a.worst),
+        text: `${when(a.raised)} ${a.worst}: ${a.title || a.field} ${a.limit_text}`,
+      })),
+    },
+  ];
+}
+
+/** The share of expected packets that are stored, rounded down: 100 only if no packet is missing. */
+export function coverage(record: ContactRecord): string {
+  return fixed(Math.floor(10_000 * record.share) / 100, 2);
+}
+
+/** "16 gaps, 18 packets missing, all explained"; the pass report states the same. */
+export function recordWords(record: ContactRecord): string {
+  if (!record.gaps.length) return 'no gap';
+  const missing = record.gaps.reduce((sum, g) => sum + g.missing, 0);
+  const why = record.unexplained ? `${record.unexplained} unexplained` : 'all explained';
+  return `${counted(record.gaps.length, 'gap')}, ${counted(missing, 'packet')} missing, ${why}`;
+}
+
+export const lengthOf = (g: { start: string; end: string }): string => span(at(g.end) - at(g.start));

@@ -1,0 +1,56 @@
+import { describe, expect, it } from 'vitest';
+import type { FleetUnit } from '../../api/types';
+import { alarmOf, attitudeOf, bankOf, lineOf, processOf } from './fleet';
+
+const link = {
+  connected: true,
+  reason: '',
+  rx: { state: 'up', age_s: 0.4 },
+  alarms: [],
+  attitude: { ra_deg: 12.5, dec_deg: -3, sigma_cross_arcsec: 2.04, age_s: 1, newest_outcome: 'solved' },
+  active_bank: { bank: 'A', catalogue_name: 'night', days_left: 0.5 },
+} as unknown as NonNullable<FleetUnit['link']>;
+const unit: FleetUnit = {
+  name: 'FM1',
+  instrument: 'cubestar',
+  address: '/dev/ttyUSB0',
+  process: 'running',
+  restarts: 0,
+  last_end: '',
+  reason: '',
+  link,
+  age_s: 0.5,
+  current: true,
+};
+
+describe('the fleet', () => {
+  it('says what a unit reports', () => {
+    expect(processOf(unit)).toEqual({ state: 'ok', word: 'running' });
+    expect(lineOf(unit).word).toBe('up, received 0.4 s ago');
+    expect(alarmOf(unit)).toEqual({ state: 'ok', word: 'none' });
+    expect(attitudeOf(unit)).toEqual({ state: 'ok', word: '12.500° −3.000° ± 2.0″, 1.5 s ago' });
+    expect(bankOf(unit)).toEqual({ state: 'warning', word: 'A: night, 12 h left' });
+  });
+  it('claims nothing of a unit that is silent', () => {
+    const silent: FleetUnit = { ...unit, current: false, age_s: 12, process: 'ended', last_end: 'signal 9' };
+    expect(processOf(silent)).toEqual({
+      state: 'critical',
+      word: 'restarting, ended by signal 9; last report 12 s ago',
+    });
+    for (const of of [lineOf, alarmOf, bankOf]) expect(of(silent).state).toBe('unknown');
+    expect(attitudeOf(silent)).toEqual({ state: 'unknown', word: '12.500° −3.000° ± 2.0″, 13 s ago' });
+    expect(processOf({ ...silent, reason: 'another GSS server uses this data folder' }).word).toBe(
+      'cannot start: another GSS server uses this data folder',
+    );
+    expect(processOf({ ...silent, age_s: null, process: 'starting', last_end: '' }).word).toBe(
+      'starting; no report yet',
+    );
+  });
+  it('names a newer report without a solution', () => {
+    const lost = { ...link, attitude: { ...link.attitude!, newest_outcome: 'no_match' } };
+    expect(attitudeOf({ ...unit, link: lost })).toEqual({
+      state: 'watch',
+      word: '12.500° −3.000° ± 2.0″, 1.5 s ago; newest: no match',
+    });
+  });
+});

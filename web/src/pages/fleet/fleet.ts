@@ -1,0 +1,56 @@
+/** The words of the Fleet page: what is known of a unit, and how old it is. */
+import type { FleetUnit } from '../../api/types';
+import { daysLeft, degrees, fixed, span } from '../../lib/format';
+import { lampOf, type LampState } from '../../lib/lamp';
+
+export interface Cell {
+  state: LampState;
+  word: string;
+}
+
+/** Only a unit that reports now has a state; that of any other one is unknown, with the age of its last report. */
+export function processOf(u: FleetUnit): Cell {
+  if (u.current) return { state: 'ok', word: 'running' };
+  const last = u.age_s === null ? 'no report yet' : `last report ${span(u.age_s)} ago`;
+  if (u.reason) return { state: 'critical', word: `cannot start: ${u.reason}` };
+  const cause = u.last_end ? `, ended by ${u.last_end}` : '';
+  return u.process === 'ended'
+    ? { state: 'critical', word: `restarting${cause}; ${last}` }
+    : { state: 'unknown', word: `${u.age_s === null ? 'starting' : 'silent'}${cause}; ${last}` };
+}
+
+export function lineOf(u: FleetUnit): Cell {
+  if (!u.current || !u.link) return { state: 'unknown', word: 'unknown' };
+  if (!u.link.connected) return { state: 'warning', word: u.link.reason || 'closed' };
+  const { state, age_s } = u.link.rx;
+  const received = age_s === null ? 'nothing received' : `received ${span(age_s)} ago`;
+  return { state: state === 'up' ? 'ok' : state === 'noisy' ? 'watch' : 'warning', word: `${state}, ${received}` };
+}
+
+export function alarmOf(u: FleetUnit): Cell {
+  if (!u.current || !u.link) return { state: 'unknown', word: 'unknown' };
+  const worst = u.link.alarms[0];
+  if (!worst) return { state: 'ok', word: 'none' };
+  const more = u.link.alarms.length - 1;
+  return { state: lampOf(worst.level), word: `${worst.text}${more ? `, and ${fixed(more)} more` : ''}` };
+}
+
+export function attitudeOf(u: FleetUnit): Cell {
+  const a = u.link?.attitude;
+  if (!a) return { state: 'never', word: u.current ? 'none reported' : 'unknown' };
+  const age = a.age_s + (u.age_s ?? 0);
+  const sigma = a.sigma_cross_arcsec === null ? '' : ` ± ${fixed(a.sigma_cross_arcsec, 1)}″`;
+  const lost = a.newest_outcome === 'solved' ? '' : `; newest: ${a.newest_outcome.replace(/_/g, ' ')}`;
+  const state: LampState = !u.current ? 'unknown' : lost ? 'watch' : 'ok';
+  return { state, word: `${degrees(a.ra_deg, 3)} ${degrees(a.dec_deg, 3, true)}${sigma}, ${span(age)} ago${lost}` };
+}
+
+export function bankOf(u: FleetUnit): Cell {
+  if (!u.current || !u.link) return { state: 'unknown', word: 'unknown' };
+  const bank = u.link.active_bank;
+  if (!bank) return { state: 'never', word: 'none reported' };
+  const left = bank.days_left;
+  const state: LampState =
+    left === null ? 'ok' : left < 0 ? 'critical' : left < 1 ? 'warning' : left < 4 ? 'watch' : 'ok';
+  return { state, word: `${bank.bank}: ${bank.catalogue_name ?? 'not from this store'}, ${daysLeft(bank.days_left)}` };
+}

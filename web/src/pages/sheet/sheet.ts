@@ -1,0 +1,29 @@
+/** Figures of a performance sheet as text. */
+import type { SheetFigure } from '../../api/types';
+
+const SIGNS: Readonly<Record<string, string>> = {
+  arcsec: '″',
+  'arcsec/K': '″/K',
+  'arcsec/day': '″/day',
+  'deg/s': '°/s',
+  'deg/s²': '°/s²',
+};
+
+/** Three significant digits, without an exponent for the sizes that a sheet has. */
+export function digits(value: number | null): string {
+  if (value === null) return '–';
+  if (value === 0) return '0';
+  const size = Math.abs(value);
+  const text = size >= 1e5 || size < 1e-5 ? value.toExponential(2) : Number(value.toPrecision(3)).toString();
+  return text.replaceAll('-', '−');
+}
+
+export function valueText(f: SheetFigure): string {
+  return `${digits(f.value)} ${SIGNS[f.unit] ?? f.unit}`.trim();
+}
+
+export function boundsText(f: SheetFigure): string {
+  if (f.low === null && f.high === null) return '–';
+  if (f.high === null) return `≥ ${digits(f.low)}`;
+  return `${digits(f.low)} … ${digits(f.high)}`;
+}

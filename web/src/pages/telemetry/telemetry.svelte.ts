@@ -1,0 +1,94 @@
+/** The displayed span and its history: following the clock, or fixed in the past. Live values are appended. */
+import { ofUnit } from '../../lib/base';
+import { api } from '../../api/client';
+import type { History } from '../../api/types';
+import { problemText } from '../../lib/problems';
+import { happened, type Happening } from './happenings.svelte';
+import { keyOf, live } from '../../state/live.svelte';
+
+export const SPANS = { Live: 180, '15 min': 900, '1 h': 3600, '6 h': 21_600, '24 h': 86_400 } as const;
+export type Span = keyof typeof SPANS;
+const POINTS = 800;
+
+export class TelemetryHistory {
+  history = $state.raw<History | null>(null);
+  happenings = $state.raw<Happening[]>([]);
+  problem = $state('');
+
+  /** Load the whole span; `stop` discards a response that is no longer needed. */
+  async read(fields: readonly string[], start: string, end: string, stop: AbortSignal): Promise<void> {
+    try {
+      const [history, list] = await Promise.all([
+        fields.length ? api.history([...fields], start, end, POINTS) : null,
+        happened(start, end).catch(() => []),
+      ]);
+      if (stop.aborted) return;
+      this.history = history;
+      this.happenings = list;
+      this.problem = '';
+    } catch (e) {
+      if (!stop.aborted) this.problem = problemText(e);
+    }
+  }
+
+  /** Append the values that the stream delivered to each series and move the span. */
+  follow(seconds: number): void {
+    const h = this.history;
+    if (!h) return;
+    const now = Date.now() + live.clockSkewMs;
+    const values = new Map(live.values.map((v) => [keyOf(v), v]));
+    const series = h.series.map((s) => {
+      const v = values.get(keyOf(s));
+      const t = v?.at ? Date.parse(v.at) / 1000 : 0;
+      const y =
+        typeof v?.value === 'number'
+          ? v.value
+          : typeof v?.value === 'string'
+            ? (s.choices.find((c) => c.name === v.value)?.value ?? null)
+            : null;
+      return t > (s.t.at(-1) ?? 0) ? { ...s, t: [...s.t, t], y: [...s.y, y] } : s;
+    });
+    this.history = { start: new Date(now - seconds * 1000).toISOString(), end: new Date(now).toISOString(), series };
+  }
+}
+
+/** Telemetry pages made by the user, stored on this machine. */
+export interface OwnPage {
+  name: string;
+  fields: string[];
+  plot: string[];
+}
+const KEPT = ofUnit('gss-telemetry-pages');
+
+class OwnPages {
+  list = $state.raw<OwnPage[]>(read());
+  save(page: OwnPage): void {
+    this.keep([...this.list.filter((p) => p.name !== page.name), page]);
+  }
+  drop(name: string): void {
+    this.keep(this.list.filter((p) => p.name !== name));
+  }
+  private keep(list: OwnPage[]): void {
+    this.list = list;
+    localStorage.setItem(KEPT, JSON.stringify(list));
+  }
+}
+export const ownPages = new OwnPages();
+
+function read(): OwnPage[] {
+  try {
+    const found: unknown = JSON.parse(localStorage.getItem(KEPT) ?? '[]');
+    return Array.isArray(found)
+      ? found.filter(
+          (p): p is OwnPage =>
+            typeof p === 'object' &&
+            p !== null &&
+            'name' in p &&
+            Array.isArray((p as OwnPage).fields) &&
+            Array.isArray((p as OwnPage).plot),
+        )
+      : [];
+  } catch {
+    return [];
+  }
+}
