@@ -32,6 +32,9 @@ PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" 
 
 WAITING = ("system", "contract")
 """Folders whose files mostly wait for servers and lines."""
+REAL_TIME = ("e2e", *WAITING)
+"""Folders whose tests need real processes in real time. A machine that pauses for seconds can fail them, so a failed one
+is run once more; the first failure is printed at the end."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -58,6 +61,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
+        if item.path.parent.name in REAL_TIME:
+            item.add_marker(pytest.mark.flaky(reruns=1))
     order = [path for path in files if path.parent.name == "e2e"]
     waiting = [path for path in files if path.parent.name in WAITING]
     computing = [path for path in files if path not in {*order, *waiting}]
@@ -66,6 +71,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         order += [path, *computing[k * step : (k + 1) * step]]
     order += computing[len(waiting) * step :]
     items[:] = [item for path in order for item in files[path]]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print the first failure of every test that was run again."""
+    for report in terminalreporter.getreports("rerun"):
+        terminalreporter.section(f"run again: {report.nodeid}")
+        terminalreporter.line(report.longreprtext)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
