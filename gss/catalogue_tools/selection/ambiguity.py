@@ -173,6 +173,8 @@ def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Ar
     i = np.concatenate([table.pairs.first[row], table.pairs.second[row]])
     j = np.concatenate([table.pairs.second[row], table.pairs.first[row]])
     keys = i * 4.0 + sides[1][who]
+    ascending = np.argsort(keys)  # searchsorted is three times as fast with ordered keys
+    keys, who, i, j = keys[ascending], who[ascending], i[ascending], j[ascending]
     step, at = expanded(
         np.searchsorted(table.key, keys - tolerance_rad), np.searchsorted(table.key, keys + tolerance_rad)
     )
