@@ -69,7 +69,9 @@ def find_passes(orbit: Trajectory, station: GroundStation, start: datetime, end:
         azimuth, elevation, _ = station.look(earth_fixed_km(orbit, seconds))
         return np.asarray(elevation - station.lowest_rad(azimuth))
 
-    times_s = np.append(np.arange(first_s, last_s, STEP_S), last_s)
+    # Samples at whole multiples of the step: the times of a pass do not depend on the span that is searched.
+    inside_s = np.arange(np.floor(first_s / STEP_S) + 1, np.ceil(last_s / STEP_S)) * STEP_S
+    times_s = np.concatenate([[first_s], inside_s, [last_s]])
     values = clearance(times_s)
     times_s, values = _with_maxima(clearance, times_s, values)
     above = values > 0

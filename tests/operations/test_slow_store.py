@@ -138,8 +138,8 @@ def test_a_failing_store_is_reported_and_ends_the_transfer(ground: Ground) -> No
     ground.image()
     ground.wait(lambda: ground.downloads() and ground.downloads()[0].finished)
     assert ground.frames() == []
-    texts = [e.text for e in ground.services.bus.after(0, 1000)]
-    assert any("was received but is not usable: the bytes cannot be stored now" in text for text in texts), texts
+    words = "was received but is not usable: the bytes cannot be stored now"
+    ground.wait(lambda: any(words in event.text for event in ground.services.bus.after(0, 1000)))
     ground.wait(lambda: ground.downloads()[0].state == "failed")
     ground.store.broken = False
     ground.services.transfers.resume(ground.downloads()[0].id)

@@ -71,6 +71,14 @@ def test_no_pass_of_astropy_is_missed() -> None:
             assert (elevation > 5.0) == inside, minute
 
 
+def test_the_times_of_a_pass_do_not_depend_on_the_searched_span() -> None:
+    """A page that was opened later selects the same pass, to the millisecond."""
+    orbit, end = TleTrajectory.of(TLE), START + timedelta(days=1)
+    first, *later = find_passes(orbit, STELLENBOSCH, START, end)
+    for start in (first.set + timedelta(seconds=k * 7.3) for k in (1, 2, 3)):
+        assert find_passes(orbit, STELLENBOSCH, start, end) == later
+
+
 def test_sun_and_shadow_are_those_of_astropy() -> None:
     """The Sun's direction is astropy's to 0.01°, and the shadow is a cylinder's less the penumbra."""
     sun = sun_teme_km(START)
