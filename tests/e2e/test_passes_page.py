@@ -49,7 +49,8 @@ def test_from_nothing_to_a_pass_in_the_sky(page, tle_of, picture):
 
 
 def test_an_armed_plan_is_on_every_page_until_it_is_stopped(page, served, tle_of, picture):
-    """A plan is made from a pass and a download, armed, shown on another page with who armed it, and stopped there."""
+    """A plan is made from a pass and a download, armed, shown on another page with who armed it, marked as old while it cannot be read, and
+    stopped there."""
     served.ask("PUT", "/spacecraft", {"text": tle_of(1)})
     place = {"latitude_deg": 50.0, "longitude_deg": 8.0, "name": "Frankfurt"}
     if all(s["name"] != "Frankfurt" for s in served.ask("GET", "/stations")):
@@ -68,6 +69,10 @@ def test_an_armed_plan_is_on_every_page_until_it_is_stopped(page, served, tle_of
     page.goto("/telemetry")
     expect(page.get_by_test_id("plan-strip")).to_contain_text("Evening image")
     expect(page.get_by_test_id("plan-strip")).to_contain_text("armed by admin")
+    page.route("**/api/pass-plans/active", lambda route: route.fulfill(status=404))
+    expect(page.get_by_test_id("plan-strip")).to_contain_text("last reported")
+    page.unroute("**/api/pass-plans/active")
+    expect(page.get_by_test_id("plan-strip")).not_to_contain_text("last reported")
     page.get_by_test_id("plan-strip-stop").click()
     expect(page.get_by_test_id("plan-strip")).to_have_count(0)
     (plan,) = [p for p in served.ask("GET", "/pass-plans") if p["name"] == "Evening image"]
