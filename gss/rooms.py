@@ -200,6 +200,7 @@ def open_link(base: Base, events: LineEventQueue) -> LinkService:
         retention,
         base.unit.link,
         base.version_of,
+        settings.device if settings.simulator else "",
     )
 
 
@@ -358,7 +359,4 @@ def open_status(
         passes.runner.tick,
     ]
     tried = base.unit.about.tried_on_hardware
-    own_simulator = base.settings.device if base.settings.simulator else ""
-    return StatusService(
-        link, transfers.banks, alarms, base.bus, utc_now, authority, attitude, tried, tickers, own_simulator
-    )
+    return StatusService(link, transfers.banks, alarms, base.bus, utc_now, authority, attitude, tried, tickers)

@@ -49,8 +49,8 @@ def test_from_nothing_to_a_pass_in_the_sky(page, tle_of, picture):
 
 
 def test_an_armed_plan_is_on_every_page_until_it_is_stopped(page, served, tle_of, picture):
-    """A plan is made from a pass and a download, armed, shown on another page with who armed it, marked as old while it cannot be read, and
-    stopped there."""
+    """A plan is made from a pass and a download, and armed; another page shows it, marks it as old while it cannot be read,
+    and stops it."""
     served.ask("PUT", "/spacecraft", {"text": tle_of(1)})
     place = {"latitude_deg": 50.0, "longitude_deg": 8.0, "name": "Frankfurt"}
     if all(s["name"] != "Frankfurt" for s in served.ask("GET", "/stations")):

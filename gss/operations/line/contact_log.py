@@ -25,13 +25,21 @@ BYTES_EVERY_S = 5.0
 class ContactLog:
     """The state of the open contact as the services see it. It changes in the order of the link's events.
 
-    ``version_of`` returns the version of the instrument that a device names; None if it is unknown.
+    ``version_of`` returns the version of the instrument that a device names; None if it is unknown. ``own_simulator``: address
+    of the simulator that this server started, empty if none; the device there is simulated, also if its protocol cannot say so.
     """
 
     def __init__(
-        self, database: Database, bus: EventBus, now: Now, capture: LineCapture, version_of: Callable[[str], str | None]
+        self,
+        database: Database,
+        bus: EventBus,
+        now: Now,
+        capture: LineCapture,
+        version_of: Callable[[str], str | None],
+        own_simulator: str,
     ) -> None:
-        self._version_of = version_of
+        self._version_of, self._own_simulator = version_of, own_simulator
+        self._url = ""
         self._database, self._bus, self._now, self._capture = database, bus, now, capture
         self.is_open = False
         """True between the handling of LineOpened and of LineClosed."""
@@ -94,7 +102,7 @@ class ContactLog:
 
     def _opened(self, event: LineOpened, at: datetime) -> None:
         self.counted_from, self._next_count_s = event.counters, 0.0
-        self._reserved_id, self.contact_id = event.contact_id, None
+        self._reserved_id, self.contact_id, self._url = event.contact_id, None, event.url
         self._writes.add(partial(self._store_contact, event, at))
         self._writes.run()
         self.is_open = True
@@ -114,6 +122,8 @@ class ContactLog:
         self.report_of(contact_id, "watch", f"line closed: {event.cause}")
 
     def _greeted(self, hello: HelloReceived, at: datetime) -> None:
+        if self._own_simulator and self._url == self._own_simulator:
+            hello = replace(hello, simulated=True)
         self.hello = self.last_hello = hello
         self.dictionary_acknowledged = False
         self._writes.add(partial(self._store_device, self._reserved_id, hello, at))

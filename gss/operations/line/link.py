@@ -41,7 +41,8 @@ class LinkService:
     guards the session. The line thread needs only ``lock``: its holder must not wait for the store, a file or the network.
 
     ``session``: with the unit on the line, from its driver; by default that of the driver ``gss``. ``rules``: times of the line;
-    a reader that has not completed a cycle for ``rules.stalled_after_s`` hangs. ``version_of``: see :class:`ContactLog`.
+    a reader that has not completed a cycle for ``rules.stalled_after_s`` hangs. ``version_of`` and
+    ``own_simulator``: see :class:`ContactLog`.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class LinkService:
         retention: Retention | None = None,
         rules: LinkFile | None = None,
         version_of: Callable[[str], str | None] = shipped_version,
+        own_simulator: str = "",
     ) -> None:
         self._rules = rules or LinkFile()
         self.dictionary, self.roles = dictionary, roles
@@ -71,7 +73,7 @@ class LinkService:
         self._bus = bus
         self._now, self.monotonic_s = now, monotonic_s
         self.capture = LineCapture(captures, retention or Retention(), now, self._fault)
-        self.contact = ContactLog(database, bus, now, self.capture, version_of)
+        self.contact = ContactLog(database, bus, now, self.capture, version_of, own_simulator)
         self._next_contact_id = 1
         self._wake = threading.Event()
         self._stopping = False

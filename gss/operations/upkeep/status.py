@@ -79,8 +79,7 @@ class Header:
 
 
 class StatusService:
-    """Publishes the state of link and banks once a second, after calling each of ``tickers``. ``own_simulator``: address of
-    the simulator that this server started, empty if none; a unit there is simulated, also if its protocol cannot say so."""
+    """Publishes the state of link and banks once a second, after calling each of ``tickers``."""
 
     def __init__(
         self,
@@ -93,12 +92,10 @@ class StatusService:
         attitude: LastAttitude,
         tried_on_hardware: bool | None,
         tickers: Sequence[Callable[[], None]],
-        own_simulator: str = "",
     ) -> None:
         self._link, self._banks, self._latched = link, banks, alarms
         self._bus, self._now, self._authority = bus, now, authority
         self._attitude, self._tried_on_hardware = attitude, tried_on_hardware
-        self._own_simulator = own_simulator
         self._since: dict[str, datetime] = {}
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
@@ -142,7 +139,7 @@ class StatusService:
             device=(hello.serial or hello.device_model) if hello else "no device",
             profile=hello.profile if hello else "",
             firmware=hello.firmware if hello else "",
-            simulated=hello is not None and (hello.simulated or self._link.url == self._own_simulator),
+            simulated=hello is not None and hello.simulated,
             tried_on_hardware=self._tried_on_hardware,
             url=self._link.url,
             connected=connected,

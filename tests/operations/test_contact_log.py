@@ -1,0 +1,41 @@
+"""What is stored about the device of a contact."""
+
+from __future__ import annotations
+
+import pytest
+
+from gss.device.session_events import DirectionCounters, HelloReceived, LinkCounters
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import shared_roles
+from gss.operations.line.dispatcher import LineEventQueue
+from gss.operations.line.line_events import LineBatch, LineOpened
+from gss.operations.line.link import LinkService
+from gss.store import devices
+
+OWN = "socket://127.0.0.1:5555"
+UNIT = HelloReceived("star tracker", "nos3", "not reported", "", False, "0", True, 0, 0, 0, 0, 0, 0, 0, 0, 0.0)
+COUNTERS = LinkCounters(DirectionCounters(), DirectionCounters(), None)
+
+
+@pytest.mark.parametrize(("url", "simulated"), [(OWN, True), ("socket://127.0.0.1:5556", False)])
+def test_a_unit_that_cannot_say_so_is_simulated_at_the_address_of_the_own_simulator(
+    url, simulated, database, bus, clock, tmp_path
+):
+    """The header and the stored device agree; a unit at another address is not simulated."""
+    link = LinkService(
+        load_dictionary(),
+        shared_roles(),
+        database,
+        bus,
+        tmp_path,
+        clock,
+        lambda: 0.0,
+        LineEventQueue(clock, lambda: 0.0),
+        own_simulator=OWN,
+    )
+    link.handle(LineBatch((LineOpened(url, 1, "", COUNTERS), UNIT), clock(), 0.0))
+    assert link.last_hello.simulated == simulated
+    with database.unit_of_work() as session:
+        device = devices.get_contact(session, 1)[1]
+    assert device is not None
+    assert device.simulated == simulated
