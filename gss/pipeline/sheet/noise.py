@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import welch
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
@@ -113,6 +112,8 @@ def allan_deviation(values: Array, step_s: float) -> tuple[Array, Array]:
 
 def _curves(run: AttitudeSeries) -> tuple[Array, Array, Array, Array]:
     """Return Allan deviation and power spectrum of the deviations from a constant rotation."""
+    from scipy.signal import welch  # imported here because it takes half a second of every start
+
     step_s = float(np.median(np.diff(run.times_s)))
     found = celestial_fixed(run).deviation_rad
     times_s, allan = allan_deviation(found, step_s)
