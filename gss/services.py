@@ -32,6 +32,7 @@ from gss.operations.jobs import JobService
 from gss.operations.line.dispatcher import Dispatcher
 from gss.operations.line.link import LinkService
 from gss.operations.metrics import StreamCounts
+from gss.operations.notifications.notifications import NotificationService
 from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.operations.passes.room import Passes
 from gss.operations.procedures.procedures import ProcedureService
@@ -84,6 +85,7 @@ class Services:
     database: Database
     replay: ReplayService
     alarms: AlarmService
+    notifications: NotificationService
     downloads: Downloads
     tables: DeviceTableService
     images: UploadedImages
@@ -128,6 +130,7 @@ class Services:
         self.passes.runner.start()
         self.procedure_runs.start()
         self.alarms.start()
+        self.notifications.start()
         self.upkeep.retention.start()
         self.upkeep.pages.start()
         self.upkeep.audit.start()
@@ -151,6 +154,7 @@ class Services:
         """Close the line first, so that nothing new comes; then end what still works."""
         self.announce_stop()
         self.status.stop()
+        self.notifications.stop()
         self.upkeep.audit.stop()
         self.stack_runs.shut_down()
         self.procedure_runs.shut_down()

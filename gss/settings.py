@@ -149,6 +149,13 @@ class Settings(BaseSettings):
         description="Chain of the operational ground result: runs on every received or imported frame.",
     )
 
+    notifications: str = Field(
+        default="", description="File of notification targets and rules; empty: no notifications are sent."
+    )
+    notifications_private: bool = Field(
+        default=False, description="Permit notification targets on loopback and private addresses."
+    )
+
     @property
     def unit_instrument(self) -> str:
         """Name of the instrument of the unit on the line: the simulated one, if any."""

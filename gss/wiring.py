@@ -22,6 +22,9 @@ from gss.operations.line.capture_packing import CapturePacking
 from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
 from gss.operations.line.line_capture import CaptureSync
 from gss.operations.metrics import StreamCounts
+from gss.operations.notifications.notifications import NotificationService
+from gss.operations.notifications.rules_file import read_rules
+from gss.operations.notifications.senders import Sender
 from gss.operations.passes.room import open_passes
 from gss.operations.recordings.live import LiveRecordings
 from gss.operations.recordings.scope import Scopes
@@ -135,6 +138,9 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     upkeep = rooms.open_upkeep(
         base, link, telemetry, frames.frames, transfers.writer, removal, clocks, dispatcher, streams, alarms, audit
     )
+    notifications = NotificationService(
+        read_rules(settings.notifications), alarms, bus, database, utc_now, Sender(settings.notifications_private).send
+    )
     return Services(
         settings=settings,
         instruments=base.instruments,
@@ -159,6 +165,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         database=database,
         replay=frames.replay,
         alarms=alarms,
+        notifications=notifications,
         downloads=downloads,
         tables=transfers.tables,
         images=images,

@@ -1,7 +1,7 @@
 """The database tables, by aggregate. Importing this package registers all of them."""
 
 from gss.store.models.accounts import ApiToken, AuditRow, OneTimeLink, SignIn, User
-from gss.store.models.automation import DerivedParameter, Procedure, ProcedureRun
+from gss.store.models.automation import DerivedParameter, Notification, Procedure, ProcedureRun
 from gss.store.models.base import Base, UtcDateTime
 from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarList
 from gss.store.models.console import Alarm, Authority, Choice, Job, Stack, StackRun
@@ -39,6 +39,7 @@ __all__ = [
     "Event",
     "Frame",
     "Job",
+    "Notification",
     "OneTimeLink",
     "OrbitSet",
     "PassPlan",

@@ -1,4 +1,4 @@
-"""Automation: derived parameters and procedures."""
+"""Automation: derived parameters, procedures and notifications."""
 
 from __future__ import annotations
 
@@ -58,3 +58,23 @@ class ProcedureRun(Base):
     started: Mapped[datetime]
     finished: Mapped[datetime | None]
     sha256: Mapped[str] = mapped_column(String(64), default="")
+
+
+class Notification(Base):
+    """Message about an alarm or event to one target. ``key``: unique, so that it is created once. ``due``: when it may be sent or
+    tried again. ``state``: pending, sending, sent, failed, withdrawn, or unknown after the server ended while sending."""
+
+    __tablename__ = "notifications"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    key: Mapped[str] = mapped_column(String(200), unique=True)
+    rule: Mapped[str] = mapped_column(String(40))
+    target: Mapped[str] = mapped_column(String(40))
+    level: Mapped[str] = mapped_column(String(10))
+    text: Mapped[str] = mapped_column(Text)
+    alarm_id: Mapped[int | None]
+    created: Mapped[datetime]
+    due: Mapped[datetime]
+    state: Mapped[str] = mapped_column(String(10), index=True)
+    tries: Mapped[int]
+    problem: Mapped[str] = mapped_column(Text, default="")
+    finished: Mapped[datetime | None]

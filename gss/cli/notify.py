@@ -1,0 +1,54 @@
+"""``gss notify``: check the file of notifications, and send a test message without a server."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gss.cli import Commands
+
+
+def register(subparsers: Commands) -> None:
+    """Add the commands."""
+    kinds = subparsers.add_parser("notify").add_subparsers(dest="kind", required=True, metavar="WHAT")
+    p = kinds.add_parser("check", help="read the file and list its targets and rules; nothing is sent")
+    p.add_argument("file", help="file of targets and rules, as in GSS_NOTIFICATIONS")
+    p.set_defaults(run=check)
+    p = kinds.add_parser("test", help="send a test message to one target")
+    p.add_argument("file", help="file of targets and rules, as in GSS_NOTIFICATIONS")
+    p.add_argument("target", help="name of the target")
+    p.add_argument("--private", action="store_true", help="permit a loopback or private address")
+    p.set_defaults(run=test)
+
+
+def check(arguments: argparse.Namespace) -> int:
+    """Print targets and rules."""
+    from gss.operations.notifications.rules_file import read_rules
+
+    rules = read_rules(arguments.file)
+    for target in rules.targets:
+        print(f"target {target.name}: {'mail' if target.mail else 'webhook'}, {target.host}")
+    for rule in rules.rules:
+        print(f"rule {rule.name}: {rule.words}")
+    return 0
+
+
+def test(arguments: argparse.Namespace) -> int:
+    """Send a message at once and print the result."""
+    import secrets
+
+    from gss.domain.errors import NotFound
+    from gss.operations.notifications.rules_file import read_rules
+    from gss.operations.notifications.senders import OutgoingMessage, Sender
+
+    rules = read_rules(arguments.file)
+    target = rules.target(arguments.target)
+    if target is None:
+        raise NotFound(
+            "There is no such target", expected=", ".join(t.name for t in rules.targets), got=arguments.target
+        )
+    message = OutgoingMessage(secrets.token_hex(16), "ok", "[GSS] ok: test message", "Test message by gss notify test.")
+    Sender(arguments.private).send(target, message)
+    print(f"sent to {target.name}")
+    return 0

@@ -1,0 +1,1 @@
+"""Notifications: mail and webhooks about alarms and events, until a person acknowledges them."""

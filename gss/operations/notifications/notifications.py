@@ -1,0 +1,229 @@
+"""Creates notifications of alarms and events by the rules, sends them on threads of their target, and records each one."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from gss.domain.errors import NotFound
+from gss.domain.limits import ORDER, State
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.notifications.rules_file import NotificationRule, NotificationRules, Target
+from gss.operations.notifications.senders import OutgoingMessage
+from gss.operations.telemetry.alarms import AlarmService
+from gss.store import notifications as store
+from gss.store.engine import Database
+from gss.store.models import Alarm, Notification
+
+log = logging.getLogger("gss.notifications")
+EVERY_S = 1.0
+STOP_S = 1.0
+MOST_TRIES = 8
+FIRST_RETRY = timedelta(seconds=30)
+LAST_RETRY = timedelta(minutes=15)
+LINES = 40
+"""Notifications that one message lists; it states the number of the others."""
+KEPT = timedelta(days=90)
+Send = Callable[[Target, OutgoingMessage], None]
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """A notification that the rules require; ``key`` is unique, so that it is created once."""
+
+    key: str
+    rule: str
+    target: str
+    level: str
+    text: str
+    due: datetime
+    alarm_id: int | None = None
+
+
+class NotificationService:
+    """Runs a thread that looks at alarms and events once a second. ``send`` may block until its timeout; each target has a
+    thread, so that a server that hangs delays only its own messages. A message that was under way when the server ended is
+    marked as unknown and is not sent again."""
+
+    def __init__(
+        self, rules: NotificationRules, alarms: AlarmService, bus: EventBus, database: Database, now: Now, send: Send
+    ) -> None:
+        self.rules = rules
+        self._alarms, self._bus, self._database, self._now, self._send = alarms, bus, database, now, send
+        self._pools: dict[str, ThreadPoolExecutor] = {}
+        self._sending: dict[str, tuple[Future[None], tuple[int, ...]]] = {}
+        self._last_sent: dict[str, datetime] = {}
+        self._seq = 0
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="notifications", daemon=True)
+
+    def start(self) -> None:
+        """Mark what the last server left under way as unknown, and start the thread if there are rules."""
+        with self._database.unit_of_work() as session:
+            store.lose_sending(session, self._now())
+            store.prune(session, self._now() - KEPT)
+        self._seq = self._bus.newest()
+        if self.rules.targets:
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Stop the thread, and wait a second for messages under way."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=2)
+        wait([job for job, _ in self._sending.values()], STOP_S)
+        self._settle()
+        for pool in self._pools.values():
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    def newest(self, limit: int) -> list[Notification]:
+        """Return the newest notifications, newest first."""
+        with self._database.unit_of_work() as session:
+            return store.newest(session, limit)
+
+    def test(self, target: str, *, user: str) -> Notification:
+        """Queue a test message and return its row. Raises NotFound."""
+        if self.rules.target(target) is None:
+            raise NotFound("There is no such target", got=target, hint="the page Admin, Notifications lists them")
+        now = self._now()
+        wanted = _Wanted(f"test {target} {now.isoformat()}", "test", target, "ok", f"Test message by {user}.", now)
+        (row,) = self._add([wanted])
+        return row
+
+    def tick(self) -> None:
+        """Create the notifications that the rules require now, withdraw those that are no longer needed, and send what is due."""
+        self._settle()
+        views = [view for view in self._alarms.opened() if view.row.acknowledged is None and not view.shelved]
+        unanswered = [view.row for view in views]
+        with self._database.unit_of_work() as session:
+            store.withdraw_others(session, [row.id for row in unanswered], self._now())
+        texts = {
+            view.row.id: view.text if view.text.startswith(view.title) else f"{view.title}: {view.text}"
+            for view in views
+        }
+        self._add([*self._of_alarms(unanswered, texts), *self._of_events()])
+        self._send_due()
+
+    def _run(self) -> None:
+        while not self._stop.wait(EVERY_S):
+            try:
+                self.tick()
+            except Exception:  # a locked database must not end the thread
+                log.exception("notifications could not be handled")
+
+    # --- what to send -------------------------------------------------------------------------------------------
+
+    def _of_alarms(self, unanswered: Sequence[Alarm], texts: dict[int, str]) -> Iterator[_Wanted]:
+        now = self._now()
+        for rule in self.rules.rules:
+            for row in unanswered:
+                if rule.on == "alarm" and rule.covers(row.worst):
+                    for step, target in _targets(rule, now - row.raised):
+                        key = f"alarm {row.id} {row.worst} {rule.name} {step} {target}"
+                        text = f"{texts[row.id]} (alarm {row.id}, raised {row.raised:%Y-%m-%d %H:%M:%SZ}"
+                        text += (
+                            ")" if step == 0 else f", not acknowledged for {rule.escalate[step - 1].after_min:g} min)"
+                        )
+                        yield _Wanted(key, rule.name, target, row.worst, text, rule.due(row.worst, now), row.id)
+
+    def _of_events(self) -> Iterator[_Wanted]:
+        events = self._bus.after(self._seq, 500)
+        now = self._now()
+        for event in events:
+            for rule in self.rules.rules:
+                if rule.on == "event" and event.kind in rule.kinds and rule.covers(event.severity):
+                    for target in rule.to:
+                        key = f"event {event.seq} {rule.name} {target}"
+                        text = f"{event.text} ({event.kind}, {event.at:%Y-%m-%d %H:%M:%SZ})"
+                        yield _Wanted(key, rule.name, target, event.severity, text, rule.due(event.severity, now))
+            self._seq = event.seq
+
+    def _add(self, wanted: Sequence[_Wanted]) -> list[Notification]:
+        if not wanted:
+            return []
+        now = self._now()
+        with self._database.unit_of_work() as session:
+            known = store.known_keys(session, [w.key for w in wanted])
+            rows = [
+                Notification(
+                    key=w.key,
+                    rule=w.rule,
+                    target=w.target,
+                    level=w.level,
+                    text=w.text,
+                    alarm_id=w.alarm_id,
+                    created=now,
+                    due=w.due,
+                    state="pending",
+                    tries=0,
+                    problem="",
+                )
+                for w in {w.key: w for w in wanted}.values()
+                if w.key not in known
+            ]
+            session.add_all(rows)
+        return rows
+
+    # --- sending ------------------------------------------------------------------------------------------------
+
+    def _send_due(self) -> None:
+        now = self._now()
+        for target in self.rules.targets:
+            last = self._last_sent.get(target.name)
+            if target.name in self._sending or (last and now - last < timedelta(seconds=self.rules.pause_s)):
+                continue
+            with self._database.unit_of_work() as session:
+                rows = store.take_due(session, target.name, now)
+            if rows:
+                self._last_sent[target.name] = now
+                pool = self._pools.setdefault(target.name, ThreadPoolExecutor(1, f"notify {target.name}"))
+                job = pool.submit(self._send, target, self._message(rows))
+                self._sending[target.name] = job, tuple(row.id for row in rows)
+
+    def _message(self, rows: Sequence[Notification]) -> OutgoingMessage:
+        level = max((row.level for row in rows), key=lambda name: ORDER[State(name)])
+        lines = [f"{row.level.upper()}: {row.text}" for row in rows[:LINES]]
+        if len(rows) > LINES:
+            lines.append(f"and {len(rows) - LINES} more, see the console")
+        if self.rules.console:
+            lines += ["", self.rules.console]
+        first = f"[GSS] {level}: {rows[0].text}" if len(rows) == 1 else f"[GSS] {level}: {len(rows)} notifications"
+        key = hashlib.sha256("\n".join(row.key for row in rows).encode()).hexdigest()[:32]
+        return OutgoingMessage(key, level, first.replace("\n", " ")[:200], "\n".join(lines))
+
+    def _settle(self) -> None:
+        """Record the results of the messages that ended."""
+        for target, (job, ids) in list(self._sending.items()):
+            if job.done():
+                self._finish(target, job, ids)
+
+    def _finish(self, target: str, job: Future[None], ids: Sequence[int]) -> None:
+        now, error = self._now(), job.exception() if not job.cancelled() else None
+        with self._database.unit_of_work() as session:
+            rows = [row for row in store.of_ids(session, ids) if row.state == "sending"]
+            for row in rows:
+                if error is None:
+                    row.state, row.problem, row.finished = "sent", "", now
+                elif row.tries >= MOST_TRIES:
+                    row.state, row.problem, row.finished = "failed", str(error), now
+                else:
+                    pause = min(FIRST_RETRY * 2 ** (row.tries - 1), LAST_RETRY)
+                    row.state, row.problem, row.due = "pending", str(error), now + pause
+            failed = sum(row.state == "failed" for row in rows)
+        self._sending.pop(target, None)
+        if failed:
+            self._bus.record("notification", "warning", f"{failed} notifications to {target} were not sent: {error}")
+
+
+def _targets(rule: NotificationRule, age: timedelta) -> Iterator[tuple[int, str]]:
+    """Yield (step, target) for an alarm of that age: the rule's targets, then those of each escalation that is due."""
+    yield from ((0, name) for name in rule.to)
+    for step, further in enumerate(rule.escalate, 1):
+        if age >= timedelta(minutes=further.after_min):
+            yield from ((step, name) for name in further.to)

@@ -1,0 +1,183 @@
+"""The file of notification targets and rules (``GSS_NOTIFICATIONS``). Secrets are in environment variables that it names."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from datetime import datetime, time, timedelta
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, HttpUrl, ValidationError, model_validator
+
+from gss.domain.errors import BadInput
+from gss.domain.limits import ORDER, State
+from gss.instruments.marked_yaml import parse_yaml
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.-]{0,39}$")]
+Address = Annotated[str, Field(pattern=r"^[^\s@<>,;]+@[^\s@<>,;]+$", max_length=254)]
+Level = Literal["ok", "watch", "warning", "critical"]
+Security = Literal["starttls", "tls", "none"]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Mail(_Strict):
+    """Mail server and recipients. ``password_env``: name of the environment variable with the password of ``user``."""
+
+    server: Annotated[str, Field(min_length=1, max_length=253)]
+    port: Annotated[int, Field(ge=1, le=65535)] = 587
+    security: Security = "starttls"
+    user: str = ""
+    password_env: str = ""
+    sender: Address
+    to: Annotated[tuple[Address, ...], Field(min_length=1, max_length=50)]
+
+
+class Webhook(_Strict):
+    """Address that receives JSON by POST. ``secret_env``: name of the environment variable with the key of the signature."""
+
+    url: HttpUrl
+    secret_env: str = ""
+
+
+class Target(_Strict):
+    """One destination: either mail or a webhook."""
+
+    name: Name
+    mail: Mail | None = None
+    webhook: Webhook | None = None
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if (self.mail is None) == (self.webhook is None):
+            raise ValueError("needs either mail or webhook")
+        return self
+
+    @property
+    def host(self) -> str:
+        """Host that a message is sent to."""
+        return self.mail.server if self.mail else str(self.webhook.url.host) if self.webhook else ""
+
+    @property
+    def secret_env(self) -> str:
+        """Name of the environment variable with the secret; empty if none is needed."""
+        return self.mail.password_env if self.mail else self.webhook.secret_env if self.webhook else ""
+
+
+class Escalation(_Strict):
+    """Further targets of an alarm that is not acknowledged in time."""
+
+    after_min: Annotated[float, Field(gt=0, le=10_080)]
+    to: Annotated[tuple[Name, ...], Field(min_length=1)]
+
+
+class Quiet(_Strict):
+    """Hours of the day (UTC) in which messages wait, except those of the level ``unless`` or above."""
+
+    start: time
+    end: time
+    unless: Level = "critical"
+
+    def end_after(self, now: datetime) -> datetime | None:
+        """Return when the quiet hours that ``now`` lies in end; None if it lies outside."""
+        clock = now.time().replace(tzinfo=None)
+        overnight = self.start > self.end
+        inside = (clock >= self.start or clock < self.end) if overnight else self.start <= clock < self.end
+        if not inside:
+            return None
+        end = datetime.combine(now.date(), self.end, now.tzinfo)
+        return end if end > now else end + timedelta(days=1)
+
+
+class NotificationRule(_Strict):
+    """Which alarms or events are sent to which targets. ``kinds``: of events, as the page *Events* shows them."""
+
+    name: Name
+    on: Literal["alarm", "event"] = "alarm"
+    level: Level = "warning"
+    kinds: tuple[str, ...] = ()
+    to: Annotated[tuple[Name, ...], Field(min_length=1)]
+    escalate: tuple[Escalation, ...] = ()
+    quiet: Quiet | None = None
+
+    @model_validator(mode="after")
+    def _fitting(self) -> Self:
+        if (self.on == "event") != bool(self.kinds):
+            raise ValueError("a rule on events needs kinds, a rule on alarms has none")
+        if self.on == "event" and self.escalate:
+            raise ValueError("events cannot be acknowledged, so they cannot escalate")
+        if "notification" in self.kinds:
+            raise ValueError("events about notifications are not sent")
+        return self
+
+    @property
+    def words(self) -> str:
+        """The rule as a sentence."""
+        what = f"events {', '.join(self.kinds)}" if self.on == "event" else "alarms"
+        parts = [f"{what} of level {self.level} or worse to {', '.join(self.to)}"]
+        parts += [f"after {e.after_min:g} min without acknowledgement also to {', '.join(e.to)}" for e in self.escalate]
+        if self.quiet:
+            parts.append(f"waits from {self.quiet.start:%H:%M} to {self.quiet.end:%H:%M} UTC below {self.quiet.unless}")
+        return "; ".join(parts)
+
+    def covers(self, level: str) -> bool:
+        """True if a level is at least that of the rule."""
+        return level in ORDER and ORDER[State(level)] >= ORDER[State(self.level)]
+
+    def due(self, level: str, now: datetime) -> datetime:
+        """Return when a message of that level may be sent."""
+        if self.quiet is None or (level in ORDER and ORDER[State(level)] >= ORDER[State(self.quiet.unless)]):
+            return now
+        return self.quiet.end_after(now) or now
+
+
+class NotificationRules(_Strict):
+    """The file. ``console``: address of the console, shown in messages; ``pause_s``: least time between two messages to one
+    target, later ones are combined."""
+
+    console: str = ""
+    pause_s: Annotated[float, Field(ge=0, le=86_400)] = 60.0
+    targets: tuple[Target, ...] = ()
+    rules: tuple[NotificationRule, ...] = ()
+
+    @model_validator(mode="after")
+    def _named(self) -> Self:
+        for words, names in (("targets", [t.name for t in self.targets]), ("rules", [r.name for r in self.rules])):
+            if len(set(names)) != len(names):
+                raise ValueError(f"two {words} have the same name")
+        known = {t.name for t in self.targets}
+        used = {name for r in self.rules for name in (*r.to, *(n for e in r.escalate for n in e.to))}
+        if used - known:
+            raise ValueError(f"no such target: {', '.join(sorted(used - known))}")
+        return self
+
+    def target(self, name: str) -> Target | None:
+        """Return the target of that name; None if there is none."""
+        return next((t for t in self.targets if t.name == name), None)
+
+
+def read_rules(file: str, environment: Mapping[str, str] = os.environ) -> NotificationRules:
+    """Read and check the file; without a file there are no rules. Raises BadInput with line, field and reason, also for a secret
+    that the environment lacks."""
+    if not file:
+        return NotificationRules()
+    path = Path(file)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadInput(
+            "The file of notifications cannot be read", got=str(error), hint="check GSS_NOTIFICATIONS"
+        ) from error
+    marked = parse_yaml(path.name, data)
+    try:
+        rules = NotificationRules.model_validate(marked.content if marked.content is not None else {})
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise marked.error(first["loc"], first["msg"].removeprefix("Value error, ")) from None
+    for k, target in enumerate(rules.targets):
+        if target.secret_env and not environment.get(target.secret_env):
+            raise marked.error(("targets", k), f"the environment variable {target.secret_env} is not set")
+    return rules

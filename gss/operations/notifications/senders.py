@@ -1,0 +1,85 @@
+"""Send a message by mail or webhook, with a timeout, and only to public addresses unless private ones are permitted."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+import json
+import os
+import smtplib
+import socket
+import ssl
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from email.message import EmailMessage
+
+import httpx2
+
+from gss.domain.errors import LinkDown, NotPermitted
+from gss.operations.notifications.rules_file import Mail, Target, Webhook
+
+TIMEOUT_S = 10.0
+
+
+@dataclass(frozen=True)
+class OutgoingMessage:
+    """``key``: identical for repeated attempts, so that a receiver can drop a duplicate."""
+
+    key: str
+    level: str
+    subject: str
+    text: str
+
+
+class Sender:
+    """Sends messages. ``private``: permit loopback, private and link-local addresses. Passwords come from ``environment``."""
+
+    def __init__(self, private: bool, environment: Mapping[str, str] = os.environ) -> None:
+        self._private, self._environment = private, environment
+
+    def send(self, target: Target, message: OutgoingMessage) -> None:
+        """Send a message. Raises LinkDown with the reason, or NotPermitted for a private address."""
+        try:
+            self._check_address(target.host)
+            if target.mail:
+                self._mail(target.mail, message)
+            elif target.webhook:
+                self._post(target.webhook, message)
+        except (OSError, smtplib.SMTPException, httpx2.HTTPError) as error:
+            reason = str(error) or type(error).__name__
+            raise LinkDown(f"The message to {target.name} was not sent", got=reason[:300]) from error
+
+    def _check_address(self, host: str) -> None:
+        for *_, address in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM):
+            if not self._private and not ipaddress.ip_address(str(address[0]).split("%")[0]).is_global:
+                raise NotPermitted(
+                    f"{host} has the private address {address[0]}",
+                    hint="set GSS_NOTIFICATIONS_PRIVATE to true if this is intended",
+                )
+
+    def _mail(self, mail: Mail, message: OutgoingMessage) -> None:
+        letter = EmailMessage()
+        letter["Subject"], letter["From"], letter["To"] = message.subject, mail.sender, ", ".join(mail.to)
+        letter["Message-ID"] = f"<{message.key}@gss.invalid>"
+        letter.set_content(message.text)
+        secure = ssl.create_default_context()
+        with (
+            smtplib.SMTP_SSL(mail.server, mail.port, timeout=TIMEOUT_S, context=secure)
+            if mail.security == "tls"
+            else smtplib.SMTP(mail.server, mail.port, timeout=TIMEOUT_S)
+        ) as server:
+            if mail.security == "starttls":
+                server.starttls(context=secure)
+            if mail.user:
+                server.login(mail.user, self._environment.get(mail.password_env, ""))
+            server.send_message(letter)
+
+    def _post(self, webhook: Webhook, message: OutgoingMessage) -> None:
+        body = json.dumps(asdict(message)).encode()
+        headers = {"Content-Type": "application/json", "Idempotency-Key": message.key}
+        if webhook.secret_env:
+            secret = self._environment.get(webhook.secret_env, "").encode()
+            headers["X-GSS-Signature"] = f"sha256={hmac.new(secret, body, hashlib.sha256).hexdigest()}"
+        with httpx2.Client(timeout=TIMEOUT_S, trust_env=False, follow_redirects=False) as client:
+            client.post(str(webhook.url), content=body, headers=headers).raise_for_status()

@@ -1,0 +1,62 @@
+"""Notifications: created once by their key, sent, and kept as a record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session
+
+from gss.store.models import Notification
+
+
+def newest(session: Session, limit: int) -> list[Notification]:
+    """Return the newest rows, newest first."""
+    return list(session.scalars(select(Notification).order_by(Notification.id.desc()).limit(limit)))
+
+
+def known_keys(session: Session, keys: Sequence[str]) -> set[str]:
+    """Return those of the keys that exist."""
+    found: set[str] = set()
+    for k in range(0, len(keys), 500):
+        found.update(session.scalars(select(Notification.key).where(Notification.key.in_(keys[k : k + 500]))))
+    return found
+
+
+def of_ids(session: Session, ids: Sequence[int]) -> list[Notification]:
+    """Return the rows of these ids."""
+    return list(session.scalars(select(Notification).where(Notification.id.in_(ids))))
+
+
+def take_due(session: Session, target: str, now: datetime) -> list[Notification]:
+    """Return the rows of a target that may be sent now, at most 500, marked as sending with one more try."""
+    due = (Notification.target == target, Notification.state == "pending", Notification.due <= now)
+    rows = list(session.scalars(select(Notification).where(*due).order_by(Notification.id).limit(500)))
+    for row in rows:
+        row.state, row.tries = "sending", row.tries + 1
+    return rows
+
+
+def withdraw_others(session: Session, alarm_ids: Sequence[int], now: datetime) -> None:
+    """Withdraw the waiting notifications of every alarm that is not one of these."""
+    session.execute(
+        update(Notification)
+        .where(Notification.state == "pending", Notification.alarm_id.is_not(None))
+        .where(Notification.alarm_id.not_in(alarm_ids))
+        .values(state="withdrawn", finished=now, problem="acknowledged, shelved or closed before it was sent")
+    )
+
+
+def lose_sending(session: Session, now: datetime) -> None:
+    """Mark the rows that were being sent when the server ended as unknown."""
+    session.execute(
+        update(Notification)
+        .where(Notification.state == "sending")
+        .values(state="unknown", finished=now, problem="the server ended while it was being sent; it is not sent again")
+    )
+
+
+def prune(session: Session, before: datetime) -> None:
+    """Delete rows that ended before a time."""
+    session.execute(delete(Notification).where(Notification.finished < before))

@@ -1,0 +1,312 @@
+"""Notifications against a real mail server and a real webhook receiver: rules, escalation, failures, restarts."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import socketserver
+import threading
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gss.domain.errors import BadInput, NotFound, NotPermitted
+from gss.domain.limits import State
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import shared_roles
+from gss.operations.line.dispatcher import LineEventQueue
+from gss.operations.line.link import LinkService
+from gss.operations.notifications.notifications import MOST_TRIES, NotificationService
+from gss.operations.notifications.rules_file import read_rules
+from gss.operations.notifications.senders import OutgoingMessage, Sender
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry import TelemetryService
+
+DICTIONARY = load_dictionary()
+SECRET = "a long secret"
+ENVIRONMENT = {"HOOK": SECRET}
+DISK = ("store", "disk")
+
+
+class Mailbox:
+    """A small SMTP server on a loopback port that keeps the letters."""
+
+    def __init__(self) -> None:
+        self.letters: list[str] = []
+        letters = self.letters
+
+        class Handler(socketserver.StreamRequestHandler):
+            def handle(self) -> None:
+                self.wfile.write(b"220 ready\r\n")
+                while line := self.rfile.readline():
+                    word = line[:4].upper()
+                    if word == b"DATA":
+                        self.wfile.write(b"354 go on\r\n")
+                        letters.append("".join(iter(lambda: self.rfile.readline().decode(), ".\r\n")))
+                    self.wfile.write(b"221 bye\r\n" if word == b"QUIT" else b"250 ok\r\n")
+
+        self.server = socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler)
+        self.port = self.server.server_address[1]
+        threading.Thread(target=self.server.serve_forever, args=(0.05,), daemon=True).start()
+
+
+class Receiver:
+    """A webhook receiver. ``status``: its answer; ``gate``: cleared while it hangs."""
+
+    def __init__(self) -> None:
+        self.bodies: list[dict[str, Any]] = []
+        self.headers: list[dict[str, str]] = []
+        self.status, self.gate = 200, threading.Event()
+        self.gate.set()
+        receiver = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_POST(self) -> None:
+                data = self.rfile.read(int(self.headers["Content-Length"]))
+                receiver.bodies.append(json.loads(data))
+                receiver.headers.append({**self.headers, "raw": data.decode()})
+                receiver.gate.wait(30)
+                self.send_response(receiver.status)
+                self.end_headers()
+
+            def log_message(self, *_: Any) -> None:
+                """Print nothing."""
+
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        self.port = self.server.server_address[1]
+        threading.Thread(target=self.server.serve_forever, args=(0.05,), daemon=True).start()
+
+
+@pytest.fixture
+def mailbox() -> Iterator[Mailbox]:
+    made = Mailbox()
+    yield made
+    made.server.shutdown()
+    made.server.server_close()
+
+
+@pytest.fixture
+def receiver() -> Iterator[Receiver]:
+    made = Receiver()
+    yield made
+    made.gate.set()
+    made.server.shutdown()
+    made.server.server_close()
+
+
+RULES = """
+pause_s: 60
+targets:
+  - name: mail
+    mail: {{server: 127.0.0.1, port: {mail}, security: none, sender: gss@example.org, to: [op@example.org]}}
+  - name: hook
+    webhook: {{url: "http://127.0.0.1:{hook}/in", secret_env: HOOK}}
+rules:
+  - name: alarms
+    level: warning
+    to: [hook]
+    escalate: [{{after_min: 10, to: [mail]}}]
+  - name: failures
+    on: event
+    kinds: [transfer]
+    to: [hook]
+"""
+
+
+class Harness:
+    """Alarms and notifications on a database with a settable clock; ``look`` is one pass of the thread."""
+
+    def __init__(self, database, bus, clock, folder: Path, rules: str) -> None:
+        self.database, self.bus, self.clock = database, bus, clock
+        self.link = LinkService(
+            DICTIONARY, shared_roles(), database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+        )
+        telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
+        self.alarms = AlarmService(DICTIONARY, telemetry, self.link, database, bus, clock)
+        self.alarms.start()
+        self.file = folder / "notifications.yaml"
+        self.file.write_text(rules)
+        self.service = self.new_service()
+
+    def new_service(self) -> NotificationService:
+        """The service of a server that starts now, without its thread."""
+        rules = read_rules(str(self.file), ENVIRONMENT)
+        service = NotificationService(
+            rules, self.alarms, self.bus, self.database, self.clock, Sender(True, ENVIRONMENT).send
+        )
+        service._thread.start = lambda: None  # type: ignore[method-assign]
+        service.start()
+        return service
+
+    def raise_alarm(self, state: State = State.WARNING) -> None:
+        self.alarms.watch(DISK, state, 1.0, "Disk: nearly full", "nearly full")
+
+    def look(self, after_s: float = 0.0) -> dict[str, str]:
+        """Advance the clock, look, wait for messages under way, and look again; state of each row by its key."""
+        self.clock.forward(after_s)
+        self.service.tick()
+        for job, _ in list(self.service._sending.values()):
+            job.exception(timeout=30)
+        self.service.tick()
+        return {row.key: row.state for row in self.service.newest(100)}
+
+
+@pytest.fixture
+def harness(database, bus, clock, tmp_path, mailbox, receiver) -> Iterator[Harness]:
+    made = Harness(database, bus, clock, tmp_path, RULES.format(mail=mailbox.port, hook=receiver.port))
+    yield made
+    receiver.gate.set()
+    made.service.stop()
+
+
+def test_an_alarm_is_sent_once_and_escalates_until_it_is_acknowledged(harness, mailbox, receiver):
+    """The webhook is signed; the mail follows after ten minutes; after the acknowledgement nothing is sent."""
+    harness.raise_alarm()
+    harness.look()
+    harness.look(120)
+    (body,), (headers,) = receiver.bodies, receiver.headers
+    assert (body["level"], "Disk" in body["text"], mailbox.letters) == ("warning", True, [])
+    signature = hmac.new(SECRET.encode(), headers["raw"].encode(), hashlib.sha256).hexdigest()
+    assert headers["X-GSS-Signature"] == f"sha256={signature}"
+    harness.look(600)
+    (letter,) = mailbox.letters
+    assert "not acknowledged for 10 min" in letter.replace("=\r\n", "")
+    harness.alarms.acknowledge(harness.alarms.opened()[0].row.id, user="ann")
+    harness.look(3600)
+    assert (len(receiver.bodies), len(mailbox.letters)) == (1, 1)
+
+
+def test_a_worse_level_is_sent_again(harness, receiver):
+    """Warning, then critical: two messages."""
+    harness.raise_alarm()
+    harness.look()
+    harness.raise_alarm(State.CRITICAL)
+    harness.look(61)
+    assert [body["level"] for body in receiver.bodies] == ["warning", "critical"]
+
+
+def test_an_acknowledged_alarm_that_waits_is_withdrawn(harness, receiver):
+    """A message that failed once is not tried again after the acknowledgement."""
+    receiver.status = 500
+    harness.raise_alarm()
+    assert list(harness.look().values()) == ["pending"]
+    harness.alarms.acknowledge(harness.alarms.opened()[0].row.id, user="ann")
+    receiver.status = 200
+    assert list(harness.look(600).values()) == ["withdrawn"]
+    assert len(receiver.bodies) == 1
+
+
+def test_a_storm_is_one_message(harness, receiver):
+    """Events of a minute after the first message are combined."""
+    for k in range(60):
+        harness.bus.record("transfer", "warning", f"frame {k} failed")
+        harness.bus.record("frame", "warning", "another kind")
+        harness.bus.record("transfer", "watch", "less than a warning")
+        if k == 0:
+            harness.look()
+    states = harness.look(30)
+    assert len(receiver.bodies) == 1
+    assert list(states.values()).count("pending") == 59
+    harness.look(31)
+    assert len(receiver.bodies) == 2
+    assert "59 notifications" in receiver.bodies[1]["subject"]
+    assert "and 19 more" in receiver.bodies[1]["text"]
+
+
+def test_a_failed_message_is_tried_again_and_then_given_up(harness, receiver):
+    """Each attempt has the same key; the end is recorded as an event with the reason."""
+    receiver.status = 503
+    harness.raise_alarm()
+    for _ in range(MOST_TRIES + 2):
+        states = harness.look(901)
+    assert "failed" in states.values()
+    hook = [h for h, b in zip(receiver.headers, receiver.bodies, strict=True) if "not acknowledged" not in b["text"]]
+    assert len(hook) == MOST_TRIES
+    assert len({h["Idempotency-Key"] for h in hook}) == 1
+    assert any(e.kind == "notification" and "503" in e.text for e in harness.bus.after(0, 1000))
+
+
+def test_a_receiver_that_hangs_delays_no_other_target(harness, mailbox, receiver):
+    """The mail is sent while the webhook hangs."""
+    receiver.gate.clear()
+    harness.raise_alarm()
+    harness.clock.forward(601)
+    harness.service.tick()
+    harness.service._sending["mail"][0].result(timeout=30)
+    assert len(mailbox.letters) == 1
+    assert not harness.service._sending["hook"][0].done()
+
+
+def test_nothing_is_sent_twice_over_a_restart(harness, receiver):
+    """Sent messages stay sent; one that was under way when the server ended is unknown."""
+    harness.raise_alarm()
+    harness.look()
+    receiver.gate.clear()
+    harness.bus.record("transfer", "warning", "frame 1 failed")
+    harness.clock.forward(61)
+    harness.service.tick()
+    first, harness.service = harness.service, harness.new_service()
+    receiver.gate.set()
+    first._sending["hook"][0].result(timeout=30)
+    states = harness.look(61)
+    assert sorted(states.values()) == ["sent", "unknown"]
+    assert len(receiver.bodies) == 2
+    first.stop()
+
+
+def test_quiet_hours_hold_all_but_critical(database, bus, clock, tmp_path, mailbox, receiver):
+    """A warning waits for the end of the quiet hours, a critical alarm does not."""
+    start, end = f"{clock():%H:%M}", f"{clock().replace(hour=(clock().hour + 2) % 24):%H:%M}"
+    rules = RULES.format(mail=mailbox.port, hook=receiver.port).replace(
+        "    escalate: [{after_min: 10, to: [mail]}]", f'    quiet: {{start: "{start}", end: "{end}"}}'
+    )
+    harness = Harness(database, bus, clock, tmp_path, rules)
+    harness.raise_alarm()
+    assert list(harness.look().values()) == ["pending"]
+    harness.raise_alarm(State.CRITICAL)
+    harness.look(61)
+    assert [body["level"] for body in receiver.bodies] == ["critical"]
+    harness.look(7200)
+    assert len(receiver.bodies) == 2
+    harness.service.stop()
+
+
+def test_a_private_address_needs_the_setting(harness):
+    """Loopback is refused by default, and the message names the setting."""
+    target = harness.service.rules.target("hook")
+    with pytest.raises(NotPermitted, match="GSS_NOTIFICATIONS_PRIVATE"):
+        Sender(False, ENVIRONMENT).send(target, OutgoingMessage("k", "ok", "s", "t"))
+
+
+def test_a_test_message_is_sent(harness, mailbox):
+    """To one target; an unknown one is rejected."""
+    harness.service.test("mail", user="ann")
+    harness.look()
+    assert "Test message by ann" in mailbox.letters[0]
+    with pytest.raises(NotFound):
+        harness.service.test("pager", user="ann")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("level: warning", "level: bad"), "line 10: rules.0.level"),
+        (("to: [hook]\n    escalate", "to: [pager]\n    escalate"), "no such target: pager"),
+        (("secret_env: HOOK", "secret_env: NONE"), "line 6: targets.1: the environment variable NONE is not set"),
+        (("on: event\n    kinds: [transfer]", "on: event"), "needs kinds"),
+        (("kinds: [transfer]", "kinds: [notification]"), "not sent"),
+        (("sender: gss@example.org", "sender: me"), "sender"),
+        (("name: hook", "name: mail"), "same name"),
+        (("pause_s: 60", "pause: 60"), "line 2: pause"),
+    ],
+)
+def test_an_invalid_file_is_rejected_with_its_line(tmp_path, change, words):
+    """Line, field and reason."""
+    file = tmp_path / "rules.yaml"
+    file.write_text(RULES.format(mail=25, hook=80).replace(*change, 1))
+    with pytest.raises(BadInput, match=words):
+        read_rules(str(file), ENVIRONMENT)
