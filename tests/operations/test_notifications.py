@@ -6,6 +6,7 @@ import hashlib
 import hmac
 import json
 import socketserver
+import sqlite3
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -256,6 +257,17 @@ def test_nothing_is_sent_twice_over_a_restart(harness, receiver):
     assert sorted(states.values()) == ["sent", "unknown"]
     assert len(receiver.bodies) == 2
     first.stop()
+
+
+def test_a_locked_database_does_not_prevent_the_start(harness):
+    """Nothing is written at the start; the thread writes when the lock is gone."""
+    lock = sqlite3.connect(str(harness.database.engine.url.database), isolation_level=None)
+    lock.execute("BEGIN IMMEDIATE")
+    service = harness.new_service()
+    lock.execute("ROLLBACK")
+    lock.close()
+    service.tick()
+    service.stop()
 
 
 def test_quiet_hours_hold_all_but_critical(database, bus, clock, tmp_path, mailbox, receiver):

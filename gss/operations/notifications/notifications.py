@@ -59,15 +59,13 @@ class NotificationService:
         self._pools: dict[str, ThreadPoolExecutor] = {}
         self._sending: dict[str, tuple[Future[None], tuple[int, ...]]] = {}
         self._last_sent: dict[str, datetime] = {}
-        self._seq = 0
+        self._seq, self._began = 0, False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="notifications", daemon=True)
 
     def start(self) -> None:
-        """Mark what the last server left under way as unknown, and start the thread if there are rules."""
-        with self._database.unit_of_work() as session:
-            store.lose_sending(session, self._now())
-            store.prune(session, self._now() - KEPT)
+        """Start the thread if there are targets. Events from now on are sent; nothing is written yet, because a locked
+        database must not prevent the start of the server."""
         self._seq = self._bus.newest()
         if self.rules.targets:
             self._thread.start()
@@ -98,6 +96,8 @@ class NotificationService:
 
     def tick(self) -> None:
         """Create the notifications that the rules require now, withdraw those that are no longer needed, and send what is due."""
+        if not self._began:
+            self._begin()
         self._settle()
         views = [view for view in self._alarms.opened() if view.row.acknowledged is None and not view.shelved]
         unanswered = [view.row for view in views]
@@ -109,6 +109,13 @@ class NotificationService:
         }
         self._add([*self._of_alarms(unanswered, texts), *self._of_events()])
         self._send_due()
+
+    def _begin(self) -> None:
+        """Mark what the last server left under way as unknown, and delete old rows."""
+        with self._database.unit_of_work() as session:
+            store.lose_sending(session, self._now())
+            store.prune(session, self._now() - KEPT)
+        self._began = True
 
     def _run(self) -> None:
         while not self._stop.wait(EVERY_S):
