@@ -49,6 +49,6 @@ def test(arguments: argparse.Namespace) -> int:
             "There is no such target", expected=", ".join(t.name for t in rules.targets), got=arguments.target
         )
     message = OutgoingMessage(secrets.token_hex(16), "ok", "[GSS] ok: test message", "Test message by gss notify test.")
-    Sender(arguments.private).send(target, message)
-    print(f"sent to {target.name}")
+    refused = Sender(arguments.private).send(target, message)
+    print(f"sent to {target.name}" + (f"; {refused}" if refused else ""))
     return 0

@@ -23,7 +23,7 @@ from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.notifications.notifications import MOST_TRIES, NotificationService
 from gss.operations.notifications.rules_file import read_rules
-from gss.operations.notifications.senders import OutgoingMessage, Sender
+from gss.operations.notifications.senders import OutgoingMessage, Sender, is_public
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.telemetry import TelemetryService
 
@@ -34,7 +34,7 @@ DISK = ("store", "disk")
 
 
 class Mailbox:
-    """A small SMTP server on a loopback port that keeps the letters."""
+    """A small SMTP server on a loopback port that keeps the letters, refuses "gone@…", and answers QUIT with an error."""
 
     def __init__(self) -> None:
         self.letters: list[str] = []
@@ -48,7 +48,8 @@ class Mailbox:
                     if word == b"DATA":
                         self.wfile.write(b"354 go on\r\n")
                         letters.append("".join(iter(lambda: self.rfile.readline().decode(), ".\r\n")))
-                    self.wfile.write(b"221 bye\r\n" if word == b"QUIT" else b"250 ok\r\n")
+                    answer = b"421 no" if word == b"QUIT" else b"550 gone" if b"TO:<gone@" in line else b"250 ok"
+                    self.wfile.write(answer + b"\r\n")
 
         self.server = socketserver.ThreadingTCPServer(("127.0.0.1", 0), Handler)
         self.port = self.server.server_address[1]
@@ -287,6 +288,30 @@ def test_quiet_hours_hold_all_but_critical(database, bus, clock, tmp_path, mailb
     harness.service.stop()
 
 
+def test_a_refused_recipient_is_on_record(database, bus, clock, tmp_path, mailbox, receiver):
+    """The others receive the mail once, and an event names the refused one."""
+    rules = RULES.format(mail=mailbox.port, hook=receiver.port).replace(
+        "[op@example.org]", "[op@example.org, gone@example.org]"
+    )
+    harness = Harness(database, bus, clock, tmp_path, rules)
+    harness.service.test("mail", user="ann")
+    assert list(harness.look().values()) == ["sent"]
+    harness.look(900)
+    assert len(mailbox.letters) == 1
+    assert "gone@example.org" in harness.service.newest(1)[0].problem
+    assert any(e.kind == "notification" and "gone@example.org" in e.text for e in bus.after(0, 100))
+    harness.service.stop()
+
+
+@pytest.mark.parametrize(
+    "address", ["127.0.0.1", "10.1.2.3", "169.254.1.1", "224.0.0.1", "::1", "::ffff:10.0.0.1", "64:ff9b::7f00:1"]
+)
+def test_addresses_that_are_not_public(address):
+    """Loopback, private, link-local and multicast addresses, also when IPv6 carries them."""
+    assert not is_public(address)
+    assert is_public("2606:4700::1111")
+
+
 def test_a_private_address_needs_the_setting(harness):
     """Loopback is refused by default, and the message names the setting."""
     target = harness.service.rules.target("hook")
@@ -313,6 +338,7 @@ def test_a_test_message_is_sent(harness, mailbox):
         (("kinds: [transfer]", "kinds: [notification]"), "not sent"),
         (("sender: gss@example.org", "sender: me"), "sender"),
         (("name: hook", "name: mail"), "same name"),
+        (("security: none,", "security: none, user: gss,"), "encrypted"),
         (("pause_s: 60", "pause: 60"), "line 2: pause"),
     ],
 )

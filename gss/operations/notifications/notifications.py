@@ -30,7 +30,7 @@ LAST_RETRY = timedelta(minutes=15)
 LINES = 40
 """Notifications that one message lists; it states the number of the others."""
 KEPT = timedelta(days=90)
-Send = Callable[[Target, OutgoingMessage], None]
+Send = Callable[[Target, OutgoingMessage], str]
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class NotificationService:
         self.rules = rules
         self._alarms, self._bus, self._database, self._now, self._send = alarms, bus, database, now, send
         self._pools: dict[str, ThreadPoolExecutor] = {}
-        self._sending: dict[str, tuple[Future[None], tuple[int, ...]]] = {}
+        self._sending: dict[str, tuple[Future[str], tuple[int, ...]]] = {}
         self._last_sent: dict[str, datetime] = {}
         self._seq, self._began = 0, False
         self._stop = threading.Event()
@@ -210,13 +210,13 @@ class NotificationService:
             if job.done():
                 self._finish(target, job, ids)
 
-    def _finish(self, target: str, job: Future[None], ids: Sequence[int]) -> None:
+    def _finish(self, target: str, job: Future[str], ids: Sequence[int]) -> None:
         now, error = self._now(), job.exception() if not job.cancelled() else None
         with self._database.unit_of_work() as session:
             rows = [row for row in store.of_ids(session, ids) if row.state == "sending"]
             for row in rows:
                 if error is None:
-                    row.state, row.problem, row.finished = "sent", "", now
+                    row.state, row.problem, row.finished = "sent", job.result(), now
                 elif row.tries >= MOST_TRIES:
                     row.state, row.problem, row.finished = "failed", str(error), now
                 else:
@@ -224,6 +224,8 @@ class NotificationService:
                     row.state, row.problem, row.due = "pending", str(error), now + pause
             failed = sum(row.state == "failed" for row in rows)
         self._sending.pop(target, None)
+        if error is None and job.result():
+            self._bus.record("notification", "warning", f"a notification to {target} did not reach all: {job.result()}")
         if failed:
             self._bus.record("notification", "warning", f"{failed} notifications to {target} were not sent: {error}")
 

@@ -35,6 +35,12 @@ class Mail(_Strict):
     sender: Address
     to: Annotated[tuple[Address, ...], Field(min_length=1, max_length=50)]
 
+    @model_validator(mode="after")
+    def _private_password(self) -> Self:
+        if self.user and self.security == "none":
+            raise ValueError("user needs security starttls or tls, so that the password is encrypted")
+        return self
+
 
 class Webhook(_Strict):
     """Address that receives JSON by POST. ``secret_env``: name of the environment variable with the key of the signature."""
@@ -59,7 +65,7 @@ class Target(_Strict):
     @property
     def host(self) -> str:
         """Host that a message is sent to."""
-        return self.mail.server if self.mail else str(self.webhook.url.host) if self.webhook else ""
+        return self.mail.server if self.mail else str(self.webhook.url.host).strip("[]") if self.webhook else ""
 
     @property
     def secret_env(self) -> str:

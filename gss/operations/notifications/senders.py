@@ -11,6 +11,7 @@ import smtplib
 import socket
 import ssl
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from email.message import EmailMessage
 
@@ -20,6 +21,7 @@ from gss.domain.errors import LinkDown, NotPermitted
 from gss.operations.notifications.rules_file import Mail, Target, Webhook
 
 TIMEOUT_S = 10.0
+TRANSLATED = ipaddress.ip_network("64:ff9b::/96")
 
 
 @dataclass(frozen=True)
@@ -38,42 +40,46 @@ class Sender:
     def __init__(self, private: bool, environment: Mapping[str, str] = os.environ) -> None:
         self._private, self._environment = private, environment
 
-    def send(self, target: Target, message: OutgoingMessage) -> None:
-        """Send a message. Raises LinkDown with the reason, or NotPermitted for a private address."""
+    def send(self, target: Target, message: OutgoingMessage) -> str:
+        """Send a message. Returns the recipients that the server refused, as text; "" if none. Raises LinkDown with the reason if
+        it was not accepted, or NotPermitted for a private address."""
         try:
             self._check_address(target.host)
             if target.mail:
-                self._mail(target.mail, message)
-            elif target.webhook:
+                return self._mail(target.mail, message)
+            if target.webhook:
                 self._post(target.webhook, message)
+            return ""
         except (OSError, smtplib.SMTPException, httpx2.HTTPError) as error:
             reason = str(error) or type(error).__name__
             raise LinkDown(f"The message to {target.name} was not sent", got=reason[:300]) from error
 
     def _check_address(self, host: str) -> None:
         for *_, address in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM):
-            if not self._private and not ipaddress.ip_address(str(address[0]).split("%")[0]).is_global:
+            if not self._private and not is_public(str(address[0]).split("%")[0]):
                 raise NotPermitted(
                     f"{host} has the private address {address[0]}",
                     hint="set GSS_NOTIFICATIONS_PRIVATE to true if this is intended",
                 )
 
-    def _mail(self, mail: Mail, message: OutgoingMessage) -> None:
+    def _mail(self, mail: Mail, message: OutgoingMessage) -> str:
         letter = EmailMessage()
         letter["Subject"], letter["From"], letter["To"] = message.subject, mail.sender, ", ".join(mail.to)
         letter["Message-ID"] = f"<{message.key}@gss.invalid>"
         letter.set_content(message.text)
         secure = ssl.create_default_context()
-        with (
+        server = (
             smtplib.SMTP_SSL(mail.server, mail.port, timeout=TIMEOUT_S, context=secure)
             if mail.security == "tls"
             else smtplib.SMTP(mail.server, mail.port, timeout=TIMEOUT_S)
-        ) as server:
+        )
+        with closing(server):  # without QUIT: its answer says nothing about the letter
             if mail.security == "starttls":
                 server.starttls(context=secure)
             if mail.user:
                 server.login(mail.user, self._environment.get(mail.password_env, ""))
-            server.send_message(letter)
+            refused = server.send_message(letter)
+        return f"refused by the server: {', '.join(sorted(refused))}" if refused else ""
 
     def _post(self, webhook: Webhook, message: OutgoingMessage) -> None:
         body = json.dumps(asdict(message)).encode()
@@ -83,3 +89,11 @@ class Sender:
             headers["X-GSS-Signature"] = f"sha256={hmac.new(secret, body, hashlib.sha256).hexdigest()}"
         with httpx2.Client(timeout=TIMEOUT_S, trust_env=False, follow_redirects=False) as client:
             client.post(str(webhook.url), content=body, headers=headers).raise_for_status()
+
+
+def is_public(address: str) -> bool:
+    """True for a global unicast address; an IPv6 address that translates an IPv4 one (RFC 6052) counts as that one."""
+    found = ipaddress.ip_address(address)
+    if isinstance(found, ipaddress.IPv6Address) and found in TRANSLATED:
+        found = ipaddress.IPv4Address(int(found) & 0xFFFFFFFF)
+    return found.is_global and not found.is_multicast
