@@ -24,10 +24,16 @@ def choose(page, kind: str, fault: str, value: str) -> None:
     page.get_by_test_id(f"training-{kind}").click()
 
 
+def remove_faults(page) -> None:
+    """Open the training panel without a fault, also after a test that ended in the middle."""
+    page.goto("/commands?side=training")
+    page.get_by_test_id("training-calm").click()
+    expect(page.get_by_test_id("training")).to_contain_text("no fault at work")
+
+
 def test_an_alarm_latches_until_it_is_back_and_seen(page, at_rest, picture):
     """Overheating raises an alarm in header and monitor; acknowledged it stays while hot; cool again it closes."""
-    page.goto("/commands?side=training")
-    expect(page.get_by_test_id("training")).to_contain_text("no fault at work")
+    remove_faults(page)
     choose(page, "SIM_INJECT", "overheat", "60")
     expect(page.get_by_test_id("training")).to_contain_text("1 at work")
     picture("training")
@@ -50,9 +56,7 @@ def test_an_alarm_latches_until_it_is_back_and_seen(page, at_rest, picture):
     page.get_by_test_id("alarm-note-save").click()
     expect(row).to_have_attribute("data-state", "shelved")
     row.get_by_test_id("unshelve").click()
-    page.goto("/commands?side=training")
-    page.get_by_test_id("training-calm").click()
-    expect(page.get_by_test_id("training")).to_contain_text("no fault at work")
+    remove_faults(page)
     page.goto("/telemetry?page=power")
     at_rest(page)
     rows = page.locator("[data-testid=alarm-row][data-alarm=sensor_temperature_c]")
@@ -138,6 +142,7 @@ def test_a_calibration_is_written_sent_activated_and_confirmed(page, picture):
 
 def test_a_stored_frame_goes_up_and_is_solved_on_board(page, new_frame):
     """Taken, stored, sent back into another image memory, and named by the sensor itself."""
+    remove_faults(page)
     page.goto(f"/frames/{new_frame(page)}")
     page.get_by_test_id("open-send").click()
     page.get_by_test_id("send-slot").select_option("2")
