@@ -32,9 +32,9 @@ PHOTOGRAPHS = Path(os.environ.get("GSS_SKY_PHOTOGRAPHS", ROOT.parent / "shared" 
 
 WAITING = ("system", "contract")
 """Folders whose files mostly wait for servers and lines."""
-REAL_TIME = ("e2e", *WAITING)
-"""Folders whose tests need real processes in real time. A machine that pauses for seconds can fail them, so a failed one
-is run once more; the first failure is printed at the end."""
+RUN_ONCE_MORE = pytest.mark.flaky(reruns=1)
+"""Real processes, threads and lines need real time, and a machine that pauses for seconds can fail their tests. A failed
+test is run once more; the first failure is printed at the end."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -61,8 +61,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
-        if item.path.parent.name in REAL_TIME:
-            item.add_marker(pytest.mark.flaky(reruns=1))
+        item.add_marker(RUN_ONCE_MORE)
     order = [path for path in files if path.parent.name == "e2e"]
     waiting = [path for path in files if path.parent.name in WAITING]
     computing = [path for path in files if path not in {*order, *waiting}]

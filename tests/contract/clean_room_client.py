@@ -154,6 +154,7 @@ class CleanRoomClient:
         self._socket = socket.create_connection((host, port), 10)
         self._socket.settimeout(0.05)
         self._buffer = b""
+        self._unread: list[Received] = []
         self._framed = False
         self._counts: Counter[int] = Counter()
         self._next_id = 1
@@ -174,7 +175,10 @@ class CleanRoomClient:
         self._socket.sendall(b"\0" + cobs_encode(packet + struct.pack(">I", zlib.crc32(packet))) + b"\0")
 
     def receive(self) -> list[Received]:
-        """Return the packets that have arrived, and keep them in ``packets``."""
+        """Return the packets that have arrived and that no call has looked at, and keep them in ``packets``."""
+        if self._unread:
+            unread, self._unread = self._unread, []
+            return unread
         try:
             self._buffer += self._socket.recv(65536)
         except TimeoutError:
@@ -196,8 +200,10 @@ class CleanRoomClient:
         """Return the first new packet for which ``wanted`` is true."""
         limit_s = time.monotonic() + seconds
         while time.monotonic() < limit_s:
-            for packet in self.receive():
+            packets = self.receive()
+            for k, packet in enumerate(packets):
                 if wanted(packet):
+                    self._unread = packets[k + 1 :]
                     return packet
         raise TimeoutError(f"no answer; last packets {self.packets[-5:]}")
 
