@@ -12,7 +12,7 @@ from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.orbit.omm import omm_epoch
-from gss.orbit.trajectory import EphemerisTrajectory, Trajectory, fixed_from_teme, unix_s
+from gss.orbit.trajectory import EphemerisTrajectory, Trajectory, teme_from_fixed, unix_s
 
 MOST_STATES = 50_000
 FEWEST_STATES = 4
@@ -121,8 +121,7 @@ def _teme(states: Array, frame: str) -> Array:
     if name == "TEME":
         return places
     if name.startswith(FIXED):
-        back = places * np.array([1.0, -1.0, 1.0])  # a rotation by −angle is the rotation by +angle in mirrored axes
-        return np.asarray(fixed_from_teme(back, times_s) * np.array([1.0, -1.0, 1.0]))
+        return teme_from_fixed(places, times_s)
     block = np.floor((times_s - times_s[0]) / MATRIX_EVERY_S)
     rotated = np.empty_like(places)
     for number in np.unique(block):

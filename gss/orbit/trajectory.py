@@ -131,6 +131,12 @@ def fixed_from_teme(teme: Array, unix_s: Array) -> Array:
     return np.stack([c * x + s * y, c * y - s * x, z], axis=1)
 
 
+def teme_from_fixed(fixed: Array, unix_s: Array) -> Array:
+    """Rotate (n, 3) vectors from Earth-fixed axes into TEME at (n,) Unix seconds."""
+    mirror = np.array([1.0, -1.0, 1.0])  # a rotation by −angle is the rotation by +angle in mirrored axes
+    return np.asarray(fixed_from_teme(fixed * mirror, unix_s) * mirror)
+
+
 def sun_teme_km(moment: datetime) -> Array:
     """(3,) position of the Sun from the Earth's centre in TEME at a time with a time zone."""
     jyear = jyear_of(moment)

@@ -1,0 +1,191 @@
+"""Catalogue of orbiting objects as an observer sees them, and the names that it gives to measured tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+
+import numpy as np
+from sgp4.api import Satrec, SatrecArray
+from sgp4.conveniences import sat_epoch_datetime
+
+from gss.catalogue_tools.corrections.ephemeris import LIGHT_KM_S, PLANETS, bodies_at, teme_from_icrs
+from gss.catalogue_tools.envelope.orbits import jyear_of, read_tle
+from gss.domain.aberration import aberrate
+from gss.domain.angles import ARCSEC_RAD, Array, separation_rad
+from gss.domain.errors import BadInput
+from gss.orbit.station import GroundStation
+from gss.orbit.trajectory import DAY_S, UNIX_EPOCH_JD, Trajectory, teme_from_fixed, unix_s
+
+MOST_CHARACTERS = 900_000
+OLDEST_DAYS = 30.0
+"""Elements farther from their epoch are not used for names."""
+ERROR_KM, ERROR_KM_DAY = 2.0, 1.5
+"""Assumed 1σ error of a position from a public element set at its epoch, and its growth per day (Vallado & Cefola 2012 give 1 to
+3 km at epoch in low orbits)."""
+PLANET_RAD = 60 * ARCSEC_RAD
+"""Error of the planets' series."""
+GATE_SIGMA = 3.0
+LEAST_RAD = 5 * ARCSEC_RAD
+
+
+@dataclass(frozen=True)
+class OrbitingObject:
+    """An element set with its name and catalogue number."""
+
+    name: str
+    number: str
+    satellite: Satrec
+    epoch: datetime
+
+
+@dataclass(frozen=True)
+class MeasuredTrack:
+    """Directions of one object: Unix seconds (n,), (n, 3) in the system of the star catalogue, standard deviation (n,), and the
+    observer's place (n, 3) km from the Earth's centre in ICRS axes, None if it is not known."""
+
+    times_s: Array
+    icrs: Array
+    sigma_rad: Array
+    observer_km: Array | None
+
+
+@dataclass(frozen=True)
+class TrackName:
+    """What explains a track: name, catalogue number ("" for a planet), mean distance of the measured directions from the
+    prediction, distance of the object in km (NaN for a planet), and names of other objects within the gate."""
+
+    name: str
+    number: str
+    off_rad: float
+    range_km: float
+    others: tuple[str, ...] = ()
+
+
+def read_objects(text: str) -> list[OrbitingObject]:
+    """Read two-line elements, each with or without a name line. Raises BadInput naming the invalid element set."""
+    if len(text) > MOST_CHARACTERS:
+        raise BadInput(
+            "the list of objects is too large",
+            expected=f"at most {MOST_CHARACTERS} characters",
+            got=str(len(text)),
+            hint="Leave out objects that cannot be in view.",
+        )
+    lines = [line.rstrip() for line in text.lstrip("\ufeff").splitlines() if line.strip()]
+    objects: list[OrbitingObject] = []
+    title = ""
+    k = 0
+    while k < len(lines):
+        if not lines[k].startswith("1 ") or k + 1 == len(lines) or not lines[k + 1].startswith("2 "):
+            if title or lines[k].startswith(("1 ", "2 ")):
+                raise BadInput(
+                    "the list of objects is not valid", expected="a name, line 1 and line 2", got=lines[k][:60]
+                )
+            title = lines[k].removeprefix("0 ").strip()
+            k += 1
+            continue
+        try:
+            satellite = read_tle("\n".join(lines[k : k + 2]))
+        except BadInput as error:
+            raise BadInput(
+                f"element set {len(objects) + 1} of the list is not valid",
+                expected="lines of a TLE",
+                got=str(error)[:200],
+            ) from None
+        number = lines[k][2:7].strip()
+        objects.append(
+            OrbitingObject(
+                title[:40] or f"object {number}", number, satellite, sat_epoch_datetime(satellite).astimezone(UTC)
+            )
+        )
+        title = ""
+        k += 2
+    if title:
+        raise BadInput("the list of objects is not valid", expected="line 1 and line 2 after a name", got=title[:60])
+    return objects
+
+
+@dataclass(frozen=True)
+class ObjectCatalogue:
+    """Objects whose directions are computed together."""
+
+    objects: tuple[OrbitingObject, ...]
+
+    @cached_property
+    def _array(self) -> SatrecArray:
+        return SatrecArray([o.satellite for o in self.objects])
+
+    @cached_property
+    def _epochs_s(self) -> Array:
+        return np.array([unix_s(o.epoch) for o in self.objects])
+
+    def seen_from(self, times_s: Array, observer_km: Array) -> tuple[Array, Array]:
+        """(m, n, 3) unit vectors, ICRS axes, from (n, 3) places at (n,) Unix seconds to the m objects at the time when their light
+        left, and (m, n) distances in km; NaN where elements are too old or give no orbit."""
+        seconds = np.asarray(times_s, float)
+        days = np.floor(seconds / DAY_S)
+        errors, teme_km, teme_km_s = self._array.sgp4(UNIX_EPOCH_JD + days, seconds / DAY_S - days)
+        teme_km[errors != 0] = np.nan
+        teme_km[np.abs(self._epochs_s[:, None] - seconds) > OLDEST_DAYS * DAY_S] = np.nan
+        icrs_from_teme = _teme_from_icrs(seconds).T
+        place = teme_km @ icrs_from_teme.T - observer_km
+        travel_s = np.linalg.norm(place, axis=2) / LIGHT_KM_S
+        place -= (teme_km_s @ icrs_from_teme.T) * travel_s[..., None]
+        distance_km = np.linalg.norm(place, axis=2)
+        return place / distance_km[..., None], distance_km
+
+
+def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue, velocity_c: Array | None = None) -> TrackName | None:
+    """Return what explains a track: an object of the catalogue at all of its times, or a planet; None if nothing does.
+
+    ``velocity_c`` (3,): velocity of the Earth, if the attitudes were corrected for aberration. The directions of stars contain the
+    correction and those of an object that moves with the Earth do not need it.
+    """
+    picked = np.unique(np.linspace(0, len(track.times_s) - 1, 3).round().astype(int))
+    times_s, icrs, sigma = track.times_s[picked], track.icrs[picked], track.sigma_rad[picked]
+    moment = datetime.fromtimestamp(float(times_s.mean()), UTC)
+    observer_km = None if track.observer_km is None else track.observer_km[picked]
+    bodies = bodies_at(jyear_of(moment), None if observer_km is None else observer_km.mean(axis=0))
+    off = separation_rad(bodies.planets_icrs[:, None], icrs[None])
+    planet = int(off.mean(axis=1).argmin())
+    if (off[planet] < GATE_SIGMA * sigma + PLANET_RAD).all():
+        return TrackName(PLANETS[planet], "", float(off[planet].mean()), float("nan"))
+    if observer_km is None or not catalogue.objects:
+        return None
+    seen, distance_km = catalogue.seen_from(times_s, observer_km)
+    if velocity_c is not None:
+        seen = aberrate(seen.reshape(-1, 3), -np.asarray(velocity_c)).reshape(seen.shape)
+    off = separation_rad(seen, icrs[None])
+    age_days = np.array([abs(unix_s(o.epoch) - float(times_s.mean())) for o in catalogue.objects]) / DAY_S
+    error_rad = ((ERROR_KM + ERROR_KM_DAY * age_days)[:, None]) / distance_km
+    gate = np.maximum(GATE_SIGMA * np.hypot(sigma[None], error_rad), LEAST_RAD)
+    inside = np.flatnonzero((off < gate).all(axis=1))
+    if not len(inside):
+        return None
+    order = inside[np.argsort((off / gate)[inside].max(axis=1))]
+    best = catalogue.objects[order[0]]
+    others = tuple(catalogue.objects[k].name for k in order[1:4])
+    return TrackName(best.name, best.number, float(off[order[0]].mean()), float(distance_km[order[0]].mean()), others)
+
+
+def places_of_orbit(orbit: Trajectory, times_s: Array) -> Array:
+    """(n, 3) km from the Earth's centre in ICRS axes at (n,) Unix seconds. Raises BadInput outside the orbit's span."""
+    return orbit.teme_km(times_s) @ _teme_from_icrs(times_s)
+
+
+def places_of_station(station: GroundStation, times_s: Array) -> Array:
+    """(n, 3) km from the Earth's centre in ICRS axes at (n,) Unix seconds."""
+    fixed = np.broadcast_to(station.place_km, (len(times_s), 3))
+    return teme_from_fixed(fixed, times_s) @ _teme_from_icrs(times_s)
+
+
+def _teme_from_icrs(times_s: Array) -> Array:
+    """(3, 3) rotation at the mean of (n,) Unix seconds; it turns by 0.15″ in a day."""
+    return teme_from_icrs(jyear_of(datetime.fromtimestamp(float(np.mean(times_s)), UTC)))
+
+
+def catalogue_of(objects: Sequence[OrbitingObject]) -> ObjectCatalogue:
+    """Return the objects as a catalogue."""
+    return ObjectCatalogue(tuple(objects))

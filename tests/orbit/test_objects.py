@@ -1,0 +1,106 @@
+"""Directions of orbiting objects against astropy, names of measured tracks, and tracks as CCSDS TDM."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.coordinates import GCRS, TEME, CartesianRepresentation, EarthLocation
+from astropy.time import Time
+
+from gss.catalogue_tools.corrections.ephemeris import bodies_at
+from gss.catalogue_tools.envelope.orbits import jyear_of
+from gss.domain.angles import ARCSEC_RAD, Array, separation_rad
+from gss.domain.errors import BadInput
+from gss.orbit.objects import MeasuredTrack, catalogue_of, name_of, places_of_orbit, places_of_station, read_objects
+from gss.orbit.station import GroundStation
+from gss.orbit.tdm import TdmTrack, tdm_of
+from gss.orbit.trajectory import TleTrajectory
+
+MOMENT = datetime(2026, 3, 1, 13, tzinfo=UTC)
+TIMES_S = MOMENT.timestamp() + np.array([0.0, 1.0, 2.0])
+
+
+def element_set(number: int, anomaly_deg: float) -> str:
+    """Return an element set with its name and valid checksums."""
+    first = f"1 {number:05d}U 98067A   26060.50000000  .00000000  00000-0  00000-0 0  999"
+    second = f"2 {number:05d}  51.6400 208.9163 0006703  69.9862 {anomaly_deg:8.4f} 15.4956053200001"
+    lines = [f"{line}{sum(int(c) if c.isdigit() else c == '-' for c in line) % 10}" for line in (first, second)]
+    return f"OBJECT {number}\n" + "\n".join(lines) + "\n"
+
+
+OBSERVER, TARGET = element_set(10001, 25.0), element_set(10002, 31.0)
+
+
+def test_a_direction_agrees_with_astropy() -> None:
+    """Within 0.2″ of TEME to GCRS by astropy, light time included, from a site on the ground."""
+    station = GroundStation("roof", 0.6, 0.3, 100.0)
+    catalogue = catalogue_of(read_objects(TARGET))
+    seen, distance_km = catalogue.seen_from(TIMES_S, places_of_station(station, TIMES_S))
+    time = Time(TIMES_S[0], format="unix", scale="utc")
+    left = TIMES_S[0] - distance_km[0, 0] / 299792.458
+    teme = TleTrajectory.of(TARGET).teme_km(np.array([left]))[0]
+    place = TEME(CartesianRepresentation(*(teme * u.km)), obstime=time).transform_to(GCRS(obstime=time))
+    site = EarthLocation.from_geodetic(0.3 * u.rad, 0.6 * u.rad, 100 * u.m).get_gcrs(time)
+    towards = (place.cartesian - site.cartesian).xyz.to_value(u.km)
+    off = separation_rad(seen[0, 0], towards / np.linalg.norm(towards))
+    # astropy applies UT1 and polar motion to the site: 0.1 s of rotation are 50 m.
+    assert off * distance_km[0, 0] < 0.1
+
+
+def measured(of: str, offset_rad: float = 0.0) -> MeasuredTrack:
+    """Track of an object as the observer sees it."""
+    places = places_of_orbit(TleTrajectory.of(OBSERVER), TIMES_S)
+    seen, _ = catalogue_of(read_objects(of)).seen_from(TIMES_S, places)
+    icrs: Array = seen[0] + offset_rad * np.array([0.0, 0.0, 1.0])
+    return MeasuredTrack(
+        TIMES_S, icrs / np.linalg.norm(icrs, axis=1, keepdims=True), np.full(3, 5 * ARCSEC_RAD), places
+    )
+
+
+def test_an_object_is_named_only_where_it_is() -> None:
+    """The element set at the measured place gives the name; one degree beside it, and without the observer's place, none does."""
+    catalogue = catalogue_of(read_objects(TARGET + element_set(10003, 200.0)))
+    name = name_of(measured(TARGET), catalogue)
+    assert name is not None
+    assert (name.name, name.number) == ("OBJECT 10002", "10002")
+    assert name.off_rad < ARCSEC_RAD
+    assert name_of(measured(TARGET, float(np.radians(1.0))), catalogue) is None
+    blind = measured(TARGET)
+    assert name_of(MeasuredTrack(blind.times_s, blind.icrs, blind.sigma_rad, None), catalogue) is None
+
+
+def test_a_planet_is_named_without_a_place() -> None:
+    """Jupiter's direction is Jupiter."""
+    jupiter = bodies_at(jyear_of(MOMENT)).planets_icrs[3]
+    track = MeasuredTrack(TIMES_S, np.tile(jupiter, (3, 1)), np.full(3, ARCSEC_RAD), None)
+    name = name_of(track, catalogue_of([]))
+    assert name is not None
+    assert name.name == "Jupiter"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("NAME\nNAME\n", "a name, line 1 and line 2"),
+        (TARGET.replace("51.64", "51.65"), "checksum"),
+        ("LAST\n", "after a name"),
+    ],
+)
+def test_invalid_lists_are_rejected(text: str, words: str) -> None:
+    """The message names what is wrong."""
+    with pytest.raises(BadInput, match=words):
+        read_objects(text)
+
+
+def test_tracks_are_written_as_tdm() -> None:
+    """One segment per object, angles in degrees, names in ASCII."""
+    track = TdmTrack("Ørsted", TIMES_S, np.tile([0.0, -1.0, 0.0], (3, 1)), np.full(3, 4.25), ARCSEC_RAD)
+    lines = "".join(tdm_of([track, track], "CAM", 0.5, True, MOMENT)).splitlines()
+    assert lines[0] == "CCSDS_TDM_VERS = 2.0"
+    assert lines.count("META_START") == lines.count("DATA_STOP") == 2
+    assert "PARTICIPANT_2 = _rsted" in lines
+    assert "ANGLE_1 = 2026-03-01T13:00:00.000000 270.0000000" in lines
+    assert "MAG = 2026-03-01T13:00:02.000000 4.25" in lines
