@@ -1,0 +1,66 @@
+"""Connected groups of pixels above the noise in a frame whose stars are masked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from gss.domain.angles import Array
+
+GROUP_SIGMA = 3.0
+"""Level in the filtered frame above which pixels form a group."""
+PEAK_SIGMA = 5.0
+SUM_SIGMA = 8.0
+"""A group without a high peak needs this total, as a faint streak has."""
+MOST_GROUPS = 60
+
+
+@dataclass(frozen=True)
+class PixelGroup:
+    """Connected pixels above threshold: middle, first guess of the trail and its flux."""
+
+    col: int
+    row: int
+    trail: Array
+    flux_dn: float
+
+
+def pixel_groups(
+    image: NDArray[np.float32], mask: NDArray[np.bool_], noise: float, variance: float
+) -> list[PixelGroup]:
+    """Return the groups in order of significance, at most ``MOST_GROUPS``."""
+    sigma = float(np.sqrt(variance))
+    smooth = ndimage.gaussian_filter(image, sigma, mode="nearest")
+    # The noise is measured on the filtered frame, because that of neighbouring pixels is not independent on every detector.
+    sample = smooth[::3, ::3][~mask[::3, ::3]]
+    middle = float(np.median(sample)) if len(sample) else 0.0
+    spread = 1.4826 * float(np.median(np.abs(sample - middle))) if len(sample) else noise
+    spread = max(spread, noise / (2 * np.sqrt(np.pi) * sigma) / 2)
+    significance = (smooth - middle) / spread
+    significance[mask] = 0.0
+    labels, count = ndimage.label(significance > GROUP_SIGMA, np.ones((3, 3)))
+    made: list[tuple[float, PixelGroup]] = []
+    for label, place in enumerate(ndimage.find_objects(labels, count), 1):
+        inside = labels[place] == label
+        weight = np.where(inside, significance[place], 0.0)
+        total = float(weight.sum())
+        # The filter correlates 4πσ² pixels.
+        whole = total / np.sqrt(inside.sum() * 4 * np.pi * variance)
+        if weight.max() < PEAK_SIGMA and whole < SUM_SIGMA:
+            continue
+        row, col = np.nonzero(inside)
+        w = weight[row, col] / total
+        x, y = float(w @ col), float(w @ row)
+        moments = np.cov(np.stack([col, row]).astype(float), aweights=w, bias=True) if len(row) > 2 else np.eye(2) * 0.1
+        values, vectors = np.linalg.eigh(moments)
+        length = np.sqrt(max(12 * (values[1] - values[0]), 0.0))
+        flux = float((image[place] * inside).sum())
+        group = PixelGroup(
+            round(x + place[1].start), round(y + place[0].start), vectors[:, 1] * length, max(flux, float(noise))
+        )
+        made.append((max(float(weight.max()), whole), group))
+    made.sort(key=lambda m: -m[0])
+    return [group for _, group in made[:MOST_GROUPS]]

@@ -1,0 +1,311 @@
+"""Light sources of one solved frame that no catalogue star explains, as directions on the sky with covariance.
+
+The frame is filtered with the width measured on its stars, catalogue stars are masked along their trails, and each connected
+group of pixels above threshold is fitted as a point and as a line (``line_fit``). A line is accepted if it improves χ²
+significantly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.aberration import aberrate
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.rotation import rotation_from_vector
+from gss.domain.sensor import Sensor
+from gss.domain.stars import StarTable
+from gss.pipeline.detect import Detections, find_stars
+from gss.pipeline.moving.groups import PEAK_SIGMA, PixelGroup, pixel_groups
+from gss.pipeline.moving.line_fit import LINE, POINT, WIDTH, Cutout, LineFit, cut_out, fit_line
+from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
+
+LEAST_SNR = 5.0
+LONGER = 25.0
+"""Improvement of χ² for a line over a point."""
+LENGTH_SIGMA = 3.0
+SHORTEST_LINE = 2.0
+"""Length of a line in widths of the point-spread function."""
+SHARPER = 25.0
+SHARP_SHARE = 0.6
+"""A source narrower than this share of the stars' width, with that improvement of χ², did not pass the lens."""
+MOST_HALF_PX = 150
+WIDTH_STARS = 5
+STAR_GATE_PX = 2.0
+FLOOR_PX = 0.01
+STEP_PX = 0.01
+
+
+@dataclass(frozen=True)
+class SolvedView:
+    """What is known of a frame: time of mid exposure (Unix seconds), attitude with its covariance (rad², camera axes), camera,
+    ``rate_rad_s`` (3,) of the camera in its axes (None: unknown), ``velocity_c`` (3,) whose aberration the attitude contains
+    (None: none)."""
+
+    time_s: float
+    exposure_s: float
+    camera: Camera
+    cam_from_icrs: Array
+    covariance_rad2: Array
+    rate_rad_s: Array | None = None
+    velocity_c: Array | None = None
+
+
+@dataclass(frozen=True)
+class FrameSpots:
+    """n sources of one frame.
+
+    ``pixels``, ``trail_px`` (n, 2), trail zero for points, whose trail may be ``longest_px`` (n,) at most. ``icrs`` (n, 3) in the
+    system of the catalogue (without aberration), ``covariance_rad2`` (n, 2, 2) towards east and north. ``ends_icrs``
+    (n, 2, 2, 3): each end of the trail, if the light was there at the start and if at the end of the exposure;
+    ``ends_sigma_rad`` (n, 2). ``v_mag``, ``v_sigma``, ``snr`` (n,); ``sharp`` (n,) True for sources narrower than stars.
+    ``limit_mag``: faintest point that passes the threshold; ``star_sigma_px``: width of the stars.
+    """
+
+    view: SolvedView
+    pixels: Array
+    trail_px: Array
+    longest_px: Array
+    icrs: Array
+    covariance_rad2: Array
+    ends_icrs: Array
+    ends_sigma_rad: Array
+    v_mag: Array
+    v_sigma: Array
+    snr: Array
+    sharp: NDArray[np.bool_]
+    limit_mag: float
+    star_sigma_px: float
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+
+@dataclass(frozen=True)
+class _Photometry:
+    """Magnitude of one digital number, and how far stars scatter from their predicted positions beyond their errors."""
+
+    zero_mag: float
+    floor_px2: float
+    variance_px2: float
+
+
+def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor: Sensor) -> FrameSpots | None:
+    """Find the sources of a (rows, columns) frame that are not in ``stars`` (apparent places at its date). None if too few stars
+    are seen to measure brightness and width."""
+    seen = find_stars(
+        pixels,
+        psf_sigma_px=sensor.psf_sigma_px,
+        saturation_dn=float(sensor.saturation_dn),
+        e_per_dn=sensor.gain_e_per_dn,
+    )
+    at, v_mag = _stars_on(view, stars)
+    columns, rows = np.arange(pixels.shape[1]), np.arange(pixels.shape[0])
+    level = seen.background.on_grid(columns, rows)
+    image = (pixels - level).astype(np.float32)
+    noise = float(np.median(seen.background.noise))
+    ceiling = float(sensor.saturation_dn) - float(np.median(level))
+    known = _photometry(image, noise, ceiling, seen, view, at, v_mag, sensor)
+    if known is None:
+        return None
+    mask = _star_mask(view, at, v_mag, known, noise, image.shape)
+    found = []
+    for group in pixel_groups(image, mask, noise, known.variance_px2):
+        fit = _fitted(image, noise, group, ceiling, sensor, known.variance_px2)
+        if fit is not None:
+            found.append(fit)
+    floor_dn = PEAK_SIGMA * noise * np.sqrt(4 * np.pi * known.variance_px2)
+    return _spots(view, found, known, known.zero_mag - 2.5 * float(np.log10(floor_dn)))
+
+
+def star_trail_px(view: SolvedView, pixels: Array) -> Array:
+    """(n, 2) trail in one exposure of sources that rest on the sky, from the camera's rotation; zero if that is unknown."""
+    if view.rate_rad_s is None or not len(pixels):
+        return np.zeros((len(pixels), 2))
+    trail = trail_per_rad(view.camera, pixels) @ (view.rate_rad_s * view.exposure_s)
+    return np.nan_to_num(trail)
+
+
+def _stars_on(view: SolvedView, stars: StarTable) -> tuple[Array, Array]:
+    """Pixels and magnitudes of the catalogue stars on the detector and a little beside it."""
+    cam = stars.icrs @ view.cam_from_icrs.T
+    ahead = np.flatnonzero(cam[:, 2] > np.cos(min(view.camera.half_diagonal_rad + 0.02, 1.5)))
+    at = view.camera.project(cam[ahead])
+    on = view.camera.contains(at, -20.0)
+    return at[on], stars.v_mag[ahead][on]
+
+
+def _photometry(
+    image: NDArray[np.float32],
+    noise: float,
+    ceiling: float,
+    seen: Detections,
+    view: SolvedView,
+    at: Array,
+    v_mag: Array,
+    sensor: Sensor,
+) -> _Photometry | None:
+    spots = seen.centroids.pixels
+    if len(spots) < 3 or not len(at):
+        return None
+    gap = np.linalg.norm(spots[:, None] - at[None], axis=2)
+    star = np.array([np.argmin(v_mag + np.where(g < STAR_GATE_PX, 0.0, 100.0)) for g in gap])
+    good = (gap[np.arange(len(spots)), star] < STAR_GATE_PX) & (seen.centroids.peak_dn < 0.8 * ceiling)
+    if np.count_nonzero(good) < 3:
+        return None
+    rows = np.flatnonzero(good)
+    zero = float(np.median(v_mag[star[rows]] + 2.5 * np.log10(seen.centroids.flux_dn[rows])))
+    off2 = float(np.median((spots[rows] - at[star[rows]]) ** 2)) / 0.455  # median of a squared normal deviate
+    floor_px2 = max(off2 - float(np.median(seen.centroids.sigma_px[rows] ** 2)), FLOOR_PX**2)
+    start = sensor.psf_sigma_px**2 + PIXEL_VARIANCE_PX2
+    widths = []
+    for k in rows[:WIDTH_STARS]:
+        trail = star_trail_px(view, spots[k][None])[0]
+        half = int(np.ceil(4 * np.sqrt(start) + np.abs(trail).max() / 2))
+        col, row = (int(v) for v in np.rint(spots[k]))
+        cut = cut_out(image, noise, col, row, half, ceiling, sensor.gain_e_per_dn)
+        guess = np.array([seen.centroids.flux_dn[k], *(spots[k] - (col, row)), *trail, start])
+        fit = fit_line(cut, guess, (*POINT, WIDTH))
+        if fit is not None:
+            widths.append(fit.variance_px2)
+    return _Photometry(zero, floor_px2, float(np.median(widths)) if widths else start)
+
+
+def _star_mask(
+    view: SolvedView, at: Array, v_mag: Array, known: _Photometry, noise: float, shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """True where a catalogue star adds a noticeable amount of light."""
+    mask = np.zeros(shape, bool)
+    sigma = np.sqrt(known.variance_px2)
+    peak = 10 ** (-0.4 * (v_mag - known.zero_mag)) / (2 * np.pi * known.variance_px2) / noise
+    use = np.flatnonzero(peak > 0.5)
+    trails = star_trail_px(view, at[use])
+    for k, trail in zip(use, trails, strict=True):
+        radius = sigma * np.sqrt(2 * np.log(max(peak[k], 1.0) / 0.3)) + 2.0
+        reach = radius + np.abs(trail) / 2
+        low = np.maximum(np.floor(at[k] - reach).astype(int), 0)
+        high = np.minimum(np.ceil(at[k] + reach).astype(int) + 1, (shape[1], shape[0]))
+        if (low >= high).any():
+            continue
+        x, y = np.arange(low[0], high[0]) - at[k][0], np.arange(low[1], high[1])[:, None] - at[k][1]
+        along = np.clip((x * trail[0] + y * trail[1]) / max(float(trail @ trail), 1e-9), -0.5, 0.5)
+        near = (x - along * trail[0]) ** 2 + (y - along * trail[1]) ** 2 < radius**2
+        mask[low[1] : high[1], low[0] : high[0]] |= near
+    return mask
+
+
+@dataclass(frozen=True)
+class _Source:
+    """A fitted group: its middle pixel, the point or line, the longest trail that agrees with it, and whether it is narrower than
+    the stars."""
+
+    pixel: tuple[int, int]
+    fit: LineFit
+    longest_px: float
+    sharp: bool
+
+
+def _fitted(
+    image: NDArray[np.float32], noise: float, group: PixelGroup, ceiling: float, sensor: Sensor, variance: float
+) -> _Source | None:
+    """Fit a group as a point and as a line; None if neither is significant."""
+    length = float(np.hypot(*group.trail))
+    half = int(min(np.ceil(4 * np.sqrt(variance) + 0.65 * length), MOST_HALF_PX))
+    cut = cut_out(image, noise, group.col, group.row, half, ceiling, sensor.gain_e_per_dn)
+    point = fit_line(cut, np.array([group.flux_dn, 0.0, 0.0, 0.0, 0.0, variance]), POINT)
+    trail = group.trail if length > 1 else np.array([1.0, 0.5])
+    line = fit_line(cut, np.array([group.flux_dn, 0.0, 0.0, *trail, variance]), LINE)
+    best, longest = point, 0.0
+    free: tuple[int, ...] = POINT
+    if line is not None:
+        longest = line.length_px + LENGTH_SIGMA * line.length_sigma_px
+        significant = point is None or (point.chi2 - line.chi2) / line.excess > LONGER
+        if significant and line.length_px > SHORTEST_LINE * np.sqrt(variance):
+            best, free = line, LINE
+    if best is None or best.snr < LEAST_SNR or np.abs(best.centre_px).max() > half:
+        return None
+    return _Source((group.col, group.row), best, longest, _is_sharp(cut, best, free, variance))
+
+
+def _is_sharp(cut: Cutout, fit: LineFit, free: tuple[int, ...], variance: float) -> bool:
+    start = np.array([fit.flux_dn, *fit.centre_px, *fit.trail_px, variance])
+    own = fit_line(cut, start, (*free, WIDTH))
+    if own is None:
+        return True  # all the light is in one pixel, which does not determine a width
+    better = (fit.chi2 - own.chi2) / own.excess
+    return bool(own.variance_px2 < SHARP_SHARE**2 * variance and better > SHARPER)
+
+
+def _spots(view: SolvedView, found: list[_Source], known: _Photometry, limit_mag: float) -> FrameSpots:
+    n = len(found)
+    fits = [f.fit for f in found]
+    pixels = np.array([np.array(f.pixel) + f.fit.centre_px for f in found], float).reshape(n, 2)
+    trail = np.array([f.trail_px for f in fits]).reshape(n, 2)
+    floor = known.floor_px2 * np.eye(2)
+    spread = np.array([f.covariance[:2, :2] * f.excess + floor for f in fits]).reshape(n, 2, 2)
+    end_spread = np.array([f.end_covariance() * f.excess + floor for f in fits]).reshape(n, 2, 2, 2)
+    icrs, covariance = _on_sky(view, pixels, spread)
+    turned = [replace(view, cam_from_icrs=attitude_at(view, sign * view.exposure_s / 2)) for sign in (-1, 1)]
+    ends = [
+        [_on_sky(at, pixels + sign * trail / 2, end_spread[:, k]) for at in turned] for k, sign in enumerate((-1, 1))
+    ]
+    flux, snr = np.array([f.flux_dn for f in fits]), np.array([f.snr for f in fits])
+    return FrameSpots(
+        view,
+        pixels,
+        trail,
+        np.array([f.longest_px for f in found]),
+        icrs,
+        covariance,
+        np.stack([np.stack([at[0] for at in end], axis=1) for end in ends], axis=1),
+        np.stack([np.sqrt(np.trace(end[0][1], axis1=1, axis2=2) / 2) for end in ends], axis=1),
+        known.zero_mag - 2.5 * np.log10(flux) if n else np.zeros(0),
+        1.0857 / snr if n else np.zeros(0),
+        snr,
+        np.array([f.sharp for f in found], bool),
+        limit_mag,
+        float(np.sqrt(known.variance_px2)),
+    )
+
+
+def _on_sky(view: SolvedView, pixels: Array, spread_px2: Array) -> tuple[Array, Array]:
+    """(n, 3) directions and (n, 2, 2) covariances, east and north, of (n, 2) pixels with (n, 2, 2) covariances."""
+    if not len(pixels):
+        return np.zeros((0, 3)), np.zeros((0, 2, 2))
+    camera, icrs_from_cam = view.camera, view.cam_from_icrs.T
+    unit = camera.unproject(pixels)
+    slopes = np.stack(
+        [(camera.unproject(pixels + d) - camera.unproject(pixels - d)) / (2 * STEP_PX) for d in STEP_PX * np.eye(2)],
+        axis=-1,
+    )
+    icrs = unit @ view.cam_from_icrs
+    plane = tangent(icrs) @ icrs_from_cam
+    by_pixel = plane @ slopes
+    by_attitude = plane @ np.cross(np.eye(3)[None], unit[:, None]).transpose(0, 2, 1)
+    covariance = by_pixel @ spread_px2 @ by_pixel.transpose(0, 2, 1)
+    if np.isfinite(view.covariance_rad2).all():
+        covariance = covariance + by_attitude @ view.covariance_rad2 @ by_attitude.transpose(0, 2, 1)
+    if view.velocity_c is not None:
+        icrs = aberrate(icrs, -np.asarray(view.velocity_c))
+        icrs = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
+    return icrs, covariance
+
+
+def tangent(icrs: Array) -> Array:
+    """(n, 2, 3) unit vectors towards east and north at (n, 3) directions."""
+    east = np.stack([-icrs[:, 1], icrs[:, 0], np.zeros(len(icrs))], axis=1)
+    flat = np.hypot(icrs[:, 0], icrs[:, 1]) < 1e-12
+    east[flat] = (0.0, 1.0, 0.0)
+    east /= np.linalg.norm(east, axis=1, keepdims=True)
+    return np.stack([east, np.cross(icrs, east)], axis=1)
+
+
+def attitude_at(view: SolvedView, after_s: float) -> Array:
+    """(3, 3) attitude some seconds after mid exposure, at the camera's rate."""
+    if view.rate_rad_s is None:
+        return view.cam_from_icrs
+    return np.asarray(rotation_from_vector(-view.rate_rad_s * after_s) @ view.cam_from_icrs)

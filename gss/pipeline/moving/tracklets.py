@@ -1,0 +1,312 @@
+"""Link the sources of successive frames into tracklets: one object moving smoothly over the sky.
+
+Every pair of sources in near frames is extrapolated along its great circle; a third source within the gate starts a tracklet, which
+then grows over later and earlier frames by a polynomial of degree 1 to 3 in the tangent plane. The expected number of tracklets
+that chance would make of as many sources decides whether one is accepted, and the trail of each source must agree with the motion.
+After the linking of Kubica et al. 2007 (Icarus 189, 151) in its simplest form, without trees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from gss.domain.angles import Array, separation_rad
+from gss.pipeline.moving.motion import Hit, SkyMotion, fit_motion, gate_rad, trail_agrees
+from gss.pipeline.moving.spots import FrameSpots, star_trail_px
+
+SEED_FRAMES = 3
+"""Pairs are formed up to this many frames apart, and a third source is searched for as many frames later."""
+LONGEST_STEP_S = 120.0
+"""Sources farther apart in time are not linked: the motion between them is not known well enough."""
+MOST_MISSES = 3
+FEWEST_HITS = 3
+MOST_CHANCE = 0.01
+"""Expected number of accidental tracklets in the whole sequence above which one is not accepted."""
+SAME_PIXEL_PX = 0.8
+SKY_MOVED_PX = 2.0
+STREAK_SNR = 8.0
+STREAK_LENGTH = 4.0
+"""Length, in widths of the stars, from which a line in a single frame is reported."""
+REST_SIGMA = 4.0
+
+HOT = "fixed on the detector: hot pixel or defect"
+SHARP = "narrower than the stars: cosmic ray or single pixel"
+ONCE = "in one frame only"
+REST = "at rest on the sky: star that is not in the catalogue, or too slow for this sequence"
+CHANCE = "too few frames to exclude chance"
+BESIDE = "disturbed: on the path of an object that other frames show"
+
+
+@dataclass(frozen=True)
+class Tracklet:
+    """One object. ``frames``, ``rows``: (n,) frame and row in it of each source; ``times_s`` (n,); ``icrs`` (n, 3);
+    ``covariance_rad2`` (n, 2, 2) east and north; ``v_mag``, ``snr`` (n,); ``rate_rad_s`` (2,) east and north at the middle and its
+    (2, 2) covariance; ``residual_rad`` (n, 2) from the fitted motion; ``chance``: expected number of such tracklets by accident;
+    ``ends_icrs`` (n, 2, 3): directions at the start and the end of the exposure from both ends of the trail, and
+    ``ends_sigma_rad`` (n, 2), NaN for points. The rate of a line in one frame is NaN and the order of its ends arbitrary."""
+
+    frames: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    times_s: Array
+    icrs: Array
+    covariance_rad2: Array
+    v_mag: Array
+    snr: Array
+    rate_rad_s: Array
+    rate_covariance: Array
+    residual_rad: Array
+    chance: float
+    ends_icrs: Array
+    ends_sigma_rad: Array
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    @property
+    def speed_rad_s(self) -> float:
+        """Angular rate."""
+        return float(np.hypot(*self.rate_rad_s))
+
+    @property
+    def rests(self) -> bool:
+        """True if the motion is not significant."""
+        if not np.isfinite(self.rate_covariance).all():
+            return False
+        return float(self.rate_rad_s @ np.linalg.solve(self.rate_covariance, self.rate_rad_s)) < REST_SIGMA**2
+
+
+@dataclass(frozen=True)
+class Linked:
+    """Result of a sequence: ``moving`` and ``resting`` tracklets, ``streaks``: lines seen in one frame, and per frame the (n,)
+    reason why a source belongs to none of them, "" if it does."""
+
+    moving: list[Tracklet]
+    resting: list[Tracklet]
+    streaks: list[Tracklet]
+    reasons: list[list[str]]
+
+
+def link(
+    frames: Sequence[FrameSpots], top_rate_rad_s: float, progress: Callable[[float], None] = lambda _: None
+) -> Linked:
+    """Link the sources of frames in order of time. ``top_rate_rad_s``: largest rate that is searched for."""
+    reasons = [["" for _ in range(len(f))] for f in frames]
+    for k, row in _fixed_on_detector(frames):
+        reasons[k][row] = HOT
+    for k, frame in enumerate(frames):
+        for row in np.flatnonzero(frame.sharp).tolist():
+            reasons[k][row] = reasons[k][row] or SHARP
+    free = [np.array([r == "" for r in reason], bool) for reason in reasons]
+    candidates = _candidates(frames, free, top_rate_rad_s, progress)
+    moving: list[Tracklet] = []
+    resting: list[Tracklet] = []
+    taken: set[tuple[int, int]] = set()
+    doubtful: set[tuple[int, int]] = set()
+    paths: list[SkyMotion] = []
+    for hits, motion, chance in sorted(candidates, key=lambda c: (-len(c[0]), c[1].chi2)):
+        own = {(h.frame, h.row) for h in hits}
+        if own & taken:
+            continue
+        if chance > MOST_CHANCE:
+            doubtful |= own
+            continue
+        taken |= own
+        made = _tracklet(frames, hits, motion, chance)
+        (resting if made.rests else moving).append(made)
+        paths.append(motion)
+    streaks = []
+    for k, frame in enumerate(frames):
+        for row in range(len(frame)):
+            if (k, row) in taken or reasons[k][row]:
+                continue
+            if _on_path(frame, row, paths):
+                reasons[k][row] = BESIDE
+            elif _is_streak(frame, row):
+                streaks.append(_streak(frames, k, row))
+            else:
+                reasons[k][row] = CHANCE if (k, row) in doubtful else ONCE
+    for tracklet in resting:
+        for k, row in zip(tracklet.frames, tracklet.rows, strict=True):
+            reasons[k][row] = REST
+    return Linked(sorted(moving, key=lambda t: float(t.times_s[0])), resting, streaks, reasons)
+
+
+def _fixed_on_detector(frames: Sequence[FrameSpots]) -> list[tuple[int, int]]:
+    """(frame, row) of sources that keep their pixel in three frames or more while the sky moves over the detector."""
+    owner = [(k, row) for k, frame in enumerate(frames) for row in range(len(frame))]
+    if len(owner) < FEWEST_HITS:
+        return []
+    pixels = np.concatenate([f.pixels for f in frames])
+    icrs = np.concatenate([f.icrs for f in frames])
+    of = np.array([k for k, _ in owner])
+    pixel_rad = frames[0].view.camera.pixel_rad
+    made = []
+    for at, near in enumerate(cKDTree(pixels).query_ball_point(pixels, SAME_PIXEL_PX)):
+        if len(set(of[near])) < FEWEST_HITS:
+            continue
+        if float(separation_rad(icrs[near], icrs[at]).max()) > SKY_MOVED_PX * pixel_rad:
+            made.append(owner[at])
+    return made
+
+
+def _candidates(
+    frames: Sequence[FrameSpots],
+    free: list[NDArray[np.bool_]],
+    top_rate_rad_s: float,
+    progress: Callable[[float], None],
+) -> list[tuple[list[Hit], SkyMotion, float]]:
+    """Grow a tracklet from every pair that a third source supports."""
+    seeds: list[tuple[Hit, Hit]] = []
+    pairs = 0
+    rows = [np.flatnonzero(f) for f in free]
+    n = len(frames)
+    for i in range(n):
+        for j in range(i + 1, min(i + 1 + SEED_FRAMES, n)):
+            step_s = frames[j].view.time_s - frames[i].view.time_s
+            if not len(rows[i]) or not len(rows[j]) or step_s > LONGEST_STEP_S:
+                continue
+            first, second = frames[i].icrs[rows[i]], frames[j].icrs[rows[j]]
+            apart = separation_rad(first[:, None], second[None])
+            a, b = np.nonzero(apart <= top_rate_rad_s * step_s)
+            pairs += len(a)
+            for m, k in zip(a, b, strict=True):
+                seeds.append((Hit(i, int(rows[i][m])), Hit(j, int(rows[j][k]))))
+    done: set[frozenset[Hit]] = set()
+    made = []
+    inside: set[tuple[Hit, Hit]] = set()
+    for number, seed in enumerate(seeds):
+        if number % 200 == 0:
+            progress(number / len(seeds))
+        if seed in inside:
+            continue
+        hits = _grown(frames, rows, list(seed))
+        if len(hits) < FEWEST_HITS or frozenset(hits) in done:
+            continue
+        done.add(frozenset(hits))
+        inside |= {(a, b) for a in hits for b in hits if a.frame < b.frame}
+        motion = fit_motion(frames, hits)
+        if motion is not None and trail_agrees(frames, hits, motion):
+            made.append((hits, motion, _chance(frames, rows, hits, motion, pairs)))
+    return made
+
+
+def _grown(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: list[Hit]) -> list[Hit]:
+    """Extend a pair over later frames, then over earlier ones."""
+    hits = _extended(frames, rows, hits, range(hits[-1].frame + 1, len(frames)))
+    if len(hits) < FEWEST_HITS:
+        return hits
+    return _extended(frames, rows, hits, range(hits[0].frame - 1, -1, -1))
+
+
+def _extended(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: list[Hit], order: range) -> list[Hit]:
+    misses = 0
+    motion = fit_motion(frames, hits)
+    for k in order:
+        if motion is None or misses > (MOST_MISSES if len(hits) >= FEWEST_HITS else SEED_FRAMES - 1):
+            break
+        misses += 1
+        if not len(rows[k]):
+            continue
+        frame = frames[k]
+        if np.abs(motion.knots_s - frame.view.time_s).min() > LONGEST_STEP_S:
+            break
+        place, sigma_rad = motion.at(frame.view.time_s)
+        gap = separation_rad(frame.icrs[rows[k]], place)
+        best = int(np.argmin(gap / gate_rad(frame, rows[k], sigma_rad)))
+        if gap[best] > gate_rad(frame, rows[k], sigma_rad)[best]:
+            continue
+        extended = sorted([*hits, Hit(k, int(rows[k][best]))])
+        refit = fit_motion(frames, extended)
+        if refit is not None and refit.sound:
+            hits, motion, misses = extended, refit, 0
+    return hits
+
+
+def _chance(
+    frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: list[Hit], motion: SkyMotion, pairs: int
+) -> float:
+    """Expected number of tracklets with as many sources in a sequence of unrelated sources."""
+    camera = frames[0].view.camera
+    field_rad2 = camera.columns * camera.rows * camera.pixel_rad**2
+    expected = float(pairs)
+    for number, hit in enumerate(hits[2:]):
+        # The gate was widest when the motion was known from the fewest sources.
+        sigma_rad = motion.slack_rad if number == 0 else 0.0
+        gate = float(gate_rad(frames[hit.frame], np.array([hit.row]), sigma_rad)[0])
+        expected *= min(1.0, len(rows[hit.frame]) * np.pi * gate**2 / field_rad2)
+    return expected
+
+
+def _tracklet(frames: Sequence[FrameSpots], hits: list[Hit], motion: SkyMotion, chance: float) -> Tracklet:
+    index, rows = np.array([h.frame for h in hits]), np.array([h.row for h in hits])
+
+    def column(name: str) -> Array:
+        return np.array([getattr(frames[h.frame], name)[h.row] for h in hits])
+
+    ends, sigma = column("ends_icrs"), column("ends_sigma_rad")
+    drawn = np.asarray(column("trail_px").any(axis=1))
+    # A trail has no direction; the motion over the frames gives it.
+    orders = [np.stack([ends[:, 0, 0], ends[:, 1, 1]], axis=1), np.stack([ends[:, 1, 0], ends[:, 0, 1]], axis=1)]
+    along = [np.einsum("ni,ni->n", e[:, 1] - e[:, 0], motion.velocity) for e in orders]
+    forward = along[0] >= along[1]
+    ends = np.where(forward[:, None, None], *orders)
+    sigma = np.where(forward[:, None], sigma, sigma[:, ::-1])
+    ends, sigma = np.where(drawn[:, None, None], ends, np.nan), np.where(drawn[:, None], sigma, np.nan)
+    return Tracklet(
+        index,
+        rows,
+        np.array([frames[h.frame].view.time_s for h in hits]),
+        column("icrs"),
+        column("covariance_rad2"),
+        column("v_mag"),
+        column("snr"),
+        motion.rate_rad_s,
+        motion.rate_covariance,
+        motion.residual_rad,
+        chance,
+        ends,
+        sigma,
+    )
+
+
+def _on_path(frame: FrameSpots, row: int, paths: list[SkyMotion]) -> bool:
+    """True if an object of other frames passes through this source."""
+    at_s, reach_px = frame.view.time_s, 0.5 * float(np.hypot(*frame.trail_px[row])) + 2 * frame.star_sigma_px
+    gap = [separation_rad(frame.icrs[row], p.at(at_s)[0]) for p in paths if p.covers(at_s)]
+    return bool(gap) and float(min(gap)) < reach_px * frame.view.camera.pixel_rad
+
+
+def _is_streak(frame: FrameSpots, row: int) -> bool:
+    """True for a line in one frame that is neither short nor the trail of a star."""
+    trail = frame.trail_px[row]
+    star = star_trail_px(frame.view, frame.pixels[row][None])[0]
+    least = STREAK_LENGTH * frame.star_sigma_px
+    unlike = min(float(np.hypot(*(trail - star))), float(np.hypot(*(trail + star)))) > least
+    return bool(float(np.hypot(*trail)) > least and unlike and frame.snr[row] > STREAK_SNR)
+
+
+def _streak(frames: Sequence[FrameSpots], k: int, row: int) -> Tracklet:
+    """A line in one frame: its rate is known without sign, from its length."""
+    frame = frames[k]
+    one = np.array([row])
+    nothing = np.full(2, np.nan)
+    return Tracklet(
+        np.array([k]),
+        one,
+        np.array([frame.view.time_s]),
+        frame.icrs[one],
+        frame.covariance_rad2[one],
+        frame.v_mag[one],
+        frame.snr[one],
+        nothing,
+        np.full((2, 2), np.nan),
+        np.zeros((1, 2)),
+        float("nan"),
+        frame.ends_icrs[one][:, [0, 1], [0, 1]],
+        frame.ends_sigma_rad[one],
+    )
