@@ -22,6 +22,7 @@ from validation.liebe.tables import liebe_2, liebe_3, liebe_18
 from validation.moniteq.locator import moniteq_4_2, moniteq_nea, moniteq_noise
 from validation.moniteq.screening import moniteq_screening
 from validation.moniteq.sky import moniteq_2_1, moniteq_links
+from validation.moving.objects import moving_objects
 from validation.never_wrong.table import never_wrong
 from validation.sheet.injection import injection
 from validation.shipped.units import shipped_units
@@ -63,6 +64,7 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ),
         ExperimentEntry("shipped-units", "The five units as shipped", shipped_units, 1000, 2026.0),
         ExperimentEntry("sheet-injection", "Performance sheet: each error alone", injection, 40),
+        ExperimentEntry("moving-objects", "Moving objects: satellites found again", moving_objects, 300, 2026.0),
         ExperimentEntry("never-wrong", "False attitudes under every fault", never_wrong, 30),
     )
 }

@@ -1,0 +1,1 @@
+"""Moving objects: satellites rendered into simulated frames and found again."""
