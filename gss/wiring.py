@@ -207,7 +207,9 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
             frames.darks,
             base.instruments,
         ),
-        analyses=AnalysisService(database, jobs, shots, frames.solver, frames.book, contacts, bus, now),
+        analyses=AnalysisService(
+            database, jobs, shots, frames.solver, frames.book, contacts, passes.spacecraft.orbit_at, bus, now
+        ),
         accounts=accounts,
         audit=audit,
         audit_intents=AuditIntents(settings.data / "audit-intents", audit),

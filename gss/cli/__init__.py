@@ -30,6 +30,7 @@ COMMANDS = {
     "calibrate": ("night", "calibrate a camera's geometry, photometry and detector from its frames"),
     "analyse": ("night", "measure accuracy, rates, sensitivity and noise from the frames of a night"),
     "sheet": ("sheet", "make the performance sheet of a unit from its frames, or of a simulated one"),
+    "moving": ("moving", "find satellites, debris and planets in a sequence of frames"),
     "bench": ("bench", "measure optical centre, tilt, focal length, distortion, dark current or focus on the bench"),
     "export": ("export", "write recordings and documents"),
     "check": ("check", "test a device against the interface document, or a record for gaps"),

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -194,8 +194,11 @@ def give_report(a: argparse.Namespace, report: Report, content: dict[str, Any]) 
     write_report(a, report, whole)
 
 
-def write_report(a: argparse.Namespace, report: Report, whole: str) -> None:
-    """Write a report to the file of ``--out`` and print it. ``whole``: its content as JSON."""
+def write_report(
+    a: argparse.Namespace, report: Report, whole: str, more: Mapping[str, Callable[[], bytes]] | None = None
+) -> None:
+    """Write a report to the file of ``--out`` and print it. ``whole``: its content as JSON; ``more``: further kinds of file by
+    suffix."""
     from gss.operations.report.html import as_html
     from gss.operations.report.pdf import as_pdf
 
@@ -206,6 +209,7 @@ def write_report(a: argparse.Namespace, report: Report, whole: str) -> None:
             ".json": whole.encode,
             ".html": lambda: as_html(report).encode(),
             ".pdf": lambda: as_pdf(report, datetime.now(UTC)),
+            **(more or {}),
         }
         if a.out.suffix not in makers:
             raise BadInput("unknown kind of report", expected=" | ".join(makers), got=a.out.suffix or str(a.out))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
@@ -100,6 +101,20 @@ def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[
     form.get_by_test_id("analyse-frames").fill(imported.split("-")[0])
     form.get_by_test_id("analyse-start").click()
     expect(page.get_by_test_id("study-failed")).to_contain_text("too few attitudes")
+
+
+def test_moving_objects_are_searched_for_and_offered_as_tdm(page: Page, imported: str) -> None:
+    """A site that is not three numbers cannot be sent; a night without satellites gives a report without objects."""
+    page.goto("/calibration?tab=analyses")
+    form = page.get_by_test_id("analyse-form")
+    form.get_by_test_id("analyse-kind").select_option("moving")
+    form.get_by_test_id("analyse-frames").fill(imported)
+    form.get_by_test_id("analyse-site").fill("48 north")
+    expect(form.get_by_test_id("analyse-start")).to_be_disabled()
+    form.get_by_test_id("analyse-site").fill("48.1, 11.3, 520")
+    form.get_by_test_id("analyse-start").click()
+    expect(page.get_by_test_id("study-report")).to_contain_text("faintest point found")
+    expect(page.get_by_test_id("study-tdm")).to_have_attribute("href", re.compile("kind=tdm"))
 
 
 def test_a_dot_of_the_bench_is_pasted_and_given_beforehand(page: Page, imported: str) -> None:

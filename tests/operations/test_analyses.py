@@ -17,7 +17,7 @@ from gss.catalogue_tools.sources.hipparcos import propagate
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.frames import cam_from_icrs
 from gss.instruments.registry import shipped_camera
-from gss.operations.studies.analysis_requests import FrameAnalysis, SheetRequest, TelemetryAnalysis
+from gss.operations.studies.analysis_requests import FrameAnalysis, MovingRequest, SheetRequest, TelemetryAnalysis
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 from gss.services import Services
@@ -206,6 +206,35 @@ def test_a_performance_sheet_of_a_night_states_what_it_lacks(server: AnalysisSer
     assert row.result["figures"]["source"] == "frames"
     assert server.services.analyses.export(row.id, "pdf").startswith(b"%PDF")
     assert b"Thermo-elastic error" in server.services.analyses.export(row.id, "html")
+
+
+def test_a_night_without_satellites_has_no_moving_objects(server: AnalysisServer) -> None:
+    """Nothing is invented; the TDM has a header only, and other analyses have none."""
+    wanted = MovingRequest(kind="moving", profile="cubestar", frame_ids=list(server.fixed), site=[48.0, 11.0, 500.0])
+    row = server.made(server.services.analyses.start(wanted, user="x"))
+    assert row.result["figures"]["tracks"] == []
+    assert row.result["figures"]["used"] == FRAMES
+    assert server.services.analyses.export(row.id, "tdm").startswith(b"CCSDS_TDM_VERS = 2.0")
+    other = server.made(server.services.analyses.start(of_frames("spatial", server.fixed), user="x"))
+    with pytest.raises(NotFound, match="no tracking data"):
+        server.services.analyses.export(other.id, "tdm")
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"objects": "1 2 3"}, "list of objects"),
+        ({"orbit": "nothing"}, "two-line element set"),
+        ({"orbit": "x", "site": [0.0, 0.0, 0.0]}, "two places"),
+        ({"site": [91.0, 0.0, 0.0]}, "latitude"),
+        ({"chain": "cassini"}, "unknown chain"),
+        ({"frame_ids": [1, 1]}, "different frames"),
+    ],
+)
+def test_impossible_searches_are_refused(more: dict[str, Any], words: str) -> None:
+    """Nothing is queued for a search with invalid elements or two places."""
+    with pytest.raises(BadInput, match=words):
+        MovingRequest(**{"kind": "moving", "profile": "cubestar", "frame_ids": [1], **more})
 
 
 @pytest.mark.parametrize(

@@ -52,8 +52,8 @@ def read_sheet(app: App, analysis_id: RowId) -> SheetOut:
 
 
 @router.get("/{analysis_id}/export", response_class=Response, dependencies=[EXPORT])
-def export(app: App, analysis_id: RowId, kind: Literal["json", "html", "pdf"] = "pdf") -> Response:
-    """Export an analysis: the report (html, pdf) or all data (json)."""
+def export(app: App, analysis_id: RowId, kind: Literal["json", "html", "pdf", "tdm"] = "pdf") -> Response:
+    """Export an analysis: the report (html, pdf), all data (json), or the tracks of moving objects (tdm, CCSDS 503.0-B)."""
     headers = {"Content-Disposition": f"attachment; filename=analysis-{analysis_id}.{kind}"}
     return Response(app.analyses.export(analysis_id, kind), media_type=EXPORTS[kind], headers=headers)
 

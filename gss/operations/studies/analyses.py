@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from gss import __version__
 from gss.domain.angles import ARCSEC_RAD, Array
-from gss.domain.errors import BadInput
+from gss.domain.errors import BadInput, NotFound
 from gss.domain.words import counted
 from gss.instruments.telemetry_roles import Status
 from gss.operations.clock import Now
@@ -30,13 +31,16 @@ from gss.operations.studies.analysis_requests import (
     AnalysisJob,
     AnalysisRequest,
     FrameAnalysis,
+    MovingRequest,
     SheetRequest,
     TelemetryAnalysis,
     earlier_request,
 )
 from gss.operations.studies.camera_book import CameraBook
+from gss.operations.studies.moving_objects import moving_objects, place_of_orbit
 from gss.operations.studies.night_frames import Shot, StoredShots
 from gss.operations.studies.sheet_frames import NEAR_S, sheet_of_frames, sheet_of_simulation
+from gss.orbit.trajectory import Trajectory
 from gss.pipeline.analysis.series import AttitudeSeries
 from gss.store import studies as store
 from gss.store import telemetry
@@ -45,7 +49,12 @@ from gss.store.models import Analysis, Job
 
 STEPS = 1000
 MOST_ATTITUDES = 500_000
-EXPORTS = {"json": "application/json", "html": "text/html; charset=utf-8", "pdf": "application/pdf"}
+EXPORTS = {
+    "json": "application/json",
+    "html": "text/html; charset=utf-8",
+    "pdf": "application/pdf",
+    "tdm": "text/plain; charset=utf-8",
+}
 COLUMNS = (
     "frame_time_s",
     "outcome",
@@ -71,11 +80,14 @@ class AnalysisService:
         solver: Solver,
         book: CameraBook,
         contacts: ContactService,
+        orbit_at: Callable[[datetime], tuple[str, Trajectory] | None],
         bus: EventBus,
         now: Now,
     ) -> None:
+        """``orbit_at``: name and orbit of the spacecraft at a time, None if no orbit covers it."""
         self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
         self._book, self._contacts, self._bus, self._now = book, contacts, bus, now
+        self._orbit_at = orbit_at
         jobs.register(JobKind("analysis", AnalysisJob, self._analyse, older=earlier_request))
 
     def start(self, wanted: AnalysisRequest, *, user: str) -> Job:
@@ -96,6 +108,10 @@ class AnalysisService:
         if isinstance(wanted, TelemetryAnalysis):
             self._contacts.detail(wanted.contact)
             kind, of = "telemetry", f"contact {wanted.contact}"
+        elif isinstance(wanted, MovingRequest):
+            self._book.profile(wanted.profile)
+            first = self._shots.of(wanted.frame_ids)
+            kind, of = "moving objects", counted(len(first), "frame")
         else:
             self._book.profile(wanted.profile)
             if wanted.other_ids:
@@ -111,6 +127,8 @@ class AnalysisService:
                 made = self._of_contact(wanted)
             elif isinstance(wanted, SheetRequest):
                 made = self._sheet(wanted, first, other, run.progress)
+            elif isinstance(wanted, MovingRequest):
+                made = self._moving(wanted, first, run.progress)
             else:
                 made = self._of_frames(wanted, first, other, run.progress)
             row = Analysis(
@@ -152,6 +170,24 @@ class AnalysisService:
             warmth = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
         return sheet_of_frames(run, second=second, mounting=mounting, temperature=warmth, seed=wanted.seed)
 
+    def _moving(self, wanted: MovingRequest, shots: list[Shot], progress: Progress) -> Made:
+        def report(done: float, text: str) -> None:
+            progress(round(STEPS * done), STEPS, text)
+
+        place = wanted.place
+        if place is None and (found := self._orbit_at(shots[0].taken)) is not None:
+            place = place_of_orbit(*found)
+        known = self._book.profile(wanted.profile)
+        return moving_objects(
+            self._solver,
+            run_frames(self._solver, shots, known, wanted.chain, lambda s, t: report(0.5 * s, t)),
+            objects=wanted.objects,
+            place=place,
+            top_rate_rad_s=wanted.top_rate_rad_s,
+            created=self._now(),
+            progress=report,
+        )
+
     def _runs(
         self, wanted: FrameAnalysis | SheetRequest, first: list[Shot], other: list[Shot], progress: Progress
     ) -> tuple[FrameRun, FrameRun | None]:
@@ -188,8 +224,12 @@ class AnalysisService:
             return store.analysis(session, analysis_id)
 
     def export(self, analysis_id: int, kind: str) -> bytes:
-        """Return the report as HTML or PDF, or all data as JSON."""
+        """Return the report as HTML or PDF, all data as JSON, or the tracks of moving objects as TDM."""
         row = self.get(analysis_id)
+        if kind == "tdm":
+            if row.kind != "moving":
+                raise NotFound("this analysis has no tracking data", expected="kind moving", got=row.kind)
+            return str(row.result["figures"]["tdm"]).encode()
         if kind == "html":
             return as_html(report_from(row.result["report"])).encode()
         if kind == "pdf":

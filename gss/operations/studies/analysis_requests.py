@@ -13,6 +13,9 @@ from gss.operations.frames.solve import CHAINS
 from gss.operations.jobs import JobRequest
 from gss.operations.requests import Id, Request
 from gss.operations.studies.analyse import check_kind
+from gss.operations.studies.moving_objects import CameraPlace, place_of
+from gss.orbit.objects import MOST_CHARACTERS, read_objects
+from gss.orbit.read_orbit import LARGEST_CHARACTERS
 
 MOST_FRAMES = 5000
 MOUNTING_SLACK = 1e-3
@@ -91,7 +94,45 @@ class SheetRequest(Request):
         return self
 
 
-AnalysisRequest = Annotated[FrameAnalysis | TelemetryAnalysis | SheetRequest, Field(discriminator="kind")]
+class MovingRequest(Request):
+    """Moving objects in stored frames of one sequence. ``objects``: two-line elements that may name them; ``orbit``: TLE, OMM
+    or OEM of the spacecraft with the camera, or ``site``: latitude and longitude in degrees and height in metres of a camera on
+    the ground; without either, the imported orbit where it covers the frames. ``top_rate_deg_s``: largest rate searched for."""
+
+    kind: Literal["moving"]
+    profile: str = Field(max_length=40)
+    frame_ids: Annotated[list[Id], Field(min_length=1, max_length=MOST_FRAMES)]
+    chain: str = Field(default="reference", max_length=30)
+    objects: str = Field(default="", max_length=MOST_CHARACTERS)
+    orbit: str = Field(default="", max_length=LARGEST_CHARACTERS)
+    site: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
+    top_rate_deg_s: float = Field(default=2.0, gt=0, le=20)
+    title: str = Field(default="", max_length=120)
+
+    @property
+    def top_rate_rad_s(self) -> float:
+        """Largest rate searched for."""
+        return math.radians(self.top_rate_deg_s)
+
+    @property
+    def place(self) -> CameraPlace | None:
+        """Place of the camera, None if it is not given."""
+        return place_of(self.orbit, None if self.site is None else (self.site[0], self.site[1], self.site[2]))
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if self.chain not in CHAINS:
+            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=self.chain)
+        if len(set(self.frame_ids)) != len(self.frame_ids):
+            raise BadInput("frames cannot be used", expected="different frames", got="duplicates")
+        _ = self.place
+        read_objects(self.objects)
+        return self
+
+
+AnalysisRequest = Annotated[
+    FrameAnalysis | TelemetryAnalysis | SheetRequest | MovingRequest, Field(discriminator="kind")
+]
 
 
 @dataclass(frozen=True)

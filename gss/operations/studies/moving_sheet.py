@@ -1,0 +1,208 @@
+"""Report of moving objects: tracks on the sky, magnitudes, rates, names, and what was rejected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.camera import Camera
+from gss.domain.words import counted
+from gss.operations.report.figures import number
+from gss.operations.report.parts import Fact, Note, Plot, Report, Section, Series, Table
+from gss.operations.studies.sheet_pieces import finite, maybe, numbers
+from gss.orbit.objects import TrackName
+
+MOST_DRAWN = 12
+MOST_LISTED = 100
+
+
+@dataclass(frozen=True)
+class TrackRecord:
+    """One object. ``streak``: seen in one frame only, so that its direction of motion is not known. ``name``: what explains it.
+    Times: Unix seconds (n,) of mid exposure; ``ra_rad``, ``dec_rad`` (n,) in the system of the star catalogue, with
+    ``covariance_rad2`` (n, 2, 2) east and north; ``rate_rad_s`` (2,) east and north at the middle, and its covariance; ``chance``:
+    expected number of such tracks by accident; ``ends_ra_rad``, ``ends_dec_rad``, ``ends_sigma_rad`` (n, 2): both ends of the
+    trail, in the order of the motion, None where the source is a point."""
+
+    label: str
+    streak: bool
+    name: TrackName | None
+    times_s: Array
+    ra_rad: Array
+    dec_rad: Array
+    covariance_rad2: Array
+    v_mag: Array
+    snr: Array
+    rate_rad_s: Array
+    rate_covariance: Array
+    chance: float
+    ends_ra_rad: Array
+    ends_dec_rad: Array
+    ends_sigma_rad: Array
+
+    @property
+    def title(self) -> str:
+        """Name, or the label of an unknown object."""
+        return self.label if self.name is None else self.name.name
+
+
+@dataclass(frozen=True)
+class RejectedSource:
+    """A source that is not an object: frame, place on the detector, magnitude and the reason."""
+
+    frame: str
+    col_px: float
+    row_px: float
+    v_mag: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class MovingRecord:
+    """Result of a sequence. ``used``: frames with an attitude; ``place``: of the camera; ``known_objects``: element sets compared;
+    ``limit_mag``: faintest point that is found; ``reasons``: number of rejected sources by reason; ``tdm``: the tracks as CCSDS
+    TDM."""
+
+    frames: int
+    used: int
+    place: str
+    known_objects: int
+    limit_mag: float
+    tracks: list[TrackRecord]
+    reasons: dict[str, int]
+    rejected: list[RejectedSource]
+    tdm: str
+
+
+def moving_report(found: MovingRecord, camera: Camera, of: str) -> Report:
+    """Return the report."""
+    named = sum(t.name is not None for t in found.tracks)
+    streaks = sum(t.streak for t in found.tracks)
+    facts = [
+        Fact("objects", number(len(found.tracks)), "", f"{named} named, {streaks} in one frame only"),
+        Fact("frames with an attitude", f"{found.used} of {found.frames}"),
+        Fact(
+            "faintest point found", number(found.limit_mag, 3), "V", "five standard deviations, at rest on the detector"
+        ),
+        Fact("camera", found.place),
+        Fact("compared with", f"the planets, {counted(found.known_objects, 'element set')}"),
+        Fact("rejected sources", number(sum(found.reasons.values()))),
+    ]
+    text = (
+        "Light sources without a star, linked over the frames. Directions are in the system of the star catalogue; "
+        "T: several frames, S: a line in one frame."
+    )
+    drawings = [_sky(found.tracks), _brightness(found.tracks)] if found.tracks else []
+    sections = [Section("Objects", text, facts, list(drawings), [_table(found.tracks)] if found.tracks else [])]
+    lines = _ends(found.tracks)
+    if lines.rows:
+        words = "Directions at the start and the end of the exposure; for S the order is not known."
+        sections.append(Section("Trails", words, [], [], [lines]))
+    if found.reasons:
+        counts = [[reason, number(n)] for reason, n in sorted(found.reasons.items(), key=lambda r: -r[1])]
+        listed = [
+            [r.frame, f"{r.col_px:.1f}", f"{r.row_px:.1f}", f"{r.v_mag:.1f}", r.reason]
+            for r in found.rejected[:MOST_LISTED]
+        ]
+        sections.append(
+            Section(
+                "Rejected sources",
+                "" if len(found.rejected) <= MOST_LISTED else f"The first {MOST_LISTED}; the JSON file has more.",
+                [],
+                [],
+                [
+                    Table("Reasons", ["reason", "sources"], counts),
+                    Table("Sources", ["frame", "column", "row", "V", "reason"], listed),
+                ],
+            )
+        )
+    return Report("Moving objects", of, sections, _notes(found, camera))
+
+
+def _notes(found: MovingRecord, camera: Camera) -> list[Note]:
+    made = []
+    if found.used < 3:
+        made.append(
+            Note(
+                "fewer than three frames: only lines in one frame can be found",
+                "Take a sequence in which an object stays in the field for several frames.",
+                code="frames",
+            )
+        )
+    if found.known_objects and any(t.name is None for t in found.tracks) and "not known" in found.place:
+        made.append(
+            Note(
+                "satellites cannot be named: the place of the camera is not known",
+                "Give the orbit of the spacecraft or the site.",
+                code="place",
+            )
+        )
+    return made
+
+
+def _sky(tracks: list[TrackRecord]) -> Plot:
+    """Plot declination against right ascension, unwrapped near the first object."""
+    first = float(tracks[0].ra_rad[0])
+    series = []
+    for track in tracks[:MOST_DRAWN]:
+        ra = first + (track.ra_rad - first + np.pi) % (2 * np.pi) - np.pi
+        series.append(Series(track.title, numbers(np.degrees(ra)), maybe(np.degrees(track.dec_rad)), "dots"))
+    return Plot("Tracks on the sky", "right ascension, °", "declination, °", series)
+
+
+def _brightness(tracks: list[TrackRecord]) -> Plot:
+    series = [Series(t.title, numbers(t.times_s), maybe(t.v_mag), "dots") for t in tracks[:MOST_DRAWN]]
+    return Plot("Magnitudes", "UTC", "V", series, time=True)
+
+
+def _table(tracks: list[TrackRecord]) -> Table:
+    rows = []
+    for t in tracks:
+        middle = len(t.times_s) // 2
+        sigma = np.sqrt(np.trace(t.covariance_rad2, axis1=1, axis2=2) / 2).mean() / ARCSEC_RAD
+        rate = np.hypot(*t.rate_rad_s) / ARCSEC_RAD
+        towards = np.degrees(np.arctan2(t.rate_rad_s[0], t.rate_rad_s[1])) % 360
+        at = datetime.fromtimestamp(float(t.times_s[middle]), UTC)
+        explained = "–"
+        if t.name is not None:
+            km = finite(t.name.range_km)
+            explained = f"{t.name.off_rad / ARCSEC_RAD:.0f}″ off" + ("" if km is None else f", {km:.0f} km")
+            explained += f"; or {', '.join(t.name.others)}" if t.name.others else ""
+        rows.append(
+            [
+                t.label,
+                "unknown" if t.name is None else f"{t.name.name} {t.name.number}".strip(),
+                str(len(t.times_s)),
+                f"{at:%Y-%m-%d %H:%M:%S.%f}"[:-3],
+                f"{np.degrees(t.ra_rad[middle]):.4f}",
+                f"{np.degrees(t.dec_rad[middle]):.4f}",
+                number(float(sigma), 2),
+                number(finite(float(rate)), 3),
+                number(finite(float(towards)), 3),
+                f"{np.median(t.v_mag):.1f}",
+                number(float(np.median(t.snr)), 2),
+                explained,
+            ]
+        )
+    head = ["", "object", "frames", "UTC of the middle", "RA °", "Dec °", "σ ″", "rate ″/s", "towards °", "V", "SNR"]
+    return Table("Objects", [*head, "prediction"], rows)
+
+
+def _ends(tracks: list[TrackRecord]) -> Table:
+    rows = []
+    for t in tracks:
+        for k in np.flatnonzero(np.isfinite(t.ends_ra_rad).all(axis=1))[:MOST_LISTED]:
+            at = datetime.fromtimestamp(float(t.times_s[k]), UTC)
+            ra, dec = np.degrees(t.ends_ra_rad[k]), np.degrees(t.ends_dec_rad[k])
+            rows.append(
+                [
+                    t.label,
+                    f"{at:%H:%M:%S.%f}"[:-3],
+                    *(f"{a:.4f}, {d:.4f}" for a, d in zip(ra, dec, strict=True)),
+                    number(float(t.ends_sigma_rad[k].mean() / ARCSEC_RAD), 2),
+                ]
+            )
+    return Table("Ends of trails", ["", "UTC", "first end, RA Dec °", "last end, RA Dec °", "σ ″"], rows[:MOST_LISTED])
