@@ -22,7 +22,7 @@ restored. Hazardous commands are not executed. Exit code 0: no clause failed; 1:
 
 
 def register(subparsers: Commands) -> None:
-    """Add the commands."""
+    """Add the ``check`` commands."""
     parser = subparsers.add_parser("check")
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     p = kinds.add_parser("device", help="test a simulator or a unit on a port", description=DESCRIPTION)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def register(subparsers: Commands) -> None:
-    """Add the commands."""
+    """Add the ``experiments`` commands, or a placeholder if ``validation`` is not installed."""
     parser = subparsers.add_parser("experiments")
     try:
         experiments.add_commands(parser, _executor)

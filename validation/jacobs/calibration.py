@@ -65,7 +65,7 @@ class _DistanceErrors:
 
     @property
     def sigma_rad(self) -> float:
-        """Eq. 6.22."""
+        """Sample standard deviation of the distance errors, rad (eq. 6.22)."""
         return float(self.error_rad.std(ddof=1))
 
 

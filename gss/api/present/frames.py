@@ -152,10 +152,10 @@ def _turning(record: dict[str, Any] | None) -> TurningOut | None:
     )
 
 
-def frame_replay(frame_id: int, found: list[Stage]) -> FrameReplayOut:
+def frame_replay(frame_id: int, stages: list[Stage]) -> FrameReplayOut:
     """Return the stages of a frame replay."""
-    rows = [ReplayStageOut(**(vars(s) | {"verdict": str(s.verdict)})) for s in found]
-    return FrameReplayOut(frame_id=frame_id, text=first_difference(found), stages=rows)
+    rows = [ReplayStageOut(**(vars(s) | {"verdict": str(s.verdict)})) for s in stages]
+    return FrameReplayOut(frame_id=frame_id, text=first_difference(stages), stages=rows)
 
 
 def comparison(on_board: Solution | None, ground: Solution | None) -> ComparisonOut | None:

@@ -30,7 +30,7 @@ CURVE_POINTS = 60
 
 
 def preview_report(quick: Preview) -> dict[str, Any]:
-    """Return funnel and maps of a preview."""
+    """Return the selection, maps and ambiguity of a preview."""
     return _choice(quick.selection, quick.map, quick.plan) | {
         "ambiguity": None if quick.ambiguity is None else _ambiguity(quick.ambiguity)
     }

@@ -51,8 +51,10 @@ def triplets_in_image(unit_cam: Array, camera: Camera) -> tuple[Index, Index, In
 def vote(
     unit_cam: Array, camera: Camera, table: TripletTable, icrs: Array, allowed: NDArray[np.bool_], tolerance_rad: float
 ) -> TripletVote:
-    """Find candidates of ``allowed`` rows in the triplet table and let those vote for each other whose distances equal the
-    measured ones within ``tolerance_rad``. The result is the best supported candidate and its supporters.
+    """Find candidates of ``allowed`` rows in the triplet table.
+
+    Candidates support each other if their distances equal the measured ones within ``tolerance_rad``. The best supported
+    candidate and its supporters are returned.
     """
     n = len(unit_cam)
     row, votes, none = np.full(n, -1, np.intp), np.zeros(n, np.intp), np.empty(0, np.intp)

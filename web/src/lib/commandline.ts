@@ -59,7 +59,7 @@ function naming(name: string, commands: readonly CommandDefinition[]): Line {
   return {
     definition,
     texts: {},
-    problem: definition || hits.length || name === '' ? '' : `no command has “${name}” in its name`,
+    problem: definition || hits.length || name === '' ? '' : `No command matches “${name}”`,
     completions,
     argument: null,
   };

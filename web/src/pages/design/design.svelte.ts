@@ -198,7 +198,7 @@ export class Desk {
     );
     this.problem =
       profileName && profileName !== this.profile
-        ? `unknown camera ${profileName.slice(0, 40)}, showing ${this.profile}`
+        ? `Unknown camera ${profileName.slice(0, 40)}. Showing ${this.profile} instead.`
         : '';
   }
 
