@@ -177,3 +177,17 @@ def test_filters_of_the_frame_list_are_addresses(frame_on_show):
     page.get_by_test_id(tick).check()  # not the first one, which is another as soon as a frame arrives
     link = page.get_by_test_id("selected-frames").get_by_test_id("open-in-rerun")
     expect(link).to_have_attribute("href", re.compile(r"/rerun\?frames=\d+"))
+
+
+def test_a_frame_without_stars_keeps_the_last_attitude_with_its_age(frame_on_show, served, solved_frame):
+    """The attitude of telemetry stands above; the newest frame's missing solution is named with its number."""
+    page = frame_on_show
+    expect(page.get_by_test_id("reported-ra")).to_have_text(re.compile(r"RA \d"))
+    held = page.get_by_test_id("ground-ra").inner_text()
+    served.ask("POST", "/commands", {"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 1}})
+    served.ask("POST", "/commands", {"name": "TAKE_IMAGE", "arguments": {}})
+    expect(page.get_by_test_id("kept-attitude")).to_contain_text("Last ground result: frame")
+    expect(page.get_by_test_id("no-solution").first).to_contain_text("No ground solution")
+    assert shown_frame(page) > solved_frame
+    expect(page.get_by_test_id("ground-ra")).to_have_text(held)
+    served.ask("POST", "/commands", {"name": "SET_EXPOSURE", "arguments": {"exposure_ms": 200}})

@@ -96,7 +96,7 @@ class LinkOut(Out):
     tx: DirectionOut
     rx: DirectionOut
     mode: str | None
-    cycle_running: bool
+    cycle_running: bool | None
     attitude: ReportedAttitudeOut | None
     active_bank: BankOut | None
     banks: list[BankOut]

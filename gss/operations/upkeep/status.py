@@ -65,7 +65,8 @@ class Header:
     tx: DirectionState
     rx: DirectionState
     mode: str | None
-    cycle_running: bool
+    cycle_running: bool | None
+    """None while not reported."""
     attitude: ReportedAttitude | None
     banks: list[BankView]
     dictionary_hash: str
@@ -147,7 +148,7 @@ class StatusService:
             tx=tx,
             rx=rx,
             mode=str(status["mode"]) if connected and "mode" in status else None,
-            cycle_running=bool(status.get("cycle_running", False)) and connected,
+            cycle_running=bool(status["cycle_running"]) if connected and "cycle_running" in status else None,
             attitude=self._attitude.report(),
             banks=banks,
             dictionary_hash=self._link.dictionary.hash_hex,

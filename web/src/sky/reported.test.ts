@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { boresight, camFromIcrs } from './reported';
+import { boresight, camFromIcrs, rotationBetween } from './reported';
 
 describe('the attitude in telemetry', () => {
   const q = [0.1, -0.2, 0.3, 0.9];
@@ -17,5 +17,26 @@ describe('the attitude in telemetry', () => {
     const half = Math.SQRT1_2;
     expect(boresight([half, 0, 0, half])?.dec).toBeCloseTo(0);
     expect(boresight([half, 0, 0, half])?.ra).toBeCloseTo(90);
+  });
+  it('rolls by the angle of a rotation about the boresight', () => {
+    const half = Math.SQRT1_2;
+    const about = (deg: number): number[] => {
+      const [s, c] = [Math.sin((deg * Math.PI) / 360), Math.cos((deg * Math.PI) / 360)];
+      return [half * c, half * s, half * s, half * c];
+    };
+    const turned = ((boresight(about(30))?.roll ?? NaN) - (boresight(about(0))?.roll ?? NaN) + 360) % 360;
+    expect(Math.min(turned, 360 - turned)).toBeCloseTo(30);
+    expect(boresight(about(30))?.ra).toBeCloseTo(90);
+  });
+  it('measures the rotation between two attitudes, whatever their signs', () => {
+    const half = Math.SQRT1_2;
+    expect(rotationBetween([0, 0, 0, 1], [0, 0, half, half])).toBeCloseTo(90);
+    expect(
+      rotationBetween(
+        q,
+        q.map((v) => -v),
+      ),
+    ).toBeCloseTo(0);
+    expect(rotationBetween([0, 0, 0, 0], q)).toBeNaN();
   });
 });

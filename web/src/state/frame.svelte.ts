@@ -79,7 +79,7 @@ export class FrameView {
       this.problem = '';
       const chosen = same && this.solution ? detail.solutions.find((s) => s.id === this.solution?.id) : undefined;
       if (!chosen || chosen.origin === 'on board') this.solution = detail.ground ?? detail.on_board;
-      if (detail.ground) this.lastSolved = { detail, solution: this.solution };
+      if (detail.ground?.attitude) this.lastSolved = { detail, solution: this.solution };
       else if (id !== 'latest') this.lastSolved = null;
       if (!same) this.selected = null;
     } catch (error) {
