@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import expect
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
@@ -124,6 +126,20 @@ def test_engineer_imports_a_photograph_and_gets_the_reason_for_a_rejected_one(pa
     page.goto("/frames")
     page.get_by_test_id("import-file").set_input_files(bad)
     expect(page.get_by_test_id("import-problem")).to_contain_text("notes.png")
+
+
+def test_engineer_imports_many_files_and_sees_each_that_was_rejected(page, tmp_path):
+    """The queue sends every file; the others are stored although one is rejected."""
+    names = ["one.png", "two.png", "broken.png", "notes.txt"]
+    for k, name in enumerate(names):
+        (tmp_path / name).write_text("not a picture")
+        if k < 2:
+            Image.fromarray(np.full((16, 24 + k), 20, np.uint8)).save(tmp_path / name)
+    page.goto("/frames")
+    page.get_by_test_id("import-file").set_input_files([tmp_path / name for name in names])
+    expect(page.get_by_test_id("import-counts")).to_have_text("2 stored, 1 rejected, 1 of other kinds left out")
+    expect(page.get_by_test_id("import-problem")).to_contain_text("broken.png")
+    expect(page.get_by_text("one.png")).to_be_visible()
 
 
 def test_telemetry_and_contacts_show_what_the_line_brought(page, picture):

@@ -14,9 +14,9 @@ from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.camera import Pinhole
 from gss.domain.frames import cam_from_icrs
 from gss.instruments.registry import shipped_camera
-from gss.operations.frames.observer import observer_at
+from gss.operations.frames.observer import epoch_at, observer_at
 from gss.operations.frames.solve import Solver
-from gss.operations.studies.night_frames import Shot, epoch_of, solve_shots
+from gss.operations.studies.night_frames import Shot, solve_shots
 from gss.pipeline.calibration.self_calibrate import calibrate_camera
 from gss.pipeline.render import render
 
@@ -52,7 +52,7 @@ def shots(solver: Solver, *, corrected: bool) -> list[Shot]:
             ra + float(rng.uniform(-0.3, 0.3)), dec + float(rng.uniform(-0.3, 0.3)), float(rng.uniform(0, 6.28))
         )
         shot = Shot(f"{k}", taken, 0.25, 12, lambda: None, observer=observer if corrected else None)
-        table = solver.cache.stars(epoch_of(shot)).brighter_than(6.5)
+        table = solver.cache.stars(epoch_at(shot.taken)).brighter_than(6.5)
         seen = replace(table, icrs=aberrate(table.icrs, velocity_c))
         pixels = render(seen, KNOWN.camera, KNOWN.sensor, attitude, 0.25, rng).pixels
         made.append(replace(shot, pixels=partial(np.asarray, pixels)))

@@ -13,7 +13,7 @@ from gss.catalogue_tools.corrections.corrections import earth_velocity_c
 from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.errors import BadInput
-from gss.operations.frames.observer import observer_at, observer_of_frame
+from gss.operations.frames.observer import epoch_of_frame, observer_at, observer_of_frame
 
 MOMENT = datetime(2008, 9, 20, 12, 25, 40, tzinfo=UTC)
 TLE = """1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927
@@ -54,6 +54,14 @@ def test_a_velocity_needs_a_known_time() -> None:
     assert observer_of_frame(frame(truth=[0, 0, 0, 1])) is None
     assert observer_of_frame(frame(truth=[0, 0, 0, 1]), True) is not None
     assert observer_of_frame(frame(), False) is None
+
+
+def test_star_positions_are_those_of_the_exposure() -> None:
+    """The Julian year of the frame to a quarter; None, the solver's own, for an unknown time or a simulated sky."""
+    assert epoch_of_frame(frame()) == 2008.75
+    assert epoch_of_frame(frame(source="import", taken=MOMENT - timedelta(days=120))) == 2008.5
+    assert epoch_of_frame(frame(source="import", received=MOMENT)) is None
+    assert epoch_of_frame(frame(truth=[0, 0, 0, 1])) is None
 
 
 def test_a_time_without_zone_is_rejected() -> None:

@@ -29,7 +29,7 @@ from gss.domain.errors import BadInput
 from gss.operations.frames import pictures
 from gss.operations.frames.fits_export import fits_file as fits_bytes
 from gss.operations.frames.frames import Pixels
-from gss.operations.frames.observer import observer_of_frame
+from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
 from gss.operations.frames.solve import SolveRequest
 from gss.store.models import Frame
 
@@ -215,6 +215,7 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
         profile=named,
         fov_rad=fov_rad,
         blind=blind,
+        epoch_jyear=epoch_of_frame(frame),
         observer=observer_of_frame(frame, body.aberration),
         exposure_s=frame.exposure_s,
     )

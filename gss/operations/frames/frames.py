@@ -20,7 +20,7 @@ from gss.instruments.registry import Registry
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.frame_files import ImportedFrame, read_frame
-from gss.operations.frames.observer import observer_of_frame
+from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
 from gss.operations.frames.onboard_reported import reported_of
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
 from gss.operations.frames.solution_rows import solution_row, with_overlays
@@ -300,6 +300,7 @@ class FrameService:
                 chain=self._chain,
                 profile=frame.profile,
                 blind=frame.profile is None,
+                epoch_jyear=epoch_of_frame(frame),
                 observer=observer_of_frame(frame),
                 exposure_s=frame.exposure_s,
             )

@@ -1,4 +1,4 @@
-"""The observer's velocity, for the correction of aberration. Available only if the time of observation is known."""
+"""Epoch of the star positions and velocity of the observer of a stored frame, known only if the time of observation is."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from gss.domain.errors import BadInput
 if TYPE_CHECKING:
     from gss.store.models import Frame
 
+EPOCH_STEP_YR = 0.25
+"""The fastest star moves by 1.3″ in half a step, and frames of a season share their star and pair tables."""
 IMPORT_S = 5.0  # an imported file without a date is dated by its import
 
 
@@ -58,7 +60,21 @@ def observer_of_frame(frame: Frame, override: bool | None = None) -> Observer | 
 
     Frames of the simulator contain no aberration unless it is enabled there, so by default they are not corrected.
     """
-    dated = frame.source == "device" or abs(frame.received - frame.taken).total_seconds() > IMPORT_S
-    if not (dated and frame.truth is None if override is None else override):
+    if not (_shows_the_sky_of_its_time(frame) if override is None else override):
         return None
     return observer_at(frame.taken)
+
+
+def epoch_of_frame(frame: Frame) -> float | None:
+    """Return the Julian year of the star positions for a stored frame; None if its time is unknown or its sky simulated."""
+    return epoch_at(frame.taken) if _shows_the_sky_of_its_time(frame) else None
+
+
+def epoch_at(moment: datetime) -> float:
+    """Return the Julian year of the star positions for a time, in steps of :data:`EPOCH_STEP_YR`."""
+    return round(jyear_of(moment) / EPOCH_STEP_YR) * EPOCH_STEP_YR
+
+
+def _shows_the_sky_of_its_time(frame: Frame) -> bool:
+    dated = frame.source == "device" or abs(frame.received - frame.taken).total_seconds() > IMPORT_S
+    return dated and frame.truth is None

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.catalogue_tools.corrections.corrections import aberrate
-from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.results import SolveResult
 from gss.domain.stars import StarTable
 from gss.operations.frames.frames import FrameService, Pixels
-from gss.operations.frames.observer import Observer, observer_of_frame
+from gss.operations.frames.observer import Observer, epoch_at, observer_of_frame
 from gss.operations.frames.solve import Solver, SolveRequest
 from gss.pipeline.calibration.sightings import FrameStars, frame_stars
 from gss.pipeline.calibration.trails import trail_px
@@ -29,8 +28,6 @@ from gss.store.engine import Database
 
 ProgressCallback = Callable[[float, str], None]
 """Called with the completed share and a text; may raise to cancel."""
-EPOCH_STEP_YR = 0.25
-"""Star tables are built per epoch; in a quarter of a year the fastest star moves by 2.6″."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +147,9 @@ def request_of(
 ) -> SolveRequest:
     """Return the request for the solver: for a known camera, with another geometry if one is given; for a known width of
     field; or blind."""
-    request = SolveRequest(chain=chain, epoch_jyear=epoch_of(shot), observer=shot.observer, exposure_s=shot.exposure_s)
+    request = SolveRequest(
+        chain=chain, epoch_jyear=epoch_at(shot.taken), observer=shot.observer, exposure_s=shot.exposure_s
+    )
     if known is not None:
         return replace(request, known=known if camera is None else replace(known, camera=camera))
     if camera is not None:
@@ -177,12 +176,7 @@ def _stars(
 def seen_stars(solver: Solver, shot: Shot) -> StarTable:
     """Return the stars at a shot's date, displaced by aberration. It stretches or shrinks the image scale by up to a
     ten-thousandth, which would otherwise appear as an error of the fitted focal length."""
-    stars = solver.cache.stars(epoch_of(shot))
+    stars = solver.cache.stars(epoch_at(shot.taken))
     if shot.observer is None:
         return stars
     return replace(stars, icrs=aberrate(stars.icrs, np.array(shot.observer.velocity_c)))
-
-
-def epoch_of(shot: Shot) -> float:
-    """Return the Julian year of the star positions used for a shot."""
-    return round(jyear_of(shot.taken) / EPOCH_STEP_YR) * EPOCH_STEP_YR

@@ -21,7 +21,7 @@ from gss.domain.errors import BadInput, Conflict
 from gss.domain.words import counted
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now, stopwatch_s
-from gss.operations.frames.observer import observer_of_frame
+from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
 from gss.operations.frames.solve import CHAINS
 from gss.operations.jobs import JobKind, JobRequest, JobService, Keep, Progress, Run
 from gss.operations.requests import Id, Request
@@ -204,19 +204,17 @@ class ReprocessService:
 def _task(frame: Frame, wanted: ReprocessRequest) -> Task:
     """Return a task with the same inputs as a single run of that chain from the page."""
     observer = observer_of_frame(frame) if wanted.chain == reference.NAME else None
-    named = frame.profile or wanted.profile
     return Task(
-        *(
-            frame.id,
-            frame.sha256,
-            frame.dtype,
-            frame.rows,
-            frame.columns,
-            named,
-            frame.truth,
-            observer,
-            frame.exposure_s,
-        )
+        frame.id,
+        frame.sha256,
+        frame.dtype,
+        frame.rows,
+        frame.columns,
+        profile=frame.profile or wanted.profile,
+        truth=frame.truth,
+        observer=observer,
+        exposure_s=frame.exposure_s,
+        epoch_jyear=epoch_of_frame(frame),
     )
 
 

@@ -36,6 +36,8 @@ class Task:
     truth: list[Any] | None
     observer: Observer | None = None
     exposure_s: float | None = None
+    epoch_jyear: float | None = None
+    """Of the star positions; None: that of the batch."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,7 @@ def _run(kept: _Kept, order: BatchSettings, task: Task) -> dict[str, Any]:
             chain=order.chain,
             profile=task.profile,
             blind=task.profile is None,
+            epoch_jyear=task.epoch_jyear,
             observer=task.observer,
             exposure_s=task.exposure_s,
         )
@@ -110,5 +113,6 @@ def _run(kept: _Kept, order: BatchSettings, task: Task) -> dict[str, Any]:
         return {"frame_id": task.frame_id, "chain": order.chain, "version": __version__, "outcome": "none"} | {
             "reason": str(error)
         }
-    values = solution_values(result, kept.stars, order.documented.get(task.profile or ""), task.truth)
+    stars = kept.stars if task.epoch_jyear is None else kept.solver.cache.stars(task.epoch_jyear)
+    values = solution_values(result, stars, order.documented.get(task.profile or ""), task.truth)
     return {"frame_id": task.frame_id, "camera_name": request.camera_name} | values

@@ -9,8 +9,8 @@ export function camFromIcrs(components: readonly number[], order: string, rotati
 }
 
 /**
- * Right ascension and declination of the boresight and roll in degrees (docs/icd.md, clause 5.11); null for a quaternion
- * of length zero.
+ * Right ascension and declination of the boresight and roll in degrees (docs/icd.md, clause 5.11); null for a
+ * quaternion of length zero.
  */
 export function boresight(quaternion: readonly number[]): { ra: number; dec: number; roll: number } | null {
   if (!quaternion.some((q) => q !== 0)) return null;

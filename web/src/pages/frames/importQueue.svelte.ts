@@ -1,0 +1,105 @@
+/** Image files on their way to the server, one after another; the queue continues while other pages are open. */
+import { ApiError, api } from '../../api/client';
+import type { FrameDetail } from '../../api/types';
+import { problemText } from '../../lib/problems';
+import { TimeLeft } from '../../lib/timeLeft';
+
+const IMAGES = /\.(fits?|fts|png|tiff?|jpe?g)$/i;
+
+export interface RejectedFile {
+  file: File;
+  profile: string;
+  reason: string;
+}
+
+interface WaitingFile {
+  file: File;
+  profile: string;
+}
+
+/** False if the next file would fail for the same reason: no answer, signed out, too many requests, no room. */
+function concernsTheFile(error: unknown): boolean {
+  return (
+    error instanceof ApiError && error.status >= 400 && error.status < 500 && ![401, 403, 429].includes(error.status)
+  );
+}
+
+export class ImportQueue {
+  waiting = $state.raw<WaitingFile[]>([]);
+  sending = $state.raw<WaitingFile | null>(null);
+  rejected = $state.raw<RejectedFile[]>([]);
+  stored = $state.raw<FrameDetail[]>([]);
+  /** Files of other kinds, which were not sent. */
+  leftOut = $state(0);
+  /** Why the queue waits for the user; empty while it works. */
+  stopped = $state('');
+  left = $state<number | null>(null);
+  readonly total = $derived(this.waiting.length + (this.sending ? 1 : 0) + this.rejected.length + this.stored.length);
+  readonly working = $derived(this.sending !== null);
+  private readonly estimate = new TimeLeft();
+  private batch = 0;
+
+  constructor(private readonly send: (file: File, profile: string) => Promise<FrameDetail>) {}
+
+  /** Add files. A queue that has ended begins again with them. */
+  add(files: readonly File[], profile: string): void {
+    if (!this.sending && !this.waiting.length) this.clear();
+    const images = files.filter((file) => IMAGES.test(file.name));
+    this.leftOut += files.length - images.length;
+    this.waiting = [...this.waiting, ...images.map((file) => ({ file, profile }))];
+    void this.work();
+  }
+
+  /** Send what waits, after the server was lost. */
+  resume(): void {
+    void this.work();
+  }
+
+  /** Send the rejected files again. */
+  retry(): void {
+    this.waiting = [...this.waiting, ...this.rejected.map(({ file, profile }) => ({ file, profile }))];
+    this.rejected = [];
+    void this.work();
+  }
+
+  /** Drop the files that wait. The one being sent is completed. */
+  cancel(): void {
+    this.waiting = [];
+    this.stopped = '';
+  }
+
+  /** Forget the results. */
+  clear(): void {
+    [this.rejected, this.stored, this.leftOut, this.stopped, this.left] = [[], [], 0, '', null];
+    this.batch += 1;
+  }
+
+  private async work(): Promise<void> {
+    if (this.sending) return;
+    this.stopped = '';
+    for (let next = this.waiting[0]; next; next = this.waiting[0]) {
+      this.waiting = this.waiting.slice(1);
+      this.sending = next;
+      try {
+        const frame = await this.send(next.file, next.profile);
+        this.stored = [...this.stored, frame];
+      } catch (error) {
+        if (concernsTheFile(error)) this.rejected = [...this.rejected, { ...next, reason: problemText(error) }];
+        else {
+          this.waiting = [next, ...this.waiting];
+          this.stopped = problemText(error);
+        }
+      }
+      this.sending = null;
+      this.left = this.estimate.estimate(
+        this.batch,
+        this.rejected.length + this.stored.length,
+        this.total,
+        performance.now(),
+      );
+      if (this.stopped) return;
+    }
+  }
+}
+
+export const importQueue = new ImportQueue((file, profile) => api.importFrame(file, profile));
