@@ -15,17 +15,10 @@ from typing import Any
 import numpy as np
 
 from gss.instruments.registry import shipped_camera
-from gss.pipeline.chains import (
-    aim_parameters,
-    cubestar_parameters,
-    far_mst_parameters,
-    oersted_parameters,
-    sunsat_parameters,
-)
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
-from gss.pipeline.chains.options import names
-from gss.pipeline.chains.systems import system
+from gss.pipeline.chains.options import names, source_of
+from gss.pipeline.chains.systems import CONSTANT_SOURCES, system
 
 PAGE = Path(__file__).parent.parent / "docs" / "chains.md"
 
@@ -285,10 +278,6 @@ TITLES = {
     "oersted": "Liebe 1992",
     "aim": "Moniteq 1983",
 }
-SOURCES: dict[str, dict[str, str]] = {
-    m.NAME: m.SOURCES
-    for m in (sunsat_parameters, cubestar_parameters, far_mst_parameters, oersted_parameters, aim_parameters)
-}
 
 
 def function(where: str) -> Any:
@@ -331,25 +320,12 @@ def text() -> str:
 
 def _constants(name: str) -> list[str]:
     own = system(name).parameters(shipped_camera(name), None, Commanded(), Mode.LOST_IN_SPACE)
-    sources = SOURCES[name]
+    sources = CONSTANT_SOURCES[name]
     rows = []
     for constant in names(own):
-        source = sources.get(constant) or _by_stem(constant, sources)
-        rows.append(f"| `{constant}` | {_value(getattr(own, constant))} | {source.replace('|', '/')} |")
+        source = source_of(constant, sources).replace("|", "/")
+        rows.append(f"| `{constant}` | {_value(getattr(own, constant))} | {source} |")
     return rows
-
-
-def _by_stem(constant: str, sources: dict[str, str]) -> str:
-    """Return the source of a constant. Constants of one kind share it: min_verified_lost has that of min_verified."""
-    stems = [
-        stem for stem in sources if constant.startswith(stem) or stem.startswith(constant.rpartition("_")[0] or "–")
-    ]
-    if stems:
-        return sources[max(stems, key=len)]
-    return "from the profile's sensor" if constant in FROM_SENSOR else "GSS"
-
-
-FROM_SENSOR = ("focal_mm", "exposure_s", "saturation_dn", "noise_dn", "gain_e_per_dn", "psf_sigma_px", "dn_at_mag_0")
 
 
 def _value(value: Any) -> str:

@@ -162,7 +162,8 @@ class SolveResult:
     missing solution. ``false_match_probability`` bounds the probability that the identification is accidental; NaN if the
     chain does not compute it. ``timing_s``: by stage, empty without a clock. ``notes``: sentences for the user.
     ``velocity_c``: ICRS velocity of the observer in units of c, if its aberration was corrected. ``turning``: angular
-    rate from trails, if any. ``versions``: software versions by name.
+    rate from trails, if any. ``versions``: software versions by name. ``options``: changed constants of the chain,
+    ``NAME=VALUE, …``; empty: none.
     """
 
     chain: str
@@ -179,6 +180,7 @@ class SolveResult:
     velocity_c: tuple[float, float, float] | None = None
     turning: Turning | None = None
     versions: dict[str, str] = field(default_factory=dict)
+    options: str = ""
 
     @property
     def residual_rms_px(self) -> float:

@@ -14,6 +14,10 @@ DEEPEST = 32
 """Maximum nesting depth of a request body."""
 Id = Annotated[int, Field(ge=1, le=LARGEST_ID)]
 """Row id in a request."""
+ChainOptions = Annotated[
+    dict[Annotated[str, Field(min_length=1, max_length=40)], Annotated[str, Field(max_length=60)]], Field(max_length=30)
+]
+"""Constants of a chain to change, by name, with their values as text."""
 
 
 class Request(BaseModel):

@@ -155,8 +155,8 @@ def operational_solutions(session: Session, frame_ids: Sequence[int]) -> dict[in
 
 
 def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
-    """For frames without an operational solution, make the oldest solution of ``chain`` with the frame's camera
-    operational. Call it after the rows were added: an SQLite transaction that begins with a write excludes other writers."""
+    """For frames without an operational solution, make the oldest solution of ``chain`` with its own constants and the frame's
+    camera operational. Call it after the rows were added: an SQLite transaction that begins with a write excludes other writers."""
     _lock(session, frame_ids)
     pinned = select(Solution.frame_id).where(Solution.operational)
     oldest = (
@@ -164,7 +164,7 @@ def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
         .join(Frame, Frame.id == Solution.frame_id)
         .where(Frame.id.in_(frame_ids), Frame.id.not_in(pinned))
         .where(Solution.origin == "ground", Solution.replay.is_(None), Solution.chain == chain)
-        .where(Solution.camera_name == func.coalesce(Frame.profile, BLIND))
+        .where(Solution.camera_name == func.coalesce(Frame.profile, BLIND), Solution.options == "")
         .group_by(Frame.id)
     )
     ids = list(session.scalars(oldest))
@@ -186,11 +186,10 @@ def _lock(session: Session, frame_ids: Sequence[int]) -> None:
         session.execute(select(Frame.id).where(Frame.id.in_(frame_ids)).order_by(Frame.id).with_for_update())
 
 
-def solved_by(session: Session, chain: str, version: str) -> set[int]:
-    """Return the frames that this version of a chain has processed on the ground."""
-    query = select(Solution.frame_id).where(
-        Solution.origin == "ground", Solution.chain == chain, Solution.version == version, Solution.replay.is_(None)
-    )
+def solved_by(session: Session, chain: str, version: str, options: str) -> set[int]:
+    """Return the frames that this version of a chain has processed on the ground with these changed constants."""
+    mine = (Solution.chain == chain, Solution.version == version, Solution.options == options)
+    query = select(Solution.frame_id).where(Solution.origin == "ground", Solution.replay.is_(None), *mine)
     return set(session.scalars(query.distinct()))
 
 
@@ -200,6 +199,7 @@ class Outcome(NamedTuple):
     frame_id: int
     chain: str
     version: str
+    options: str
     outcome: str
     verdict: str | None
     error_axis_rad: float | None
@@ -208,11 +208,11 @@ class Outcome(NamedTuple):
 
 
 def newest_by_chain(session: Session) -> list[Outcome]:
-    """Return the newest ground result of each frame, chain and version."""
+    """Return the newest ground result of each frame, chain, version and set of changed constants."""
     newest = (
         select(func.max(Solution.id))
         .where(Solution.origin == "ground", Solution.replay.is_(None))
-        .group_by(Solution.frame_id, Solution.chain, Solution.version)
+        .group_by(Solution.frame_id, Solution.chain, Solution.version, Solution.options)
     )
     columns = [getattr(Solution, name) for name in Outcome._fields]
     return [Outcome(*row) for row in session.execute(select(*columns).where(Solution.id.in_(newest)))]

@@ -92,6 +92,19 @@ def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient)
     assert finished(client, again.json())["done"] == 2
 
 
+def test_reprocessing_with_changed_constants_is_compared_by_itself(client: TestClient) -> None:
+    """Results with changed constants do not count as those of the chain, and are a row of their own in the comparison."""
+    body = {"chain": "oersted", "frame_ids": [1, 2], "profile": "cubestar", "options": {"min_area_px": "3"}}
+    job = finished(client, client.post("/api/campaigns/reprocess", json=body).json())
+    assert (job["state"], job["done"]) == ("done", 2), job
+    rows = [(r["options"], r["frames"]) for r in client.get("/api/campaigns/chains").json() if r["chain"] == "oersted"]
+    assert rows == [("min_area_px=3", 2)]
+    assert client.post("/api/campaigns/reprocess", json=body).status_code == 400
+    body["options"] = {"no_such": "1"}
+    answer = client.post("/api/campaigns/reprocess", json=body)
+    assert (answer.status_code, "no such constant" in answer.json()["message"]) == (400, True)
+
+
 def test_a_cancelled_job_keeps_complete_results_only(services: Services) -> None:
     """Cancelling at the first reported result leaves the results of the first batch, and the others for the next start."""
     wanted = ReprocessRequest(chain="reference")

@@ -106,6 +106,32 @@ def test_every_chain_runs_on_a_stored_frame_and_unknown_ones_are_rejected(client
     assert (reply.status_code, "reference" in reply.json()["expected"]) == (404, True)
 
 
+def test_a_rerun_with_changed_constants_names_them_and_a_preview_stores_nothing(client, orion):
+    """The options are stored with the solution; a preview has number 0; wrong names and values are rejected."""
+    frame_id = solved(client, imported(client, orion, "options.png", "cubestar").json()["id"])["id"]
+    options = {o["name"]: o for o in client.get("/api/chains/cubestar/options", params={"profile": "cubestar"}).json()}
+    assert (options["min_area_px"]["kind"], options["min_area_px"]["value"]) == ("integer", "6")
+    assert "Erlank 2013" in options["min_area_px"]["source"]
+    before = len(client.get(f"/api/frames/{frame_id}").json()["solutions"])
+    body = {"chain": "cubestar", "options": {"min_area_px": "2", "threshold_dn": "5"}}
+    preview = client.post(f"/api/frames/{frame_id}/solve", json=body | {"store": False}).json()
+    assert (preview["id"], preview["options"]) == (0, "min_area_px=2, threshold_dn=5")
+    assert len(client.get(f"/api/frames/{frame_id}").json()["solutions"]) == before
+    stored = client.post(f"/api/frames/{frame_id}/solve", json=body).json()
+    assert (stored["options"], stored["attitude"]) == (preview["options"], preview["attitude"])
+    assert [s["hip"] for s in stored["stars"]] == [s["hip"] for s in preview["stars"]]
+    plain = client.post(f"/api/frames/{frame_id}/solve", json={"chain": "cubestar"}).json()
+    assert plain["options"] == ""
+    assert len(plain["regions"]) < len(stored["regions"])
+    for wrong in ({"no_such": "1"}, {"min_area_px": "many"}, {"acceptance": "hope"}):
+        answer = client.post(f"/api/frames/{frame_id}/solve", json={"chain": "cubestar", "options": wrong})
+        assert answer.status_code == 400, answer.text
+    answer = client.post(f"/api/frames/{frame_id}/solve", json={"chain": "reference", "options": {"min_area_px": "2"}})
+    assert answer.status_code == 400
+    assert client.get("/api/chains/hubble/options", params={"profile": "cubestar"}).status_code == 404
+    assert client.get("/api/chains/reference/options", params={"profile": "cubestar"}).json() == []
+
+
 BAD_FILES = {
     "text named png": (b"this is not a picture", "x.png"),
     "nothing": (b"", "empty.fits"),

@@ -101,7 +101,7 @@ def solution(row: Solution) -> SolutionOut:
 def _solution_values(row: Solution) -> dict[str, Any]:
     names = (
         "id frame_id origin chain version created outcome reason found matched rejected rms_px "
-        "false_match_probability verdict replay notes camera_name operational"
+        "false_match_probability verdict replay notes camera_name operational options"
     )
     values = {name: getattr(row, name) for name in names.split()}
     fov_deg = tuple(math.degrees(v) for v in row.fov_rad) if row.fov_rad else None

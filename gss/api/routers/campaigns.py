@@ -49,6 +49,7 @@ def _chain(r: ChainRecord) -> ChainRecordOut:
     return ChainRecordOut(
         chain=r.chain,
         version=r.version,
+        options=r.options,
         frames=r.frames,
         solved=r.solved,
         solved_interval=share_interval(r.solved, r.frames),

@@ -202,7 +202,7 @@ def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: CurrentUse
 
 @router.post("/{frame_id}/solve", status_code=201, dependencies=[need("frames.solve")])
 def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
-    """Run a chain and store its result beside the operational one.
+    """Run a chain and store its result beside the operational one; with ``store`` false only return it.
 
     Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved blind.
     """
@@ -218,8 +218,10 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
         epoch_jyear=epoch_of_frame(frame),
         observer=observer_of_frame(frame, body.aberration),
         exposure_s=frame.exposure_s,
+        options=tuple(body.options.items()),
     )
-    return present.frames.solution_detail(app.frames.solve(frame_id, request))
+    run = app.frames.solve if body.store else app.frames.preview
+    return present.frames.solution_detail(run(frame_id, request))
 
 
 @router.put("/{frame_id}/operational", dependencies=[need("frames.pin")])

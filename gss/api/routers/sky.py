@@ -6,17 +6,17 @@ import math
 from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Path, Query
 
 from gss.api.deps import App, Moment
-from gss.api.schemas.sky import BodyOut, ChartStarOut, FigureOut, ProfileOut, SkyOut
+from gss.api.schemas.sky import BodyOut, ChainOptionOut, ChartStarOut, FigureOut, ProfileOut, SkyOut
 from gss.catalogue_tools.onboard import FORMATS
 from gss.catalogue_tools.sources.constellations import FAINTEST_JOINED_MAG, figures
 from gss.domain.angles import ra_dec_from_unit
 from gss.operations.clock import utc_now
 from gss.operations.frames.place import EARTH_EXCLUSION_RAD
 from gss.operations.frames.sky import bodies
-from gss.operations.frames.solve import CHAINS
+from gss.operations.frames.solve import CHAINS, options_of
 
 router = APIRouter(tags=["sky"])
 
@@ -86,3 +86,11 @@ def list_profiles(app: App) -> list[ProfileOut]:
 def list_chains(app: App) -> list[str]:
     """Names of the chains that can solve a frame, the reference chain first."""
     return list(CHAINS)
+
+
+@router.get("/chains/{chain}/options")
+def chain_options(
+    app: App, chain: Annotated[str, Path(max_length=30)], profile: Annotated[str, Query(max_length=40)]
+) -> list[ChainOptionOut]:
+    """Constants of a chain that a rerun can change, with their values for a camera profile and their sources."""
+    return [ChainOptionOut.model_validate(o) for o in options_of(chain, app.calibrations.book.profile(profile))]

@@ -14,12 +14,13 @@ class ExperimentOut(Out):
 
 
 class ChainRecordOut(Out):
-    """Results of one version of a chain over the stored frames; medians are over solved frames. ``solved_interval``: 95
-    % interval (Wilson) of the solved share; ``wrong_most``: upper bound of the share of wrong solutions among
-    ``judged``, by the same method."""
+    """Results of one version of a chain over the stored frames; medians are over solved frames. ``options``: its changed
+    constants, NAME=VALUE, …. ``solved_interval``: 95 % interval (Wilson) of the solved share; ``wrong_most``: upper
+    bound of the share of wrong solutions among ``judged``, by the same method."""
 
     chain: str
     version: str
+    options: str
     frames: int
     solved: int
     solved_interval: tuple[float, float]

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from gss.api.schemas.base import LARGEST_ID, In, Out, Utc
+from gss.operations.requests import ChainOptions
 
 
 class AttitudeOut(Out):
@@ -115,7 +116,7 @@ class GridLineOut(Out):
 class SolutionOut(Out):
     """Result of a chain or of the device for one frame. ``camera_name``: camera profile that was assumed, "field of
     view" or "blind"; empty if stored by an older version. ``operational``: this is the frame's ground result
-    wherever one is shown."""
+    wherever one is shown. ``options``: changed constants of the chain, NAME=VALUE, …; empty: none."""
 
     id: int
     frame_id: int
@@ -141,6 +142,7 @@ class SolutionOut(Out):
     notes: list[str]
     camera_name: str
     operational: bool
+    options: str
 
 
 class CameraOut(Out):
@@ -206,7 +208,8 @@ class FrameDetailOut(FrameOut):
 
 
 class SolveIn(In):
-    """Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else blind)."""
+    """Chain to run on a stored frame. Give ``profile`` or ``fov_deg``, or neither to use the frame's own profile (else blind).
+    ``options``: constants of the chain to change. ``store``: false for a preview, which has number 0 and is not kept."""
 
     chain: str = "reference"
     profile: str | None = None
@@ -215,6 +218,8 @@ class SolveIn(In):
     aberration: bool | None = Field(
         default=None, description="correct aberration; default: if the frame's time is known"
     )
+    options: ChainOptions = Field(default_factory=dict)
+    store: bool = True
 
 
 class PinIn(In):

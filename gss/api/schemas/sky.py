@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from gss.api.schemas.base import Out, Utc
 
 
@@ -56,3 +58,12 @@ class ProfileOut(Out):
     bits: int
     formats: list[str]
     unit: bool
+
+
+class ChainOptionOut(Out):
+    """Constant of a chain that a rerun can change. ``value``: as text, empty: not set; ``numbers``: separated by commas."""
+
+    name: str
+    kind: Literal["number", "integer", "word", "yes or no", "numbers"]
+    value: str
+    source: str

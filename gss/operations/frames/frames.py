@@ -243,10 +243,21 @@ class FrameService:
         frame = self.get(frame_id)
         return self.solution(self._solve(frame, self.pixels(frame), request).id)
 
+    def preview(self, frame_id: int, request: SolveRequest) -> Solution:
+        """As :meth:`solve`, but the result is not stored; its number is 0."""
+        frame = self.get(frame_id)
+        row = self._solved(frame, self.pixels(frame), request)
+        row.id, row.operational = 0, False
+        row.detail = with_overlays(row, self._stars, self._documented(frame))
+        return row
+
     def _solve(self, frame: Frame, pixels: Pixels, request: SolveRequest) -> Solution:
+        return self._store(self._solved(frame, pixels, request))
+
+    def _solved(self, frame: Frame, pixels: Pixels, request: SolveRequest) -> Solution:
         with self._few_solves:
             result = self._solver.solve(pixels, request)
-        return self._store(self._row(frame, result, "ground", request.camera_name))
+        return self._row(frame, result, "ground", request.camera_name)
 
     def pin(self, frame_id: int, solution_id: int, *, user: str) -> Solution:
         """Make a stored ground solution the operational one of its frame. Raises BadInput if it is not eligible."""

@@ -54,6 +54,7 @@ SCHEMA = pa.schema(
         ("replay", pa.string()),
         ("camera_name", pa.string()),
         ("operational", pa.bool_()),
+        ("options", pa.string()),
         *((name, pa.float64()) for name in FLOATS),
     ]
 )
@@ -88,7 +89,7 @@ def as_row(frame: Frame, s: Solution) -> dict[str, Any]:
         "time_ms": 1e3 * sum(s.timing_s.values()) if s.timing_s else None,
     }
     names = "origin chain version created outcome reason found matched verdict replay rms_px false_match_probability"
-    names += " camera_name operational"
+    names += " camera_name operational options"
     values |= {name: getattr(s, name) for name in names.split()}
     if s.quaternion is not None:
         quaternion = np.array(s.quaternion, float)

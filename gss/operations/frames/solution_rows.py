@@ -44,6 +44,7 @@ def solution_values(
         "camera": record_of(result.camera),
         "timing_s": dict(result.timing_s),
         "notes": list(result.notes),
+        "options": result.options,
         "detail": overlay.measured(result.camera, stars, result.regions, result.centroids, result.matches)
         | _beside(result),
     }

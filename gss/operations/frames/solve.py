@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,9 +23,9 @@ from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Commanded, OnboardChain, Work, solve
-from gss.pipeline.chains.options import with_options
+from gss.pipeline.chains.options import ChainOption, as_text, listed, with_options
 from gss.pipeline.chains.reference_foreign import solve_foreign
-from gss.pipeline.chains.systems import SYSTEMS, system
+from gss.pipeline.chains.systems import CONSTANT_SOURCES, SYSTEMS, system
 from gss.pipeline.fixed_pattern import clean
 from gss.pipeline.identify import near
 
@@ -104,9 +104,7 @@ class Solver:
         known, camera = _camera_of(request, self._profiles)
         epoch = self._epoch_jyear if request.epoch_jyear is None else request.epoch_jyear
         if request.options and request.chain == reference.NAME:
-            raise BadInput(
-                "the reference chain has no constants to set", expected=" | ".join(SYSTEMS), got=request.chain
-            )
+            raise _no_constants()
         if request.chain != reference.NAME:
             return self._system(pixels, known, request, epoch)
         if camera is None:
@@ -187,7 +185,22 @@ class Solver:
         parameters = _parameters(chain, known, started, request.options)
         work = Work(known.camera, prepared, parameters, started.mode, started.hint)
         result = solve(chain, pixels, work, self._stopwatch_s)
-        return _noted(result, known, epoch_jyear)
+        return replace(_noted(result, known, epoch_jyear), options=as_text(dict(request.options)))
+
+
+def options_of(chain: str, known: CameraProfile, changed: Mapping[str, str] | None = None) -> tuple[ChainOption, ...]:
+    """Return the constants of a chain for a camera, lost in space; none for the reference chain. Raises NotFound for an unknown
+    chain, BadInput for a change that the chain rejects."""
+    if chain == reference.NAME:
+        if changed:
+            raise _no_constants()
+        return ()
+    parameters = _parameters(system(chain), known, Started(Mode.LOST_IN_SPACE, None), tuple((changed or {}).items()))
+    return listed(parameters, CONSTANT_SOURCES[chain])
+
+
+def _no_constants() -> BadInput:
+    return BadInput("the reference chain has no constants to set", expected=" | ".join(SYSTEMS), got=reference.NAME)
 
 
 def _started(hint: near.BoundedPrior | None) -> Started:

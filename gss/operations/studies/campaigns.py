@@ -37,10 +37,12 @@ class ExperimentsJob(JobRequest):
 
 @dataclass(frozen=True)
 class ChainRecord:
-    """All ground results of one chain and version. Medians are over the solved ones; None without data."""
+    """All ground results of one chain, version and set of changed constants (``options``). Medians are over the solved ones;
+    None without data."""
 
     chain: str
     version: str
+    options: str
     frames: int
     solved: int
     verdicts: dict[str, int]
@@ -69,13 +71,14 @@ class CampaignService:
         return _experiments(request.asked, run, self._executor)
 
     def compare(self) -> list[ChainRecord]:
-        """Return every chain and version that ran on stored frames; only the newest result per frame counts."""
+        """Return every chain, version and set of changed constants that ran on stored frames; only the newest result per
+        frame counts."""
         with self._database.unit_of_work() as session:
             rows = store.newest_by_chain(session)
-        groups: dict[tuple[str, str], list[store.Outcome]] = {}
+        groups: dict[tuple[str, str, str], list[store.Outcome]] = {}
         for row in rows:
-            groups.setdefault((row.chain, row.version), []).append(row)
-        return [_record(chain, version, group) for (chain, version), group in sorted(groups.items())]
+            groups.setdefault((row.chain, row.version, row.options), []).append(row)
+        return [_record(*key, group) for key, group in sorted(groups.items())]
 
 
 def _experiments(spec: ExperimentsRequest, run: Run, executor: Executor) -> dict[str, Any]:
@@ -98,7 +101,7 @@ def _experiments(spec: ExperimentsRequest, run: Run, executor: Executor) -> dict
     return {"experiments": done}
 
 
-def _record(chain: str, version: str, rows: Sequence[store.Outcome]) -> ChainRecord:
+def _record(chain: str, version: str, options: str, rows: Sequence[store.Outcome]) -> ChainRecord:
     verdicts: dict[str, int] = {}
     for row in rows:
         if row.verdict:
@@ -106,6 +109,7 @@ def _record(chain: str, version: str, rows: Sequence[store.Outcome]) -> ChainRec
     return ChainRecord(
         chain,
         version,
+        options,
         len(rows),
         sum(row.outcome == "solved" for row in rows),
         verdicts,

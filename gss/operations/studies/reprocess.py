@@ -22,13 +22,14 @@ from gss.domain.words import counted
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
-from gss.operations.frames.solve import CHAINS
+from gss.operations.frames.solve import CHAINS, options_of
 from gss.operations.jobs import JobKind, JobRequest, JobService, Keep, Progress, Run
-from gss.operations.requests import Id, Request
+from gss.operations.requests import ChainOptions, Id, Request
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.executor import Executor
 from gss.operations.studies.reprocess_worker import BatchSettings, Task, run_item
 from gss.pipeline.chains import reference
+from gss.pipeline.chains.options import as_text
 from gss.store import frames as store
 from gss.store.engine import Database
 from gss.store.models import Frame, Job
@@ -43,7 +44,8 @@ MOST_FRAMES = 100_000
 
 class ReprocessRequest(Request):
     """Frames to reprocess, by id or by filter. ``profile``: camera of frames that have none; without it those are solved blind
-    (reference chain only). ``again``: include frames that this version of the chain has already solved."""
+    (reference chain only). ``again``: include frames that this version of the chain has already solved. ``options``: constants
+    of the chain to change."""
 
     chain: str = Field(min_length=1, max_length=30)
     frame_ids: list[Id] = Field(default_factory=list, max_length=MOST_FRAMES)
@@ -51,6 +53,7 @@ class ReprocessRequest(Request):
     contact: Id | None = None
     profile: str | None = Field(default=None, max_length=40)
     again: bool = False
+    options: ChainOptions = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ class ReprocessService:
         jobs.register(JobKind(KIND, ReprocessJob, self._resume, older=_of_version_0_4))
 
     def start(self, spec: ReprocessRequest, *, user: str) -> Job:
-        """Queue the job. Raises BadInput if there is no frame to run or the chain is unknown."""
+        """Queue the job. Raises BadInput if there is no frame to run, the chain is unknown or it rejects a changed constant."""
         if spec.chain not in CHAINS:
             raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=spec.chain)
         tasks = self.tasks(spec)
@@ -127,8 +130,11 @@ class ReprocessService:
                 expected="at least one complete frame without a result of this chain and version",
                 hint="select Run again to include all of them",
             )
+        for profile in {task.profile for task in tasks if task.profile is not None} if spec.options else ():
+            options_of(spec.chain, self._book.profile(profile), spec.options)
         job = ReprocessJob(spec, __version__, len(tasks), tasks[-1].frame_id, self._epoch_jyear, user=user)
-        return self._jobs.begin(KIND, f"{spec.chain} on {counted(len(tasks), 'frame')}", job)
+        changed = f" with {counted(len(spec.options), 'changed constant')}" if spec.options else ""
+        return self._jobs.begin(KIND, f"{spec.chain} on {counted(len(tasks), 'frame')}{changed}", job)
 
     def tasks(self, wanted: ReprocessRequest) -> list[Task]:
         """Return the tasks, oldest frame first."""
@@ -137,7 +143,9 @@ class ReprocessService:
                 frames = [store.get(session, i) for i in wanted.frame_ids]
             else:
                 frames = store.page(session, MOST_FRAMES, 0, source=wanted.source, contact_id=wanted.contact)[1]
-            done = set() if wanted.again else store.solved_by(session, wanted.chain, __version__)
+            done = (
+                set() if wanted.again else store.solved_by(session, wanted.chain, __version__, as_text(wanted.options))
+            )
         rows = sorted(
             (f for f in frames if f.complete and f.pixels_removed is None and f.id not in done), key=lambda f: f.id
         )
@@ -171,7 +179,8 @@ class ReprocessService:
         total, before_s, started_s, reported_s = done.frames + len(tasks), done.elapsed_s, stopwatch_s(), 0.0
         at_first = done.frames
         epoch, documented = epoch_jyear or self._epoch_jyear, self._instruments.cameras()
-        order = BatchSettings(self._blobs_url, epoch, wanted.chain, self._book.profiles(), documented)
+        options = tuple(wanted.options.items())
+        order = BatchSettings(self._blobs_url, epoch, wanted.chain, self._book.profiles(), documented, options)
 
         def report(_share: float = 0.0) -> None:
             rate = (done.frames - at_first) / max(1e-3, stopwatch_s() - started_s)

@@ -43,13 +43,14 @@ class Task:
 @dataclass(frozen=True)
 class BatchSettings:
     """Settings of a batch. ``documented``: all cameras by name; ``profiles``: the same, calibrated
-    where a calibration is in use."""
+    where a calibration is in use; ``options``: changed constants of the chain."""
 
     blobs_url: str
     epoch_jyear: float
     chain: str
     profiles: Mapping[str, CameraProfile]
     documented: Mapping[str, CameraProfile]
+    options: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass
@@ -106,6 +107,7 @@ def _run(kept: _Kept, order: BatchSettings, task: Task) -> dict[str, Any]:
             epoch_jyear=task.epoch_jyear,
             observer=task.observer,
             exposure_s=task.exposure_s,
+            options=order.options,
         )
         result = kept.solver.solve(pixels, request)
         result = replace(result, timing_s={k: v for k, v in result.timing_s.items() if math.isfinite(v)})

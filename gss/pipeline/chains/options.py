@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, TypeVar
 
 from gss.domain.errors import BadInput
 
 P = TypeVar("P")
 TRUE, FALSE = ("true", "yes", "1"), ("false", "no", "0")
+Kind = Literal["number", "integer", "word", "yes or no", "numbers"]
+
+
+@dataclass(frozen=True)
+class ChainOption:
+    """Constant that a rerun can change. ``value``: as text, for the camera and exposure; empty: not set. ``numbers``: separated
+    by commas. ``source``: the document's section, or the reason for the value."""
+
+    name: str
+    kind: Kind
+    value: str
+    source: str
 
 
 def names(parameters: Any) -> tuple[str, ...]:
@@ -30,6 +42,53 @@ def with_options(parameters: P, options: Mapping[str, str]) -> P:
         changed = replace(changed, **{name: _value(name, getattr(parameters, name), text)})
     result: P = changed
     return result
+
+
+def listed(parameters: Any, sources: Mapping[str, str]) -> tuple[ChainOption, ...]:
+    """Return the constants that can be changed, with their values and sources."""
+    return tuple(
+        ChainOption(name, _kind(value), _text(value), source_of(name, sources))
+        for name in names(parameters)
+        for value in (getattr(parameters, name),)
+    )
+
+
+def source_of(name: str, sources: Mapping[str, str]) -> str:
+    """Return the source of a constant. Constants of one kind share it: min_verified_lost has that of min_verified."""
+    if name in sources:
+        return sources[name]
+    stems = [stem for stem in sources if name.startswith(stem) or stem.startswith(name.rpartition("_")[0] or "–")]
+    if stems:
+        return sources[max(stems, key=len)]
+    return "from the profile's sensor" if name in FROM_SENSOR else "GSS"
+
+
+FROM_SENSOR = ("focal_mm", "exposure_s", "saturation_dn", "noise_dn", "gain_e_per_dn", "psf_sigma_px", "dn_at_mag_0")
+
+
+def as_text(changed: Mapping[str, str]) -> str:
+    """Return the changed constants as one line, ``NAME=VALUE, …`` in alphabetical order, as stored with a solution."""
+    return ", ".join(f"{name}={changed[name].strip()}" for name in sorted(changed))
+
+
+def _kind(value: Any) -> Kind:
+    if isinstance(value, bool):
+        return "yes or no"
+    if isinstance(value, str):
+        return "word"
+    if isinstance(value, tuple):
+        return "numbers"
+    return "integer" if isinstance(value, int) else "number"
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, tuple):
+        return ",".join(_text(v) for v in value)
+    return value if isinstance(value, str) else f"{value:.10g}"
 
 
 def _is_plain(value: Any) -> bool:

@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import NotFound
+from gss.pipeline.chains import (
+    aim_parameters,
+    cubestar_parameters,
+    far_mst_parameters,
+    oersted_parameters,
+    sunsat_parameters,
+)
 from gss.pipeline.chains.aim import AimChain
 from gss.pipeline.chains.cubestar_onboard import CubestarChain
 from gss.pipeline.chains.far_mst_onboard import FarMstChain
@@ -14,6 +21,12 @@ from gss.pipeline.chains.sunsat_onboard import SunsatChain
 SYSTEMS: dict[str, OnboardChain] = {
     c.name: c for c in (CubestarChain(), FarMstChain(), SunsatChain(), OerstedChain(), AimChain())
 }
+
+CONSTANT_SOURCES: dict[str, dict[str, str]] = {
+    m.NAME: m.SOURCES
+    for m in (sunsat_parameters, cubestar_parameters, far_mst_parameters, oersted_parameters, aim_parameters)
+}
+"""Document section or reason of each constant of each chain."""
 
 
 def system(name: str) -> OnboardChain:

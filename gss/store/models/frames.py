@@ -50,7 +50,8 @@ class Solution(Base):
     """Result of one chain or of the device for one frame. ``detail``: regions and stars, without the
     overlays that follow from the attitude. ``operational``: the
     frame's ground result wherever one is shown; at most one per frame. ``camera_name``: camera profile that was
-    assumed, "field of view" or "blind"; empty in rows written before version 0007 of the schema."""
+    assumed, "field of view" or "blind"; empty in rows written before version 0007 of the schema.
+    ``options``: changed constants of the chain, NAME=VALUE, …; empty: none."""
 
     __tablename__ = "solutions"
     __table_args__ = (
@@ -87,4 +88,5 @@ class Solution(Base):
     notes: Mapped[list[Any]] = mapped_column(default=list)
     camera_name: Mapped[str] = mapped_column(String(40), default="", server_default="")
     operational: Mapped[bool] = mapped_column(default=False, server_default=false())
+    options: Mapped[str] = mapped_column(Text, default="", server_default="")
     detail: Mapped[dict[str, Any]] = mapped_column(PackedDetail, default=dict)

@@ -228,6 +228,8 @@ const catalogues = {
   figures: () => body(GET('/api/sky/figures')),
   profiles: () => body(GET('/api/profiles')),
   chains: () => body(GET('/api/chains')),
+  chainOptions: (chain: string, profile: string) =>
+    body(GET('/api/chains/{chain}/options', { params: { path: { chain }, query: { profile } } })),
   designCameras: () => body(GET('/api/design/cameras')),
   design: (request: T.DesignQuestion, signal?: AbortSignal) =>
     body(POST('/api/design', { body: request, signal, keepalive: false })),

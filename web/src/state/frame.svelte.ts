@@ -26,6 +26,8 @@ export class FrameView {
   look = $state<{ col: number; row: number } | null>(null);
   /** The last frame with a ground result: shown beside the image while the newest one is being solved. */
   lastSolved = $state.raw<{ detail: FrameDetail; solution: SolutionDetail | null } | null>(null);
+  /** The solution shown before a preview, which is a result that is not stored; undefined: no preview is open. */
+  beforePreview = $state.raw<SolutionDetail | null | undefined>(undefined);
   problem = $state('');
   loading = $state(false);
   stretch = $state<Stretch>({ low: 0, high: 255, kind: 'asinh', invert: view.theme === 'light' });
@@ -77,6 +79,8 @@ export class FrameView {
       const same = this.detail?.id === detail.id;
       this.detail = detail;
       this.problem = '';
+      if (!same) this.beforePreview = undefined;
+      if (same && this.beforePreview !== undefined) return;
       const chosen = same && this.solution ? detail.solutions.find((s) => s.id === this.solution?.id) : undefined;
       if (!chosen || chosen.origin === 'on board') this.solution = detail.ground ?? detail.on_board;
       if (detail.ground?.attitude) this.lastSolved = { detail, solution: this.solution };
@@ -132,7 +136,23 @@ export class FrameView {
     });
   }
 
+  /** Show a result that is not stored, or switch back and forth between it and the solution before. */
+  preview(result: SolutionDetail | null): void {
+    if (this.beforePreview === undefined) this.beforePreview = this.solution;
+    this.solution = result;
+    this.selected = null;
+  }
+
+  /** Return to the solution before the preview. */
+  endPreview(): void {
+    if (this.beforePreview === undefined) return;
+    this.solution = this.beforePreview;
+    this.beforePreview = undefined;
+    this.selected = null;
+  }
+
   async choose(solutionId: number): Promise<void> {
+    this.beforePreview = undefined;
     const d = this.detail;
     if (d?.ground?.id === solutionId) this.solution = d.ground;
     else if (d?.on_board?.id === solutionId) this.solution = d.on_board;
