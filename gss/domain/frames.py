@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gss.domain.angles import Array, unit_from_ra_dec
+from gss.domain.angles import ARCSEC_RAD, Array, unit_from_ra_dec
 
 
 def cam_from_icrs(ra_rad: float, dec_rad: float, roll_rad: float) -> Array:
@@ -46,6 +46,15 @@ def pointing_difference_rad(a_from_icrs: Array, b_from_icrs: Array) -> tuple[flo
     cross_rad = np.arctan2(np.hypot(a_from_b[0, 2], a_from_b[1, 2]), a_from_b[2, 2])
     about_rad = np.arctan2(a_from_b[0, 1] - a_from_b[1, 0], a_from_b[0, 0] + a_from_b[1, 1])
     return float(cross_rad), float(about_rad)
+
+
+def attitudes_agree(cross_rad: float, about_rad: float) -> bool:
+    """True if two attitudes, differing by these angles, agree: within several times the error of the coarsest chain."""
+    return cross_rad < AGREE_CROSS_RAD and abs(about_rad) < AGREE_ABOUT_RAD
+
+
+AGREE_CROSS_RAD = 120 * ARCSEC_RAD
+AGREE_ABOUT_RAD = 360 * ARCSEC_RAD
 
 
 def orbit_from_icrs(raan_rad: float, inclination_rad: float, argument_of_latitude_rad: float) -> Array:

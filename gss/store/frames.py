@@ -218,6 +218,62 @@ def newest_by_chain(session: Session) -> list[Outcome]:
     return [Outcome(*row) for row in session.execute(select(*columns).where(Solution.id.in_(newest)))]
 
 
+class ChainKey(NamedTuple):
+    """A chain, its version and its changed constants (NAME=VALUE, …; empty: none)."""
+
+    chain: str
+    version: str
+    options: str
+
+
+class FrameRun(NamedTuple):
+    """Columns of a frame and of one solution of it, without its overlays."""
+
+    frame_id: int
+    taken: datetime
+    outcome: str
+    reason: str
+    verdict: str | None
+    quaternion: list[Any] | None
+    error_axis_rad: float | None
+    rms_px: float | None
+    timing_s: dict[str, Any]
+
+    @property
+    def solved(self) -> bool:
+        """True if there is an attitude."""
+        return self.outcome == "solved" and self.quaternion is not None
+
+
+def _runs(session: Session, ids: Any) -> list[FrameRun]:
+    """Return the solutions whose ids a query selects, by the time of their frames."""
+    columns = [getattr(Solution, name) for name in FrameRun._fields if name != "taken"]
+    query = select(columns[0], Frame.taken, *columns[1:]).join(Frame, Frame.id == Solution.frame_id)
+    return [
+        FrameRun(*row) for row in session.execute(query.where(Solution.id.in_(ids)).order_by(Frame.taken, Frame.id))
+    ]
+
+
+def runs_of(session: Session, key: ChainKey, most: int) -> list[FrameRun]:
+    """Return the newest result of a chain for each of the ``most`` newest frames it ran on, oldest frame first."""
+    mine = (Solution.chain == key.chain, Solution.version == key.version, Solution.options == key.options)
+    newest = (
+        select(func.max(Solution.id))
+        .where(Solution.origin == "ground", Solution.replay.is_(None), *mine)
+        .group_by(Solution.frame_id)
+        .order_by(Solution.frame_id.desc())
+        .limit(most)
+    )
+    return _runs(session, newest)
+
+
+def operational_runs(session: Session, frame_ids: Sequence[int]) -> list[FrameRun]:
+    """Return the operational solutions of frames, oldest frame first."""
+    most = max(frame_ids, default=0)
+    least = min(frame_ids, default=0)
+    return _runs(session, select(Solution.id).where(Solution.operational, Solution.frame_id.between(least, most)))
+
+
 def results(session: Session, chain: str = "") -> list[tuple[Frame, Solution]]:
     """Return frames with their solutions, oldest solution first, without overlays."""
     query = select(Frame, Solution).join(Solution, Solution.frame_id == Frame.id).options(defer(Solution.detail))

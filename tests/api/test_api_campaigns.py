@@ -105,6 +105,31 @@ def test_reprocessing_with_changed_constants_is_compared_by_itself(client: TestC
     assert (answer.status_code, "no such constant" in answer.json()["message"]) == (400, True)
 
 
+def test_the_report_of_a_chain_explains_its_failures_against_another(client: TestClient) -> None:
+    """Counts, plots and reasons follow from the stored results; every failure names its frame; a chain that never ran is 404."""
+    finished(client, client.post("/api/campaigns/reprocess", json={"chain": "aim", "profile": "cubestar"}).json())
+    rows = {r["chain"]: r for r in client.get("/api/campaigns/chains").json() if not r["options"]}
+    pair = {"chain": "aim", "version": rows["aim"]["version"]}
+    made = client.get("/api/campaigns/chains/report", params=pair).json()
+    assert made["failed"] >= FRAMES - rows["aim"]["solved"]
+    assert {f["kind"] for f in made["failures"]} <= {"no solution", "wrong", "differs"}
+    assert all(f["reason"] and 1 <= f["frame_id"] <= FRAMES for f in made["failures"])
+    sections = {s["title"]: s for s in made["report"]["sections"]}
+    table = sections["Against the other result"]["tables"][0]
+    assert sum(int(c) for row in table["rows"] for c in row[1:] if c != "–") == FRAMES
+    over_time, on_sky = sections["When and where"]["drawings"]
+    assert all(v is None or 0 <= v <= 100 for v in over_time["series"][0]["y"])
+    assert len(on_sky["series"][0]["x"]) == rows["aim"]["solved"]
+    reasons = sections["Why frames were not solved"]["tables"][0]["rows"]
+    assert sum(int(row[0]) for row in reasons) == FRAMES - rows["aim"]["solved"]
+    against = pair | {"against_chain": "cubestar", "against_version": rows["cubestar"]["version"]}
+    assert "against cubestar" in client.get("/api/campaigns/chains/report", params=against).json()["report"]["subtitle"]
+    pdf = client.get("/api/campaigns/chains/report.pdf", params=against)
+    assert pdf.content.startswith(b"%PDF"), pdf.text
+    for unknown in ({"version": "0"}, {"against_chain": "sunsat", "against_version": "0"}):
+        assert client.get("/api/campaigns/chains/report", params=pair | unknown).status_code == 404
+
+
 def test_a_cancelled_job_keeps_complete_results_only(services: Services) -> None:
     """Cancelling at the first reported result leaves the results of the first batch, and the others for the next start."""
     wanted = ReprocessRequest(chain="reference")

@@ -23,14 +23,11 @@ from gss.api.schemas.frames import (
 )
 from gss.api.schemas.replays import FrameReplayOut, ReplayStageOut
 from gss.domain.angles import wrap_pi_rad
-from gss.domain.frames import pointing_difference_rad, ra_dec_roll_rad
+from gss.domain.frames import attitudes_agree, pointing_difference_rad, ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames.frames import FrameDetail
 from gss.operations.frames.replay_stages import Stage, first_difference
 from gss.store.models import Frame, Solution
-
-AGREE_CROSS_ARCSEC = 120.0
-AGREE_ROLL_ARCSEC = 360.0
 
 
 def arcsec(angle_rad: float) -> float:
@@ -164,8 +161,8 @@ def comparison(on_board: Solution | None, ground: Solution | None) -> Comparison
         return None
     a, b = (matrix_from_quaternion(np.array(s.quaternion, float)) for s in (on_board, ground))
     (ra_a, dec_a, roll_a), (ra_b, dec_b, roll_b) = ra_dec_roll_rad(a), ra_dec_roll_rad(b)
-    cross, about = (arcsec(x) for x in pointing_difference_rad(a, b))
-    agree = cross < AGREE_CROSS_ARCSEC and abs(about) < AGREE_ROLL_ARCSEC
+    cross_rad, about_rad = pointing_difference_rad(a, b)
+    cross, about, agree = arcsec(cross_rad), arcsec(about_rad), attitudes_agree(cross_rad, about_rad)
     return ComparisonOut(
         d_ra_arcsec=arcsec(float(wrap_pi_rad(ra_a - ra_b))),
         d_dec_arcsec=arcsec(dec_a - dec_b),

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 from typing import Annotated, Literal
+from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Response
 
 from gss.api import present
 from gss.api.deps import EXPORT, App, User, need
-from gss.api.schemas.campaigns import ChainRecordOut, ExperimentOut
+from gss.api.schemas.campaigns import ChainFailureOut, ChainPairIn, ChainRecordOut, ChainReportOut, ExperimentOut
 from gss.api.schemas.jobs import JobOut
+from gss.api.schemas.reports import ReportViewOut
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.experiment import share_interval
+from gss.operations.clock import utc_now
 from gss.operations.frames.solution_export import FORMATS, export_solutions
+from gss.operations.report.pdf import as_pdf
 from gss.operations.studies import experiments
 from gss.operations.studies.campaigns import ChainRecord, ExperimentsRequest
+from gss.operations.studies.chain_report import ChainReport
 from gss.operations.studies.reprocess import ReprocessRequest
+from gss.store.frames import ChainKey
 
 router = APIRouter(prefix="/campaigns", tags=["campaigns"])
 
@@ -42,6 +48,30 @@ def reprocess(app: App, user: User, body: ReprocessRequest) -> JobOut:
 def compare_chains(app: App) -> list[ChainRecordOut]:
     """Results of each chain and version over the stored frames."""
     return [_chain(record) for record in app.campaigns.compare()]
+
+
+@router.get("/chains/report")
+def chain_report(app: App, pair: Annotated[ChainPairIn, Query()]) -> ChainReportOut:
+    """Report on a chain over the stored frames: rate, errors, and where and why it failed. It is compared with another chain, or
+    without ``against_chain`` with each frame's operational result."""
+    made = _report(app, pair)
+    return ChainReportOut(
+        report=ReportViewOut.model_validate(made.report.as_dict()),
+        failures=[ChainFailureOut.model_validate(f) for f in made.failures],
+        failed=made.failed,
+    )
+
+
+@router.get("/chains/report.pdf", response_class=Response, dependencies=[EXPORT])
+def chain_report_pdf(app: App, pair: Annotated[ChainPairIn, Query()]) -> Response:
+    """The same report as a PDF file."""
+    headers = {"Content-Disposition": f"attachment; filename={quote(pair.chain)}.pdf"}
+    return Response(as_pdf(_report(app, pair).report, utc_now()), media_type="application/pdf", headers=headers)
+
+
+def _report(app: App, pair: ChainPairIn) -> ChainReport:
+    against = ChainKey(pair.against_chain, pair.against_version, pair.against_options) if pair.against_chain else None
+    return app.campaigns.reports.report(ChainKey(pair.chain, pair.version, pair.options), against)
 
 
 def _chain(r: ChainRecord) -> ChainRecordOut:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from gss.api.schemas.base import Out
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out
+from gss.api.schemas.reports import ReportViewOut
 
 
 class ExperimentOut(Out):
@@ -30,3 +33,30 @@ class ChainRecordOut(Out):
     median_error_axis_arcsec: float | None
     median_rms_px: float | None
     median_time_ms: float | None
+
+
+class ChainPairIn(In):
+    """Chain to report on, and the one to compare it with; without ``against_chain`` each frame's operational result."""
+
+    chain: str = Field(max_length=30)
+    version: str = Field(max_length=30)
+    options: str = Field(default="", max_length=2000)
+    against_chain: str = Field(default="", max_length=30)
+    against_version: str = Field(default="", max_length=30)
+    against_options: str = Field(default="", max_length=2000)
+
+
+class ChainFailureOut(Out):
+    """Frame that a chain did not solve, or solved differently. ``kind``: "no solution", "wrong" or "differs"."""
+
+    frame_id: int
+    kind: str
+    reason: str
+
+
+class ChainReportOut(Out):
+    """Report on a chain. ``failures``: the first of the ``failed`` frames."""
+
+    report: ReportViewOut
+    failures: list[ChainFailureOut]
+    failed: int

@@ -12,6 +12,7 @@ from pydantic import Field
 from gss.operations.jobs import JobKind, JobRequest, JobService, Run, nested_request
 from gss.operations.requests import Request
 from gss.operations.studies import experiments
+from gss.operations.studies.chain_report import ChainReports
 from gss.operations.studies.executor import Executor, HereExecutor
 from gss.store import frames as store
 from gss.store.engine import Database
@@ -57,6 +58,7 @@ class CampaignService:
     def __init__(self, database: Database, jobs: JobService, executor: Executor | None = None) -> None:
         self._database, self._jobs = database, jobs
         self._executor = executor or HereExecutor()
+        self.reports = ChainReports(database)
         jobs.register(JobKind("experiments", ExperimentsJob, self._run, older=nested_request))
 
     def run_experiments(self, spec: ExperimentsRequest, *, user: str) -> Job:

@@ -258,6 +258,8 @@ const studies = {
     body(POST('/api/campaigns/experiments', { body: request })),
   reprocess: (request: Body<'/api/campaigns/reprocess'>) => body(POST('/api/campaigns/reprocess', { body: request })),
   compareChains: () => body(GET('/api/campaigns/chains')),
+  chainReport: (pair: { chain: string; version: string } & Query<'/api/campaigns/chains/report'>) =>
+    body(GET('/api/campaigns/chains/report', { params: { query: pair } })),
   calibrations: () => body(GET('/api/calibrations')),
   calibration: (calibration_id: number) =>
     body(GET('/api/calibrations/{calibration_id}', { params: { path: { calibration_id } } })),

@@ -58,6 +58,7 @@ export type TableDetail = S['TableDetailOut'];
 export type OnBoardTable = S['OnBoardTableOut'];
 export type ExperimentEntry = S['ExperimentOut'];
 export type ChainRecord = S['ChainRecordOut'];
+export type ChainReport = S['ChainReportOut'];
 export type ChainOption = S['ChainOptionOut'];
 export type Instruments = S['InstrumentsOut'];
 export type InstrumentDetail = S['InstrumentDetailOut'];

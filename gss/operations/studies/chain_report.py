@@ -1,0 +1,242 @@
+"""Report on one chain over the stored frames: rate, errors, and where and why it failed, against another chain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import NotFound
+from gss.domain.experiment import share_interval, share_text
+from gss.domain.frames import (
+    AGREE_ABOUT_RAD,
+    AGREE_CROSS_RAD,
+    attitudes_agree,
+    pointing_difference_rad,
+    ra_dec_roll_rad,
+)
+from gss.domain.rotation import matrix_from_quaternion
+from gss.domain.words import counted
+from gss.operations.report.parts import Fact, Note, Plot, Report, Section, Series, Table
+from gss.store import frames as store
+from gss.store.engine import Database
+from gss.store.frames import ChainKey, FrameRun
+
+MOST_FRAMES = 20_000
+"""Newest frames of a chain that a report covers."""
+MOST_FAILURES = 500
+GROUND_RESULT = "the operational ground result"
+MOST_BINS = 24
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A frame that the chain did not solve, or solved differently. ``kind``: no solution, wrong or differs."""
+
+    frame_id: int
+    kind: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class ChainReport:
+    """The report and the frames that need a look, oldest first, at most ``MOST_FAILURES`` of ``failed``."""
+
+    report: Report
+    failures: tuple[Failure, ...]
+    failed: int
+
+
+def name_of(key: ChainKey) -> str:
+    """Return a chain with its version and changed constants, for titles."""
+    return f"{key.chain} {key.version}" + (f" ({key.options})" if key.options else "")
+
+
+class ChainReports:
+    """Computes reports from the stored results. The newest result of each frame counts."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def report(self, key: ChainKey, against: ChainKey | None = None) -> ChainReport:
+        """Return the report of a chain against another one; None: each frame's operational result. Raises NotFound if one of
+        them never ran."""
+        with self._database.unit_of_work() as session:
+            mine = store.runs_of(session, key, MOST_FRAMES)
+            ids = [run.frame_id for run in mine]
+            others = (
+                store.operational_runs(session, ids)
+                if against is None
+                else store.runs_of(session, against, MOST_FRAMES)
+            )
+        for wanted, runs in ((key, mine), (against, others)):
+            if wanted is not None and not runs:
+                raise NotFound("no result of this chain on a stored frame", got=name_of(wanted))
+        other = {run.frame_id: run for run in others}
+        compared = GROUND_RESULT if against is None else name_of(against)
+        judged = [_judged(run, other.get(run.frame_id)) for run in mine]
+        failures = [f for run, state in zip(mine, judged, strict=True) if (f := _failure(run, state, compared))]
+        sections = [
+            _summary(mine),
+            _comparison(judged, compared),
+            Section("Errors", drawings=[p for p in (_errors(mine), _differences(judged, compared)) if p]),
+            Section("When and where", drawings=[_over_time(mine), _over_sky(mine, other)]),
+            _reasons(mine),
+        ]
+        notes = [Note(f"Only the newest {MOST_FRAMES} frames are covered.")] if len(mine) == MOST_FRAMES else []
+        days = dict.fromkeys(f"{run.taken:%Y-%m-%d}" for run in (mine[0], mine[-1]))
+        subtitle = f"{counted(len(mine), 'frame')}, {' to '.join(days)}, against {compared}"
+        return ChainReport(
+            Report(
+                f"Chain {name_of(key)}", subtitle, [s for s in sections if s.facts or s.drawings or s.tables], notes
+            ),
+            tuple(failures[:MOST_FAILURES]),
+            len(failures),
+        )
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """One frame beside the other result. ``state``: agrees, differs, none (the other has no solution) or missing (not run);
+    ``cross_rad``, ``about_rad``: difference of the attitudes, NaN if one is missing."""
+
+    solved: bool
+    state: str
+    cross_rad: float
+    about_rad: float
+
+
+def _judged(run: FrameRun, other: FrameRun | None) -> _Judged:
+    nothing = float("nan")
+    if other is None:
+        return _Judged(run.solved, "missing", nothing, nothing)
+    if not other.solved:
+        return _Judged(run.solved, "none", nothing, nothing)
+    if not run.solved:
+        return _Judged(False, "agrees", nothing, nothing)
+    cross_rad, about_rad = pointing_difference_rad(_matrix(run), _matrix(other))
+    return _Judged(True, "agrees" if attitudes_agree(cross_rad, about_rad) else "differs", cross_rad, about_rad)
+
+
+def _failure(run: FrameRun, judged: _Judged, compared: str) -> Failure | None:
+    if not run.solved:
+        return Failure(run.frame_id, "no solution", run.reason)
+    if run.verdict == "wrong":
+        return Failure(run.frame_id, "wrong", "the attitude is not that of the simulated sky")
+    if judged.state == "differs":
+        cross, about = judged.cross_rad / ARCSEC_RAD, judged.about_rad / ARCSEC_RAD
+        return Failure(run.frame_id, "differs", f"{cross:.0f}″ across and {about:.0f}″ about the axis from {compared}")
+    return None
+
+
+def _summary(runs: Sequence[FrameRun]) -> Section:
+    solved = [run for run in runs if run.solved]
+    judged = [run for run in runs if run.verdict not in (None, "none")]
+    wrong = sum(run.verdict == "wrong" for run in judged)
+    facts = [Fact("Frames", str(len(runs))), Fact("Solved", share_text(len(solved), len(runs)), note="95 % interval")]
+    if judged:
+        most = 100 * share_interval(wrong, len(judged))[1]
+        facts.append(Fact("Wrong", f"{wrong} of {len(judged)}", note=f"at most {most:.1f} % (95 %)"))
+    for label, unit, value in (
+        ("Median error of the axis", "″", [_arcsec(run.error_axis_rad) for run in solved]),
+        ("Median residual", "px", [run.rms_px for run in solved]),
+        ("Median time", "ms", [1e3 * sum(run.timing_s.values()) if run.timing_s else None for run in solved]),
+    ):
+        known = [v for v in value if v is not None]
+        if known:
+            facts.append(Fact(label, f"{float(np.median(known)):.3g}", unit, counted(len(known), "frame")))
+    return Section("Summary", facts=facts)
+
+
+def _comparison(judged: Sequence[_Judged], compared: str) -> Section:
+    columns = ("agrees", "differs", "none", "missing")
+    rows = []
+    for label, solved in (("Solved", True), ("No solution", False)):
+        counts = [sum(j.solved is solved and j.state == state for j in judged) for state in columns]
+        cells = [str(n) for n in counts] if solved else [str(counts[0]), "–", *(str(n) for n in counts[2:])]
+        rows.append([label, *cells])
+    heads = ["This chain", "solved, agrees", "solved, differs", "no solution", "not run"]
+    text = (
+        f"Columns: {compared}. Attitudes agree if they differ by less than {AGREE_CROSS_RAD / ARCSEC_RAD:.0f}″ across and "
+        f"{AGREE_ABOUT_RAD / ARCSEC_RAD:.0f}″ about the axis. A frame that only the other solved counts under the first column."
+    )
+    return Section("Against the other result", text, tables=[Table(f"Frames by result, {compared}", heads, rows)])
+
+
+def _errors(runs: Sequence[FrameRun]) -> Plot | None:
+    known = [_arcsec(run.error_axis_rad) for run in runs if run.solved]
+    return _histogram("Error of the axis against the simulated sky", [v for v in known if v is not None])
+
+
+def _differences(judged: Sequence[_Judged], compared: str) -> Plot | None:
+    cross = [j.cross_rad / ARCSEC_RAD for j in judged if np.isfinite(j.cross_rad)]
+    return _histogram(f"Difference across the axis from {compared}", cross)
+
+
+def _histogram(title: str, values: Sequence[float]) -> Plot | None:
+    """Histogram with equal steps of the logarithm; differences below a thousandth of an arcsecond count in the first bin."""
+    if not values:
+        return None
+    clipped = np.clip(values, 1e-3, None)
+    bins = min(MOST_BINS, 2 + 2 * round(len(values) ** 0.5))
+    edges = np.geomspace(float(clipped.min()) / 1.5, float(clipped.max()) * 1.5, bins + 1)
+    counts, _ = np.histogram(clipped, edges)
+    series = Series("frames", [float(e) for e in edges], [float(n) for n in counts], "bars")
+    return Plot(title, "arcseconds", "frames", [series], log_x=True)
+
+
+def _over_time(runs: Sequence[FrameRun]) -> Plot:
+    seconds = np.array([run.taken.replace(tzinfo=run.taken.tzinfo or UTC).timestamp() for run in runs])
+    solved = np.array([run.solved for run in runs])
+    edges = np.linspace(seconds.min(), max(seconds.max(), seconds.min() + 1) + 1, MOST_BINS + 1)
+    frames, _ = np.histogram(seconds, edges)
+    hits, _ = np.histogram(seconds[solved], edges)
+    share = [100 * float(h) / float(n) if n else None for h, n in zip(hits, frames, strict=True)]
+    return Plot(
+        "Solved over time",
+        "UTC",
+        "%",
+        [Series("solved", [float(e) for e in edges], share, "bars")],
+        time=True,
+    )
+
+
+def _over_sky(runs: Sequence[FrameRun], other: Mapping[int, FrameRun]) -> Plot:
+    """Boresights of the frames; of one without a solution, that of the other result."""
+    placed = [(run.solved, run if run.solved else other.get(run.frame_id)) for run in runs]
+
+    def dots(label: str, wanted: Callable[[bool], bool]) -> Series:
+        at = [_place(o) for solved, o in placed if wanted(solved) and o is not None and o.solved]
+        return Series(label, [a for a, _ in at], [d for _, d in at], "dots")
+
+    series = [dots("solved", bool), dots("no solution", lambda solved: not solved)]
+    return Plot("Boresights on the sky", "right ascension, °", "declination, °", series)
+
+
+def _reasons(runs: Sequence[FrameRun]) -> Section:
+    """Reasons of frames without a solution, numbers in them left out so that alike reasons count together."""
+    counts: dict[str, int] = {}
+    for run in runs:
+        if not run.solved:
+            words = " ".join("…" if any(c.isdigit() for c in word) else word for word in run.reason.split())
+            counts[words] = counts.get(words, 0) + 1
+    rows = [[str(n), words or "no reason stored"] for words, n in sorted(counts.items(), key=lambda item: -item[1])]
+    table = Table("Numbers in the reasons are left out", ["Frames", "Reason"], rows)
+    return Section("Why frames were not solved", tables=[table] if rows else [])
+
+
+def _matrix(run: FrameRun) -> NDArray[np.float64]:
+    return matrix_from_quaternion(np.array(run.quaternion, float))
+
+
+def _place(run: FrameRun) -> tuple[float, float]:
+    ra, dec, _roll = ra_dec_roll_rad(_matrix(run))
+    return float(np.degrees(ra)), float(np.degrees(dec))
+
+
+def _arcsec(value_rad: float | None) -> float | None:
+    return None if value_rad is None else value_rad / ARCSEC_RAD
