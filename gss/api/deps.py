@@ -22,8 +22,8 @@ from gss.services import Services
 
 def who_of(scope: Scope) -> identity.CallerIdentity | None:
     """Return the identity that the guard verified for this request; None if there is none."""
-    found: identity.CallerIdentity | None = scope.get("state", {}).get("who")
-    return found
+    caller: identity.CallerIdentity | None = scope.get("state", {}).get("who")
+    return caller
 
 
 def identity_still_valid(services: Services, who: identity.CallerIdentity) -> str:

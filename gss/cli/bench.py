@@ -74,13 +74,13 @@ def run_bench_command(a: argparse.Namespace) -> int:
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.bench_run import run_bench
 
-    known = camera_of(a.camera) if a.camera else None
+    profile = camera_of(a.camera) if a.camera else None
     files: Sequence[str] = getattr(a, "files", [])
-    wanted = _wanted(a, known.name if known else "", len(files))
+    wanted = _wanted(a, profile.name if profile else "", len(files))
     shots = shots_of(files, None, None, getattr(a, "keep_aberration", True))
-    found = run_bench(Solver(registry().camera), wanted, known, shots, show_progress)
+    result = run_bench(Solver(registry().camera), wanted, profile, shots, show_progress)
     name = Path(files[0] if files else getattr(a, "file", None) or a.widths).name
-    give_calibration(a, found, known, name)
+    give_calibration(a, result, profile, name)
     return 0
 
 

@@ -161,8 +161,8 @@ def run_report(arguments: argparse.Namespace) -> int:
 
     _, manifest, report = _read(arguments, arguments.image)
     if report is None:
-        known = camera(manifest.profile_name)
-        request = request_from(manifest.parameters, known)
+        profile = camera(manifest.profile_name)
+        request = request_from(manifest.parameters, profile)
         if request.source == "list":
             raise BadInput(
                 "the report needs the star list of the catalogue",
@@ -170,7 +170,7 @@ def run_report(arguments: argparse.Namespace) -> int:
                 got=arguments.image,
             )
         whole = load_stars() if request.source == "hipparcos" else load_source(request.source, request.depth_mag)
-        report = report_again(manifest, known, whole)
+        report = report_again(manifest, profile, whole)
     sheet = catalogue_sheet(manifest.as_dict(), report)
     if arguments.out is not None:
         _write_sheet(arguments.out, sheet)
@@ -189,8 +189,8 @@ def run_timeline(arguments: argparse.Namespace) -> int:
     from gss.operations.clock import utc_now
 
     services, now = _services(arguments), utc_now()
-    found = services.bank_history.timeline(now - timedelta(days=arguments.days), now + SPAN, arguments.device)
-    history = timeline(found, now, services.settings.catalogue_watch_days)
+    bank_timeline = services.bank_history.timeline(now - timedelta(days=arguments.days), now + SPAN, arguments.device)
+    history = timeline(bank_timeline, now, services.settings.catalogue_watch_days)
     if arguments.json:
         print(history.model_dump_json(indent=1))
         return 0

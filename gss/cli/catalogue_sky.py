@@ -174,10 +174,10 @@ def _given(values: dict[str, object]) -> dict[str, object]:
 
 
 def _pairs(texts: list[str]) -> dict[str, str]:
-    found = {}
+    pairs = {}
     for text in texts:
         name, sign, value = text.partition("=")
         if not (name and sign and value):
             raise BadInput("a field of the list cannot be read", expected="FIELD=VALUE", got=text)
-        found[name] = value
-    return found
+        pairs[name] = value
+    return pairs

@@ -67,8 +67,8 @@ def facts_of(instrument: Instrument) -> dict[str, object]:
 
 def run_list(arguments: argparse.Namespace) -> int:
     """Print the instruments; packages with mistakes are listed with their errors."""
-    known = registry(arguments.data)
-    rows, broken = [facts_of(i) for i in known.all()], known.broken()
+    instruments = registry(arguments.data)
+    rows, broken = [facts_of(i) for i in instruments.all()], instruments.broken()
     if arguments.json:
         print(json.dumps([*rows, *({"name": b.name, "error": b.reason} for b in broken)], ensure_ascii=False))
         return 0
@@ -151,7 +151,7 @@ def _files(name: str, data: Path | None) -> dict[str, bytes]:
     """Return the files of an instrument, of NAME@VERSION, or of a folder or .zip."""
     from gss.instruments.package_source import read_package_files
 
-    known, (plain, _, version) = registry(data), name.partition("@")
-    if plain in known.names():
-        return dict(known.find(plain, version).files)
+    instruments, (plain, _, version) = registry(data), name.partition("@")
+    if plain in instruments.names():
+        return dict(instruments.find(plain, version).files)
     return read_package_files(Path(name))

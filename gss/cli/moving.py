@@ -63,11 +63,11 @@ def run(a: argparse.Namespace) -> int:
             "top_rate_deg_s": a.rate,
         },
     )
-    known, solver = camera(a.camera), Solver(registry().camera)
+    profile, solver = camera(a.camera), Solver(registry().camera)
     shots = shots_of(a.files, a.interval, a.exposure, a.keep_aberration)
     made = moving_objects(
         solver,
-        run_frames(solver, shots, known, a.chain, lambda share, text: show_progress(share / 2, text)),
+        run_frames(solver, shots, profile, a.chain, lambda share, text: show_progress(share / 2, text)),
         objects=request.objects,
         place=request.place,
         top_rate_rad_s=request.top_rate_rad_s,

@@ -84,42 +84,48 @@ def run_calibrate(a: argparse.Namespace) -> int:
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.calibrate import check_models, from_darks, from_stars
 
-    known = camera(a.camera) if a.camera else None
+    profile = camera(a.camera) if a.camera else None
     check_models(a.model)
     shots = shots_of(a.files, None, None, keep_aberration=a.keep_aberration)
     if a.darks or a.flats:
-        if known is None:
+        if profile is None:
             raise BadInput("no camera given for the dark frames", expected="--camera PROFILE")
         if len(a.flats) % 2:
             raise BadInput("flat fields come in pairs", expected="an even number", got=str(len(a.flats)))
         flats = shots_of(a.flats, None, None)
-        found = from_darks(shots, [flats[k : k + 2] for k in range(0, len(flats), 2)], known, show_progress)
+        result = from_darks(shots, [flats[k : k + 2] for k in range(0, len(flats), 2)], profile, show_progress)
     else:
         fov = None if a.fov_deg is None else math.radians(a.fov_deg)
-        found = from_stars(Solver(registry().camera), shots, known, show_progress, models=a.model, fov_rad=fov)
-    give_calibration(a, found, known, Path(a.files[0]).name)
+        result = from_stars(Solver(registry().camera), shots, profile, show_progress, models=a.model, fov_rad=fov)
+    give_calibration(a, result, profile, Path(a.files[0]).name)
     return 0
 
 
-def give_calibration(a: argparse.Namespace, found: CalibrationInput, known: CameraProfile | None, name: str) -> None:
+def give_calibration(
+    a: argparse.Namespace, calibration: CalibrationInput, profile: CameraProfile | None, name: str
+) -> None:
     """Write and print the result of a calibration."""
     from gss.operations.studies.calibration_sheet import calibration_sheet
     from gss.store.models import Calibration
 
     row = Calibration(
         id=0,
-        profile=known.name if known else "foreign",
-        kind=found.kind,
+        profile=profile.name if profile else "foreign",
+        kind=calibration.kind,
         name=name,
         created=datetime.now(UTC),
         author="",
         tool="",
         request={},
-        values=found.values,
-        result=found.result,
+        values=calibration.values,
+        result=calibration.result,
         note="",
     )
-    give_report(a, calibration_sheet(row), {"kind": found.kind, "values": found.values, "result": found.result})
+    give_report(
+        a,
+        calibration_sheet(row),
+        {"kind": calibration.kind, "values": calibration.values, "result": calibration.result},
+    )
 
 
 def run_analyse(a: argparse.Namespace) -> int:
@@ -127,7 +133,7 @@ def run_analyse(a: argparse.Namespace) -> int:
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.analyse import FRAME_KINDS, analyse, check_kind, run_frames
 
-    known = camera(a.camera)
+    profile = camera(a.camera)
     commanded = None if a.rate is None else math.radians(a.rate)
     if a.kind not in FRAME_KINDS:
         raise BadInput("unknown analysis of frames", expected=" | ".join(FRAME_KINDS), got=a.kind)
@@ -139,8 +145,8 @@ def run_analyse(a: argparse.Namespace) -> int:
             solver, shots_of(files, a.interval, a.exposure, a.keep_aberration), camera, a.chain, show_progress
         )
 
-    second = run(a.second, camera(a.second_camera) if a.second_camera else known) if a.second else None
-    made = analyse(a.kind, solver, run(a.files, known), second=second, commanded_rad_s=commanded)
+    second = run(a.second, camera(a.second_camera) if a.second_camera else profile) if a.second else None
+    made = analyse(a.kind, solver, run(a.files, profile), second=second, commanded_rad_s=commanded)
     give_report(a, made.report, {"kind": made.kind, "figures": made.figures})
     return 0
 

@@ -121,13 +121,13 @@ def export_report(arguments: argparse.Namespace) -> int:
 
     services = services_of(arguments)
     made = contact_report(services.contacts, services.telemetry.archive, services.database, arguments.contact)
-    found = report(made, services.procedure_runs.between(made.detail.row.started, made.detail.end))
+    contact_data = report(made, services.procedure_runs.between(made.detail.row.started, made.detail.end))
     if arguments.format == "pdf":
-        data = as_pdf(contact_sheet(found), found.contact.ended or found.contact.started)
+        data = as_pdf(contact_sheet(contact_data), contact_data.contact.ended or contact_data.contact.started)
     elif arguments.format == "html":
-        data = as_html(contact_sheet(found)).encode()
+        data = as_html(contact_sheet(contact_data)).encode()
     else:
-        data = (found.model_dump_json(indent=1) + "\n").encode()
+        data = (contact_data.model_dump_json(indent=1) + "\n").encode()
     if arguments.out is None:
         sys.stdout.buffer.write(data)
     else:

@@ -67,20 +67,20 @@ def replay_frame(arguments: argparse.Namespace) -> int:
     from gss.api.present.frames import frame_replay
     from gss.cli.records import services_of
 
-    found = frame_replay(arguments.frame, services_of(arguments).replay.again(arguments.frame))
+    replayed = frame_replay(arguments.frame, services_of(arguments).replay.again(arguments.frame))
     if arguments.json:
-        print(found.model_dump_json(indent=1))
+        print(replayed.model_dump_json(indent=1))
     else:
         rows = [("stage", "result", "on board", "ground", "px", "arcsec")]
         rows += [
             (s.name, s.verdict, s.on_board, s.ground, _figure(s.difference_px), _figure(s.difference_arcsec))
-            for s in found.stages
+            for s in replayed.stages
         ]
         widths = [min(40, max(len(row[k]) for row in rows)) for k in range(len(rows[0]))]
         for row in rows:
             print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
-        print(f"\nframe {found.frame_id}: {found.text}")
-    return 0 if found.text == "equal" else DIFFERENT_EXIT
+        print(f"\nframe {replayed.frame_id}: {replayed.text}")
+    return 0 if replayed.text == "equal" else DIFFERENT_EXIT
 
 
 def _figure(value: float | None) -> str:

@@ -71,12 +71,12 @@ def run(a: argparse.Namespace) -> int:
             "seed": a.seed,
         },
     )
-    known, solver = camera(a.camera), Solver(registry().camera)
+    profile, solver = camera(a.camera), Solver(registry().camera)
     if request.simulated:
-        made = sheet_of_simulation(solver, known, a.chain, a.seed, show_progress)
+        made = sheet_of_simulation(solver, profile, a.chain, a.seed, show_progress)
     else:
-        first = run_frames(solver, _shots(a, a.files), known, a.chain, show_progress)
-        other = camera(a.second_camera) if a.second_camera else known
+        first = run_frames(solver, _shots(a, a.files), profile, a.chain, show_progress)
+        other = camera(a.second_camera) if a.second_camera else profile
         second = run_frames(solver, _shots(a, a.second), other, a.chain, show_progress) if a.second else None
         made = sheet_of_frames(first, second=second, mounting=tuple(mounting) if mounting else None, seed=a.seed)
     write_report(a, made.report, json.dumps(made.figures, ensure_ascii=False, allow_nan=False))

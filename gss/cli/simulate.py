@@ -43,7 +43,7 @@ def with_instrument(options: Sequence[str]) -> list[str]:
 
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument(*NAMES, dest="instrument")
-    found, others = parser.parse_known_args(list(options))
-    name = found.instrument or Settings().unit_instrument
+    parsed, others = parser.parse_known_args(list(options))
+    name = parsed.instrument or Settings().unit_instrument
     instruments = registry()
     return ["--instrument", str(instruments.folder(name)) if name in instruments.names() else name, *others]

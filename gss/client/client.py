@@ -241,9 +241,9 @@ class Client:
     def _wait(self, what: str, look: Callable[[], T | None], timeout_s: float) -> T:
         deadline_s = time.monotonic() + timeout_s
         while True:
-            found = look()
-            if found is not None:
-                return found
+            value = look()
+            if value is not None:
+                return value
             if time.monotonic() > deadline_s:
                 raise TimedOut(f"Waited {timeout_s:g} s for {what}.")
             time.sleep(POLL_S)

@@ -18,15 +18,15 @@ Calculate = Callable[[bytes], int]
 def checksum_named(name: str, seed: int = 0) -> tuple[Calculate, int]:
     """Return the function of a checksum and its size in bytes. ``seed``: of XXH32. Raises BadInput for an unknown name, and for
     a width that does not fill whole bytes."""
-    known = name.upper()
-    if known == XXH32:
+    algorithm = name.upper()
+    if algorithm == XXH32:
         return lambda data: int(xxhash.xxh32_intdigest(data, seed)), 4
-    match = CRC_NAME.fullmatch(known)
+    match = CRC_NAME.fullmatch(algorithm)
     if match is None or seed:
         raise BadInput("unknown checksum", expected="a name like CRC-16/MCRF4XX, or XXH32 with a seed", got=name)
     width = int(match[1])
     try:
-        model = anycrc.Model(known.replace("CRC-", "CRC", 1).replace("/", "-", 1))
+        model = anycrc.Model(algorithm.replace("CRC-", "CRC", 1).replace("/", "-", 1))
     except (KeyError, ValueError, TypeError) as error:
         raise BadInput("unknown checksum", expected="a name of the CRC RevEng catalogue", got=name) from error
     if width % 8:

@@ -223,12 +223,12 @@ def _pack(order: str, field: HeaderField, number: int) -> bytes:
 
 
 def _header(order: str, form: PacketFormat, packet: bytes) -> dict[str, int]:
-    found, at = {}, 0
+    fields, at = {}, 0
     for field in form.header:
         number = STRUCTS[order][field.type]
-        found[field.name] = number.unpack_from(packet, at)[0]
+        fields[field.name] = number.unpack_from(packet, at)[0]
         at += number.size
-    return found
+    return fields
 
 
 def _constant(form: PacketFormat, header: Header, name: str) -> bool:

@@ -62,9 +62,9 @@ class CutFramer:
             at = self._held.find(self._sync)
             if at < 0:
                 keep = len(self._sync) - 1
-                kept = self._held[len(self._held) - keep :] if keep and len(self._held) >= keep else b""
-                self.unframed += len(self._held) - len(kept)
-                self._held = kept
+                tail = self._held[len(self._held) - keep :] if keep and len(self._held) >= keep else b""
+                self.unframed += len(self._held) - len(tail)
+                self._held = tail
                 break
             self._drop(at)
             size = self._size(sizes)

@@ -92,12 +92,12 @@ class SagittaWire:
         """Return what the frames that ``data`` completes mean."""
         answers = []
         for frame in self._framer.feed(data):
-            found = unpacked(frame)
-            if found is None:
+            message = unpacked(frame)
+            if message is None:
                 self.bad_hash += 1
                 continue
             try:
-                answers.append(self._read(*found))
+                answers.append(self._read(*message))
             except CorruptData:
                 continue
             self.good += 1

@@ -135,17 +135,17 @@ class _Token:
 def _tokens(text: str) -> list[_Token]:
     tokens, at = [], 0
     while text[at:].strip():
-        found = TOKEN.match(text, at)
-        if found is None:
-            rest = text[at:].lstrip()
+        token_match = TOKEN.match(text, at)
+        if token_match is None:
+            unread = text[at:].lstrip()
             raise BadInput(
-                f"The expression has an unexpected character at position {len(text) - len(rest) + 1}",
+                f"The expression has an unexpected character at position {len(text) - len(unread) + 1}",
                 expected="numbers, packet.field, + - * / < <= > >= == != and or not ( )",
-                got=rest[0],
+                got=unread[0],
             )
-        kind = str(found.lastgroup)
-        tokens.append(_Token(kind, found.group(kind), found.start(kind)))
-        at = found.end()
+        kind = str(token_match.lastgroup)
+        tokens.append(_Token(kind, token_match.group(kind), token_match.start(kind)))
+        at = token_match.end()
     return tokens
 
 
@@ -292,13 +292,13 @@ def _kind(node: _Node, kinds: Mapping[str, ValueKind]) -> ValueKind:
                 got=str(node),
             )
         return kinds[str(node)]
-    found = [_kind(operand, kinds) for operand in node.operands]
+    operand_kinds = [_kind(operand, kinds) for operand in node.operands]
     if node.name in ("==", "!="):
-        if found[0] != found[1]:
-            _wrong_kind(node, f"two values of one kind, not {found[0]} and {found[1]}")
+        if operand_kinds[0] != operand_kinds[1]:
+            _wrong_kind(node, f"two values of one kind, not {operand_kinds[0]} and {operand_kinds[1]}")
         return "bool"
     wanted: ValueKind = "bool" if node.name in ("and", "or", "not") else "number"
-    if any(one != wanted for one in found):
+    if any(one != wanted for one in operand_kinds):
         _wrong_kind(node, {"bool": "yes/no values, for example a comparison", "number": "numbers"}[wanted])
     return "bool" if wanted == "bool" or node.name in COMPARISONS else "number"
 

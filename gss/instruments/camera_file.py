@@ -244,15 +244,17 @@ class CameraFile(Strict):
 
     def numbers(self) -> tuple[CameraNumber, ...]:
         """All numbers in the order of the file."""
-        found = []
+        numbers_read = []
         for part_name, part in self:
             if isinstance(part, PinholeLens):
-                found.append(CameraNumber(part_name, part.model, (), "", part.source, part.chosen))
+                numbers_read.append(CameraNumber(part_name, part.model, (), "", part.source, part.chosen))
             for name, number in part:
                 if isinstance(number, Quantity | Coefficients):
                     values = (number.value,) if isinstance(number, Quantity) else number.values
-                    found.append(CameraNumber(part_name, name, values, number.unit, number.source, number.chosen))
-        return tuple(found)
+                    numbers_read.append(
+                        CameraNumber(part_name, name, values, number.unit, number.source, number.chosen)
+                    )
+        return tuple(numbers_read)
 
     def sources(self) -> dict[str, str]:
         """Source of each number; numbers of the same source share an entry."""

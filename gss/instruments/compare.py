@@ -19,11 +19,11 @@ class FileDifference:
 
 def compare(old: Files, new: Files, old_name: str = "old", new_name: str = "new") -> tuple[FileDifference, ...]:
     """Return the differing files in the order of their names; files whose texts are equal are left out."""
-    found = []
+    differences = []
     for file in sorted({*old, *new}):
         before, after = (files.get(file, b"").decode("utf-8", "replace").splitlines() for files in (old, new))
         lines = unified_diff(before, after, f"{old_name}/{file}", f"{new_name}/{file}", lineterm="", n=1)
         state = "added" if file not in old else "removed" if file not in new else "changed"
         if shown := tuple(lines):
-            found.append(FileDifference(file, state, shown))
-    return tuple(found)
+            differences.append(FileDifference(file, state, shown))
+    return tuple(differences)

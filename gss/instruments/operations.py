@@ -208,13 +208,15 @@ class StandardOperations:
 
     def given(self, operation: Operation, arguments: Values) -> dict[str, Value]:
         """Return the standard arguments of a command that was sent; those that it was sent without are absent."""
-        row, found = self.require(operation), dict[str, Value]()
+        row, values_by_argument = self.require(operation), dict[str, Value]()
         for name in ARGUMENTS.get(operation, ()):
             at = row.arguments.get(name, ArgumentRow(name=name))
             if at.name in arguments:
                 value = arguments[at.name]
-                found[name] = value / at.scale if at.scale != 1.0 and isinstance(value, int | float) else value
-        return found
+                values_by_argument[name] = (
+                    value / at.scale if at.scale != 1.0 and isinstance(value, int | float) else value
+                )
+        return values_by_argument
 
     def argument(self, operation: Operation, name: str) -> str:
         """Return the instrument's name of a standard argument."""
@@ -237,14 +239,14 @@ def check_operation(
         return (), "needs its kind of transfer" if operation in TRANSFERS else "needs its command"
     if row.transfer is not None:
         return None
-    known = {c.name: c for c in dictionary.commands}
-    if row.command not in known:
+    commands = {c.name: c for c in dictionary.commands}
+    if row.command not in commands:
         return ("command",), f"the dictionary has no command {row.command}"
     standard = ARGUMENTS.get(operation, ())
     for name in row.arguments:
         if name not in standard:
             return ("arguments", name), f"the operation has no such argument; it has {', '.join(standard) or 'none'}"
-    command = known[row.command or ""]
+    command = commands[row.command or ""]
     names = {argument.name: argument for argument in command.arguments}
     for name, to in row.arguments.items():
         if to.name not in names:

@@ -55,9 +55,11 @@ def default_roles(dictionary: Dictionary) -> Roles:
     absent = {place[1] for place in wrong if place[0] == "operations"}
     rows = {operation: row for operation, row in content.operations.items() if operation not in absent}
     packets, events = content.quantities.roles(), content.events
-    kept = {name: role for name, role in packets.items() if not any(p[:2] == ("quantities", name) for p in wrong)}
+    valid_roles = {
+        name: role for name, role in packets.items() if not any(p[:2] == ("quantities", name) for p in wrong)
+    }
     named = {name: value for name, value in events.model_dump().items() if ("events", name) not in wrong}
-    return Roles(StandardOperations(rows, dictionary), Quantities.model_validate(kept), Events(**named))
+    return Roles(StandardOperations(rows, dictionary), Quantities.model_validate(valid_roles), Events(**named))
 
 
 @lru_cache(maxsize=1)
@@ -84,18 +86,18 @@ def _parsed(file: MarkedYaml) -> RolesFile:
 
 def _mistakes(content: RolesFile, dictionary: Dictionary) -> list[tuple[tuple[str, ...], str]]:
     """Return place and reason of everything that the dictionary does not have."""
-    found: list[tuple[tuple[str, ...], str]] = []
+    mistakes: list[tuple[tuple[str, ...], str]] = []
     for operation, row in content.operations.items():
         mistake = check_operation(operation, row, dictionary)
         if mistake:
-            found.append((("operations", operation.value, *mistake[0]), mistake[1]))
+            mistakes.append((("operations", operation.value, *mistake[0]), mistake[1]))
     packets = {packet.name: packet for packet in dictionary.telemetry}
     for name in content.quantities.model_fields_set:
         mistake = check_packet(getattr(content.quantities, name), packets)
         if mistake:
-            found.append((("quantities", name, *mistake[0]), mistake[1]))
+            mistakes.append((("quantities", name, *mistake[0]), mistake[1]))
     events = {event.name for event in dictionary.events}
     for name, value in cast(dict[str, str], content.events.model_dump()).items():
         if value and value not in events:
-            found.append((("events", name), f"the dictionary has no event {value}"))
-    return found
+            mistakes.append((("events", name), f"the dictionary has no event {value}"))
+    return mistakes

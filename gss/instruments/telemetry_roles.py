@@ -24,11 +24,11 @@ class PacketRole(Strict):
 
     def fields(self) -> dict[str, str]:
         """Field names of the packet by quantity, without absent ones."""
-        found: dict[str, str] = {}
+        units: dict[str, str] = {}
         for name, value in self.model_dump(exclude=set(NOT_A_FIELD)).items():
             values = value if isinstance(value, tuple) else (value,)
-            found |= {name if len(values) == 1 else f"{name}.{k}": v for k, v in enumerate(values) if v}
-        return found
+            units |= {name if len(values) == 1 else f"{name}.{k}": v for k, v in enumerate(values) if v}
+        return units
 
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the values of a packet by standard quantity, without those that the instrument does not report."""
@@ -92,11 +92,11 @@ class AttitudeRole(PacketRole):
 
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the values by standard quantity; the quaternion as ``quaternion_x`` to ``quaternion_w``, cam_from_icrs."""
-        found = {name: value for name, value in super().read(values).items() if not name.startswith("quaternion")}
+        read_values = {name: value for name, value in super().read(values).items() if not name.startswith("quaternion")}
         if all(name in values for name in self.quaternion):
             components = self.quaternion_of({name: float(values[name]) for name in self.quaternion})
-            found |= {f"quaternion_{axis}": value for axis, value in zip("xyzw", components, strict=True)}
-        return found
+            read_values |= {f"quaternion_{axis}": value for axis, value in zip("xyzw", components, strict=True)}
+        return read_values
 
 
 class ItemList(PacketRole):
@@ -182,8 +182,8 @@ class Quantities(Strict):
 
     def roles(self) -> dict[str, PacketRole]:
         """The packets that the instrument has, by purpose."""
-        found = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: role for name, role in found.items() if role.packet}
+        roles_by_name = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: role for name, role in roles_by_name.items() if role.packet}
 
     def names(self) -> tuple[str, ...]:
         """Names of the quantities that the instrument reports: purpose and quantity."""

@@ -38,15 +38,15 @@ class Request(BaseModel):
 
 def _check_text(value: Any) -> None:
     """Check all text in a value. Iterative, because the client controls the nesting depth."""
-    rest: list[tuple[Any, int]] = [(value, 0)]
-    while rest:
-        item, depth = rest.pop()
+    pending: list[tuple[Any, int]] = [(value, 0)]
+    while pending:
+        item, depth = pending.pop()
         if depth > DEEPEST:
             raise ValueError(f"nested deeper than {DEEPEST}")
         if isinstance(item, dict):
-            rest += [(part, depth + 1) for pair in item.items() for part in pair]
+            pending += [(part, depth + 1) for pair in item.items() for part in pair]
         elif isinstance(item, list):
-            rest += [(part, depth + 1) for part in item]
+            pending += [(part, depth + 1) for part in item]
         elif isinstance(item, str) and ("\0" in item or any("\ud800" <= c <= "\udfff" for c in item)):
             raise ValueError("text holds NUL or half a character")
 

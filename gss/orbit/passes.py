@@ -89,10 +89,10 @@ def _with_maxima(clearance: Callable[[Array], Array], times_s: Array, values: Ar
     """Add the maxima between samples that are close below the horizon, so that no short pass is missed."""
     peak = (values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:]) & (values[1:-1] <= 0)
     near = np.flatnonzero(peak & (values[1:-1] > np.radians(-5.0))) + 1
-    found = np.array([_maximum(clearance, times_s[k - 1], times_s[k + 1]) for k in near])
-    if not len(found):
+    maxima = np.array([_maximum(clearance, times_s[k - 1], times_s[k + 1]) for k in near])
+    if not len(maxima):
         return times_s, values
-    times_s, values = np.append(times_s, found), np.append(values, clearance(found))
+    times_s, values = np.append(times_s, maxima), np.append(values, clearance(maxima))
     order = np.argsort(times_s, kind="stable")
     return times_s[order], values[order]
 

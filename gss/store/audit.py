@@ -79,14 +79,14 @@ def add(session: Session, row: AuditRow) -> None:
         raise PlaceTaken from error
 
 
-def page(session: Session, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
+def page(session: Session, filters: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
     """Return a page of matching rows, newest first, with numbers below ``before``."""
-    return paging.newest(session, wanted.apply(select(AuditRow)), AuditRow.seq, limit, before)
+    return paging.newest(session, filters.apply(select(AuditRow)), AuditRow.seq, limit, before)
 
 
-def every(session: Session, wanted: AuditFilter) -> Iterator[AuditRow]:
+def every(session: Session, filters: AuditFilter) -> Iterator[AuditRow]:
     """Yield all matching rows, oldest first, read in batches."""
-    return paging.every(session, wanted.apply(select(AuditRow)), AuditRow.seq)
+    return paging.every(session, filters.apply(select(AuditRow)), AuditRow.seq)
 
 
 def hashes(session: Session, numbers: Iterable[int]) -> dict[int, str]:
@@ -105,7 +105,7 @@ def missing_guards(session: Session) -> list[str]:
     kind = session.get_bind().dialect.name
     if kind == "sqlite":
         rows = session.execute(text("SELECT name, sql FROM sqlite_master WHERE type = 'trigger'")).all()
-        there = {name for name, sql in rows if SQLITE_TRIGGERS.get(name) == sql}
+        intact = {name for name, sql in rows if SQLITE_TRIGGERS.get(name) == sql}
     else:
-        there = set(session.scalars(text(POSTGRES_IN_FORCE)))
-    return [name for name in GUARDS[kind] if name not in there]
+        intact = set(session.scalars(text(POSTGRES_IN_FORCE)))
+    return [name for name in GUARDS[kind] if name not in intact]

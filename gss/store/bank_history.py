@@ -43,8 +43,8 @@ def contacts_between(session: Session, device_id: int, start: datetime, end: dat
 
 def devices(session: Session) -> list[Device]:
     """Return devices with recorded banks, the one that responded last first."""
-    known = select(BankHistory.device_id).distinct()
-    return list(session.scalars(select(Device).where(Device.id.in_(known)).order_by(Device.last_seen.desc())))
+    device_ids = select(BankHistory.device_id).distinct()
+    return list(session.scalars(select(Device).where(Device.id.in_(device_ids)).order_by(Device.last_seen.desc())))
 
 
 def device_of_contact(session: Session, contact_id: int) -> int | None:

@@ -68,8 +68,8 @@ class BlobStore:
         """Check the bucket at startup, so that a wrong address is reported before the first frame. Buckets are never created."""
         bucket = self._root.partition("/")[0]
         with self._reached():
-            there = self._call(lambda: bool(self._fs.exists(bucket)))
-        if not there and self._fs.protocol != "memory":
+            exists = self._call(lambda: bool(self._fs.exists(bucket)))
+        if not exists and self._fs.protocol != "memory":
             raise StoreDown(
                 "the blob store cannot be reached",
                 expected=f"a readable bucket {bucket!r}",
@@ -163,9 +163,9 @@ class BlobStore:
             with self._reached():
                 names = self._call(partial(self._fs.find, f"{self._root}/{part}"))
             for name in sorted(names):
-                rest = name.rsplit("/", 1)[1]
-                if len(rest) == 62 and "." not in rest:
-                    yield part + rest
+                base_name = name.rsplit("/", 1)[1]
+                if len(base_name) == 62 and "." not in base_name:
+                    yield part + base_name
 
     def check(self) -> str:
         """Return in words that the store responds. Raises StoreDown."""

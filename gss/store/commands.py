@@ -113,14 +113,14 @@ def newest(session: Session, limit: int, contact_id: int | None = None) -> list[
     return page(session, Filter(contact_id=contact_id), limit)
 
 
-def page(session: Session, wanted: Filter, limit: int, before: int | None = None) -> list[Command]:
+def page(session: Session, filters: Filter, limit: int, before: int | None = None) -> list[Command]:
     """Return a page of matching commands, newest first, with ids below ``before``."""
-    return paging.newest(session, wanted.apply(select(Command)), Command.id, limit, before)
+    return paging.newest(session, filters.apply(select(Command)), Command.id, limit, before)
 
 
-def every(session: Session, wanted: Filter) -> Iterator[Command]:
+def every(session: Session, filters: Filter) -> Iterator[Command]:
     """Yield all matching commands, oldest first, read in batches."""
-    return paging.every(session, wanted.apply(select(Command)), Command.id)
+    return paging.every(session, filters.apply(select(Command)), Command.id)
 
 
 def facets(session: Session) -> dict[str, list[str]]:

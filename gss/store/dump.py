@@ -84,8 +84,8 @@ def load(url: str, file: Path) -> None:
 
 
 def _run(program: str, url: str, arguments: list[str]) -> None:
-    found = shutil.which(program)
-    if found is None:
+    path = shutil.which(program)
+    if path is None:
         raise StoreDown(
             f"{program} is not installed here: it copies a PostgreSQL database",
             expected=program,
@@ -93,7 +93,7 @@ def _run(program: str, url: str, arguments: list[str]) -> None:
         )
     made = make_url(url)
     done = subprocess.run(  # noqa: S603 - a found program, no shell
-        [found, *arguments], env={**os.environ, **_environment(made)}, capture_output=True, text=True, check=False
+        [path, *arguments], env={**os.environ, **_environment(made)}, capture_output=True, text=True, check=False
     )
     if done.returncode:
         cause = (done.stderr.strip().splitlines() or ["no words"])[-1]

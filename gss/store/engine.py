@@ -138,11 +138,11 @@ def _check_pages(url: str) -> None:
         return
     engine = open_engine(url)
     try:
-        found = damaged_pages(engine)
+        damaged = damaged_pages(engine)
     finally:
         engine.dispose()
-    if found:
-        raise CorruptData("the database is damaged", got=found, hint=DAMAGED_HINT)
+    if damaged:
+        raise CorruptData("the database is damaged", got=damaged, hint=DAMAGED_HINT)
 
 
 def is_large(engine: Engine) -> bool:
@@ -155,14 +155,14 @@ def damaged_pages(engine: Engine) -> str:
     """Return what is wrong with the pages of an SQLite file; "" if nothing is. StoreDown if it cannot be read now."""
     try:
         with engine.connect() as connection:
-            found = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA quick_check(3)")]
+            problems = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA quick_check(3)")]
     except OperationalError as error:
         raise StoreDown(
             "the database cannot be opened", got=str(error.orig), hint="check disk space and file locks"
         ) from error
     except DatabaseError as error:
-        found = [str(error.orig)]
-    return "" if found == ["ok"] else "; ".join(found)[:300]
+        problems = [str(error.orig)]
+    return "" if problems == ["ok"] else "; ".join(problems)[:300]
 
 
 SERVER_LOCK = 0x6773_7301

@@ -26,8 +26,8 @@ def after(session: Session, seq: int, limit: int) -> list[Event]:
 
 def between(session: Session, start: datetime, end: datetime, limit: int) -> list[Event]:
     """Return the newest ``limit`` events of a time range, oldest first."""
-    found = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq.desc()).limit(limit)
-    return list(session.scalars(found))[::-1]
+    query = select(Event).where(Event.at >= start, Event.at <= end).order_by(Event.seq.desc()).limit(limit)
+    return list(session.scalars(query))[::-1]
 
 
 def last_seq(session: Session) -> int:

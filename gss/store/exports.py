@@ -23,10 +23,10 @@ def packet_names(database: Database) -> list[str]:
     while True:
         query = select(TelemetryPacket.packet).where(TelemetryPacket.packet > (names[-1] if names else ""))
         with database.unit_of_work() as session:
-            found = session.scalar(query.order_by(TelemetryPacket.packet).limit(1))
-        if found is None:
+            next_name = session.scalar(query.order_by(TelemetryPacket.packet).limit(1))
+        if next_name is None:
             return names
-        names.append(found)
+        names.append(next_name)
 
 
 def telemetry(database: Database, packet: str, start: datetime, end: datetime) -> Iterator[list[Any]]:

@@ -18,10 +18,10 @@ def newest(session: Session, limit: int) -> list[Notification]:
 
 def known_keys(session: Session, keys: Sequence[str]) -> set[str]:
     """Return those of the keys that exist."""
-    found: set[str] = set()
+    stored: set[str] = set()
     for k in range(0, len(keys), 500):
-        found.update(session.scalars(select(Notification.key).where(Notification.key.in_(keys[k : k + 500]))))
-    return found
+        stored.update(session.scalars(select(Notification.key).where(Notification.key.in_(keys[k : k + 500]))))
+    return stored
 
 
 def of_ids(session: Session, ids: Sequence[int]) -> list[Notification]:

@@ -72,12 +72,12 @@ def rows(
         later = TelemetryPacket.received > at
         same = (TelemetryPacket.received == at) & (TelemetryPacket.id > row_id)
         with database.unit_of_work() as session:
-            found = session.execute(query.where(TelemetryPacket.received >= at, later | same)).all()
-        for row in found:
+            result_rows = session.execute(query.where(TelemetryPacket.received >= at, later | same)).all()
+        for row in result_rows:
             yield Row(row[0], row[1], packet, row[2], row[3], tuple(row[4:]))
-        if len(found) < block:
+        if len(result_rows) < block:
             return
-        at, row_id = found[-1][0], found[-1][1]
+        at, row_id = result_rows[-1][0], result_rows[-1][1]
 
 
 def _value(name: str) -> ColumnElement[Any]:

@@ -171,8 +171,8 @@ def newest_row(session: Session) -> datetime | None:
         (Contact.started, Contact.id),
         (Job.created, Job.id),
     )
-    found = [session.scalar(select(moment).order_by(key.desc()).limit(1)) for moment, key in columns]
-    return max((moment for moment in found if moment is not None), default=None)
+    moments = [session.scalar(select(moment).order_by(key.desc()).limit(1)) for moment, key in columns]
+    return max((moment for moment in moments if moment is not None), default=None)
 
 
 def set_favourite(session: Session, frame_id: int, favourite: bool) -> None:
@@ -216,18 +216,18 @@ def thin_packets(
     )
     if after is not None:
         rows = rows.where(TelemetryPacket.received >= after)
-    found = session.execute(rows.order_by(TelemetryPacket.received, TelemetryPacket.id).limit(limit)).all()
+    packets = session.execute(rows.order_by(TelemetryPacket.received, TelemetryPacket.id).limit(limit)).all()
     gone: list[int] = []
-    last, kept = None, None
-    for row_id, received in found:
+    last, last_kept = None, None
+    for row_id, received in packets:
         bucket = received.timestamp() // every_s
         if bucket == last:
             gone.append(row_id)
         else:
-            last, kept = bucket, received
+            last, last_kept = bucket, received
     _remove(session, gone)
     # The next call starts at the packet that was kept, so that later ones in the same interval are deleted too.
-    return len(gone), kept if len(found) == limit else None
+    return len(gone), last_kept if len(packets) == limit else None
 
 
 def _remove(session: Session, ids: Sequence[int]) -> None:
@@ -261,8 +261,8 @@ def database_bytes(session: Session) -> int:
 
 def row_counts(session: Session) -> dict[str, int]:
     """Return the number of rows of each existing table."""
-    there = set(inspect(session.connection()).get_table_names())
-    tables = [t for t in Base.metadata.sorted_tables if t.name in there]
+    existing_tables = set(inspect(session.connection()).get_table_names())
+    tables = [t for t in Base.metadata.sorted_tables if t.name in existing_tables]
     return {t.name: session.scalar(select(func.count()).select_from(t)) or 0 for t in tables}
 
 
@@ -277,8 +277,8 @@ def integrity_problems(session: Session, most: int = 20) -> list[str]:
     """Return problems that SQLite's integrity check finds. Empty for PostgreSQL, which monitors its own files."""
     if session.get_bind().dialect.name != "sqlite":
         return []
-    found = [str(row[0]) for row in session.execute(text(f"PRAGMA integrity_check({most})"))]
-    return [] if found == ["ok"] else found
+    problems = [str(row[0]) for row in session.execute(text(f"PRAGMA integrity_check({most})"))]
+    return [] if problems == ["ok"] else problems
 
 
 def broken_links(session: Session, most: int = 20) -> list[str]:
@@ -286,15 +286,15 @@ def broken_links(session: Session, most: int = 20) -> list[str]:
     if session.get_bind().dialect.name == "sqlite":
         rows = session.execute(text("PRAGMA foreign_key_check")).fetchmany(most)
         return [f"{row[0]} row {row[1]} refers to a missing row of {row[2]}" for row in rows]
-    found = []
+    broken = []
     for table in Base.metadata.sorted_tables:
         for key in table.foreign_keys:
             other = key.column.table.alias()
             query = select(func.count()).select_from(table.outerjoin(other, key.parent == other.c[key.column.name]))
             number = session.scalar(query.where(key.parent.is_not(None), other.c[key.column.name].is_(None)))
             if number:
-                found.append(f"{number} rows of {table.name} name a missing row of {key.column.table.name}")
-    return found[:most]
+                broken.append(f"{number} rows of {table.name} name a missing row of {key.column.table.name}")
+    return broken[:most]
 
 
 def states(session: Session) -> Iterator[tuple[str, str, int]]:

@@ -59,15 +59,15 @@ class Pages:
         """Reload the file list if the pages were rebuilt while the server runs."""
         built_ns = (self._folder / INDEX).stat().st_mtime_ns
         if built_ns != self._built_ns:
-            found = {str(p.relative_to(self._folder)): p for p in self._folder.rglob("*") if p.is_file()}
-            self._paths = {name: path for name, path in found.items() if not name.startswith(".")}
+            files = {str(p.relative_to(self._folder)): p for p in self._folder.rglob("*") if p.is_file()}
+            self._paths = {name: path for name, path in files.items() if not name.startswith(".")}
             self._files, self._built_ns = {}, built_ns
 
     def _file(self, name: str) -> File:
-        known = self._files.get(name)
-        if known is None:
-            known = self._files[name] = read(self._paths[name], name)
-        return known
+        file = self._files.get(name)
+        if file is None:
+            file = self._files[name] = read(self._paths[name], name)
+        return file
 
 
 def read(path: Path, name: str) -> File:

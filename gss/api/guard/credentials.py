@@ -59,15 +59,15 @@ class Authenticator:
         """Return the identity of the token or, without one, of the cookie. ABORT must not wait for a write to the database."""
         urgent = scope["path"] == ABORT
         if token:
-            known = self._accounts.remembered("token", token)
+            remembered = self._accounts.remembered("token", token)
             ask = functools.partial(self._accounts.who_has_token, token, scope["state"]["address"], touch=not urgent)
         else:
-            known = self._accounts.remembered("session", cookie)
+            remembered = self._accounts.remembered("session", cookie)
             # A request for the session's remaining time must not extend it.
             touch = not is_open(scope) and not urgent
             ask = functools.partial(self._accounts.who_has_cookie, cookie, touch=touch)
-        if known is not None:
-            return known
+        if remembered is not None:
+            return remembered
         return await (at_once(ask) if urgent else anyio.to_thread.run_sync(ask))
 
 

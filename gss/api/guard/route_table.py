@@ -35,10 +35,10 @@ class RouteTable:
     def route(self, scope: Scope) -> APIRoute | None:
         """Return the route that will handle the request; None if none matches."""
         if not self._routes:  # routes are added after the guard
-            found = [(c.original_route, c.path or "") for c in iter_route_contexts(self._app.routes)]
+            routes = [(c.original_route, c.path or "") for c in iter_route_contexts(self._app.routes)]
             self._routes = [
                 (route.methods or set(), compile_path(path)[0], route)
-                for route, path in found
+                for route, path in routes
                 if isinstance(route, APIRoute)
             ]
         fitting = (

@@ -32,15 +32,15 @@ def detail(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> Ca
     )
 
 
-def difference(found: Comparison) -> CalibrationDiffOut:
+def difference(comparison: Comparison) -> CalibrationDiffOut:
     """Return the comparison of two calibrations."""
     return CalibrationDiffOut(
-        older=found.older.id,
-        newer=found.newer.id,
-        rms_px=float(found.geometry.rms_px),
-        max_px=float(found.geometry.max_px),
-        rotation_arcsec=[float(a) / ARCSEC_RAD for a in found.geometry.rotation_rad],
-        changed=[ChangeOut(name=n, older=pair[0], newer=pair[1]) for n, pair in found.changed.items()],
+        older=comparison.older.id,
+        newer=comparison.newer.id,
+        rms_px=float(comparison.geometry.rms_px),
+        max_px=float(comparison.geometry.max_px),
+        rotation_arcsec=[float(a) / ARCSEC_RAD for a in comparison.geometry.rotation_rad],
+        changed=[ChangeOut(name=n, older=pair[0], newer=pair[1]) for n, pair in comparison.changed.items()],
     )
 
 

@@ -82,10 +82,10 @@ def _histogram(report: Mapping[str, Any]) -> Section | None:
         return None
     edges, counts = [float(k) for k in range(len(q["histogram"]) + 1)], [float(n) for n in q["histogram"]]
     few = Series(f"fewer than {NEED}", edges[: NEED + 1], list(counts[:NEED]), "bars")
-    rest = Series("enough", edges[NEED:], list(counts[NEED:]), "bars")
+    enough = Series("enough", edges[NEED:], list(counts[NEED:]), "bars")
     mean = Level(q["mean"] + 0.5, f"mean {q['mean']:.1f}", vertical=True)
     words = f"{q['pointings']} random pointings within the limits."
-    plot = Plot("Stars per field", "stars in the field", "fields", [rest, few], [mean])
+    plot = Plot("Stars per field", "stars in the field", "fields", [enough, few], [mean])
     return Section("Stars per field", words, drawings=[plot])
 
 
@@ -154,18 +154,18 @@ def _funnel(report: Mapping[str, Any]) -> Section | None:
 
 
 def _screening(m: Mapping[str, Any]) -> Section:
-    found = (m.get("assessment") or {}).get("screening")
-    if not found:
+    screening = (m.get("assessment") or {}).get("screening")
+    if not screening:
         return Section("Screening list", "Not requested.")
-    rows = [[reason, str(stars)] for reason, stars in found["counts"].items()]
+    rows = [[reason, str(stars)] for reason, stars in screening["counts"].items()]
     named = [
         [f"HIP {s['hip']}", ", ".join(s["reasons"]), str(s["companions"]), "kept" if s["kept"] else "left out"]
-        for s in found["stars"][:SHOWN_STARS]
+        for s in screening["stars"][:SHOWN_STARS]
     ]
-    ring = f"mean {_number(found['mean_companions'], 2)}, most {_number(found['most_companions'], 0)}"
+    ring = f"mean {_number(screening['mean_companions'], 2)}, most {_number(screening['most_companions'], 0)}"
     tables = [Table("", ["reason", "stars in the envelope"], rows)]
     tables += [Table("Stars", ["star", "reasons", "in its ring", ""], named)] if named else []
-    facts = [Fact("stars in the ring of each", ring), Fact("chance of a third star", _short(found["third"]))]
+    facts = [Fact("stars in the ring of each", ring), Fact("chance of a third star", _short(screening["third"]))]
     return Section("Screening list", facts=facts, tables=tables)
 
 
@@ -207,17 +207,17 @@ def _listed(title: str, columns: Sequence[str], rows: list[list[str]]) -> Sectio
 
 def _flat(values: Mapping[str, Any], before: str = "") -> list[Fact]:
     """Flatten nested values to facts. Values whose names end in ``_rad`` are shown in degrees."""
-    found: list[Fact] = []
+    facts: list[Fact] = []
     for name, value in values.items():
         label = f"{before}{name}"
         if isinstance(value, Mapping):
-            found += _flat(value, f"{label}.")
+            facts += _flat(value, f"{label}.")
         elif name.endswith("_rad") and value is not None:
             degrees = [math.degrees(v) for v in (value if isinstance(value, list | tuple) else [value])]
-            found.append(Fact(label.removesuffix("_rad"), " to ".join(f"{d:.4g}°" for d in degrees)))
+            facts.append(Fact(label.removesuffix("_rad"), " to ".join(f"{d:.4g}°" for d in degrees)))
         elif value not in (None, "", [], {}):
-            found.append(Fact(label, str(value)[:200]))
-    return found
+            facts.append(Fact(label, str(value)[:200]))
+    return facts
 
 
 def _number(value: Any, decimals: int) -> str:

@@ -67,16 +67,16 @@ def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDeta
     )
 
 
-def diff(found: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
+def diff(stored_diff: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
     """Return what would change on board. ``stars``: source of names, and of magnitudes for formats that store none."""
-    d, c = found.diff, found.coverage
+    d, c = stored_diff.diff, stored_diff.coverage
     moved = dict(zip(d.moved.tolist(), (d.moved_rad / ARCSEC_RAD).tolist(), strict=True))
     changed = dict(zip(d.magnitude_changed.tolist(), d.magnitude_change_mag.tolist(), strict=True))
     return CatalogueDiffOut(
-        old=_reference(found.old),
-        new=_reference(found.new),
-        same_camera=found.same_camera,
-        nothing=d.nothing and found.old.sha256 == found.new.sha256,
+        old=_reference(stored_diff.old),
+        new=_reference(stored_diff.new),
+        same_camera=stored_diff.same_camera,
+        nothing=d.nothing and stored_diff.old.sha256 == stored_diff.new.sha256,
         added_count=len(d.added),
         dropped_count=len(d.dropped),
         moved_count=len(d.moved),
@@ -84,10 +84,10 @@ def diff(found: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
         same_count=len(d.same),
         unknown_old=d.unknown[0],
         unknown_new=d.unknown[1],
-        added=_stars(d.added, found.after, stars),
-        dropped=_stars(d.dropped, found.before, stars),
-        moved=_stars(d.moved, found.after, stars, moved_arcsec=moved),
-        magnitude=_stars(d.magnitude_changed, found.after, stars, change_mag=changed),
+        added=_stars(d.added, stored_diff.after, stars),
+        dropped=_stars(d.dropped, stored_diff.before, stars),
+        moved=_stars(d.moved, stored_diff.after, stars, moved_arcsec=moved),
+        magnitude=_stars(d.magnitude_changed, stored_diff.after, stars, change_mag=changed),
         coverage=CoverageOut(
             nside=c.nside,
             radius_deg=float(np.degrees(c.radius_rad)),
@@ -104,35 +104,35 @@ def _reference(row: Catalogue) -> CatalogueRefOut:
     return CatalogueRefOut(**values, bytes=row.size, epoch_jyear=row.manifest.get("epoch_jyear"))
 
 
-def _stars(hips: Ids, where: OnboardCatalogue, known: StarTable, **more: dict[int, float]) -> list[ChangedStarOut]:
+def _stars(hips: Ids, where: OnboardCatalogue, star_table: StarTable, **more: dict[int, float]) -> list[ChangedStarOut]:
     row_of = {int(hip): row for row, hip in enumerate(where.hip)}
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(where.icrs.astype(float)))
-    found = []
+    stars = []
     for hip in map(int, hips):
-        row, ground = row_of[hip], known.row_of_hip.get(hip)
+        row, ground = row_of[hip], star_table.row_of_hip.get(hip)
         mag = float(where.v_mag[row])
         if not np.isfinite(mag) and ground is not None:
-            mag = float(known.v_mag[ground])
+            mag = float(star_table.v_mag[ground])
         own = {name: values[hip] for name, values in more.items()}
         place = {"ra_deg": round(float(ra[row]), 4), "dec_deg": round(float(dec[row]), 4)}
         mag_or_none = round(mag, 2) if np.isfinite(mag) else None
-        found.append(ChangedStarOut(hip=hip, name=known.name_of(hip), v_mag=mag_or_none, **place, **own))
-    return sorted(found, key=lambda s: (s.v_mag is None, s.v_mag))[:MOST_LISTED]
+        stars.append(ChangedStarOut(hip=hip, name=star_table.name_of(hip), v_mag=mag_or_none, **place, **own))
+    return sorted(stars, key=lambda s: (s.v_mag is None, s.v_mag))[:MOST_LISTED]
 
 
-def timeline(found: Timeline, now: datetime, watch_days: float) -> TimelineOut:
+def timeline(bank_timeline: Timeline, now: datetime, watch_days: float) -> TimelineOut:
     """Return the bank timeline of a device."""
-    word = cover(found.stays, found.planned, now, watch_days)
-    devices = [DeviceRefOut.model_validate(d) for d in found.devices]
+    word = cover(bank_timeline.stays, bank_timeline.planned, now, watch_days)
+    devices = [DeviceRefOut.model_validate(d) for d in bank_timeline.devices]
     return TimelineOut(
-        device=DeviceRefOut.model_validate(found.device),
+        device=DeviceRefOut.model_validate(bank_timeline.device),
         devices=devices,
         now=now,
-        start=found.start,
-        end=found.end,
-        stays=[_stay(stay, now) for stay in found.stays],
-        planned=[BankPlanOut(**{n: getattr(p, n) for n in BankPlanOut.model_fields}) for p in found.planned],
-        contacts=[ContactSpanOut.model_validate(c) for c in found.contacts],
+        start=bank_timeline.start,
+        end=bank_timeline.end,
+        stays=[_stay(stay, now) for stay in bank_timeline.stays],
+        planned=[BankPlanOut(**{n: getattr(p, n) for n in BankPlanOut.model_fields}) for p in bank_timeline.planned],
+        contacts=[ContactSpanOut.model_validate(c) for c in bank_timeline.contacts],
         cover=CoverOut(state=word.state.value, text=word.text, until=word.until),
     )
 

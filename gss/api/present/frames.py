@@ -102,9 +102,9 @@ def _solution_values(row: Solution) -> dict[str, Any]:
     )
     values = {name: getattr(row, name) for name in names.split()}
     fov_deg = tuple(math.degrees(v) for v in row.fov_rad) if row.fov_rad else None
-    known = [s for s in row.detail.get("stars", ()) if s.get("dx_arcsec") is not None and s["weight"] > 0]
-    weights = sum(s["weight"] for s in known)
-    square = sum(s["weight"] * (s["dx_arcsec"] ** 2 + s["dy_arcsec"] ** 2) / 2 for s in known)
+    used_stars = [s for s in row.detail.get("stars", ()) if s.get("dx_arcsec") is not None and s["weight"] > 0]
+    weights = sum(s["weight"] for s in used_stars)
+    square = sum(s["weight"] * (s["dx_arcsec"] ** 2 + s["dy_arcsec"] ** 2) / 2 for s in used_stars)
     return values | {
         "attitude": attitude(row.quaternion, row.sigma_rad),
         "rms_arcsec": math.sqrt(square / weights) if weights else None,

@@ -31,20 +31,22 @@ class Document:
 
 def documents(folder: Path) -> Mapping[str, Document]:
     """Return every document of the folder by name, in the order of the contents."""
-    found: dict[str, Document] = {}
+    documents_by_name: dict[str, Document] = {}
     for group, _ in GROUPS:
         paths = sorted((folder / group).glob("*.md"), key=lambda p: (_rank(p.stem), p.stem))
-        found.update({p.stem: Document(p.stem, _title(p), group, p) for p in paths if p.stem not in found})
-    return found
+        documents_by_name.update(
+            {p.stem: Document(p.stem, _title(p), group, p) for p in paths if p.stem not in documents_by_name}
+        )
+    return documents_by_name
 
 
-def help_page(text: str, shown: Document | None, known: Mapping[str, Document]) -> str:
+def help_page(text: str, shown: Document | None, documents_by_name: Mapping[str, Document]) -> str:
     """Return the complete page of a document's text, with the contents beside it."""
     tokens = _RENDERER.parse(text)
     heads = _anchor(tokens)
-    _relink(tokens, known)
+    _relink(tokens, documents_by_name)
     body = _RENDERER.renderer.render(tokens, _RENDERER.options, {})
-    return _page(shown.title if shown else "Help", body, _contents(known, shown, heads))
+    return _page(shown.title if shown else "Help", body, _contents(documents_by_name, shown, heads))
 
 
 def single_page(title: str, text: str) -> str:
@@ -56,10 +58,10 @@ def single_page(title: str, text: str) -> str:
     return _page(title, _RENDERER.renderer.render(tokens, _RENDERER.options, {}), f"<ul>{links}</ul>" if links else "")
 
 
-def not_found_page(name: str, known: Mapping[str, Document]) -> str:
+def not_found_page(name: str, documents_by_name: Mapping[str, Document]) -> str:
     """Return the page for an unknown document name."""
     body = f"<h1>Page not found</h1><p>There is no page “{escape(name)}”. Choose one from the list on the left.</p>"
-    return _page("Page not found", body, _contents(known, None, ()))
+    return _page("Page not found", body, _contents(documents_by_name, None, ()))
 
 
 def slug(text: str) -> str:
@@ -95,12 +97,12 @@ def _anchor(tokens: Sequence[Token]) -> list[tuple[str, str]]:
     return heads
 
 
-def _relink(tokens: Iterable[Token], known: Mapping[str, Document]) -> None:
+def _relink(tokens: Iterable[Token], documents_by_name: Mapping[str, Document]) -> None:
     """Rewrite links between documents and to pictures; links to other repository files lead to the help contents."""
     for token in tokens:
         for part in token.children or ():
             if part.type == "link_open":
-                part.attrSet("href", _target(str(part.attrGet("href") or ""), known))
+                part.attrSet("href", _target(str(part.attrGet("href") or ""), documents_by_name))
                 if str(part.attrGet("href")).startswith("http"):
                     part.attrSet("rel", "noreferrer")
             elif part.type == "image":
@@ -108,20 +110,24 @@ def _relink(tokens: Iterable[Token], known: Mapping[str, Document]) -> None:
                 part.attrSet("loading", "lazy")
 
 
-def _target(href: str, known: Mapping[str, Document]) -> str:
+def _target(href: str, documents_by_name: Mapping[str, Document]) -> str:
     if re.match(r"https?:|mailto:|#", href):
         return href
     path, _, fragment = href.partition("#")
     name = PurePosixPath(path).stem
-    if name in known and name != CONTENTS:
+    if name in documents_by_name and name != CONTENTS:
         return f"/help/{name}{'#' + fragment if fragment else ''}"
     return "/help"
 
 
-def _contents(known: Mapping[str, Document], shown: Document | None, heads: Sequence[tuple[str, str]]) -> str:
+def _contents(
+    documents_by_name: Mapping[str, Document], shown: Document | None, heads: Sequence[tuple[str, str]]
+) -> str:
     parts = []
     for group, title in GROUPS:
-        rows = [_entry(d, d is shown, heads) for d in known.values() if d.group == group and d.name != CONTENTS]
+        rows = [
+            _entry(d, d is shown, heads) for d in documents_by_name.values() if d.group == group and d.name != CONTENTS
+        ]
         if rows:
             parts.append(f"<h2>{title}</h2><ul>{''.join(rows)}</ul>")
     return "".join(parts)

@@ -32,13 +32,13 @@ def instruments(service: InstrumentService) -> InstrumentsOut:
     )
 
 
-def instrument(found: Installed) -> InstrumentOut:
+def instrument(installed: Installed) -> InstrumentOut:
     """Return an instrument as a list entry."""
-    return InstrumentOut(**_values(found))
+    return InstrumentOut(**_values(installed))
 
 
-def _values(found: Installed) -> dict[str, Any]:
-    about, i = found.instrument.about, found.instrument
+def _values(installed: Installed) -> dict[str, Any]:
+    about, i = installed.instrument.about, installed.instrument
     return {
         "name": i.name,
         "title": about.title,
@@ -46,21 +46,21 @@ def _values(found: Installed) -> dict[str, Any]:
         "release": about.version,
         "version": i.version,
         "origin": "shipped" if i.shipped else "own",
-        "configured": found.configured,
-        "connected": found.connected,
-        "in_use": found.in_use,
-        "use": UseOut.model_validate(found.total),
+        "configured": installed.configured,
+        "connected": installed.connected,
+        "in_use": installed.in_use,
+        "use": UseOut.model_validate(installed.total),
     }
 
 
-def instrument_detail(found: Installed, versions: Sequence[str]) -> InstrumentDetailOut:
+def instrument_detail(installed: Installed, versions: Sequence[str]) -> InstrumentDetailOut:
     """Return the whole content of a package."""
-    i = found.instrument
+    i = installed.instrument
     camera, d = i.profile.camera, i.dictionary
     return InstrumentDetailOut(
-        **_values(found),
+        **_values(installed),
         versions=list(versions),
-        uses=[UseOut.model_validate(use) for use in found.uses],
+        uses=[UseOut.model_validate(use) for use in installed.uses],
         references=list(i.about.references),
         notes=i.about.notes,
         tried_on_hardware=i.about.tried_on_hardware,

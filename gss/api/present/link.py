@@ -50,16 +50,16 @@ def counters(counted: LinkCounters, framing: str, housekeeping: Mapping[str, Any
 
 def bank(view: BankView, now: datetime) -> BankOut:
     """Return a flash bank."""
-    known = view.catalogue
+    catalogue_row = view.catalogue
     return BankOut(
         bank=view.bank,
         state=view.state,
         active=view.active,
-        catalogue_id=known.id if known else None,
-        catalogue_name=known.name if known else None,
+        catalogue_id=catalogue_row.id if catalogue_row else None,
+        catalogue_name=catalogue_row.name if catalogue_row else None,
         stars=view.stars,
         pairs=view.pairs,
         sha256=view.sha256,
-        valid_to=known.valid_to if known else None,
-        days_left=days_left(known.valid_to, now) if known else None,
+        valid_to=catalogue_row.valid_to if catalogue_row else None,
+        days_left=days_left(catalogue_row.valid_to, now) if catalogue_row else None,
     )

@@ -82,12 +82,12 @@ def passes(table: PassTable) -> PassesOut:
     )
 
 
-def one(found: ComingPass, others: Sequence[ComingPass] = ()) -> PassOut:
+def one(coming: ComingPass, others: Sequence[ComingPass] = ()) -> PassOut:
     """Return a pass in degrees. ``others``: passes that may overlap it."""
-    at = found.at
+    at = coming.at
     return PassOut(
-        station_id=found.station.id,
-        station=found.station.name,
+        station_id=coming.station.id,
+        station=coming.station.name,
         rise=at.rise,
         culmination=at.culmination,
         set=at.set,
@@ -100,10 +100,10 @@ def one(found: ComingPass, others: Sequence[ComingPass] = ()) -> PassOut:
         sunlit_share=at.sunlit_share,
         begins_before=at.begins_before,
         ends_after=at.ends_after,
-        content_bytes=found.budget.content_bytes(at.duration_s),
-        content_share=found.budget.share,
-        downloads=found.budget.downloads,
-        overlaps=[o.station.name for o in others if o is not found and o.at.rise < at.set and at.rise < o.at.set],
+        content_bytes=coming.budget.content_bytes(at.duration_s),
+        content_share=coming.budget.share,
+        downloads=coming.budget.downloads,
+        overlaps=[o.station.name for o in others if o is not coming and o.at.rise < at.set and at.rise < o.at.set],
         track=[_point(point) for point in at.track],
     )
 

@@ -28,34 +28,34 @@ def every(service: ProcedureService) -> ProceduresOut:
     """Return all procedures that can be run or copied."""
     package = []
     for file, text in service.of_package().items():
-        found = service.check(text)
+        checked = service.check(text)
         package.append(
-            PackageProcedureOut(file=file, title=found.document.title, text=text, mistakes=len(found.mistakes))
+            PackageProcedureOut(file=file, title=checked.document.title, text=text, mistakes=len(checked.mistakes))
         )
     return ProceduresOut(stored=[procedure(service, row) for row in service.every()], package=package)
 
 
 def procedure(service: ProcedureService, row: Procedure) -> StoredProcedureOut:
     """Return a stored procedure."""
-    found = service.check(row.text)
+    checked = service.check(row.text)
     return StoredProcedureOut(
         id=row.id,
         name=row.name,
         author=row.author,
         changed=row.changed,
         text=row.text,
-        steps=len(found.document.steps),
-        mistakes=len(found.mistakes),
+        steps=len(checked.document.steps),
+        mistakes=len(checked.mistakes),
     )
 
 
-def check(found: ProcedureCheck, operations: StandardOperations) -> ProcedureCheckOut:
+def check(checked: ProcedureCheck, operations: StandardOperations) -> ProcedureCheckOut:
     """Return a procedure as it was read, with its mistakes."""
     return ProcedureCheckOut(
-        title=found.document.title,
-        introduction=found.document.introduction,
-        steps=_steps(found.document, operations),
-        mistakes=[MistakeOut(line=m.line, text=m.text) for m in found.mistakes],
+        title=checked.document.title,
+        introduction=checked.document.introduction,
+        steps=_steps(checked.document, operations),
+        mistakes=[MistakeOut(line=m.line, text=m.text) for m in checked.mistakes],
     )
 
 

@@ -47,18 +47,18 @@ Wanted = Annotated[AuditFilter, Depends(_filter)]
 @router.get("", dependencies=[ADMIN])
 def read_audit(
     app: App,
-    wanted: Wanted,
+    filters: Wanted,
     before: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> list[AuditRowOut]:
     """Audit rows, newest first. ``before``: rows with a smaller number, for the next page. ``action``: prefix."""
-    return [AuditRowOut.model_validate(row) for row in app.audit.page(wanted, limit, before)]
+    return [AuditRowOut.model_validate(row) for row in app.audit.page(filters, limit, before)]
 
 
 @router.get("/export", response_class=StreamingResponse, dependencies=[ADMIN, EXPORT])
-def export_audit(app: App, wanted: Wanted, format: Literal["jsonl", "csv"] = "jsonl") -> StreamingResponse:
+def export_audit(app: App, filters: Wanted, format: Literal["jsonl", "csv"] = "jsonl") -> StreamingResponse:
     """Export all matching rows as a file, oldest first."""
-    pieces: Iterator[str] = app.audit.export(format, wanted)
+    pieces: Iterator[str] = app.audit.export(format, filters)
     headers = {"Content-Disposition": f"attachment; filename=audit.{format}"}
     return StreamingResponse(pieces, media_type=FORMATS[format], headers=headers)
 

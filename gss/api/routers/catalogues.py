@@ -95,8 +95,8 @@ def timeline(
 ) -> TimelineOut:
     """Past, current and planned catalogues in each bank of a device; by default of the device that responded last."""
     now = utc_now()
-    found = app.bank_history.timeline(start or now - PAST, end or now + FUTURE, device)
-    return present.catalogues.timeline(found, now, app.settings.catalogue_watch_days)
+    history = app.bank_history.timeline(start or now - PAST, end or now + FUTURE, device)
+    return present.catalogues.timeline(history, now, app.settings.catalogue_watch_days)
 
 
 @router.get("/sources")
@@ -149,9 +149,9 @@ def _sheet(row: Catalogue) -> Report:
 @router.get("/{catalogue_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, catalogue_id: RowId, kind: Kind) -> Response:
     """Export a catalogue: bank image, manifest, C source, star list, or all tables."""
-    found = app.catalogues.export(catalogue_id, kind)
-    headers = {"Content-Disposition": f'attachment; filename="{found.name}"'}
-    return Response(found.content, media_type=found.media_type, headers=headers)
+    exported = app.catalogues.export(catalogue_id, kind)
+    headers = {"Content-Disposition": f'attachment; filename="{exported.name}"'}
+    return Response(exported.content, media_type=exported.media_type, headers=headers)
 
 
 @router.get("/{catalogue_id}/image.bin", response_class=Response, dependencies=[EXPORT])

@@ -64,21 +64,21 @@ def read_dictionary(app: App) -> DictionaryOut:
 
 
 @router.get("/commands")
-def list_commands(app: App, wanted: Wanted, limit: Limit = 100, before: ContactId = None) -> list[CommandOut]:
+def list_commands(app: App, filters: Wanted, limit: Limit = 100, before: ContactId = None) -> list[CommandOut]:
     """Commands, newest first. ``before``: commands with a smaller id, for the next page."""
-    return [present.commands.command(app.commands.view(row)) for row in app.history.page(wanted, limit, before)]
+    return [present.commands.command(app.commands.view(row)) for row in app.history.page(filters, limit, before)]
 
 
 @router.get("/commands.csv", response_class=StreamingResponse, dependencies=[EXPORT])
-def export_commands(app: App, wanted: Wanted) -> StreamingResponse:
+def export_commands(app: App, filters: Wanted) -> StreamingResponse:
     """Export all matching commands as CSV, oldest first."""
-    return _file(app.history.csv(wanted), "text/csv", "commands.csv")
+    return _file(app.history.csv(filters), "text/csv", "commands.csv")
 
 
 @router.get("/commands.json", response_class=StreamingResponse, dependencies=[EXPORT])
-def export_commands_json(app: App, wanted: Wanted) -> StreamingResponse:
+def export_commands_json(app: App, filters: Wanted) -> StreamingResponse:
     """Export all matching commands as JSON, oldest first."""
-    return _file(app.history.json(wanted), "application/json", "commands.json")
+    return _file(app.history.json(filters), "application/json", "commands.json")
 
 
 @router.get("/commands/facets")

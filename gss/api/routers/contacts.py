@@ -76,9 +76,9 @@ def _report(app: App, contact_id: int) -> ContactReport:
 @router.get("/contacts/{contact_id}/report")
 def report(app: App, contact_id: RowId) -> ReportOut:
     """Pass report as data."""
-    found = _report(app, contact_id)
-    procedures = app.procedure_runs.between(found.detail.row.started, found.detail.end)
-    return present.contacts.report(found, procedures)
+    contact_data = _report(app, contact_id)
+    procedures = app.procedure_runs.between(contact_data.detail.row.started, contact_data.detail.end)
+    return present.contacts.report(contact_data, procedures)
 
 
 @router.get("/contacts/{contact_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])
@@ -90,8 +90,8 @@ def report_page(app: App, contact_id: RowId) -> HTMLResponse:
 @router.get("/contacts/{contact_id}/report.pdf", response_class=Response, dependencies=[EXPORT])
 def report_pdf(app: App, contact_id: RowId) -> Response:
     """Pass report as a PDF file."""
-    found = report(app, contact_id)
-    data = as_pdf(contact_sheet(found), found.contact.ended or found.contact.started)
+    contact_data = report(app, contact_id)
+    data = as_pdf(contact_sheet(contact_data), contact_data.contact.ended or contact_data.contact.started)
     headers = {"Content-Disposition": f"attachment; filename=contact-{contact_id}.pdf"}
     return Response(data, media_type="application/pdf", headers=headers)
 

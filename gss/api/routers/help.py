@@ -23,9 +23,9 @@ router = APIRouter(prefix="/help", include_in_schema=False)
 @router.get("/")
 def read_contents() -> HTMLResponse:
     """Contents page."""
-    known = documents(DOCS)
-    first = known.get(CONTENTS)
-    return HTMLResponse(help_page(first.path.read_text("utf-8") if first else WITHOUT, first, known))
+    documents_by_name = documents(DOCS)
+    first = documents_by_name.get(CONTENTS)
+    return HTMLResponse(help_page(first.path.read_text("utf-8") if first else WITHOUT, first, documents_by_name))
 
 
 @router.get(f"/{PICTURES}/{{name}}")
@@ -40,7 +40,9 @@ def read_picture(name: str) -> FileResponse:
 @router.get("/{name}")
 def read_document(name: str) -> HTMLResponse:
     """Document by name."""
-    known = documents(DOCS)
-    if name not in known:
-        return HTMLResponse(not_found_page(name, known), 404)
-    return HTMLResponse(help_page(known[name].path.read_text("utf-8"), known[name], known))
+    documents_by_name = documents(DOCS)
+    if name not in documents_by_name:
+        return HTMLResponse(not_found_page(name, documents_by_name), 404)
+    return HTMLResponse(
+        help_page(documents_by_name[name].path.read_text("utf-8"), documents_by_name[name], documents_by_name)
+    )

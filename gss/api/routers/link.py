@@ -36,8 +36,8 @@ def read_counters(app: App) -> CountersOut:
 
 
 async def _opening(request: Request) -> OneAtATime:
-    found: OneAtATime = request.app.state.line_opening
-    return found
+    line_opening: OneAtATime = request.app.state.line_opening
+    return line_opening
 
 
 @router.post("/link/open", dependencies=[need("link.open")])

@@ -48,8 +48,10 @@ def read_session(app: App, request: Request) -> SessionOut:
 @in_turn
 def sign_in(app: App, request: Request, response: Response, body: SignInBody) -> SessionOut:
     """Sign in with a name and a password."""
-    known = app.accounts.users.named(body.name)
-    request.state.named = known.name if known else "unknown name"  # never store the name as typed: it may be a password
+    account = app.accounts.users.named(body.name)
+    request.state.named = (
+        account.name if account else "unknown name"
+    )  # never store the name as typed: it may be a password
     address, agent = _from(request)
     opened = app.accounts.sessions.sign_in(
         body.name,

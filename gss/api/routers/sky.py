@@ -31,10 +31,10 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Mome
         ChartStarOut(hip=int(h), name=bright.name_of(int(h)), ra_deg=float(a), dec_deg=float(d), v_mag=float(v))
         for h, a, d, v in zip(bright.hip, ra, dec, bright.v_mag, strict=True)
     ]
-    found = []
+    bodies_out = []
     for body in bodies(now):
         a, d = ra_dec_from_unit(body.icrs)
-        found.append(
+        bodies_out.append(
             BodyOut(
                 name=body.name,
                 ra_deg=math.degrees(float(a)),
@@ -46,20 +46,20 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Mome
     if place is not None:
         below_ra, below_dec = (math.degrees(float(v)) for v in ra_dec_from_unit(place.earth_icrs))
         exclusion, radius = math.degrees(EARTH_EXCLUSION_RAD), math.degrees(place.earth_radius_rad)
-        found.append(
+        bodies_out.append(
             BodyOut(name="Earth", ra_deg=below_ra, dec_deg=below_dec, exclusion_deg=exclusion, radius_deg=radius)
         )
-    return SkyOut(utc=now, place="" if place is None else place.words, stars=stars, bodies=found)
+    return SkyOut(utc=now, place="" if place is None else place.words, stars=stars, bodies=bodies_out)
 
 
 @router.get("/sky/figures")
 def read_figures(app: App) -> list[FigureOut]:
     """Constellation lines between stars of our own table."""
     bright = app.stars.brighter_than(FAINTEST_JOINED_MAG)
-    found = figures(bright)
+    drawn_figures = figures(bright)
     ra, dec = (np.degrees(a).round(3).tolist() for a in ra_dec_from_unit(bright.icrs))
     place = {int(hip): (a, d) for hip, a, d in zip(bright.hip, ra, dec, strict=True)}
-    return [FigureOut(name=f.name, lines=[[place[hip] for hip in line] for line in f.lines]) for f in found]
+    return [FigureOut(name=f.name, lines=[[place[hip] for hip in line] for line in f.lines]) for f in drawn_figures]
 
 
 @router.get("/profiles")

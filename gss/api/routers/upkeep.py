@@ -37,8 +37,10 @@ root = APIRouter(tags=["upkeep"])
 @router.get("/admin/health", dependencies=[need("admin.health")])
 def health(app: App) -> HealthOut:
     """Health checks of slowly developing problems."""
-    found = app.upkeep.health.look()
-    return HealthOut(state=found.state, checks=[HealthCheckOut.model_validate(check) for check in found.checks])
+    health_report = app.upkeep.health.look()
+    return HealthOut(
+        state=health_report.state, checks=[HealthCheckOut.model_validate(check) for check in health_report.checks]
+    )
 
 
 @root.get("/metrics", dependencies=[need("metrics")], response_class=PlainTextResponse)

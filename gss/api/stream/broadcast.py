@@ -125,13 +125,13 @@ class Broadcaster:
         """Create a listener queue for a user. RateLimited if a limit is reached; anonymous listeners are not limited.
         While the server is stopping, return a closed queue."""
         limits = (("one user or token", self._each, self._of(name)), ("everybody", self._most, len(self._listeners)))
-        for whom, most, there in limits:
-            if name and most and there >= most:
+        for owner, most, open_count in limits:
+            if name and most and open_count >= most:
                 self.counts.refused += 1
                 raise RateLimited(
                     "too many open event streams",
-                    expected=f"at most {most} of {whom}",
-                    got=str(there),
+                    expected=f"at most {most} of {owner}",
+                    got=str(open_count),
                     hint="close unused pages or programs; GSS_STREAMS_EACH, GSS_STREAMS_MOST",
                     retry_after_s=AGAIN_S,
                 )

@@ -141,8 +141,8 @@ async def stream(request: Request, app: App, last_event_id: Annotated[str | None
 
 def resumed_after(number: str) -> int | None:
     """Return the event number in the ``id`` of any message; None if it is not valid."""
-    found = NUMBER.fullmatch(number)
-    return int(found[1]) if found else None
+    number_match = NUMBER.fullmatch(number)
+    return int(number_match[1]) if number_match else None
 
 
 def _valid(request: Request, app: Services) -> Valid | None:

@@ -35,8 +35,8 @@ class UnitGateway:
         if scope["type"] != "http" or not scope["path"].startswith(UNITS):
             await self._app(scope, receive, send)
             return
-        name, _, rest = scope["path"].removeprefix(UNITS).partition("/")
-        inner = {**scope, "path": f"/{rest}", "raw_path": _inner(scope, name)}
+        name, _, inner_path = scope["path"].removeprefix(UNITS).partition("/")
+        inner = {**scope, "path": f"/{inner_path}", "raw_path": _inner(scope, name)}
         if not _below(inner["path"], GUARDED) or _below(inner["path"], SHARED):
             await self._app(inner, receive, send)
         else:

@@ -48,8 +48,8 @@ def parse_units(text: str, instruments: Registry) -> tuple[UnitSpec, ...]:
 
 
 def _unit(text: str, instruments: Registry) -> UnitSpec:
-    name, equals, rest = text.partition("=")
-    instrument, at, address = rest.partition("@")
+    name, equals, address_text = text.partition("=")
+    instrument, at, address = address_text.partition("@")
     if not (equals and at and instrument and address):
         raise BadInput("a unit needs a name, an instrument and an address", expected=EXPECTED, got=text[:80])
     if not NAME.fullmatch(name):

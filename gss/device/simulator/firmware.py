@@ -316,8 +316,8 @@ class StarTracker:
     def late_reports(self, slot: int) -> list[Report]:
         """Return what the attitude control gets when an iteration is not finished in its period: no vectors (Jacobs 1995
         §4.3)."""
-        known = self.known.orbit is not None and self._memory.record.utc_offset_s is not None
-        return [no_vectors(self.imager.stored(slot))] if known else []
+        has_place = self.known.orbit is not None and self._memory.record.utc_offset_s is not None
+        return [no_vectors(self.imager.stored(slot))] if has_place else []
 
     def attitude_report(self, problem: str = "") -> Report:
         """Return the packet "attitude"; ``problem``: why there is no attitude."""

@@ -54,10 +54,10 @@ def make_unit(program: str, instrument: Instrument, world: Environment, argument
     return factory(UnitWorld(instrument, world, arguments.seed, frozenset(arguments.dialect)))
 
 
-def check_dialects(chosen: frozenset[str], known: tuple[str, ...]) -> None:
+def check_dialects(chosen: frozenset[str], supported: tuple[str, ...]) -> None:
     """Raise BadInput if a dialect is unknown to the unit."""
-    for name in sorted(chosen - set(known)):
-        raise BadInput("this unit has no such dialect", expected=" | ".join(known), got=name)
+    for name in sorted(chosen - set(supported)):
+        raise BadInput("this unit has no such dialect", expected=" | ".join(supported), got=name)
 
 
 def measured(world: UnitWorld, now_s: float, sigma_arcsec: tuple[float, float, float]) -> tuple[Array, Array]:

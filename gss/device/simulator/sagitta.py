@@ -68,9 +68,9 @@ class SagittaUnit:
     def feed(self, data: bytes, now_s: float) -> None:
         """Process received bytes; damaged packets have no answer."""
         for frame in self._framer.feed(data):
-            found = unpacked(frame)
-            if found is not None:
-                self._obey(*found, now_s)
+            message = unpacked(frame)
+            if message is not None:
+                self._obey(*message, now_s)
 
     def _obey(self, kind: int, number: int, content: bytes, now_s: float) -> None:
         if kind == ACTION:

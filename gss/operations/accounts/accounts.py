@@ -84,8 +84,8 @@ class AccountService:
     def remembered(self, kind: str, key: str) -> CallerIdentity | None:
         """Return an identity (session or token) from the cache, without a database query; None if it is not cached."""
         with self._lock:
-            at_s, known = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
-            return known if self._monotonic_s() - at_s < REMEMBERED_S else None
+            at_s, remembered_value = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
+            return remembered_value if self._monotonic_s() - at_s < REMEMBERED_S else None
 
     def who_has_token(self, key: str, address: str, *, touch: bool = True) -> CallerIdentity | None:
         """Return the identity of the token, or None if it is not valid. Raises RateLimited after too many invalid tokens from that
@@ -109,12 +109,12 @@ class AccountService:
             return "it was removed"
         return over
 
-    def require(self, name: str, wanted: str) -> None:
+    def require(self, name: str, permission: str) -> None:
         """Raise NotPermitted unless the user or token of that name has the permission now; for work that outlives its
         request."""
         role, permissions = self._permissions(name)
-        if wanted not in permissions:
-            raise not_permitted(wanted, role)
+        if permission not in permissions:
+            raise not_permitted(permission, role)
 
     def _permissions(self, name: str) -> tuple[str, frozenset[str]]:
         if name.startswith(TOKEN_PREFIX):
@@ -127,16 +127,16 @@ class AccountService:
 
     def _recall(self, hashed: str, look: Callable[[], CallerIdentity | None]) -> CallerIdentity | None:
         with self._lock:
-            at_s, known = self._remembered.get(hashed, (0.0, None))
-            if known is not None and self._monotonic_s() - at_s < REMEMBERED_S:
-                return known
+            at_s, remembered_value = self._remembered.get(hashed, (0.0, None))
+            if remembered_value is not None and self._monotonic_s() - at_s < REMEMBERED_S:
+                return remembered_value
             changes = self._changes
         read_s = self._monotonic_s()
         try:
             who = look()
         except StoreDown:
-            if known is not None and read_s - at_s < IN_NEED_S:
-                return known
+            if remembered_value is not None and read_s - at_s < IN_NEED_S:
+                return remembered_value
             raise
         with self._lock:
             self._remembered.pop(hashed, None)

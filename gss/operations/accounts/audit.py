@@ -114,17 +114,17 @@ class AuditService:
         except OSError as error:  # a full disk must not undo a change; a missing file is reported by ``compare``
             log.warning("row %d, hash %s, was not appended to the anchor file: %s", anchor.seq, anchor.hash, error)
 
-    def page(self, wanted: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
+    def page(self, filters: AuditFilter, limit: int, before: int | None = None) -> list[AuditRow]:
         """Return a page of rows, newest first, with numbers below ``before``."""
         with self._database.unit_of_work() as session:
-            return store.page(session, wanted, limit, before)
+            return store.page(session, filters, limit, before)
 
-    def export(self, kind: str, wanted: AuditFilter | None = None) -> Iterator[str]:
+    def export(self, kind: str, filters: AuditFilter | None = None) -> Iterator[str]:
         """Yield all matching rows, oldest first, as JSON lines or CSV."""
         with self._database.unit_of_work() as session:
             if kind == "csv":
                 yield _csv_line(FIELDS)
-            for row in store.every(session, wanted or AuditFilter()):
+            for row in store.every(session, filters or AuditFilter()):
                 values = row_values(row)
                 if kind == "csv":
                     yield _csv_line([_harmless(str(values[field])) for field in FIELDS])

@@ -32,5 +32,5 @@ def time_floor(database: Database) -> datetime | None:
     does not follow an implausible clock, so rows that were written with a clock ahead are not a floor for ever."""
     with database.unit_of_work() as session:
         newest, trusted = audit.last(session), choices.trusted_time(session)
-    known = [moment.astimezone(UTC) for moment in (newest.at if newest else None, trusted) if moment is not None]
-    return max(known, default=None)
+    moments = [moment.astimezone(UTC) for moment in (newest.at if newest else None, trusted) if moment is not None]
+    return max(moments, default=None)

@@ -28,13 +28,13 @@ class CallerIdentity:
     csrf: str
     expires: datetime
 
-    def may(self, wanted: str) -> bool:
+    def may(self, permission: str) -> bool:
         """True if the caller has the permission."""
-        return permitted(self.permissions, wanted)
+        return permitted(self.permissions, permission)
 
-    def require(self, wanted: str) -> None:
+    def require(self, permission: str) -> None:
         """Raise NotPermitted unless the caller has the permission."""
-        require(self.permissions, wanted, self.role)
+        require(self.permissions, permission, self.role)
 
     def require_all(self, role: str, scopes: Iterable[str]) -> None:
         """Raise NotPermitted unless the caller has every permission of the role with these scopes: callers cannot grant more

@@ -91,31 +91,31 @@ def checked_role(role: str) -> str:
     return role
 
 
-def permitted(permissions: frozenset[str], wanted: str) -> bool:
-    """True if one of the alternatives is granted. ``wanted`` is a permission, or several separated by |; ``command`` means
+def permitted(permissions: frozenset[str], permission: str) -> bool:
+    """True if one of the alternatives is granted. ``permission`` is a permission, or several separated by |; ``command`` means
     any command permission."""
     return any(
         one in permissions or (one == "command" and any(p in permissions for p in COMMANDS))
-        for one in wanted.split("|")
+        for one in permission.split("|")
     )
 
 
-def roles_with(wanted: str) -> list[str]:
+def roles_with(permission: str) -> list[str]:
     """Return the roles that have the permission, in the order of the table."""
-    return [role for role, permissions in ROLES.items() if permitted(permissions, wanted)]
+    return [role for role, permissions in ROLES.items() if permitted(permissions, permission)]
 
 
-def require(permissions: frozenset[str], wanted: str, role: str) -> None:
+def require(permissions: frozenset[str], permission: str, role: str) -> None:
     """Raise NotPermitted, naming the roles that have it, unless the permission is granted."""
-    if not permitted(permissions, wanted):
-        raise not_permitted(wanted, role)
+    if not permitted(permissions, permission):
+        raise not_permitted(permission, role)
 
 
-def not_permitted(wanted: str, role: str) -> NotPermitted:
+def not_permitted(permission: str, role: str) -> NotPermitted:
     """Return the error for a missing permission, naming the roles that have it."""
-    having = roles_with(wanted)
+    having = roles_with(permission)
     return NotPermitted(
-        f"permission required: {wanted.replace('|', ' or ')}",
+        f"permission required: {permission.replace('|', ' or ')}",
         expected=f"the role {' or '.join(having)}" if having else "a permission that no role has",
         got=f"the role {role}" if role else "not signed in",
         hint="ask a user with that role, or ask an admin to change your role",

@@ -111,9 +111,9 @@ class SignInService:
     def sign_out(self, key: str) -> None:
         """End the session of that key, if there is one."""
         with self._database.unit_of_work() as session:
-            found = store.sign_in_of(session, key_hash(key))
-            if found is not None and found[0].ended is None:
-                found[0].ended, found[0].end_reason = self._now(), "signed out"
+            sign_in = store.sign_in_of(session, key_hash(key))
+            if sign_in is not None and sign_in[0].ended is None:
+                sign_in[0].ended, sign_in[0].end_reason = self._now(), "signed out"
         self._changed()
 
     def end(self, sign_in_id: int, *, by: str) -> None:
@@ -135,10 +135,10 @@ class SignInService:
         request."""
         now = self._now()
         with self._database.unit_of_work() as session:
-            found = store.sign_in_of(session, key_hash(key))
-            if found is None or self._ended_reason(*found, now):
+            sign_in = store.sign_in_of(session, key_hash(key))
+            if sign_in is None or self._ended_reason(*sign_in, now):
                 return None
-        row, user = found
+        row, user = sign_in
         if touch and now - row.last_seen >= SEEN_EVERY:
             row.last_seen = now
             with contextlib.suppress(StoreDown), self._database.unit_of_work() as session:

@@ -114,10 +114,10 @@ class TokenService:
     def revoke_named(self, name: str) -> Revoked:
         """Revoke the valid token of that name, as ``revoke``. Raises Conflict if there is none."""
         with self._database.unit_of_work() as session:
-            found = store.living_token(session, name, self._now())
-            if found is None:
+            token = store.living_token(session, name, self._now())
+            if token is None:
                 raise Conflict("no active token has this name", got=name[:60])
-            revoked = self._revoke(session, found[0], None)
+            revoked = self._revoke(session, token[0], None)
         self._changed()
         return revoked
 
@@ -132,10 +132,10 @@ class TokenService:
             return None
         now = self._now()
         with self._database.unit_of_work() as session:
-            found = store.token_of(session, key_hash(key))
-            if found is None or _ended_reason(*found, now):
+            token = store.token_of(session, key_hash(key))
+            if token is None or _ended_reason(*token, now):
                 return None
-        row = found[0]
+        row = token[0]
         if touch and (row.last_used is None or now - row.last_used >= SEEN_EVERY):
             with contextlib.suppress(StoreDown), self._database.unit_of_work() as session:
                 store.used(session, row.id, now)
@@ -145,8 +145,8 @@ class TokenService:
         """Return the identity of the valid token of that name (without the prefix)."""
         now = self._now()
         with self._database.unit_of_work() as session:
-            found = store.living_token(session, name, now)
-            return None if found is None or _ended_reason(*found, now) else _who(found[0])
+            token = store.living_token(session, name, now)
+            return None if token is None or _ended_reason(*token, now) else _who(token[0])
 
     def ended_reason(self, token_id: int) -> str:
         """Return why a token is invalid; "" while it is valid."""

@@ -153,11 +153,11 @@ def _beyond(a: Argument) -> list[float]:
         return [max(c.value for c in a.choices) + 1]
     if a.minimum is None or a.maximum is None:
         return []
-    found = [a.minimum - 1, a.maximum + 1]
+    values = [a.minimum - 1, a.maximum + 1]
     if a.type in FLOATS:
-        return [*found, math.nan, math.inf]
+        return [*values, math.nan, math.inf]
     low, high = INTEGER_RANGES[a.type]
-    return [int(v) for v in found if low <= v <= high]
+    return [int(v) for v in values if low <= v <= high]
 
 
 def _raw(a: Argument, value: float | None, probe: Probe, command: CommandDefinition) -> bytes:

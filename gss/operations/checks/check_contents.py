@@ -160,23 +160,23 @@ def check_results(probe: Probe, findings: Findings) -> None:
             raise CorruptData("GET_STATUS brought no housekeeping packet under its id", got=status.text)
         size = len(reported[-1].payload)
         pieces = [(at, min(PIECE_BYTES, size - at)) for at in range(0, size, PIECE_BYTES)]
-        came = [_memory(probe, "registers", at, length) for at, length in pieces]
-        fits = [len(c) for c in came] == [length for _, length in pieces]
-        findings.check("5.7", "registers: number of bytes as requested", fits, f"{sum(map(len, came))} B")
-        values = decode(fields, b"".join(came)).values
+        parts = [_memory(probe, "registers", at, length) for at, length in pieces]
+        fits = [len(c) for c in parts] == [length for _, length in pieces]
+        findings.check("5.7", "registers: number of bytes as requested", fits, f"{sum(map(len, parts))} B")
+        values = decode(fields, b"".join(parts)).values
         findings.check("7.5", "registers: a housekeeping packet", "mode" in values, f"{size} B")
         beyond = probe.order("READ_MEMORY", {"area": "registers", "address": size, "length": 1})
         findings.check("5.7", "beyond the end", beyond.is_("failed", "out_of_range"), beyond.text)
 
 
 def _last(probe: Probe, packets: tuple[Packet, ...], name: str) -> Decoded | None:
-    came = probe.telemetry(packets, name)
-    return came[-1] if came else None
+    received = probe.telemetry(packets, name)
+    return received[-1] if received else None
 
 
 def _memory(probe: Probe, area: str, address: int, length: int) -> bytes:
     answer = probe.order("READ_MEMORY", {"area": area, "address": address, "length": length})
-    came = _last(probe, answer.packets, "memory")
-    if came is None:
+    received = _last(probe, answer.packets, "memory")
+    if received is None:
         raise CorruptData("READ_MEMORY brought no memory packet", got=answer.text)
-    return bytes(int(row["byte"]) for row in came.lists["items"])
+    return bytes(int(row["byte"]) for row in received.lists["items"])

@@ -164,8 +164,8 @@ def check_housekeeping(probe: Probe, findings: Findings) -> None:
 
     times_s = []
     for _ in range(HOUSEKEEPING_PACKETS):
-        came = probe.wait(unasked, 5.0)
-        times_s += [came[-1].time_s] if came and unasked(came[-1]) else []
+        received = probe.wait(unasked, 5.0)
+        times_s += [received[-1].time_s] if received and unasked(received[-1]) else []
     if findings.check("5.1", "packets unasked", len(times_s) == HOUSEKEEPING_PACKETS, f"{len(times_s)} came"):
         step_s = median(b - a for a, b in pairwise(times_s))
         findings.check("5.1", "interval", abs(step_s - 1.0) <= RATE_TOLERANCE_S, f"{step_s:.3f} s")
@@ -205,8 +205,8 @@ def check_damage(probe: Probe, findings: Findings) -> None:
         with findings.trying(number, subject):
             before = int(probe.status()["frames_bad"])
             probe.write(data)
-            came = probe.wait(lambda p: p.request_id == request_id + 1000, QUIET_S)
-            answered = any(p.request_id == request_id + 1000 for p in came)
+            received = probe.wait(lambda p: p.request_id == request_id + 1000, QUIET_S)
+            answered = any(p.request_id == request_id + 1000 for p in received)
             findings.check(number, f"{subject}: no answer", not answered)
             counted = int(probe.status()["frames_bad"]) - before
             fits = counted >= 1 if damaged else counted == 0
@@ -234,12 +234,12 @@ def check_record(probe: Probe, findings: Findings) -> None:
         if not mine:
             findings.skip("5.3", row.name, "none came")
             continue
-        found: set[str] = set()
+        records: set[str] = set()
         for packet in mine:
             try:
-                found |= set(problems(row, decode(row.fields, packet.payload)))
+                records |= set(problems(row, decode(row.fields, packet.payload)))
             except CorruptData as error:
-                found.add(str(error))
-        findings.check("5.3", f"{row.name} ({len(mine)})", not found, "; ".join(sorted(found)))
+                records.add(str(error))
+        findings.check("5.3", f"{row.name} ({len(mine)})", not records, "; ".join(sorted(records)))
     unknown = {p.code for p in packets if p.type is PacketType.TELEMETRY and d.packet_of_code(p.code) is None}
     findings.check("5.3", "packets of the dictionary only", not unknown, f"codes {sorted(unknown)}" if unknown else "")

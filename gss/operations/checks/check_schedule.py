@@ -37,18 +37,18 @@ def check_schedule(probe: Probe, findings: Findings) -> None:
     status = d.command("GET_STATUS").code
     event = d.event_named("SCHEDULE_RUN").code
     now_s = device_time_s(probe)
-    kept = schedule(probe, now_s + SOON_S, status)
-    findings.check("4.15", "SCHEDULE of GET_STATUS", kept.is_("completed"), kept.text)
+    scheduled = schedule(probe, now_s + SOON_S, status)
+    findings.check("4.15", "SCHEDULE of GET_STATUS", scheduled.is_("completed"), scheduled.text)
 
     def ran(p: Packet) -> bool:
-        return p.type is PacketType.EVENT and p.code == event and p.request_id == kept.request_id
+        return p.type is PacketType.EVENT and p.code == event and p.request_id == scheduled.request_id
 
-    came = probe.wait(ran, SOON_S + 3.0)
-    if findings.check("4.15", "it runs and is reported", bool(came) and ran(came[-1])):
-        late_s = came[-1].time_s - (now_s + SOON_S)
+    received = probe.wait(ran, SOON_S + 3.0)
+    if findings.check("4.15", "it runs and is reported", bool(received) and ran(received[-1])):
+        late_s = received[-1].time_s - (now_s + SOON_S)
         findings.check("4.15", "not before its time", is_due(late_s), f"{late_s:.3f} s after it")
         housekeeping = d.packet("housekeeping").code
-        caused = [p for p in came if p.type is PacketType.TELEMETRY and p.request_id == kept.request_id]
+        caused = [p for p in received if p.type is PacketType.TELEMETRY and p.request_id == scheduled.request_id]
         findings.check("4.15", "its packets carry SCHEDULE's id", any(p.code == housekeeping for p in caused))
     for subject, code, payload, reason in (
         (

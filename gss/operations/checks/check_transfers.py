@@ -146,14 +146,14 @@ def check_writing(probe: Probe, findings: Findings) -> None:
         image = probe.device.download(
             "catalogue", CATALOGUES.number(probe.operations, str(active["bank"])), _silent
         ).data
-        kept = probe.device.download("catalogue", number, _silent).data if bank["state"] == "committed" else b""
+        old_content = probe.device.download("catalogue", number, _silent).data if bank["state"] == "committed" else b""
         if bank["sha256"] == active["sha256"]:
             # The device would already have this content and write nothing.
             probe.order("ERASE_BANK", {"bank": name})
         try:
             _check_upload(probe, findings, name, image)
         finally:
-            _put_back(probe, findings, name, kept)
+            _put_back(probe, findings, name, old_content)
         after = next(b for b in probe.banks() if b["bank"] == name)
         same = (after["state"], after["sha256"]) == (bank["state"], bank["sha256"])
         findings.check("6.7", f"bank {name} as it was", same, shown(after["state"]))
@@ -173,11 +173,11 @@ def _check_upload(probe: Probe, findings: Findings, name: str, image: bytes) -> 
     findings.check("6.7", f"bank {name}: the same bytes come back", back == image, f"{len(back)} B")
 
 
-def _put_back(probe: Probe, findings: Findings, name: str, kept: bytes) -> None:
+def _put_back(probe: Probe, findings: Findings, name: str, content: bytes) -> None:
     """Restore the bank's previous content, or erase it if it was empty."""
     try:
-        if kept:
-            probe.device.upload(kept, name, _silent)
+        if content:
+            probe.device.upload(content, name, _silent)
         else:
             probe.order("ERASE_BANK", {"bank": name})
     except (Conflict, CorruptData) as error:

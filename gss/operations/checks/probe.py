@@ -36,8 +36,8 @@ class Tap:
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """See :class:`ByteStream`; also records the received packets."""
         data = self._stream.read(max_bytes, timeout_s)
-        came = self.receiver.feed(data)
-        self.packets += [p for p in came if p.type is not PacketType.TRANSFER or p.code != self._chunk_code]
+        received = self.receiver.feed(data)
+        self.packets += [p for p in received if p.type is not PacketType.TRANSFER or p.code != self._chunk_code]
         return data
 
     def write(self, data: bytes) -> None:
@@ -163,8 +163,8 @@ class Probe:
         window_s = accept_s
         while not reports or reports[-1].stage not in (*FINAL, UNREADABLE):
             at = len(self.tap.packets) if reports else start
-            came = self._collect(max(at, start), lambda p: self._reports_on(p, used), window_s)
-            if not came or not self._reports_on(came[-1], used):
+            received = self._collect(max(at, start), lambda p: self._reports_on(p, used), window_s)
+            if not received or not self._reports_on(received[-1], used):
                 break
             # Several reports may have arrived in one turn, so take all new ones in order.
             new = [p for p in self.tap.packets[start:] if self._reports_on(p, used)][len(reports) :]
@@ -207,10 +207,10 @@ class Probe:
     def status(self) -> Mapping[str, Value]:
         """Return current housekeeping in engineering units. Raises Conflict if none arrives."""
         answer = self.order("GET_STATUS")
-        came = self.telemetry([p for p in answer.packets if p.request_id == answer.request_id], "housekeeping")
-        if not came:
+        received = self.telemetry([p for p in answer.packets if p.request_id == answer.request_id], "housekeeping")
+        if not received:
             raise Conflict("GET_STATUS brought no housekeeping", got=answer.text)
-        return came[-1].values
+        return received[-1].values
 
     def banks(self) -> list[Mapping[str, Value]]:
         """Return the rows reported by LIST_BANKS."""
@@ -229,11 +229,11 @@ class Probe:
         def fits(p: Packet) -> bool:
             return p.type is PacketType.TRANSFER and p.request_id == request_id and p.code in codes
 
-        came = self.wait(fits, within_s)
-        if not came or not fits(came[-1]):
+        received = self.wait(fits, within_s)
+        if not received or not fits(received[-1]):
             return "", {}
-        name = codes[came[-1].code]
-        return name, decode(self.dictionary.service(name).fields, came[-1].payload).values
+        name = codes[received[-1].code]
+        return name, decode(self.dictionary.service(name).fields, received[-1].payload).values
 
 
 @contextmanager

@@ -66,9 +66,9 @@ class AbortJournal:
             log.warning("ABORT could not be written to %s: %s", self._path.name, error)
 
     def _read(self) -> list[IssuedAbort]:
-        found = []
+        entries = []
         with contextlib.suppress(OSError):
             for line in self._path.read_text().splitlines():
                 with contextlib.suppress(ValueError, TypeError):  # a line that a crash cut off
-                    found.append(IssuedAbort(**json.loads(line)))
-        return found
+                    entries.append(IssuedAbort(**json.loads(line)))
+        return entries

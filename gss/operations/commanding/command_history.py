@@ -30,44 +30,44 @@ class CommandHistory:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def page(self, wanted: Filter, limit: int, before: int | None = None) -> list[Command]:
+    def page(self, filters: Filter, limit: int, before: int | None = None) -> list[Command]:
         """Return a page of commands, newest first; ``before``: only those with a smaller id."""
-        _check(wanted)
+        _check(filters)
         with self._database.unit_of_work() as session:
-            return store.page(session, wanted, limit, before)
+            return store.page(session, filters, limit, before)
 
     def facets(self) -> dict[str, list[str]]:
         """Return the distinct names, users, results and sources, for filter lists."""
         with self._database.unit_of_work() as session:
             return store.facets(session)
 
-    def csv(self, wanted: Filter) -> Iterator[str]:
+    def csv(self, filters: Filter) -> Iterator[str]:
         """Yield all matching commands, oldest first, as CSV lines; arguments, values and stages are JSON in their cell."""
-        _check(wanted)
+        _check(filters)
         yield _line(COLUMNS)
-        for facts in self.records(wanted):
+        for facts in self.records(filters):
             yield _line([_cell(facts[name]) for name in COLUMNS])
 
-    def json(self, wanted: Filter) -> Iterator[str]:
+    def json(self, filters: Filter) -> Iterator[str]:
         """Yield all matching commands, oldest first, as pieces of a JSON array."""
         opening = "[\n"
-        for facts in self.records(wanted):
+        for facts in self.records(filters):
             yield opening + json.dumps(facts, ensure_ascii=False)
             opening = ",\n"
         yield "[]\n" if opening == "[\n" else "\n]\n"
 
-    def records(self, wanted: Filter) -> Iterator[dict[str, Any]]:
+    def records(self, filters: Filter) -> Iterator[dict[str, Any]]:
         """Yield all matching commands, oldest first, as plain values."""
-        _check(wanted)
+        _check(filters)
         with self._database.unit_of_work() as session:
-            for row in store.every(session, wanted):
+            for row in store.every(session, filters):
                 yield _facts(row)
 
 
-def _check(wanted: Filter) -> None:
-    if wanted.start is not None and wanted.end is not None and wanted.end <= wanted.start:
+def _check(filters: Filter) -> None:
+    if filters.start is not None and filters.end is not None and filters.end <= filters.start:
         raise BadInput(
-            "the time span is empty", expected="a start before the end", got=f"{wanted.start} … {wanted.end}"
+            "the time span is empty", expected="a start before the end", got=f"{filters.start} … {filters.end}"
         )
 
 

@@ -157,17 +157,17 @@ class CommandRecorder:
             if row is not None:
                 self._write(row, event, at)
 
-    def _write(self, found: Command, event: CommandUpdate, at: datetime) -> None:
-        if event.stage is Stage.UNKNOWN and found.result == "unknown":
+    def _write(self, command: Command, event: CommandUpdate, at: datetime) -> None:
+        if event.stage is Stage.UNKNOWN and command.result == "unknown":
             return  # already recorded when the server started
         detail = " ".join(word for word in (event.reason, event.detail) if word)
         if event.reason == WITHDRAWN:
-            self._end(found.id, WITHDRAWN, event.detail)
-            self._announce("warning", f"{found.name} was not sent: {event.detail}", found.id)
+            self._end(command.id, WITHDRAWN, event.detail)
+            self._announce("warning", f"{command.name} was not sent: {event.detail}", command.id)
             return
         stage = self._stage(str(event.stage), detail, at)
-        values: dict[str, Any] = {"result": stage.stage, "attempts": max(found.attempts, event.attempt)}
-        if found.result == "resolved":
+        values: dict[str, Any] = {"result": stage.stage, "attempts": max(command.attempts, event.attempt)}
+        if command.result == "resolved":
             values.pop("result")  # the operator's resolution is kept; the late stage is recorded beside it
         if detail or event.stage in FINAL_STAGES:
             values["detail"] = detail  # an end without detail clears the text set while the fate was unknown
@@ -177,7 +177,7 @@ class CommandRecorder:
             values["finished"] = stage.at
         if event.stage is Stage.COMPLETED:
             values["values"] = {k: v.hex() if isinstance(v, bytes) else v for k, v in event.values.items()}
-        row = self._change(found.id, stage, **values)
+        row = self._change(command.id, stage, **values)
         self._record_event(row, event)
 
     def _record_event(self, row: Command, event: CommandUpdate) -> None:

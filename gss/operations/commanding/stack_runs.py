@@ -77,9 +77,9 @@ class StackRunner:
         unknown fate is resent with its id, so that the device does not execute it twice; any other is sent as a new command."""
         row = self._failed_last(run_id)
         failed, first = row.steps[row.step], row.step + bool(skip)
-        rest = [{name: step[name] for name in STEP} for step in row.steps[first:]]
-        if rest:
-            self._check(row.name, rest, confirm, user)
+        remaining_steps = [{name: step[name] for name in STEP} for step in row.steps[first:]]
+        if remaining_steps:
+            self._check(row.name, remaining_steps, confirm, user)
 
         def open_again() -> StackRun:
             self._failed_last(run_id)

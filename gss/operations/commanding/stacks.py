@@ -109,10 +109,10 @@ class StackService:
             store.delete(session, stack_id)
 
     @staticmethod
-    def _check_name(found: Stack | None, own: Stack | None) -> None:
-        if found is not None and (own is None or found.id != own.id):
+    def _check_name(same_name: Stack | None, own: Stack | None) -> None:
+        if same_name is not None and (own is None or same_name.id != own.id):
             raise Conflict(
-                "a stack with this name exists", got=found.name, hint="choose another name, or edit that stack"
+                "a stack with this name exists", got=same_name.name, hint="choose another name, or edit that stack"
             )
 
     # --- files --------------------------------------------------------------------------------------------------

@@ -59,7 +59,7 @@ class CaptureDecoder:
     def feed(self, at_s: float, direction: int, data: bytes) -> list[Replayed]:
         """Return the items that are complete once this record has been fed."""
         receiver = self._up if direction == SENT else self._down
-        found: list[Replayed] = []
+        decoded: list[Replayed] = []
         for packet in receiver.feed(data):
             try:
                 item = self._read(packet)
@@ -67,8 +67,8 @@ class CaptureDecoder:
                 self.undecodable += 1
                 continue
             if item is not None:
-                found += [Replayed(at_s, i) for i in item]
-        return found
+                decoded += [Replayed(at_s, i) for i in item]
+        return decoded
 
     def _read(self, packet: Packet) -> list[Item] | None:
         if packet.type is PacketType.TRANSFER:

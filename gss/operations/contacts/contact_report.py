@@ -89,13 +89,13 @@ def _attitude(database: Database, detail: ContactDetail) -> AttitudeSummary:
 
 def quality(counts: Sequence[Count]) -> list[tuple[float, float]]:
     """Return (Unix seconds, share of damaged packets) for each interval between two counts."""
-    found = []
+    findings = []
     bad_before = good_before = 0.0
     for count in counts:
         bad = sum(count.values.get(name, 0.0) for name in ("bad_crc", "too_long", "too_short"))
         good = count.values.get("good", 0.0)
         new = (bad - bad_before) + (good - good_before)
         if new > 0:
-            found.append((count.at_s, (bad - bad_before) / new))
+            findings.append((count.at_s, (bad - bad_before) / new))
         bad_before, good_before = bad, good
-    return found
+    return findings

@@ -208,10 +208,12 @@ class ContactService:
 
     def _files(self, row: Contact) -> list[CaptureFile]:
         sized = capture_sizes(self.captures, row.id)
-        there = {plain_name(path): size for path, size in sized}
+        sizes_on_disk = {plain_name(path): size for path, size in sized}
         grown = {path.name: size for path, size in sized if path.suffix != PACKED}  # may be written still
-        known = {str(f["file"]): int(f["bytes"]) for f in row.captures} or there
-        return [CaptureFile(name, grown.get(name, size), name in there) for name, size in known.items()]
+        expected_sizes = {str(f["file"]): int(f["bytes"]) for f in row.captures} or sizes_on_disk
+        return [
+            CaptureFile(name, grown.get(name, size), name in sizes_on_disk) for name, size in expected_sizes.items()
+        ]
 
     # --- completeness of the record -------------------------------------------------------------------------------
 
@@ -242,11 +244,13 @@ class ContactService:
         if since_s is not None:
             spans.append((since_s, end.timestamp()))
         happenings = self._happenings(row, end)
-        found = [Gap(a, b, 0, why_silent(a, b, counts, happenings, row.id)) for a, b in spans if b - a > SILENT_AFTER_S]
-        if all(gap.explained for gap in found):
-            return found
+        silences = [
+            Gap(a, b, 0, why_silent(a, b, counts, happenings, row.id)) for a, b in spans if b - a > SILENT_AFTER_S
+        ]
+        if all(gap.explained for gap in silences):
+            return silences
         late = self.record(row.id).late  # packets that arrived late may show that nothing is missing
-        return [gap if gap.explained else _if_late(gap, late) for gap in found]
+        return [gap if gap.explained else _if_late(gap, late) for gap in silences]
 
     def _happenings(self, row: Contact, end: datetime) -> list[Happening]:
         """Return events that can explain gaps: restarts of the device, changes of its clock, and a lost line."""
@@ -254,19 +258,19 @@ class ContactService:
             events = store.events_between(session, row.started, end, ("device", "link"))
         words = self._link.roles.events
         names = {words.boot: RESTARTED, words.time_set: CLOCK_SET, words.clock_jump: CLOCK_JUMPED}
-        found = []
+        happenings = []
         for event in events:
             name, _, text = event.text.partition(": ")
             if event.kind == "device" and name in names:
-                found.append(Happening(event.at.timestamp(), names[name], text))
+                happenings.append(Happening(event.at.timestamp(), names[name], text))
         # The closing of the line is recorded shortly after the contact's end.
         with self._database.unit_of_work() as session:
             closing = store.closing(session, row.id)
         if closing is not None:
             cause = closing.text.removeprefix("line closed: ")
             if cause not in BY_US:
-                found.append(Happening(end.timestamp(), LINE_LOST, cause))
-        return found
+                happenings.append(Happening(end.timestamp(), LINE_LOST, cause))
+        return happenings
 
     def record(self, contact_id: int) -> RecordCheck:
         """Check the completeness of a contact's housekeeping record."""

@@ -103,9 +103,9 @@ def check_record(
     late: list[Gap] = []
     evidence = _Evidence(counts, happenings)
     for a, b in itertools.pairwise(samples):
-        found = _between(a, b, evidence)
-        if found is not None:
-            (gaps if found.missing else late).append(found)
+        gaps_between = _between(a, b, evidence)
+        if gaps_between is not None:
+            (gaps if gaps_between.missing else late).append(gaps_between)
     gaps += _ends(samples, evidence, start_s, end_s)
     gaps.sort(key=lambda gap: gap.from_s)
     held = len(samples)

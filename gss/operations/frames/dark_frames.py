@@ -42,9 +42,9 @@ class DarkFrames:
         self._lock = threading.Lock()
         self._read: dict[str, DarkPattern] = {}
 
-    def keep(self, found: DarkCalibration, even: Response | None) -> dict[str, Any]:
+    def keep(self, dark: DarkCalibration, even: Response | None) -> dict[str, Any]:
         """Store the map and its bad pixels. Return its entry for the calibration's result: key, counts, picture."""
-        pattern = pattern_of(found, even)
+        pattern = pattern_of(dark, even)
         return {
             "key": self._blobs.put(as_bytes(pattern)),
             "bad": len(pattern.bad),
@@ -65,12 +65,12 @@ class DarkFrames:
 Pattern = Callable[[str], DarkPattern]
 
 
-def pattern_of(found: DarkCalibration, even: Response | None = None) -> DarkPattern:
+def pattern_of(dark: DarkCalibration, even: Response | None = None) -> DarkPattern:
     """Return the map of a dark calibration; dead pixels are known only from flat fields."""
     dead = np.zeros((0, 2), np.intp) if even is None else even.dead
-    bad = np.unique(np.concatenate([found.hot, found.noisy, dead]).reshape(-1, 2), axis=0)
-    level = np.float32(np.median(found.median_dn))
-    return DarkPattern((found.median_dn - level).astype(np.float32), bad.astype(np.intp), found.exposure_s)
+    bad = np.unique(np.concatenate([dark.hot, dark.noisy, dead]).reshape(-1, 2), axis=0)
+    level = np.float32(np.median(dark.median_dn))
+    return DarkPattern((dark.median_dn - level).astype(np.float32), bad.astype(np.intp), dark.exposure_s)
 
 
 def as_bytes(pattern: DarkPattern) -> bytes:

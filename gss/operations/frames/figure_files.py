@@ -54,9 +54,9 @@ class FigureFiles:
 
 def _read(path: Path, sky: SkyCatalogue, radius_rad: float) -> PatternLevel | None:
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as kept:
-            stars, size_rad, codes = (kept[name] for name in NAMES)
-            count = int(kept["bright_count"])
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as archive:
+            stars, size_rad, codes = (archive[name] for name in NAMES)
+            count = int(archive["bright_count"])
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
     sound = stars.shape == codes.shape == (len(size_rad), 4) and 0 < count <= len(sky) and stars.size

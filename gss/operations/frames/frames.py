@@ -97,14 +97,14 @@ class FrameService:
         self._pool.submit(self._warm, profile_name)
 
     def _warm(self, profile_name: str) -> None:
-        known = self._instruments.camera(profile_name)
-        rows, columns = known.camera.rows, known.camera.columns
+        profile = self._instruments.camera(profile_name)
+        rows, columns = profile.camera.rows, profile.camera.columns
         spots = np.random.default_rng(1).integers(4, [columns - 4, rows - 4], (12, 2))
         pixels = np.random.default_rng(2).integers(8, 14, (rows, columns))
         for col, row in spots:
             pixels[row - 1 : row + 2, col - 1 : col + 2] += np.array([[9, 30, 9], [30, 90, 30], [9, 30, 9]])
-        image = pixels.astype(np.uint8 if known.sensor.bits <= 8 else np.uint16)
-        for chain in dict.fromkeys((self._chain, on_board(known).name)):
+        image = pixels.astype(np.uint8 if profile.sensor.bits <= 8 else np.uint16)
+        for chain in dict.fromkeys((self._chain, on_board(profile).name)):
             try:
                 self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
             except Exception as error:  # a failure only makes the first frame slower
@@ -326,13 +326,13 @@ class FrameService:
         """Store the sensor's own result for a frame; a later, more complete report of the same frame replaces it."""
         if frame.profile is None:
             raise GssError("the camera of the frame is not known", expected="a frame of a known instrument")
-        known = self._instruments.camera(frame.profile)
-        result = onboard_result(record, known.camera, on_board(known).name)
+        profile = self._instruments.camera(frame.profile)
+        result = onboard_result(record, profile.camera, on_board(profile).name)
         with self._database.unit_of_work() as session:
             old = store.newest_solution(session, frame.id, "on board")
             if old is not None:
                 session.delete(old)
-        row = self._row(frame, result, "on board", known.name)
+        row = self._row(frame, result, "on board", profile.name)
         row.detail = row.detail | {"told": reported_of(record, frame)}
         return self._store(row)
 
@@ -351,8 +351,8 @@ class FrameService:
         return self._store(row)
 
     def _row(self, frame: Frame, result: SolveResult, origin: str, camera_name: str) -> Solution:
-        known = self._documented(frame)
-        return solution_row(frame, known, result, self._stars, origin, self._now(), camera_name)
+        profile = self._documented(frame)
+        return solution_row(frame, profile, result, self._stars, origin, self._now(), camera_name)
 
     def _documented(self, frame: Frame) -> CameraProfile | None:
         """Return the documented camera of a frame; None for an unknown camera."""

@@ -58,17 +58,17 @@ def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: plain(value) for name, value in values.items()}
 
 
-def _prior(known: PriorState) -> dict[str, Any]:
+def _prior(prior: PriorState) -> dict[str, Any]:
     return {
         "series": [
             {"quaternion": _listed(a.quaternion), "time_s": None if math.isnan(a.time_s) else a.time_s}
-            for a in known.series
+            for a in prior.series
         ],
-        "failed": known.failed,
-        "commanded": _listed(known.commanded),
-        "commanded_radius_rad": known.commanded_radius_rad,
-        "orbit": None if known.orbit is None else asdict(known.orbit),
-        "apriori": None if known.apriori is None else asdict(known.apriori),
+        "failed": prior.failed,
+        "commanded": _listed(prior.commanded),
+        "commanded_radius_rad": prior.commanded_radius_rad,
+        "orbit": None if prior.orbit is None else asdict(prior.orbit),
+        "apriori": None if prior.apriori is None else asdict(prior.apriori),
     }
 
 

@@ -100,10 +100,12 @@ def _matches(record: OnboardRecord, camera: Camera, centroids: Centroids, attitu
     residual = np.full((len(rows), 2), np.nan)
     if attitude is not None and record.icrs_of_hip is not None:
         position = {int(h): k for k, h in enumerate(record.icrs_of_hip.hip)}
-        known = np.array([h in position for h in hips])
-        if known.any():
+        has_position = np.array([h in position for h in hips])
+        if has_position.any():
             icrs = record.icrs_of_hip.icrs[[position[h] for h in hips if h in position]]
-            residual[known] = centroids.pixels[index[known]] - camera.project(icrs @ attitude.cam_from_icrs.T)
+            residual[has_position] = centroids.pixels[index[has_position]] - camera.project(
+                icrs @ attitude.cam_from_icrs.T
+            )
     return Matches(index, hip_array, np.array([float(row["weight"]) for row in rows]), residual)
 
 

@@ -79,12 +79,12 @@ def _stars(stars: StarTable, camera: Camera, centroids: Centroids, matches: Matc
         k = match_of.get(i)
         if matches is not None and k is not None:
             hip = int(matches.hip[k])
-            found = stars.row_of_hip.get(hip)
+            star_row = stars.row_of_hip.get(hip)
             dx, dy = (_finite(v) for v in matches.residual_px[k])
             row |= {
                 "hip": hip,
                 "name": stars.name_of(hip),
-                "v_mag": None if found is None else float(stars.v_mag[found]),
+                "v_mag": None if star_row is None else float(stars.v_mag[star_row]),
                 "dx_px": dx,
                 "dy_px": dy,
                 "dx_arcsec": None if dx is None else dx * arcsec_per_px,

@@ -75,19 +75,19 @@ class PlaceService:
             return None
         command = operations.command(Operation.SET_ORBIT)
         with self._database.unit_of_work() as session:
-            found = store.page(session, store.Filter(names=(command,), results=("completed",)), 1)
+            commands = store.page(session, store.Filter(names=(command,), results=("completed",)), 1)
         clock = self._clock()
-        if not found or clock is None:
+        if not commands or clock is None:
             return None
-        arguments = check_arguments(operations.dictionary.command(command), found[0].arguments)  # adds the defaults
+        arguments = check_arguments(operations.dictionary.command(command), commands[0].arguments)  # adds the defaults
         arguments = operations.given(Operation.SET_ORBIT, arguments)
         return Place(circular_km(arguments, clock.device_of(moment.timestamp())), "orbit from SET_ORBIT")
 
     def _as_imported(self, moment: datetime) -> Place | None:
-        found = self._orbit_at(moment)
-        if found is None:
+        imported_orbit = self._orbit_at(moment)
+        if imported_orbit is None:
             return None
-        name, orbit = found
+        name, orbit = imported_orbit
         return Place(icrs_km(orbit, moment), f"orbit of {name}")
 
     def _as_built(self, moment: datetime) -> Place | None:

@@ -103,17 +103,17 @@ class ReplayService:
                 "the ground does not know the bank that was active", got=(frame.bank_sha256 or "no hash")[:12]
             )
         shelf = self._shelf(frame)
-        known, chain, mode = shelf.profile, shelf.chain, _mode(record)
-        parameters = parameters_with(shelf.parameters, known, frame.exposure_s, commanded(frame, record), mode)
+        profile, chain, mode = shelf.profile, shelf.chain, _mode(record)
+        parameters = parameters_with(shelf.parameters, profile, frame.exposure_s, commanded(frame, record), mode)
         pixels: Any = self._frames.pixels(frame)
         hint = record.prior.hint(mode, _frame_time_s(record))
         if mode is not Mode.LOST_IN_SPACE and hint is None:
             raise GssError("the initial attitude of the sensor was not received")
-        work = Work(known.camera, self._prepared(shelf, frame.bank_sha256 or "", bank), parameters, mode, hint)
+        work = Work(profile.camera, self._prepared(shelf, frame.bank_sha256 or "", bank), parameters, mode, hint)
         trace = Trace(self._stopwatch_s)
         result = solve(chain, pixels, work, trace=trace)
-        kept: Any = trace.kept
-        return Rerun(result, kept["detection"], kept["matching"])
+        stages: Any = trace.kept
+        return Rerun(result, stages["detection"], stages["matching"])
 
     def _shelf(self, frame: Frame) -> Shelf:
         """Return the tables that were active when the frame was taken, from the store."""

@@ -74,9 +74,9 @@ def stages(record: OnboardRecord, rerun: Rerun) -> list[Stage]:
     ]
 
 
-def first_difference(found: Sequence[Stage]) -> str:
+def first_difference(stages: Sequence[Stage]) -> str:
     """Return "equal" or the text of the first stage that differs."""
-    return next((s.difference for s in found if s.verdict is Verdict.DIFFERS), "equal")
+    return next((s.difference for s in stages if s.verdict is Verdict.DIFFERS), "equal")
 
 
 def _counted(number: int, what: str) -> str:
@@ -165,11 +165,11 @@ def _theirs_matched(record: OnboardRecord) -> dict[int, tuple[int, float]]:
 def _matches(record: OnboardRecord, rerun: Rerun) -> Stage:
     theirs, ours = _theirs_matched(record), _ours_matched(rerun)
     if ours is None:
-        found = rerun.result.matches
-        if found is None or record.attitude is None or record.attitude.get("outcome") != "solved":
+        matches = rerun.result.matches
+        if matches is None or record.attitude is None or record.attitude.get("outcome") != "solved":
             return Stage("matches", Verdict.NOT_COMPARED, _counted(len(theirs), "star"), "–")
-        text = f"matches differ: {len(theirs)} on board, {len(found)} on the ground"
-        return _judged("matches", str(len(theirs)), str(len(found)), len(theirs) != len(found), text)
+        text = f"matches differ: {len(theirs)} on board, {len(matches)} on the ground"
+        return _judged("matches", str(len(theirs)), str(len(matches)), len(theirs) != len(matches), text)
     odd = sorted(i for i in theirs.keys() | ours.keys() if _row(theirs, i) != _row(ours, i))
     if not odd:
         return _judged("matches", _counted(len(theirs), "star"), _counted(len(ours), "star"), False)

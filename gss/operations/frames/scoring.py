@@ -13,9 +13,9 @@ from gss.domain.stars import StarTable
 from gss.pipeline.score import score
 
 
-def judge(result: SolveResult, truth_quaternion: Array, known: CameraProfile, stars: StarTable) -> Verdict:
+def judge(result: SolveResult, truth_quaternion: Array, profile: CameraProfile, stars: StarTable) -> Verdict:
     """Return correct, imprecise, wrong or none."""
-    return score(result, truth_on(known.camera, truth_quaternion, stars), known.camera)
+    return score(result, truth_on(profile.camera, truth_quaternion, stars), profile.camera)
 
 
 def truth_on(camera: Camera, quaternion: Array, stars: StarTable) -> Truth:

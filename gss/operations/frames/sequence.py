@@ -43,11 +43,11 @@ class Sequencer:
         self._system: SystemSequencer | None = None
 
     def solve(
-        self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken: datetime | None
+        self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken_at: datetime | None
     ) -> tuple[SolveResult, dict[str, Any] | None]:
         """Return the result, and the rate since the previous image if both were solved and the interval is known."""
         if self._follow and request.chain in SYSTEMS:
-            return self._as_on_board(solver, pixels, request, taken)
+            return self._as_on_board(solver, pixels, request, taken_at)
         hint = self._hint
         if self._follow and self._before is not None:
             hint = BoundedPrior(self._before[0].cam_from_icrs, FOLLOW_RAD)
@@ -55,29 +55,29 @@ class Sequencer:
         if self._follow and result.outcome is Outcome.NONE and hint is not None:
             again = solver.solve(pixels, replace(request, hint=None))
             result = replace(again, notes=(*again.notes, "lost in earlier images, recovered without them"))
-        rate = self._rate(result.attitude, taken)
+        rate = self._rate(result.attitude, taken_at)
         if rate is not None and result.turning is not None:
             result = replace(result, turning=with_sign_of(result.turning, np.radians(rate["deg_s"])))
         if self._follow:
-            self._before = None if result.attitude is None else (result.attitude, taken)
+            self._before = None if result.attitude is None else (result.attitude, taken_at)
         return result, rate
 
     def _as_on_board(
-        self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken: datetime | None
+        self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken_at: datetime | None
     ) -> tuple[SolveResult, dict[str, Any] | None]:
         """Solve an image of a sequence in the modes of a sensor's own chain."""
         if self._system is None:
             self._system = SystemSequencer(request.chain, self._hint)
         result = self._system.solve(solver, pixels, request)
-        rate = self._rate(result.attitude, taken)
-        self._before = None if result.attitude is None else (result.attitude, taken)
+        rate = self._rate(result.attitude, taken_at)
+        self._before = None if result.attitude is None else (result.attitude, taken_at)
         return result, rate
 
-    def _rate(self, attitude: Attitude | None, taken: datetime | None) -> dict[str, Any] | None:
+    def _rate(self, attitude: Attitude | None, taken_at: datetime | None) -> dict[str, Any] | None:
         if attitude is None or self._before is None:
             return None
         before, then = self._before
-        interval_s = (taken - then).total_seconds() if taken and then else self._interval_s
+        interval_s = (taken_at - then).total_seconds() if taken_at and then else self._interval_s
         if interval_s is None or interval_s <= 0:
             return None
         rate = rate_between(before, attitude, interval_s)

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 def solution_values(
     result: SolveResult,
     stars: StarTable,
-    known: CameraProfile | None,
+    profile: CameraProfile | None,
     truth: list[Any] | None,
 ) -> dict[str, Any]:
-    """Return the columns of a solution as plain values. ``known``: the documented camera, if any; ``truth``: quaternion of a
+    """Return the columns of a solution as plain values. ``profile``: the documented camera, if any; ``truth``: quaternion of a
     simulated frame, against which it is scored. Overlays that follow from the attitude are left to :func:`with_overlays`."""
     values: dict[str, Any] = {
         "chain": result.chain,
@@ -51,8 +51,8 @@ def solution_values(
     if result.attitude is not None:
         values["quaternion"] = [float(v) for v in result.attitude.quaternion]
         values["sigma_rad"] = [finite(v) for v in result.attitude.sigma_rad]
-    if truth is not None and known is not None:
-        values |= _judged(result, np.array(truth, float), known, stars)
+    if truth is not None and profile is not None:
+        values |= _judged(result, np.array(truth, float), profile, stars)
     return values
 
 
@@ -72,8 +72,8 @@ def _beside(result: SolveResult) -> dict[str, Any]:
     return beside
 
 
-def _judged(result: SolveResult, truth: Any, known: CameraProfile, stars: StarTable) -> dict[str, Any]:
-    values: dict[str, Any] = {"verdict": str(judge(result, truth, known, stars))}
+def _judged(result: SolveResult, truth: Any, profile: CameraProfile, stars: StarTable) -> dict[str, Any]:
+    values: dict[str, Any] = {"verdict": str(judge(result, truth, profile, stars))}
     if result.attitude is not None:
         off = pointing_difference_rad(result.attitude.cam_from_icrs, matrix_from_quaternion(truth))
         values["error_axis_rad"], values["error_roll_rad"] = off
@@ -82,21 +82,21 @@ def _judged(result: SolveResult, truth: Any, known: CameraProfile, stars: StarTa
 
 def solution_row(
     frame: Frame,
-    known: CameraProfile | None,
+    profile: CameraProfile | None,
     result: SolveResult,
     stars: StarTable,
     origin: str,
     created: datetime,
     camera_name: str,
 ) -> Solution:
-    """Return a new row for a frame taken with the documented camera ``known``, if any."""
+    """Return a new row for a frame taken with the documented camera ``profile``, if any."""
     from gss.store.models import Solution
 
-    values = solution_values(result, stars, known, frame.truth)
+    values = solution_values(result, stars, profile, frame.truth)
     return Solution(frame_id=frame.id, origin=origin, created=created, camera_name=camera_name, **values)
 
 
-def with_overlays(row: Solution, stars: StarTable, known: CameraProfile | None) -> dict[str, Any]:
+def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None) -> dict[str, Any]:
     """Return the overlays of a stored solution. Those that follow from its attitude and camera are computed; rows of older
     versions hold them."""
     if "grid" in row.detail:
@@ -109,7 +109,7 @@ def with_overlays(row: Solution, stars: StarTable, known: CameraProfile | None) 
     col_px, row_px = (np.array([s[name] for s in spots], float) for name in ("col_px", "row_px"))
     none = np.zeros(len(spots))
     seen = Centroids(col_px, row_px, none, none, none.astype(np.int32), none)
-    limit = _limit_of(known, camera)
+    limit = _limit_of(profile, camera)
     velocity_c = row.detail.get("velocity_c")  # a list in the store
     moving = None if velocity_c is None else (velocity_c[0], velocity_c[1], velocity_c[2])
     return overlay.describe(camera, stars, limit, seen, cam_from_icrs, moving) | row.detail
@@ -120,8 +120,8 @@ def finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _limit_of(known: CameraProfile | None, camera: Camera) -> float:
+def _limit_of(profile: CameraProfile | None, camera: Camera) -> float:
     """Return the magnitude limit for predicted stars: the camera's own, else an estimate from its field of view."""
-    if known is not None:
-        return known.sensor.faint_limit_mag
+    if profile is not None:
+        return profile.sensor.faint_limit_mag
     return 6.5 if camera.fov_rad[0] < 0.35 else 5.0

@@ -101,19 +101,19 @@ class Solver:
         """Solve one (rows, columns) frame. "No solution" is a result; an invalid request raises BadInput or NotFound."""
         if request.chain not in CHAINS:
             raise NotFound("unknown chain", expected=" | ".join(CHAINS), got=request.chain)
-        known, camera = _camera_of(request, self._profiles)
+        profile, camera = _camera_of(request, self._profiles)
         epoch = self._epoch_jyear if request.epoch_jyear is None else request.epoch_jyear
         if request.options and request.chain == reference.NAME:
             raise _no_constants()
         if request.chain != reference.NAME:
-            return self._system(pixels, known, request, epoch)
+            return self._system(pixels, profile, request, epoch)
         if camera is None:
             result = self._foreign(pixels, request, epoch)
         else:
-            sensor = known.sensor if known else None
+            sensor = profile.sensor if profile else None
             limit = sensor.faint_limit_mag if sensor else _limit_for(camera)
             stars = self.cache.known(camera, limit, epoch)
-            pixels, cleaned = self.cleaned(pixels, known, request.exposure_s)
+            pixels, cleaned = self.cleaned(pixels, profile, request.exposure_s)
             fainter = min(limit + DEEPER_MAG, FAINTEST_V_MAG)
             result = reference.solve_known(
                 pixels,
@@ -128,22 +128,22 @@ class Solver:
                 clock=self._stopwatch_s,
             )
             result = replace(result, notes=(*result.notes, *cleaned))
-        return _noted(_moving(result, request.observer), known, epoch)
+        return _noted(_moving(result, request.observer), profile, epoch)
 
     def cleaned(
-        self, pixels: NDArray[Any], known: CameraProfile | None, exposure_s: float | None
+        self, pixels: NDArray[Any], profile: CameraProfile | None, exposure_s: float | None
     ) -> tuple[NDArray[Any], tuple[str, ...]]:
         """Subtract the dark frame if one is active. Return the pixels and notes describing the correction. Chains that
         emulate a sensor use the uncorrected pixels."""
-        key = known.sources.get(DARK, "") if known else ""
-        if known is None or not key or self._dark is None:
+        key = profile.sources.get(DARK, "") if profile else ""
+        if profile is None or not key or self._dark is None:
             return pixels, ()
         dark = self._dark(key)
         mended = f"{len(dark.bad)} bad pixels replaced by their neighbours"
         words = f"dark frame subtracted, {mended}"
         if not dark.fits(exposure_s):
             words = f"{mended}; the dark frame is of {dark.exposure_s:g} s and was not subtracted"
-        return clean(pixels, dark, float(known.sensor.saturation_dn), exposure_s), (words,)
+        return clean(pixels, dark, float(profile.sensor.saturation_dn), exposure_s), (words,)
 
     def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
         limits = (
@@ -163,17 +163,17 @@ class Solver:
 
     def parameters(self, request: SolveRequest) -> Any:
         """Return the constants with which a system's chain would run a request. Raises BadInput without a calibrated camera."""
-        known, _ = _camera_of(request, self._profiles)
-        if known is None:
+        profile, _ = _camera_of(request, self._profiles)
+        if profile is None:
             raise BadInput("a system's constants follow from its camera", expected="a camera profile")
-        return _parameters(system(request.chain), known, request.started or _started(request.hint), request.options)
+        return _parameters(system(request.chain), profile, request.started or _started(request.hint), request.options)
 
     def _system(
-        self, pixels: NDArray[Any], known: CameraProfile | None, request: SolveRequest, epoch_jyear: float
+        self, pixels: NDArray[Any], profile: CameraProfile | None, request: SolveRequest, epoch_jyear: float
     ) -> SolveResult:
         """Run the chain of one of the sensors, with a bank like the one in its flash. Raises BadInput without a calibrated
         camera."""
-        if known is None:
+        if profile is None:
             raise BadInput(
                 f"the {request.chain} chain needs a calibrated camera",
                 expected="a camera profile",
@@ -181,21 +181,21 @@ class Solver:
                 hint="choose a profile, or use the reference chain",
             )
         chain, started = system(request.chain), request.started or _started(request.hint)
-        prepared = self.cache.prepared(chain, known, epoch_jyear)
-        parameters = _parameters(chain, known, started, request.options)
-        work = Work(known.camera, prepared, parameters, started.mode, started.hint)
+        prepared = self.cache.prepared(chain, profile, epoch_jyear)
+        parameters = _parameters(chain, profile, started, request.options)
+        work = Work(profile.camera, prepared, parameters, started.mode, started.hint)
         result = solve(chain, pixels, work, self._stopwatch_s)
-        return replace(_noted(result, known, epoch_jyear), options=as_text(dict(request.options)))
+        return replace(_noted(result, profile, epoch_jyear), options=as_text(dict(request.options)))
 
 
-def options_of(chain: str, known: CameraProfile, changed: Mapping[str, str] | None = None) -> tuple[ChainOption, ...]:
+def options_of(chain: str, profile: CameraProfile, changed: Mapping[str, str] | None = None) -> tuple[ChainOption, ...]:
     """Return the constants of a chain for a camera, lost in space; none for the reference chain. Raises NotFound for an unknown
     chain, BadInput for a change that the chain rejects."""
     if chain == reference.NAME:
         if changed:
             raise _no_constants()
         return ()
-    parameters = _parameters(system(chain), known, Started(Mode.LOST_IN_SPACE, None), tuple((changed or {}).items()))
+    parameters = _parameters(system(chain), profile, Started(Mode.LOST_IN_SPACE, None), tuple((changed or {}).items()))
     return listed(parameters, CONSTANT_SOURCES[chain])
 
 
@@ -212,9 +212,9 @@ def _started(hint: near.BoundedPrior | None) -> Started:
 
 
 def _parameters(
-    chain: OnboardChain, known: CameraProfile, started: Started, options: tuple[tuple[str, str], ...]
+    chain: OnboardChain, profile: CameraProfile, started: Started, options: tuple[tuple[str, str], ...]
 ) -> Any:
-    own = chain.parameters(known, None, Commanded(hint_radius_rad=started.radius_rad), started.mode)
+    own = chain.parameters(profile, None, Commanded(hint_radius_rad=started.radius_rad), started.mode)
     return with_options(own, dict(options))
 
 
@@ -255,15 +255,15 @@ def _camera_of(
         raise BadInput(
             "field of view is out of range", expected="0.5° to 120°", got=f"{np.degrees(request.fov_rad):g}°"
         )
-    known = request.known if request.profile is None else profiles(request.profile)
-    if known is not None:
-        return known, known.camera
+    profile = request.known if request.profile is None else profiles(request.profile)
+    if profile is not None:
+        return profile, profile.camera
     return None, request.camera
 
 
-def _noted(result: SolveResult, known: CameraProfile | None, epoch_jyear: float) -> SolveResult:
+def _noted(result: SolveResult, profile: CameraProfile | None, epoch_jyear: float) -> SolveResult:
     """Add notes on the epoch of the stars and, for a calibrated camera, the calibration."""
-    version = known.sources.get("calibration", "") if known else ""
+    version = profile.sources.get("calibration", "") if profile else ""
     made_with = (f"star positions of {epoch_jyear:.2f}", *((f"camera: {version}",) if version else ()))
     return replace(result, notes=(*result.notes, *made_with))
 

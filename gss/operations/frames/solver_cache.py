@@ -79,17 +79,17 @@ class SolverCache:
         files = self._once(("figure files", year), partial(self._files.levels, sky))
         return lambda radius_rad: self._once(("figures", radius_rad, year), lambda: files(radius_rad))
 
-    def bank(self, known: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:
+    def bank(self, profile: CameraProfile, epoch_jyear: float) -> OnboardCatalogue:
         """Return the content of a flash bank for this camera: stars to its limit and their distances, not quantised."""
 
         def make() -> OnboardCatalogue:
-            stars = self.stars(epoch_jyear).brighter_than(known.sensor.faint_limit_mag)
-            distances = distance_table(stars, 0.0, known.camera.diagonal_rad)
+            stars = self.stars(epoch_jyear).brighter_than(profile.sensor.faint_limit_mag)
+            distances = distance_table(stars, 0.0, profile.camera.diagonal_rad)
             return OnboardCatalogue(stars.hip, stars.icrs, stars.v_mag, distances)
 
-        return self._once(("bank", known.camera, known.sensor.faint_limit_mag, epoch_jyear), make)
+        return self._once(("bank", profile.camera, profile.sensor.faint_limit_mag, epoch_jyear), make)
 
-    def prepared(self, chain: OnboardChain, known: CameraProfile, epoch_jyear: float) -> Any:
+    def prepared(self, chain: OnboardChain, profile: CameraProfile, epoch_jyear: float) -> Any:
         """Return such a bank as prepared by a system's processor."""
-        key = ("prepared", chain.name, known.camera, known.sensor, epoch_jyear)
-        return self._once(key, lambda: chain.prepare(self.bank(known, epoch_jyear), known))
+        key = ("prepared", chain.name, profile.camera, profile.sensor, epoch_jyear)
+        return self._once(key, lambda: chain.prepare(self.bank(profile, epoch_jyear), profile))

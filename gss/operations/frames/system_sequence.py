@@ -65,8 +65,8 @@ class SystemSequencer:
         before, turn = self._before, None
         if before is not None:
             parameters = solver.parameters(request)
-            found = relative_attitude(before[0], result.centroids, result.camera, parameters, expected=self._turn)
-            turn = found.quaternion
+            relative = relative_attitude(before[0], result.centroids, result.camera, parameters, expected=self._turn)
+            turn = relative.quaternion
             if result.attitude is None and turn is not None and self._chained < MOST_CHAINED:
                 self._chained += 1
                 since = f"attitude chained over {self._chained} image{'s' if self._chained > 1 else ''}"
@@ -74,11 +74,11 @@ class SystemSequencer:
                     result,
                     outcome=Outcome.SOLVED,
                     reason="",
-                    attitude=chained(before[1], found),
-                    false_match_probability=found.false_match_probability,
+                    attitude=chained(before[1], relative),
+                    false_match_probability=relative.false_match_probability,
                     notes=(
                         *result.notes,
-                        f"{since}: {len(found.pairs)} stars matched to the previous image, none identified: {result.reason}",
+                        f"{since}: {len(relative.pairs)} stars matched to the previous image, none identified: {result.reason}",
                     ),
                 )
             elif result.attitude is not None:

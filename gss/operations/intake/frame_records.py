@@ -75,12 +75,14 @@ class FrameRecords:
     def facts_for(self, transfer: Transfer, number: int) -> FrameFacts:
         """Return the current facts of a frame, completed by those stored when the transfer began, unless these are of
         another frame."""
-        kept = transfer.options.get("facts") or {}
-        if int(kept.get("info", {}).get("frame_number", number)) != number:
-            kept = {}
+        stored_facts = transfer.options.get("facts") or {}
+        if int(stored_facts.get("info", {}).get("frame_number", number)) != number:
+            stored_facts = {}
         now = self.facts(number)
         return FrameFacts(
-            now.info or kept.get("info", {}), now.settings or kept.get("settings", {}), now.truth or kept.get("truth")
+            now.info or stored_facts.get("info", {}),
+            now.settings or stored_facts.get("settings", {}),
+            now.truth or stored_facts.get("truth"),
         )
 
     def settings(self) -> dict[str, Any]:

@@ -62,7 +62,7 @@ class SensorKnowledge:
         return {k: float(v) for k, v in self._operations.given(operation, received).items()}
 
 
-def _apriori(given: Mapping[str, float]) -> Apriori | None:
-    if given["uncertainty_deg"] >= TAKES_BACK_DEG:
+def _apriori(prior_values: Mapping[str, float]) -> Apriori | None:
+    if prior_values["uncertainty_deg"] >= TAKES_BACK_DEG:
         return None
-    return Apriori(*(math.radians(given[f"{a}_deg"]) for a in ("roll", "pitch", "yaw", "uncertainty")))
+    return Apriori(*(math.radians(prior_values[f"{a}_deg"]) for a in ("roll", "pitch", "yaw", "uncertainty")))

@@ -27,19 +27,19 @@ class SizedFile(NamedTuple):
 
 def capture_files(folder: Path, contact_id: int | None = None) -> list[Path]:
     """Return the files of a contact (None: of all) in the order in which they were written."""
-    found = [(NAME.fullmatch(p.name), p) for p in folder.glob("contact-*.raw*")]
-    numbered = sorted((int(m[1]), int(m[2]), p) for m, p in found if m and contact_id in (None, int(m[1])))
+    name_matches = [(NAME.fullmatch(p.name), p) for p in folder.glob("contact-*.raw*")]
+    numbered = sorted((int(m[1]), int(m[2]), p) for m, p in name_matches if m and contact_id in (None, int(m[1])))
     # Where a stop of the program left both forms of a file, the compressed one, which sorts last, is complete.
     return list({plain_name(p): p for _, _, p in numbered}.values())
 
 
 def capture_sizes(folder: Path, contact_id: int | None = None) -> list[SizedFile]:
     """Return the files with their sizes on disk, without those that are removed or compressed meanwhile."""
-    found = []
+    sizes = []
     for path in capture_files(folder, contact_id):
         with contextlib.suppress(FileNotFoundError):
-            found.append(SizedFile(path, path.stat().st_size))
-    return found
+            sizes.append(SizedFile(path, path.stat().st_size))
+    return sizes
 
 
 def plain_name(path: Path) -> str:

@@ -56,14 +56,14 @@ class LineEventQueue:
         if not events:
             return
         with self._changed:
-            kept = tuple(events)
+            batch = tuple(events)
             if self.depth >= self._most:
-                kept = tuple(event for event in events if not isinstance(event, Telemetry))
-                self.dropped += len(events) - len(kept)
-            if not kept:
+                batch = tuple(event for event in events if not isinstance(event, Telemetry))
+                self.dropped += len(events) - len(batch)
+            if not batch:
                 return
-            self._batches.append(LineBatch(kept, self._now(), self._monotonic_s()))
-            self.depth += len(kept)
+            self._batches.append(LineBatch(batch, self._now(), self._monotonic_s()))
+            self.depth += len(batch)
             self._changed.notify_all()
 
     def take(self, timeout_s: float) -> LineBatch | None:

@@ -151,12 +151,12 @@ class NotificationService:
                         yield _Wanted(key, rule.name, target, event.severity, text, rule.due(event.severity, now))
             self._seq = event.seq
 
-    def _add(self, wanted: Sequence[_Wanted]) -> list[Notification]:
-        if not wanted:
+    def _add(self, messages: Sequence[_Wanted]) -> list[Notification]:
+        if not messages:
             return []
         now = self._now()
         with self._database.unit_of_work() as session:
-            known = store.known_keys(session, [w.key for w in wanted])
+            stored_keys = store.known_keys(session, [w.key for w in messages])
             rows = [
                 Notification(
                     key=w.key,
@@ -171,8 +171,8 @@ class NotificationService:
                     tries=0,
                     problem="",
                 )
-                for w in {w.key: w for w in wanted}.values()
-                if w.key not in known
+                for w in {w.key: w for w in messages}.values()
+                if w.key not in stored_keys
             ]
             session.add_all(rows)
         return rows

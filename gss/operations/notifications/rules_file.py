@@ -154,10 +154,10 @@ class NotificationRules(_Strict):
         for words, names in (("targets", [t.name for t in self.targets]), ("rules", [r.name for r in self.rules])):
             if len(set(names)) != len(names):
                 raise ValueError(f"two {words} have the same name")
-        known = {t.name for t in self.targets}
+        target_names = {t.name for t in self.targets}
         used = {name for r in self.rules for name in (*r.to, *(n for e in r.escalate for n in e.to))}
-        if used - known:
-            raise ValueError(f"no such target: {', '.join(sorted(used - known))}")
+        if used - target_names:
+            raise ValueError(f"no such target: {', '.join(sorted(used - target_names))}")
         return self
 
     def target(self, name: str) -> Target | None:

@@ -96,28 +96,28 @@ def _value(tree: Any, body: memoryview, classes: Mapping[str, type]) -> Any:
     def inner(part: Any) -> Any:
         return _value(part, body, classes)
 
-    kind, *rest = tree
+    kind, *arguments = tree
     if kind == ARRAY:
-        dtype, shape, start, size = rest
+        dtype, shape, start, size = arguments
         if dtype not in DTYPES or math.prod(shape) * np.dtype(dtype).itemsize != size or min(shape, default=0) < 0:
             raise ValueError(f"an array of {dtype} {shape} in {size} bytes")
         if not size:
             return np.empty(shape, dtype)
         return np.frombuffer(_range(body, start, size), dtype).reshape(shape)
     if kind == BYTES:
-        return bytes(_range(body, *rest))
+        return bytes(_range(body, *arguments))
     if kind == TIME:
-        return datetime.fromisoformat(rest[0])
+        return datetime.fromisoformat(arguments[0])
     if kind == TUPLE:
-        parts = [inner(part) for part in rest[1]]
-        return tuple(parts) if rest[0] else parts
+        parts = [inner(part) for part in arguments[1]]
+        return tuple(parts) if arguments[0] else parts
     if kind == MAP:
-        return {inner(k): inner(v) for k, v in rest[0]}
+        return {inner(k): inner(v) for k, v in arguments[0]}
     if kind == TEXTS:
-        keys, lengths, text = (inner(part) for part in rest)
+        keys, lengths, text = (inner(part) for part in arguments)
         ends = [0, *np.cumsum(lengths).tolist()]
         return {k: text[a:b].decode() for k, (a, b) in zip(keys.tolist(), pairwise(ends), strict=True)}
-    return classes[rest[0]](**{name: inner(part) for name, part in rest[1].items()})
+    return classes[arguments[0]](**{name: inner(part) for name, part in arguments[1].items()})
 
 
 def _range(body: memoryview, start: int, size: int) -> memoryview:

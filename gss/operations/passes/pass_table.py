@@ -82,5 +82,5 @@ class PassService:
 
     def _over(self, current: CurrentOrbit, row: Station, now: datetime, days: float) -> list[ComingPass]:
         budget = self._budgets.of(row)
-        found = find_passes(current.orbit, ground_station(row), now - UNDER_WAY, now + timedelta(days=days))
-        return [ComingPass(one, row, budget) for one in found if one.set > now]
+        station_passes = find_passes(current.orbit, ground_station(row), now - UNDER_WAY, now + timedelta(days=days))
+        return [ComingPass(one, row, budget) for one in station_passes if one.set > now]

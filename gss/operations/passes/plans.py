@@ -58,14 +58,14 @@ class PlanService:
         """Store a plan for the pass over a station at a time. Raises BadInput, NotFound or Conflict."""
         if not 1 <= len(items) <= MOST_ITEMS:
             raise BadInput("invalid number of items", expected=f"1 – {MOST_ITEMS}", got=str(len(items)))
-        found, checked = self._table.at(station_id, at), [self._control.checked(item) for item in items]
+        planned_pass, checked = self._table.at(station_id, at), [self._control.checked(item) for item in items]
         row = PassPlan(
-            name=" ".join(name.split())[:80] or f"Pass over {found.station.name}",
+            name=" ".join(name.split())[:80] or f"Pass over {planned_pass.station.name}",
             station_id=station_id,
-            station=found.station.name,
+            station=planned_pass.station.name,
             spacecraft=self._spacecraft.require().row.spacecraft,
-            rise=found.at.rise,
-            set=found.at.set,
+            rise=planned_pass.at.rise,
+            set=planned_pass.at.set,
             resume=resume,
             items=[asdict(item) for item in checked],
             confirm=[],
@@ -90,22 +90,22 @@ class PlanService:
     def problems(self, row: PassPlan) -> list[str]:
         """Return every reason why a plan cannot be armed now."""
         needed_s, length_s = sum(item.estimated_s for item in items_of(row)), (row.set - row.rise).total_seconds()
-        found = []
+        problem_texts = []
         if needed_s > length_s and not row.resume:
-            found.append(
+            problem_texts.append(
                 f"The items need {needed_s:.0f} s, the pass has {length_s:.0f} s. Remove items, or continue in the next pass."
             )
         if row.set <= self._now():
-            found.append("The pass is over. Make a plan for a coming pass.")
+            problem_texts.append("The pass is over. Make a plan for a coming pass.")
         current = self._spacecraft.current()
         if current is None or not current.plannable:
-            found.append(current.advice if current else "No orbit was imported.")
-        found += [
+            problem_texts.append(current.advice if current else "No orbit was imported.")
+        problem_texts += [
             f"It overlaps the {other.state} plan {other.name} over {other.station}. Stop that plan first."
             for other in self.active()
             if other.id != row.id and other.rise < row.set and row.rise < other.set
         ]
-        return found
+        return problem_texts
 
     def to_confirm(self, row: PassPlan, *, user: str) -> list[str]:
         """Return the names to type before the plan is armed. Raises NotPermitted if the user may not do one of the items."""

@@ -58,21 +58,21 @@ class SpacecraftService:
 
     def require(self) -> CurrentOrbit:
         """As ``current``. Raises Conflict if no orbit was imported."""
-        found = self.current()
-        if found is None:
+        orbit = self.current()
+        if orbit is None:
             raise Conflict(
                 "the orbit of the spacecraft is not known",
                 expected="a TLE, an OMM or an OEM",
                 hint="Import one on the page Passes, or with gss passes orbit.",
             )
-        return found
+        return orbit
 
     def orbit_at(self, moment: datetime) -> tuple[str, Trajectory] | None:
         """Return name and orbit of the spacecraft if the orbit is defined at that time, for the place of a frame; else None."""
-        found = self.current()
-        if found is None or not found.orbit.start <= moment <= found.orbit.end:
+        current_orbit = self.current()
+        if current_orbit is None or not current_orbit.orbit.start <= moment <= current_orbit.orbit.end:
             return None
-        return found.row.spacecraft, found.orbit
+        return current_orbit.row.spacecraft, current_orbit.orbit
 
     def history(self, limit: int = HISTORY) -> list[OrbitSet]:
         """Return the newest orbits first."""

@@ -69,10 +69,12 @@ class StationService:
         self._bus.record("pass", "ok", f"{user} deleted the ground station {name}")
 
     @staticmethod
-    def _check_name(found: Station | None, same: Station | None) -> None:
-        if found is not None and (same is None or found.id != same.id):
+    def _check_name(same_name: Station | None, same: Station | None) -> None:
+        if same_name is not None and (same is None or same_name.id != same.id):
             raise Conflict(
-                "a ground station with this name exists", got=found.name, hint="Choose another name, or edit that one."
+                "a ground station with this name exists",
+                got=same_name.name,
+                hint="Choose another name, or edit that one.",
             )
 
 

@@ -155,8 +155,8 @@ def _sections(text: str, count: int) -> tuple[str, tuple[int, int], list[_Sectio
 
 
 def _prose(lines: Sequence[str], start: int, end: int, leave: tuple[int, int] = (0, 0)) -> str:
-    kept = [line for k, line in enumerate(lines[start:end], start) if not leave[0] <= k < leave[1]]
-    return "\n".join(kept).strip()
+    prose_lines = [line for k, line in enumerate(lines[start:end], start) if not leave[0] <= k < leave[1]]
+    return "\n".join(prose_lines).strip()
 
 
 def _step(section: _Section, lines: Sequence[str], mistakes: list[Mistake]) -> ProcedureStep:
@@ -226,8 +226,8 @@ def _branches(step: ProcedureStep, lines: Sequence[str]) -> list[Branch]:
 
 def seconds_of(text: str) -> float:
     """Return a duration such as ``90 s``, ``1.5 min`` or ``1 h`` in seconds. Raises BadInput."""
-    found = DURATION.fullmatch(text.strip())
-    seconds = float(found["number"]) * SECONDS[found["unit"]] if found else 0.0
+    duration_match = DURATION.fullmatch(text.strip())
+    seconds = float(duration_match["number"]) * SECONDS[duration_match["unit"]] if duration_match else 0.0
     if not 0 < seconds <= LONGEST_S:
         raise BadInput(
             "The duration cannot be used", expected="for example 90 s, 1.5 min or 1 h, at most 24 h", got=text

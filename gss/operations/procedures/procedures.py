@@ -99,8 +99,10 @@ class ProcedureService:
         return title
 
     @staticmethod
-    def _check_free(found: Procedure | None, own_id: int | None) -> None:
-        if found is not None and found.id != own_id:
+    def _check_free(same_name: Procedure | None, own_id: int | None) -> None:
+        if same_name is not None and same_name.id != own_id:
             raise Conflict(
-                "A procedure with this title exists", got=found.name, hint="change its title, or edit that procedure"
+                "A procedure with this title exists",
+                got=same_name.name,
+                hint="change its title, or edit that procedure",
             )

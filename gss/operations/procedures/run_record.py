@@ -125,8 +125,8 @@ class ProcedureRecorder:
     def _write(self, run_id: int, entry: StepEntry, *, replaces: bool) -> ProcedureRun:
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
-            kept = list(row.entries)[: -1 if replaces else None]
-            row.entries = [*kept, asdict(entry)]
+            entries = list(row.entries)[: -1 if replaces else None]
+            row.entries = [*entries, asdict(entry)]
         self._bus.publish("procedure_run", row)
         return row
 

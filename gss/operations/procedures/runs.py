@@ -78,11 +78,11 @@ class ProcedureRunner:
         step = self._document(row.id).step(entry.step)
         command, _ = command_of(step, self._link.roles.operations)
         with self._database.unit_of_work() as session:
-            found = store.first_command(session, SOURCE, command.name, datetime.fromisoformat(entry.began))
-        if found is None:
+            command_row = store.first_command(session, SOURCE, command.name, datetime.fromisoformat(entry.began))
+        if command_row is None:
             self._record.close(row.id, "failed", "The server stopped before the command was queued. It was not sent.")
         else:
-            self._record.update(row.id, _with_command(entry, found))
+            self._record.update(row.id, _with_command(entry, command_row))
 
     def shut_down(self) -> None:
         """Stop following; the run continues after the next start."""

@@ -91,12 +91,12 @@ def _graph(document: ProcedureDocument) -> list[Mistake]:
 
 def _reached(document: ProcedureDocument) -> set[str]:
     reached: set[str] = set()
-    rest = [document.steps[0].id] if document.steps else []
+    waiting = [document.steps[0].id] if document.steps else []
     steps = {step.id: step for step in document.steps}
-    while rest:
-        step = steps.get(rest.pop())
+    while waiting:
+        step = steps.get(waiting.pop())
         if step is None or step.id in reached:
             continue
         reached.add(step.id)
-        rest += [found for target in step.targets() if (found := document.after(step, target)) is not None]
+        waiting += [following for target in step.targets() if (following := document.after(step, target)) is not None]
     return reached

@@ -136,9 +136,9 @@ class Recorder:
         named = [f"{r['name']} {r['v_mag']:.2f}" if r.get("name") and r.get("v_mag") is not None else "" for r in rows]
         self._stream.log(path, self._rr.Points2D(at, colors=colour, radii=radius, labels=named, show_labels=False))
 
-    def _camera(self, solution: Solution, taken: datetime) -> None:
+    def _camera(self, solution: Solution, taken_at: datetime) -> None:
         rr, cam_from_icrs = self._rr, matrix_from_quaternion(np.array(solution.quaternion, float))
-        place = self._place_at(taken)
+        place = self._place_at(taken_at)
         eye = np.zeros(3) if place is None else place.km / EARTH_RADIUS_KM * EARTH_RADIUS
         camera = camera_from(solution.camera)
         outline = camera.outline(12) @ cam_from_icrs * SPHERE_RADIUS
@@ -148,8 +148,8 @@ class Recorder:
         )
         axes = rr.Arrows3D(origins=[eye] * 3, vectors=[cam_from_icrs[k] * 2.0 for k in range(3)], colors=AXES)
         self._stream.log("sky/body_axes", axes)
-        found = bodies(taken)
-        at, names = [b.icrs * SPHERE_RADIUS for b in found], [b.name for b in found]
+        sky_bodies = bodies(taken_at)
+        at, names = [b.icrs * SPHERE_RADIUS for b in sky_bodies], [b.name for b in sky_bodies]
         self._stream.log("sky/bodies", rr.Points3D(at, radii=0.18, colors=[(227, 197, 76), GREY], labels=names))
         if place is None:
             return
@@ -188,8 +188,8 @@ class Recorder:
 
 def residual_rms_arcsec(solution: Solution) -> float | None:
     """Return the root mean square of the stars' residuals; None without residuals."""
-    known = [(s["dx_arcsec"], s["dy_arcsec"]) for s in solution.detail["stars"] if s.get("dx_arcsec") is not None]
-    return float(np.sqrt(np.mean(np.square(np.hypot(*np.array(known).T))))) if known else None
+    residuals = [(s["dx_arcsec"], s["dy_arcsec"]) for s in solution.detail["stars"] if s.get("dx_arcsec") is not None]
+    return float(np.sqrt(np.mean(np.square(np.hypot(*np.array(residuals).T))))) if residuals else None
 
 
 def _parallel(dec_deg: float) -> Array:

@@ -248,8 +248,8 @@ SHADES = ("#eef4fa", "#cfe1f0", "#9fc5e3", "#6aa3d0", "#3a7fb5", "#1c5a8c", "#0c
 
 def _cells(pen: Pen, c: Cells) -> None:
     place = _detector(pen, c.title, c.columns, c.rows)
-    known = [v for line in c.values for v in line if v is not None]
-    low, high = (min(known), max(known)) if known else (0.0, 1.0)
+    numbers = [v for line in c.values for v in line if v is not None]
+    low, high = (min(numbers), max(numbers)) if numbers else (0.0, 1.0)
     across, down = c.columns / len(c.values[0]), c.rows / len(c.values)
     for j, line in enumerate(c.values):
         for i, value in enumerate(line):

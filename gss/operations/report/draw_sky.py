@@ -58,8 +58,8 @@ def place(ra_deg: float, dec_deg: float) -> Point:
 
 def _shade(pen: Pen, nside: int, values: Sequence[Number]) -> None:
     """Draw runs of equal tone along the rows of the map."""
-    known = np.array([math.nan if v is None else v for v in values], float)
-    peak = float(np.nanmax(known, initial=0.0))
+    numbers = np.array([math.nan if v is None else v for v in values], float)
+    peak = float(np.nanmax(numbers, initial=0.0))
     if peak <= 0:
         return
     columns, rows = CELLS
@@ -69,7 +69,7 @@ def _shade(pen: Pen, nside: int, values: Sequence[Number]) -> None:
     dec = np.arcsin((2 * theta + np.sin(2 * theta)) / np.pi)
     lon = np.pi * x[None, :] / np.cos(theta)[:, None]
     _, pixel = cKDTree(centres(nside)).query(unit_from_ra_dec(np.pi - lon, np.broadcast_to(dec[:, None], lon.shape)))
-    tone = np.nan_to_num(np.ceil(LEVELS * known[pixel] / peak)).astype(int)
+    tone = np.nan_to_num(np.ceil(LEVELS * numbers[pixel] / peak)).astype(int)
     tone[np.abs(lon) > np.pi] = 0
     wide, high = 2 * ACROSS / columns, 2 * UP / rows
     for row in range(rows):

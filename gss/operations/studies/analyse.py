@@ -84,7 +84,7 @@ def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
 
 
 def run_frames(
-    solver: Solver, shots: Sequence[Shot], known: CameraProfile, chain: str, progress: ProgressCallback
+    solver: Solver, shots: Sequence[Shot], profile: CameraProfile, chain: str, progress: ProgressCallback
 ) -> Run:
     """Run a chain on every shot. A shot of another camera counts as not solved. Raises BadInput if none is solved."""
     ordered = sorted(shots, key=lambda s: (s.taken, s.name))
@@ -93,7 +93,7 @@ def run_frames(
     for k, shot in enumerate(ordered):
         progress(k / len(ordered), f"{shot.name}, {k + 1} of {len(ordered)}")
         try:
-            results.append(solver.solve(shot.pixels(), request_of(shot, known, None, chain)))
+            results.append(solver.solve(shot.pixels(), request_of(shot, profile, None, chain)))
         except BadInput as error:
             results.append(None)
             reason = reason or str(error)
@@ -105,7 +105,7 @@ def run_frames(
             got=first,
             hint="check that the camera is the right one",
         )
-    return Run(ordered, results, known)
+    return Run(ordered, results, profile)
 
 
 def analyse(
@@ -127,19 +127,19 @@ def analyse(
 
 def analyse_telemetry(series: AttitudeSeries, of: str) -> Analysis:
     """Analyse performance from attitudes alone."""
-    found = telemetry_statistics(series)
-    return Analysis("telemetry", sheets.telemetry(found, series, of), dict(as_record(found)))
+    statistics = telemetry_statistics(series)
+    return Analysis("telemetry", sheets.telemetry(statistics, series, of), dict(as_record(statistics)))
 
 
 def _steady(kind: str, run: Run) -> Analysis:
     series = run.series
-    found = earth_fixed(series) if kind == "earth-fixed" else celestial_fixed(series)
-    return Analysis(kind, sheets.steady(kind, found, series, subject_of(run)), dict(as_record(found)))
+    statistics = earth_fixed(series) if kind == "earth-fixed" else celestial_fixed(series)
+    return Analysis(kind, sheets.steady(kind, statistics, series, subject_of(run)), dict(as_record(statistics)))
 
 
 def _slew(run: Run, commanded_rad_s: float) -> Analysis:
-    found = slew_test(run.series, commanded_rad_s)
-    return Analysis("slew", sheets.slew(found, run.series, subject_of(run)), dict(as_record(found)))
+    slew = slew_test(run.series, commanded_rad_s)
+    return Analysis("slew", sheets.slew(slew, run.series, subject_of(run)), dict(as_record(slew)))
 
 
 def _sensitivity(run: Run, solver: Solver) -> Analysis:
@@ -151,17 +151,17 @@ def _sensitivity(run: Run, solver: Solver) -> Analysis:
         v, hit = _looked_for(result, solver, shot, run.known)
         v_mag.append(v)
         seen.append(hit)
-    found = detection_limit(np.concatenate(v_mag), np.concatenate(seen))
-    return Analysis("sensitivity", sheets.sensitivity(found, run.known, subject_of(run)), dict(as_record(found)))
+    limit = detection_limit(np.concatenate(v_mag), np.concatenate(seen))
+    return Analysis("sensitivity", sheets.sensitivity(limit, run.known, subject_of(run)), dict(as_record(limit)))
 
 
 def _looked_for(
-    result: SolveResult, solver: Solver, shot: Shot, known: CameraProfile
+    result: SolveResult, solver: Solver, shot: Shot, profile: CameraProfile
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the magnitudes of catalogue stars on the detector, and whether a centroid was found at the predicted position
     of each. Stars with a brighter one nearby are excluded, because the centroid could belong to the other."""
     assert result.attitude is not None  # noqa: S101 - the caller has looked
-    stars = seen_stars(solver, shot).brighter_than(known.sensor.faint_limit_mag + DEEPER_MAG)
+    stars = seen_stars(solver, shot).brighter_than(profile.sensor.faint_limit_mag + DEEPER_MAG)
     cam = stars.icrs @ result.attitude.cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(result.camera.diagonal_rad / 2 + 0.02)
     place = np.full((len(stars), 2), np.nan)
@@ -190,8 +190,8 @@ def _nea(run: Run) -> Analysis:
         t: replace(run, shots=[run.shots[k] for k in at], results=[run.results[k] for k in at]).series
         for t, at in groups.items()
     }
-    found = noise_equivalent_angle(runs)
-    return Analysis("nea", sheets.nea(found, subject_of(run)), dict(as_record(found)))
+    nea = noise_equivalent_angle(runs)
+    return Analysis("nea", sheets.nea(nea, subject_of(run)), dict(as_record(nea)))
 
 
 def _spatial(run: Run) -> Analysis:
@@ -207,9 +207,9 @@ def _spatial(run: Run) -> Analysis:
 
 
 def _two(first: Run, second: Run) -> Analysis:
-    found = two_cameras(first.series, second.series)
+    comparison = two_cameras(first.series, second.series)
     of = f"{subject_of(first)}, and {subject_of(second)}"
-    return Analysis("two-cameras", sheets.two_cameras(found, of), dict(as_record(found)))
+    return Analysis("two-cameras", sheets.two_cameras(comparison, of), dict(as_record(comparison)))
 
 
 def subject_of(run: Run) -> str:

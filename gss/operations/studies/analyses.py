@@ -90,10 +90,10 @@ class AnalysisService:
         self._orbit_at = orbit_at
         jobs.register(JobKind("analysis", AnalysisJob, self._analyse, older=earlier_request))
 
-    def start(self, wanted: AnalysisRequest, *, user: str) -> Job:
+    def start(self, request: AnalysisRequest, *, user: str) -> Job:
         """Queue an analysis; its result contains the id of the stored row. Raises BadInput or NotFound before anything is
         queued."""
-        job = AnalysisJob(wanted, user=user)
+        job = AnalysisJob(request, user=user)
         name, work = self._work(job)
         return self._jobs.begin("analysis", name, job, work)
 
@@ -148,48 +148,48 @@ class AnalysisService:
 
         return name[:120], work
 
-    def _of_frames(self, wanted: FrameAnalysis, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
-        run, second = self._runs(wanted, first, other, progress)
+    def _of_frames(self, request: FrameAnalysis, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
+        run, second = self._runs(request, first, other, progress)
         progress(round(0.92 * STEPS), STEPS, "calculating the results")
-        return analyse(wanted.kind, self._solver, run, second=second, commanded_rad_s=wanted.commanded_rad_s)
+        return analyse(request.kind, self._solver, run, second=second, commanded_rad_s=request.commanded_rad_s)
 
-    def _sheet(self, wanted: SheetRequest, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
-        known = self._book.profile(wanted.profile)
+    def _sheet(self, request: SheetRequest, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
+        profile = self._book.profile(request.profile)
 
         def report(done: float, text: str) -> None:
             progress(round(0.92 * STEPS * done), STEPS, text)
 
-        if wanted.simulated:
-            return sheet_of_simulation(self._solver, known, wanted.chain, wanted.seed, report)
-        run, second = self._runs(wanted, first, other, progress)
+        if request.simulated:
+            return sheet_of_simulation(self._solver, profile, request.chain, request.seed, report)
+        run, second = self._runs(request, first, other, progress)
         progress(round(0.92 * STEPS), STEPS, "calculating the rows")
-        mounting = None if wanted.mounting is None else tuple(wanted.mounting)
+        mounting = None if request.mounting is None else tuple(request.mounting)
         warmth = None
         if second is not None:
-            status = self._book.status_of(wanted.profile)
+            status = self._book.status_of(request.profile)
             warmth = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
-        return sheet_of_frames(run, second=second, mounting=mounting, temperature=warmth, seed=wanted.seed)
+        return sheet_of_frames(run, second=second, mounting=mounting, temperature=warmth, seed=request.seed)
 
-    def _moving(self, wanted: MovingRequest, shots: list[Shot], progress: Progress) -> Made:
+    def _moving(self, request: MovingRequest, shots: list[Shot], progress: Progress) -> Made:
         def report(done: float, text: str) -> None:
             progress(round(STEPS * done), STEPS, text)
 
-        place = wanted.place
-        if place is None and (found := self._orbit_at(shots[0].taken)) is not None:
-            place = place_of_orbit(*found)
-        known = self._book.profile(wanted.profile)
+        place = request.place
+        if place is None and (orbit := self._orbit_at(shots[0].taken)) is not None:
+            place = place_of_orbit(*orbit)
+        profile = self._book.profile(request.profile)
         return moving_objects(
             self._solver,
-            run_frames(self._solver, shots, known, wanted.chain, lambda s, t: report(0.5 * s, t)),
-            objects=wanted.objects,
+            run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(0.5 * s, t)),
+            objects=request.objects,
             place=place,
-            top_rate_rad_s=wanted.top_rate_rad_s,
+            top_rate_rad_s=request.top_rate_rad_s,
             created=self._now(),
             progress=report,
         )
 
     def _runs(
-        self, wanted: FrameAnalysis | SheetRequest, first: list[Shot], other: list[Shot], progress: Progress
+        self, request: FrameAnalysis | SheetRequest, first: list[Shot], other: list[Shot], progress: Progress
     ) -> tuple[FrameRun, FrameRun | None]:
         """Run the chain on the frames of both cameras."""
         share = 0.9 * len(first) / max(1, len(first) + len(other))
@@ -197,21 +197,23 @@ class AnalysisService:
         def report(done: float, text: str) -> None:
             progress(round(STEPS * done), STEPS, text)
 
-        known = self._book.profile(wanted.profile)
-        run = run_frames(self._solver, first, known, wanted.chain, lambda s, t: report(share * s, t))
+        profile = self._book.profile(request.profile)
+        run = run_frames(self._solver, first, profile, request.chain, lambda s, t: report(share * s, t))
         if not other:
             return run, None
-        camera = self._book.profile(wanted.other_profile)
+        camera = self._book.profile(request.other_profile)
         second = run_frames(
-            self._solver, other, camera, wanted.chain, lambda s, t: report(share + (0.9 - share) * s, t)
+            self._solver, other, camera, request.chain, lambda s, t: report(share + (0.9 - share) * s, t)
         )
         return run, second
 
-    def _of_contact(self, wanted: TelemetryAnalysis) -> Made:
-        detail = self._contacts.detail(wanted.contact)
+    def _of_contact(self, request: TelemetryAnalysis) -> Made:
+        detail = self._contacts.detail(request.contact)
         end = max(detail.end, detail.row.started + timedelta(seconds=1))
-        series = attitudes_of(self._database, wanted.contact, detail.row.started, end)
-        return analyse_telemetry(series, f"attitudes of contact {wanted.contact}, {detail.row.started:%Y-%m-%d %H:%M}Z")
+        series = attitudes_of(self._database, request.contact, detail.row.started, end)
+        return analyse_telemetry(
+            series, f"attitudes of contact {request.contact}, {detail.row.started:%Y-%m-%d %H:%M}Z"
+        )
 
     def newest(self, limit: int, kind: str = "") -> list[Analysis]:
         """Return the newest analyses first."""
@@ -241,17 +243,17 @@ class AnalysisService:
 
 def attitudes_of(database: Database, contact_id: int, start: datetime, end: datetime) -> AttitudeSeries:
     """Return the attitudes of a contact by device time, each frame once. Raises BadInput if there are none or too many."""
-    found: dict[float, tuple[Any, ...]] = {}
+    attitudes: dict[float, tuple[Any, ...]] = {}
     for row in telemetry.rows(database, "attitude", COLUMNS, start, end, contact_id=contact_id):
         if row.values[0] is not None:
-            found[float(row.values[0])] = row.values
-        if len(found) > MOST_ATTITUDES:
+            attitudes[float(row.values[0])] = row.values
+        if len(attitudes) > MOST_ATTITUDES:
             raise BadInput("too many attitudes", expected=f"up to {MOST_ATTITUDES}", hint="a shorter contact")
-    if not found:
+    if not attitudes:
         raise BadInput(
             "this contact has no attitudes", expected="attitude packets", hint="start the cycle, or request attitudes"
         )
-    rows = [found[t] for t in sorted(found)]
+    rows = [attitudes[t] for t in sorted(attitudes)]
     n = len(rows)
     quaternion, covariance = np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan)
     for k, values in enumerate(rows):
@@ -262,7 +264,7 @@ def attitudes_of(database: Database, contact_id: int, start: datetime, end: date
         covariance[k] = np.diag([cross**2, cross**2, roll**2]) if cross > 0 else np.nan
     counts = np.array([[int(v or 0) for v in values[8:10]] for values in rows], np.intp)
     return AttitudeSeries(
-        np.array(sorted(found)), quaternion, covariance, counts[:, 0], counts[:, 1], np.full(n, np.nan)
+        np.array(sorted(attitudes)), quaternion, covariance, counts[:, 0], counts[:, 1], np.full(n, np.nan)
     )
 
 
@@ -273,8 +275,8 @@ def temperatures(database: Database, status: Status, start: datetime, end: datet
         return None
     margin = timedelta(seconds=NEAR_S)
     rows = telemetry.rows(database, status.packet, (status.sensor_temperature,), start - margin, end + margin)
-    found = {r.received.timestamp(): float(r.values[0]) for r in rows if r.values[0] is not None}
-    return np.array(sorted(found)), np.array([found[t] for t in sorted(found)])
+    by_time = {r.received.timestamp(): float(r.values[0]) for r in rows if r.values[0] is not None}
+    return np.array(sorted(by_time)), np.array([by_time[t] for t in sorted(by_time)])
 
 
 def _number(value: Any) -> float:

@@ -38,30 +38,30 @@ ERLANK_DEG = {"RA · cos Dec": (0.0051, 0.0154), "Dec": (0.0072, 0.0215), "rotat
 TITLES = {"earth-fixed": "Earth-fixed test", "celestial-fixed": "Celestial-fixed test"}
 
 
-def steady(kind: str, found: SteadyTest, series: AttitudeSeries, of: str) -> Report:
+def steady(kind: str, result: SteadyTest, series: AttitudeSeries, of: str) -> Report:
     """Return the report of an Earth-fixed or celestial-fixed test."""
-    expected = float(np.linalg.norm(found.expected_icrs_rad_s))
-    speed = float(np.linalg.norm(found.rate_icrs_rad_s))
+    expected = float(np.linalg.norm(result.expected_icrs_rad_s))
+    speed = float(np.linalg.norm(result.rate_icrs_rad_s))
     facts = [
-        Fact("frames with an attitude", f"{found.solved} of {found.frames}"),
-        Fact("span", number(found.span_s), "s"),
+        Fact("frames with an attitude", f"{result.solved} of {result.frames}"),
+        Fact("span", number(result.span_s), "s"),
         Fact("camera rotation", number(speed / ARCSEC_RAD), "″/s", f"expected {number(expected / ARCSEC_RAD)}"),
-        Fact("excluded outliers", number(int(found.strays.sum()))),
+        Fact("excluded outliers", number(int(result.strays.sum()))),
     ]
-    pole = np.degrees(np.arccos(np.clip(found.rate_icrs_rad_s[2] / max(speed, 1e-300), -1, 1)))
+    pole = np.degrees(np.arccos(np.clip(result.rate_icrs_rad_s[2] / max(speed, 1e-300), -1, 1)))
     if expected:
         facts.append(Fact("angle between rotation axis and pole", number(float(pole), 3), "°"))
     at = series.times_s
-    deviation = found.deviation_rad / ARCSEC_RAD
+    deviation = result.deviation_rad / ARCSEC_RAD
     sections = [
         Section(
             "Steadiness",
             "A constant rotation is fitted; the residual is the sensor's error.",
             facts,
             [],
-            [axes_table(found.body)],
+            [axes_table(result.body)],
         ),
-        Section("As right ascension, declination, rotation", "", [], [], [axes_table(found.sky, ERLANK_DEG)]),
+        Section("As right ascension, declination, rotation", "", [], [], [axes_table(result.sky, ERLANK_DEG)]),
         Section(
             "Over time",
             "",
@@ -74,113 +74,113 @@ def steady(kind: str, found: SteadyTest, series: AttitudeSeries, of: str) -> Rep
                 ),
             ],
         ),
-        Section("Distribution", "", [], [bars(a.name, deviation[:, k]) for k, a in enumerate(found.body)]),
+        Section("Distribution", "", [], [bars(a.name, deviation[:, k]) for k, a in enumerate(result.body)]),
     ]
-    return Report(TITLES[kind], of, sections, notes(found.warnings))
+    return Report(TITLES[kind], of, sections, notes(result.warnings))
 
 
-def slew(found: SlewTest, series: AttitudeSeries, of: str) -> Report:
+def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
     """Return the report of a slew test: measured rates against the commanded one."""
     degree = np.degrees
-    uncertain = number(float(degree(found.mean_sigma_rad_s)), 2)
+    uncertain = number(float(degree(result.mean_sigma_rad_s)), 2)
     facts = [
-        Fact("commanded", number(float(degree(found.commanded_rad_s)), 5), "°/s"),
+        Fact("commanded", number(float(degree(result.commanded_rad_s)), 5), "°/s"),
         Fact(
             "measured",
-            number(float(degree(found.mean_speed_rad_s)), 6),
+            number(float(degree(result.mean_speed_rad_s)), 6),
             "°/s",
             f"±{uncertain}",
         ),
-        Fact("measured ÷ commanded", number(found.ratio, 5)),
+        Fact("measured ÷ commanded", number(result.ratio, 5)),
         Fact(
-            "scatter along the rotation", number(float(found.sigma_rad_s[0] / ARCSEC_RAD)), "″/s", "1σ of one interval"
+            "scatter along the rotation", number(float(result.sigma_rad_s[0] / ARCSEC_RAD)), "″/s", "1σ of one interval"
         ),
         Fact(
             "scatter across the rotation",
-            number(float(np.hypot(*found.sigma_rad_s[1:]) / np.sqrt(2) / ARCSEC_RAD)),
+            number(float(np.hypot(*result.sigma_rad_s[1:]) / np.sqrt(2) / ARCSEC_RAD)),
             "″/s",
         ),
-        Fact("σ by the chain's covariances", number(found.claimed_rad_s / ARCSEC_RAD), "″/s", "mean of the axes"),
-        Fact("frames with an attitude", number(100 * found.solved_share, 4), "%"),
-        Fact("stars matched", number(found.mean_matches, 3), "", "mean"),
-        Fact("rotation axis", ", ".join(number(float(a), 3) for a in found.axis), "", "camera x, y, z"),
+        Fact("σ by the chain's covariances", number(result.claimed_rad_s / ARCSEC_RAD), "″/s", "mean of the axes"),
+        Fact("frames with an attitude", number(100 * result.solved_share, 4), "%"),
+        Fact("stars matched", number(result.mean_matches, 3), "", "mean"),
+        Fact("rotation axis", ", ".join(number(float(a), 3) for a in result.axis), "", "camera x, y, z"),
     ]
-    speed = [float(v) for v in degree(found.speed_rad_s)]
+    speed = [float(v) for v in degree(result.speed_rad_s)]
     plot = Plot(
         "Rate from frame to frame",
         "UTC",
         "°/s",
-        [Series("rate", numbers(found.times_s), list(speed), "dots")],
-        [Level(float(degree(found.commanded_rad_s)), "commanded")],
+        [Series("rate", numbers(result.times_s), list(speed), "dots")],
+        [Level(float(degree(result.commanded_rad_s)), "commanded")],
         time=True,
     )
     stars = over_time(
         "Stars", series.times_s, np.column_stack([series.centroids, series.matches]), ("found", "matched"), "stars"
     )
-    return Report("Slew test", of, [Section("Rate", "", facts, [plot, stars])], notes(found.warnings))
+    return Report("Slew test", of, [Section("Rate", "", facts, [plot, stars])], notes(result.warnings))
 
 
-def sensitivity(found: Sensitivity, known: CameraProfile, of: str) -> Report:
+def sensitivity(result: Sensitivity, profile: CameraProfile, of: str) -> Report:
     """Return the report of the detection limit."""
-    own = known.sensor.faint_limit_mag
+    own = profile.sensor.faint_limit_mag
     facts = [
-        Fact("50 % of the stars detected at", number(found.mag_50, 3), "V", f"±{number(found.sigma_50, 2)}"),
-        Fact("90 % detected at", number(finite(found.mag_90), 3), "V"),
+        Fact("50 % of the stars detected at", number(result.mag_50, 3), "V", f"±{number(result.sigma_50, 2)}"),
+        Fact("90 % detected at", number(finite(result.mag_90), 3), "V"),
         Fact("profile value", number(own, 3), "V"),
-        Fact("bright stars detected", number(100 * found.ceiling, 3), "%"),
-        Fact("stars expected", number(int(found.stars.sum()))),
+        Fact("bright stars detected", number(100 * result.ceiling, 3), "%"),
+        Fact("stars expected", number(int(result.stars.sum()))),
     ]
-    share = [float(f / n) if n else None for f, n in zip(found.found, found.stars, strict=True)]
-    middles = numbers((found.edges_mag[1:] + found.edges_mag[:-1]) / 2)
+    share = [float(f / n) if n else None for f, n in zip(result.found, result.stars, strict=True)]
+    middles = numbers((result.edges_mag[1:] + result.edges_mag[:-1]) / 2)
     curve = Plot(
         "Share of catalogue stars detected",
         "V magnitude",
         "share",
         [
             Series("found", middles, share, "line"),
-            Series("95 % low", middles, maybe(found.low), "dots"),
-            Series("95 % high", middles, maybe(found.high), "dots"),
+            Series("95 % low", middles, maybe(result.low), "dots"),
+            Series("95 % high", middles, maybe(result.high), "dots"),
         ],
-        [Level(found.mag_50, "50 %", True), Level(own, "profile", True)],
+        [Level(result.mag_50, "50 %", True), Level(own, "profile", True)],
     )
     rows = [
         [f"{lo:.2f} – {hi:.2f}", str(int(n)), str(int(f)), number(100 * f / n, 3) if n else "–"]
-        for lo, hi, n, f in zip(found.edges_mag, found.edges_mag[1:], found.stars, found.found, strict=False)
+        for lo, hi, n, f in zip(result.edges_mag, result.edges_mag[1:], result.stars, result.found, strict=False)
     ]
     table = Table("By magnitude", ["V", "stars", "found", "%"], rows)
-    return Report("Sensitivity", of, [Section("Limit", "", facts, [curve], [table])], notes(found.warnings))
+    return Report("Sensitivity", of, [Section("Limit", "", facts, [curve], [table])], notes(result.warnings))
 
 
-def nea(found: NeaCurve, of: str) -> Report:
+def nea(curve: NeaCurve, of: str) -> Report:
     """Return the report of noise equivalent angle against integration time."""
-    facts = [Fact("exponent of integration time", number(found.exponent, 3), "", f"±{number(found.exponent_sigma, 2)}")]
-    across, about = found.across_rad / ARCSEC_RAD, found.about_rad / ARCSEC_RAD
+    facts = [Fact("exponent of integration time", number(curve.exponent, 3), "", f"±{number(curve.exponent_sigma, 2)}")]
+    across, about = curve.across_rad / ARCSEC_RAD, curve.about_rad / ARCSEC_RAD
     plot = Plot(
         "Noise equivalent angle",
         "integration time, s",
         "arcsec",
         [
-            Series("across", numbers(found.exposure_s), maybe(across)),
-            Series("about", numbers(found.exposure_s), maybe(about)),
+            Series("across", numbers(curve.exposure_s), maybe(across)),
+            Series("about", numbers(curve.exposure_s), maybe(about)),
         ],
         log_y=True,
     )
     rows = [
         [number(t, 3), number(a, 3), number(b, 3), number(100 * r, 2), number(int(n)), number(m, 3)]
         for t, a, b, r, n, m in zip(
-            numbers(found.exposure_s),
+            numbers(curve.exposure_s),
             numbers(across),
             numbers(about),
-            numbers(found.relative_sigma),
-            found.frames,
-            numbers(found.matches),
+            numbers(curve.relative_sigma),
+            curve.frames,
+            numbers(curve.matches),
             strict=True,
         )
     ]
     table = Table("By integration time", ["s", "across ″", "about ″", "± %", "frames", "stars"], rows)
     text = "Photon noise gives −0.5, read noise −1; 0 means that another error dominates (Moniteq 1983 §4.4)."
     return Report(
-        "Noise against integration time", of, [Section("Curve", text, facts, [plot], [table])], notes(found.warnings)
+        "Noise against integration time", of, [Section("Curve", text, facts, [plot], [table])], notes(curve.warnings)
     )
 
 
@@ -228,51 +228,54 @@ def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple
     return report, {"map": as_record(field), "phase_col_px": phase[0], "phase_row_px": phase[1], "rms_px": scatter}
 
 
-def two_cameras(found: Consistency, of: str) -> Report:
+def two_cameras(result: Consistency, of: str) -> Report:
     """Return the report of the relative mounting of two cameras."""
     facts = [
-        Fact("pairs", number(found.pairs)),
+        Fact("pairs", number(result.pairs)),
         Fact(
             "second from first",
-            ", ".join(f"{float(q):.6f}".replace("-", "−") for q in found.second_from_first),
+            ", ".join(f"{float(q):.6f}".replace("-", "−") for q in result.second_from_first),
             "",
             "quaternion, scalar last",
         ),
-        Fact("scatter ÷ scatter predicted by the covariances", number(found.chi, 3)),
+        Fact("scatter ÷ scatter predicted by the covariances", number(result.chi, 3)),
     ]
     plot = over_time(
-        "Deviation from the mean mounting", found.times_s, found.deviation_rad / ARCSEC_RAD, ("x", "y", "z"), "arcsec"
+        "Deviation from the mean mounting", result.times_s, result.deviation_rad / ARCSEC_RAD, ("x", "y", "z"), "arcsec"
     )
-    section = Section("Mounting", "In the second camera's axes.", facts, [plot], [axes_table(found.axes)])
-    return Report("Two cameras", of, [section], notes(found.warnings))
+    section = Section("Mounting", "In the second camera's axes.", facts, [plot], [axes_table(result.axes)])
+    return Report("Two cameras", of, [section], notes(result.warnings))
 
 
-def telemetry(found: TelemetryFigures, series: AttitudeSeries, of: str) -> Report:
+def telemetry(figures: TelemetryFigures, series: AttitudeSeries, of: str) -> Report:
     """Return the report of performance from attitudes alone."""
     facts = [
-        Fact("attitudes", f"{int(series.solved.sum())} of {len(series)}", "", f"{100 * found.availability:.1f} %"),
-        Fact("longest outage", number(found.longest_outage_s, 3), "s"),
-        Fact("stars matched", number(found.mean_matches, 3), "", "mean"),
+        Fact("attitudes", f"{int(series.solved.sum())} of {len(series)}", "", f"{100 * figures.availability:.1f} %"),
+        Fact("longest outage", number(figures.longest_outage_s, 3), "s"),
+        Fact("stars matched", number(figures.mean_matches, 3), "", "mean"),
         Fact(
-            "turn", number(float(np.degrees(np.median(found.rate_rad_s))), 3) if found.triples else "–", "°/s", "median"
+            "turn",
+            number(float(np.degrees(np.median(figures.rate_rad_s))), 3) if figures.triples else "–",
+            "°/s",
+            "median",
         ),
-        Fact("triples compared", number(found.triples)),
+        Fact("triples compared", number(figures.triples)),
     ]
     rows = [
         [name, number(finite(float(n)), 3), number(finite(float(3 * n)), 3), number(finite(float(c)), 3)]
         for name, n, c in zip(
             ("across, x", "across, y", "about"),
-            found.noise_rad / ARCSEC_RAD,
-            found.claimed_rad / ARCSEC_RAD,
+            figures.noise_rad / ARCSEC_RAD,
+            figures.claimed_rad / ARCSEC_RAD,
             strict=True,
         )
     ]
     table = Table("Noise of one attitude", ["axis", "1σ ″", "3σ ″", "reported σ ″"], rows)
     plot = over_time(
         "Each attitude against the mean of its neighbours",
-        found.times_s,
-        found.deviation_rad / ARCSEC_RAD,
+        figures.times_s,
+        figures.deviation_rad / ARCSEC_RAD,
         ("x", "y", "about"),
         "arcsec",
     )
-    return Report("Telemetry statistics", of, [Section("Noise", "", facts, [plot], [table])], notes(found.warnings))
+    return Report("Telemetry statistics", of, [Section("Noise", "", facts, [plot], [table])], notes(figures.warnings))

@@ -52,85 +52,85 @@ def centre(dots_px: Rows) -> CalibrationInput:
     """Determine the optical centre from positions (col, row) of one dot while the camera rotates about its axis (Jacobs 1995
     §6.2.1)."""
     dots = table(dots_px, 2, "places of a dot: col, row")
-    found = optical_centre(dots)
-    content = dict(as_record(replace(found, warnings=()))) | {"dots_px": as_record(dots)}
-    return _found("bench-centre", {"centre": content}, found.warnings)
+    result = optical_centre(dots)
+    content = dict(as_record(replace(result, warnings=()))) | {"dots_px": as_record(dots)}
+    return _found("bench-centre", {"centre": content}, result.warnings)
 
 
-def tilt(pairs_px: Rows, known: CameraProfile) -> CalibrationInput:
+def tilt(pairs_px: Rows, profile: CameraProfile) -> CalibrationInput:
     """Determine the detector's tilt from positions of two dots, one near the centre and one far out: col, row, col, row (eq.
     6.15)."""
     pairs = table(pairs_px, 4, "places of two dots: inner col, row, outer col, row")
-    found = detector_tilt(pairs[:, :2], pairs[:, 2:], known.camera, known.focal_mm)
-    return _found("bench-tilt", {"tilt": dict(as_record(replace(found, warnings=())))}, found.warnings)
+    result = detector_tilt(pairs[:, :2], pairs[:, 2:], profile.camera, profile.focal_mm)
+    return _found("bench-tilt", {"tilt": dict(as_record(replace(result, warnings=())))}, result.warnings)
 
 
 def dark_law(rows: Rows) -> CalibrationInput:
     """Determine dark current against temperature from rows of °C and electrons per second (eq. H.2)."""
     points = table(rows, 2, "temperature in °C, dark current in e⁻/s")
-    found = dark_against_temperature(points[:, 0] + ZERO_C_K, points[:, 1])
-    content = dict(as_record(replace(found, warnings=())))
+    law = dark_against_temperature(points[:, 0] + ZERO_C_K, points[:, 1])
+    content = dict(as_record(replace(law, warnings=())))
     content |= {"temperature_c": as_record(points[:, 0]), "dark_e_s": as_record(points[:, 1])}
-    return _found("bench-dark-law", {"dark_law": content}, found.warnings)
+    return _found("bench-dark-law", {"dark_law": content}, law.warnings)
 
 
 def focal(
-    solver: Solver, shots: Sequence[Shot], known: CameraProfile, progress: ProgressCallback, radius_px: float | None
+    solver: Solver, shots: Sequence[Shot], profile: CameraProfile, progress: ProgressCallback, radius_px: float | None
 ) -> CalibrationInput:
     """Determine the focal length from pairs of stars near the centre (eq. 6.4–6.6, Erlank 2013 eq. 5.4.1)."""
-    solved = solve_shots(solver, shots, known, None, lambda share, text: progress(0.9 * share, text))
-    found = focal_from_pairs(solved.stars, known.camera, radius_px=radius_px)
-    pick = np.linspace(0, len(found.values_px) - 1, min(len(found.values_px), MOST_POINTS)).astype(int)
-    thin = replace(found, warnings=(), values_px=found.values_px[pick], radius_px=found.radius_px[pick])
+    solved = solve_shots(solver, shots, profile, None, lambda share, text: progress(0.9 * share, text))
+    result = focal_from_pairs(solved.stars, profile.camera, radius_px=radius_px)
+    pick = np.linspace(0, len(result.values_px) - 1, min(len(result.values_px), MOST_POINTS)).astype(int)
+    thin = replace(result, warnings=(), values_px=result.values_px[pick], radius_px=result.radius_px[pick])
     content = dict(as_record(thin)) | {
-        "documented_px": float(np.sqrt(known.camera.focal_col_px * known.camera.focal_row_px))
+        "documented_px": float(np.sqrt(profile.camera.focal_col_px * profile.camera.focal_row_px))
     }
-    return _found("bench-focal", {"focal": content, "account": solved.account}, found.warnings)
+    return _found("bench-focal", {"focal": content, "account": solved.account}, result.warnings)
 
 
 def radial(
-    solver: Solver, shots: Sequence[Shot], known: CameraProfile, progress: ProgressCallback, order: int
+    solver: Solver, shots: Sequence[Shot], profile: CameraProfile, progress: ProgressCallback, order: int
 ) -> CalibrationInput:
     """Determine the polynomial of lens aberration from the distances of all stars to one near the centre (eq. 6.16–6.17)."""
     if not 1 <= order <= 4:
         raise BadInput("unsupported order of the polynomial", expected="1 to 4", got=str(order))
-    solved = solve_shots(solver, shots, known, None, lambda share, text: progress(0.9 * share, text))
-    found = radial_polynomial(solved.stars, known.camera, known.focal_mm, order)
-    pick = np.linspace(0, len(found.r_mm) - 1, min(len(found.r_mm), MOST_POINTS)).astype(int)
-    thin = {n: getattr(found, n)[pick] for n in ("r_mm", "delta_mm", "residual_mm", "used")}
-    content = dict(as_record(replace(found, warnings=(), **thin)))
+    solved = solve_shots(solver, shots, profile, None, lambda share, text: progress(0.9 * share, text))
+    polynomial = radial_polynomial(solved.stars, profile.camera, profile.focal_mm, order)
+    pick = np.linspace(0, len(polynomial.r_mm) - 1, min(len(polynomial.r_mm), MOST_POINTS)).astype(int)
+    thin = {n: getattr(polynomial, n)[pick] for n in ("r_mm", "delta_mm", "residual_mm", "used")}
+    content = dict(as_record(replace(polynomial, warnings=(), **thin)))
     values: dict[str, Any] = {}
-    lens = known.camera.distortion
+    lens = profile.camera.distortion
     if isinstance(lens, RadialTilt):
-        made = replace(lens, radial=tuple(float(k) for k in found.coefficients))
-        values = dict(calibration_values(calibrated_profile(known, replace(known.camera, distortion=made))))
+        made = replace(lens, radial=tuple(float(k) for k in polynomial.coefficients))
+        values = dict(calibration_values(calibrated_profile(profile, replace(profile.camera, distortion=made))))
     return CalibrationInput(
-        "bench-radial", values, {"radial": content, "account": solved.account, "warnings": report.warnings(found)}
+        "bench-radial", values, {"radial": content, "account": solved.account, "warnings": report.warnings(polynomial)}
     )
 
 
 def checkerboard(
-    shots: Sequence[Shot], known: CameraProfile | None, corners: tuple[int, int], square_mm: float, fit_k3: bool
+    shots: Sequence[Shot], profile: CameraProfile | None, corners: tuple[int, int], square_mm: float, fit_k3: bool
 ) -> CalibrationInput:
     """Determine focal length, centre and Brown's coefficients from pictures of a checkerboard (Erlank 2013 §5.4)."""
-    found = calibrate_checkerboard([s.pixels() for s in shots], corners, square_mm, fit_k3=fit_k3)
+    result = calibrate_checkerboard([s.pixels() for s in shots], corners, square_mm, fit_k3=fit_k3)
     keep = {"corners_px": (), "residual_px": (), "warnings": ()}
-    content = {n: as_record(v) for n, v in vars(found).items() if n not in keep}
-    pick = np.linspace(0, len(found.corners_px) - 1, min(len(found.corners_px), MOST_POINTS)).astype(int)
-    content |= {"corners_px": as_record(found.corners_px[pick]), "residual_px": as_record(found.residual_px[pick])}
+    content = {n: as_record(v) for n, v in vars(result).items() if n not in keep}
+    pick = np.linspace(0, len(result.corners_px) - 1, min(len(result.corners_px), MOST_POINTS)).astype(int)
+    content |= {"corners_px": as_record(result.corners_px[pick]), "residual_px": as_record(result.residual_px[pick])}
     content["pictures"] = [s.name for s in shots]
-    values = dict(calibration_values(calibrated_profile(known, found.camera))) if known else {}
+    values = dict(calibration_values(calibrated_profile(profile, result.camera))) if profile else {}
     return CalibrationInput(
         "bench-checkerboard",
         values,
-        {"checkerboard": content, "camera": content["camera"], "warnings": report.warnings(found)},
+        {"checkerboard": content, "camera": content["camera"], "warnings": report.warnings(result)},
     )
 
 
 def focus(
     positions: Sequence[float],
     shots: Sequence[Shot],
-    known: CameraProfile,
+    profile: CameraProfile,
     progress: ProgressCallback,
     wished_sigma_px: float,
 ) -> CalibrationInput:
@@ -148,9 +148,9 @@ def focus(
         try:
             field = psf_over_field(
                 [picture.pixels() for picture in pictures],
-                known.camera,
-                e_per_dn=known.sensor.gain_e_per_dn,
-                saturation_dn=float(known.sensor.saturation_dn),
+                profile.camera,
+                e_per_dn=profile.sensor.gain_e_per_dn,
+                saturation_dn=float(profile.sensor.saturation_dn),
             )
         except BadInput as error:
             names = ", ".join(picture.name for picture in pictures)
@@ -179,9 +179,9 @@ def _focus_found(
 ) -> CalibrationInput:
     if not wished_px > 0:
         raise BadInput("invalid star width", expected="σ above 0 px", got=f"{wished_px:g} px")
-    found = best_focus(np.array(at), np.array(widths), wished_px)
-    advice = focus_advice(max(found.smallest_sigma_px, 0.05))
-    content = dict(as_record(found)) | {"positions": at, "sigma_px": widths, "advice": as_record(advice)}
+    best = best_focus(np.array(at), np.array(widths), wished_px)
+    advice = focus_advice(max(best.smallest_sigma_px, 0.05))
+    content = dict(as_record(best)) | {"positions": at, "sigma_px": widths, "advice": as_record(advice)}
     return _found("bench-focus", {"focus_run": content, "account": skipped}, ())
 
 

@@ -24,31 +24,31 @@ from gss.operations.studies.night_frames import ProgressCallback, Shot
 
 def run_bench(
     solver: Solver,
-    wanted: BenchCalibration,
-    known: CameraProfile | None,
+    request: BenchCalibration,
+    profile: CameraProfile | None,
     shots: Sequence[Shot],
     progress: ProgressCallback,
 ) -> CalibrationInput:
     """Return the result of the method. ``shots`` in the order of ``wanted.frames``. Raises BadInput."""
-    match wanted:
+    match request:
         case BenchCentre():
-            return bench.centre(wanted.dots_px)
+            return bench.centre(request.dots_px)
         case BenchDarkLaw():
-            return bench.dark_law(wanted.points)
+            return bench.dark_law(request.points)
         case BenchCheckerboard():
-            across, down = wanted.corners
-            return bench.checkerboard(shots, known, (across, down), wanted.square_mm, wanted.fit_k3)
-        case BenchFocus() if wanted.widths:
-            return bench.focus_of_widths(wanted.widths, wanted.wished_sigma_px)
-    if known is None:
+            across, down = request.corners
+            return bench.checkerboard(shots, profile, (across, down), request.square_mm, request.fit_k3)
+        case BenchFocus() if request.widths:
+            return bench.focus_of_widths(request.widths, request.wished_sigma_px)
+    if profile is None:
         raise BadInput("this method needs a camera", expected="a profile", got="none")
-    match wanted:
+    match request:
         case BenchTilt():
-            return bench.tilt(wanted.pairs_px, known)
+            return bench.tilt(request.pairs_px, profile)
         case BenchFocal():
-            return bench.focal(solver, shots, known, progress, wanted.radius_px)
+            return bench.focal(solver, shots, profile, progress, request.radius_px)
         case BenchRadial():
-            return bench.radial(solver, shots, known, progress, wanted.order)
+            return bench.radial(solver, shots, profile, progress, request.order)
         case BenchFocus():
-            return bench.focus(wanted.positions, shots, known, progress, wanted.wished_sigma_px)
-    raise BadInput("unknown method of the bench", expected=" | ".join(bench.KINDS), got=type(wanted).__name__)
+            return bench.focus(request.positions, shots, profile, progress, request.wished_sigma_px)
+    raise BadInput("unknown method of the bench", expected=" | ".join(bench.KINDS), got=type(request).__name__)

@@ -47,9 +47,9 @@ def _tilt(t: Mapping[str, Any]) -> list[Section]:
         Fact("residual", number(1000 * t["rms_mm"], 3), "µm", "rms"),
     ]
     angle = [a * degrees for a in t["angle_rad"]]
-    rest = [1000 * v for v in t["residual_mm"]]
+    residual_um = [1000 * v for v in t["residual_mm"]]
     measured = Plot("Distance of the dots", "angle, °", "mm", [Series("measured", angle, t["distance_mm"], "dots")])
-    left = Plot("Measured − eq. 6.15", "angle, °", "µm", [Series("residual", angle, rest, "dots")])
+    left = Plot("Measured − eq. 6.15", "angle, °", "µm", [Series("residual", angle, residual_um, "dots")])
     return [Section("Tilt of the detector from pairs of dots", "Jacobs 1995 §6.2.3.1.", facts, [measured, left])]
 
 

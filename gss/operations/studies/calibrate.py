@@ -53,7 +53,7 @@ def check_models(models: Sequence[str]) -> None:
 def from_stars(
     solver: Solver,
     shots: Sequence[Shot],
-    known: CameraProfile | None,
+    profile: CameraProfile | None,
     progress: ProgressCallback,
     *,
     models: Sequence[str] = (),
@@ -62,11 +62,11 @@ def from_stars(
     psf: bool = True,
     priors: Mapping[str, Prior] | None = None,
 ) -> CalibrationInput:
-    """Calibrate geometry, magnitudes and spot widths from frames of stars. ``known`` None: an unknown camera, solved blind.
+    """Calibrate geometry, magnitudes and spot widths from frames of stars. ``profile`` None: an unknown camera, solved blind.
     ``priors``: from the bench."""
     check_models(models)
-    solved = _first_solved(solver, shots, known, fov_rad, lambda share, text: progress(0.5 * share, text))
-    focal_mm = known.focal_mm if known else None
+    solved = _first_solved(solver, shots, profile, fov_rad, lambda share, text: progress(0.5 * share, text))
+    focal_mm = profile.focal_mm if profile else None
 
     def fit(stars: Sequence[FrameStars], begin: float) -> CameraCalibration:
         progress(begin, "fitting the camera")
@@ -84,14 +84,14 @@ def from_stars(
     geometry = fit(solved.stars, 0.5)
     # If the assumed geometry was wrong, stars at the edge were not matched, so solve again with the fitted geometry.
     again = solve_shots(
-        solver, shots, known, fov_rad, lambda share, text: progress(0.6 + 0.15 * share, text), camera=geometry.camera
+        solver, shots, profile, fov_rad, lambda share, text: progress(0.6 + 0.15 * share, text), camera=geometry.camera
     )
     if _matched(again) > _matched(solved):
         solved = replace(again, start=solved.start)
         geometry = fit(solved.stars, 0.75)
     result: dict[str, Any] = {"geometry": report.geometry(geometry), "account": solved.account}
     light = None
-    gain_e_per_dn = known.sensor.gain_e_per_dn if known else math.nan
+    gain_e_per_dn = profile.sensor.gain_e_per_dn if profile else math.nan
     if photometry:
         progress(0.86, "fitting the magnitudes")
         try:
@@ -101,40 +101,40 @@ def from_stars(
             result["photometry_problem"] = str(error)
     if psf:
         progress(0.92, "measuring the spots")
-        full_dn = float(known.sensor.saturation_dn) if known else float((1 << shots[0].bits) - 1)
-        images = [solver.cleaned(s.pixels(), known, s.exposure_s)[0] for s in solved.shots[:PSF_SHOTS]]
-        e_per_dn = known.sensor.gain_e_per_dn if known else 0.0
+        full_dn = float(profile.sensor.saturation_dn) if profile else float((1 << shots[0].bits) - 1)
+        images = [solver.cleaned(s.pixels(), profile, s.exposure_s)[0] for s in solved.shots[:PSF_SHOTS]]
+        e_per_dn = profile.sensor.gain_e_per_dn if profile else 0.0
         try:
             width = psf_over_field(images, geometry.camera, e_per_dn=e_per_dn, saturation_dn=full_dn)
             result["psf"] = report.psf(width, focus_advice(width.centre_sigma_px))
         except BadInput as error:
             result["psf_problem"] = str(error)
     result["warnings"] = report.warnings(geometry, light)
-    values = dict(calibration_values(calibrated_profile(known, geometry, light))) if known else {}
+    values = dict(calibration_values(calibrated_profile(profile, geometry, light))) if profile else {}
     return CalibrationInput("stars", values, result)
 
 
 def _first_solved(
     solver: Solver,
     shots: Sequence[Shot],
-    known: CameraProfile | None,
+    profile: CameraProfile | None,
     fov_rad: float | None,
     progress: ProgressCallback,
 ) -> SolvedFrame:
     """Solve the shots with the documented camera. If fewer than half are solved, its lens is probably wrong: then solve them
     blind using only the width of its field of view, and keep whichever matches more stars."""
-    if known is None:
+    if profile is None:
         return solve_shots(solver, shots, None, fov_rad, progress)
     problem: BadInput | None = None
     with_profile: SolvedFrame | None = None
     try:
-        with_profile = solve_shots(solver, shots, known, None, lambda share, text: progress(0.5 * share, text))
+        with_profile = solve_shots(solver, shots, profile, None, lambda share, text: progress(0.5 * share, text))
         if 2 * len(with_profile.shots) >= len(shots):
             return with_profile
     except BadInput as error:
         problem = error
     try:
-        width = known.camera.fov_rad[0]
+        width = profile.camera.fov_rad[0]
         blind = solve_shots(solver, shots, None, width, lambda share, text: progress(0.5 + 0.5 * share, text))
     except BadInput:
         if with_profile is None and problem is not None:
@@ -143,7 +143,7 @@ def _first_solved(
     if with_profile is not None and (blind is None or _matched(with_profile) >= _matched(blind)):
         return with_profile
     assert blind is not None  # noqa: S101 - one of the two is there, or the problem was raised
-    return replace(blind, start=known.camera)
+    return replace(blind, start=profile.camera)
 
 
 def _matched(solved: SolvedFrame) -> int:
@@ -153,7 +153,7 @@ def _matched(solved: SolvedFrame) -> int:
 def from_darks(
     darks: Sequence[Shot],
     flat_pairs: Sequence[Sequence[Shot]],
-    known: CameraProfile,
+    profile: CameraProfile,
     progress: ProgressCallback,
     keep: Callable[[DarkCalibration, Response | None], dict[str, Any]] | None = None,
 ) -> CalibrationInput:
@@ -164,23 +164,25 @@ def from_darks(
     if len(exposures) > 1:
         given = ", ".join(str(e) for e in sorted(exposures, key=str))
         raise BadInput("dark frames of different exposures", expected="one exposure", got=given)
-    exposure_s = exposures.pop() or known.sensor.exposure_s
-    dark = calibrate_dark(stack(darks, known), exposure_s)
+    exposure_s = exposures.pop() or profile.sensor.exposure_s
+    dark = calibrate_dark(stack(darks, profile), exposure_s)
     result: dict[str, Any] = {"dark": report.dark(dark)}
     made: list[Any] = [dark]
     curve, even = None, None
     if flat_pairs:
         progress(0.5, f"{len(flat_pairs)} pairs of flat fields")
-        flats = [stack(pair, known).astype(np.float32) for pair in flat_pairs]
-        curve = photon_transfer([FlatPair(f[0], f[1]) for f in flats], saturation_dn=float(known.sensor.saturation_dn))
+        flats = [stack(pair, profile).astype(np.float32) for pair in flat_pairs]
+        curve = photon_transfer(
+            [FlatPair(f[0], f[1]) for f in flats], saturation_dn=float(profile.sensor.saturation_dn)
+        )
         even = pixel_response(_alike(np.concatenate(flats) - dark.median_dn), 0.0)
         result |= {"photon_transfer": report.photon_transfer(curve), "response": report.response(even)}
         made += [curve, even]
-    bias_dn = curve.bias_dn if curve is not None and math.isfinite(curve.bias_dn) else known.sensor.bias_dn
-    gain = curve.gain_e_per_dn if curve is not None else known.sensor.gain_e_per_dn
+    bias_dn = curve.bias_dn if curve is not None and math.isfinite(curve.bias_dn) else profile.sensor.bias_dn
+    gain = curve.gain_e_per_dn if curve is not None else profile.sensor.gain_e_per_dn
     figures = detector_figures(curve, dark.dark_e_s(bias_dn, gain))
-    values = dict(calibration_values(calibrated_profile(known, detector=figures)))
-    calibrated(known, values)
+    values = dict(calibration_values(calibrated_profile(profile, detector=figures)))
+    calibrated(profile, values)
     if keep is not None:
         result["dark_frame"] = keep(dark, even)
     result["warnings"] = report.warnings(*made)

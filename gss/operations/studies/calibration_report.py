@@ -19,9 +19,9 @@ MOST_POINTS = 4000
 MOST_PIXELS = 5000
 
 
-def geometry(found: CameraCalibration) -> dict[str, Any]:
+def geometry(calibration: CameraCalibration) -> dict[str, Any]:
     """Return camera, uncertainties, model comparison, maps before and after, and up to 4000 residuals for the plot."""
-    thinned = replace(found, stars=_thinned(found.stars), warnings=())
+    thinned = replace(calibration, stars=_thinned(calibration.stars), warnings=())
     return dict(as_record(thinned))
 
 
@@ -41,41 +41,39 @@ def _thinned(stars: StarResiduals) -> StarResiduals:
     )
 
 
-def photometry(found: PhotometricCalibration) -> dict[str, Any]:
+def photometry(calibration: PhotometricCalibration) -> dict[str, Any]:
     """Return constants, histogram, and up to 4000 stars."""
-    pick = np.linspace(0, len(found.v_mag) - 1, min(len(found.v_mag), MOST_POINTS)).astype(int)
-    per_star = {name: getattr(found, name)[pick] for name in ("frame", "hip", "v_mag", "error_mag", "used")}
-    return dict(as_record(replace(found, warnings=(), **per_star)))
+    pick = np.linspace(0, len(calibration.v_mag) - 1, min(len(calibration.v_mag), MOST_POINTS)).astype(int)
+    per_star = {name: getattr(calibration, name)[pick] for name in ("frame", "hip", "v_mag", "error_mag", "used")}
+    return dict(as_record(replace(calibration, warnings=(), **per_star)))
 
 
-def psf(found: PsfField, advice: FocusAdvice) -> dict[str, Any]:
+def psf(psf_field: PsfField, advice: FocusAdvice) -> dict[str, Any]:
     """Return spot widths over the field and the focus advice."""
-    return {"field": as_record(replace(found, warnings=())), "focus": as_record(advice)}
+    return {"field": as_record(replace(psf_field, warnings=())), "focus": as_record(advice)}
 
 
-def dark(found: DarkCalibration) -> dict[str, Any]:
+def dark(dark: DarkCalibration) -> dict[str, Any]:
     """Return statistics and the hot pixels, hottest first; the maps are stored as blobs."""
-    order = np.argsort(found.hot_excess_dn)[::-1][:MOST_PIXELS]
+    order = np.argsort(dark.hot_excess_dn)[::-1][:MOST_PIXELS]
     maps = {"median_dn", "noise_map_dn", "warnings"}
-    small = replace(
-        found, hot=found.hot[order], hot_excess_dn=found.hot_excess_dn[order], noisy=found.noisy[:MOST_PIXELS]
-    )
+    small = replace(dark, hot=dark.hot[order], hot_excess_dn=dark.hot_excess_dn[order], noisy=dark.noisy[:MOST_PIXELS])
     values = {name: as_record(getattr(small, name)) for name in vars(small) if name not in maps}
-    return {**values, "hot_count": len(found.hot), "noisy_count": len(found.noisy)}
+    return {**values, "hot_count": len(dark.hot), "noisy_count": len(dark.noisy)}
 
 
-def response(found: Response) -> dict[str, Any]:
+def response(response_map: Response) -> dict[str, Any]:
     """Return dead pixels, and the spread in the response of the others."""
     return {
-        "dead": as_record(found.dead[:MOST_PIXELS]),
-        "dead_count": len(found.dead),
-        "response_sigma": as_record(found.response_sigma),
+        "dead": as_record(response_map.dead[:MOST_PIXELS]),
+        "dead_count": len(response_map.dead),
+        "response_sigma": as_record(response_map.response_sigma),
     }
 
 
-def photon_transfer(found: PhotonTransfer) -> dict[str, Any]:
+def photon_transfer(transfer: PhotonTransfer) -> dict[str, Any]:
     """Return gain, read noise and the points of the curve."""
-    return dict(as_record(replace(found, warnings=())))
+    return dict(as_record(replace(transfer, warnings=())))
 
 
 def warnings(*found: Any) -> list[dict[str, Any]]:

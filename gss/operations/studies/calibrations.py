@@ -80,9 +80,9 @@ class CalibrationService:
 
     # --- computation --------------------------------------------------------------------------------------------
 
-    def start(self, wanted: Wanted, *, user: str) -> Job:
+    def start(self, request: Wanted, *, user: str) -> Job:
         """Queue a calibration; its result contains the id of the stored row. Raises BadInput before anything is queued."""
-        job = CalibrationJob(wanted, user=user)
+        job = CalibrationJob(request, user=user)
         title, work = self._work(job)
         return self._jobs.begin("calibration", title, job, work)
 
@@ -92,8 +92,8 @@ class CalibrationService:
     def _work(self, job: CalibrationJob) -> tuple[str, Work]:
         """Return the title and work function of a calibration, after looking up its inputs."""
         wanted = job.wanted
-        known = self._camera(wanted)
-        of = known.name if known else FOREIGN
+        profile = self._camera(wanted)
+        of = profile.name if profile else FOREIGN
         shots = self._shots.of(wanted.frames)
         # Restores the order of frame_ids, which matches the settings of a focus run.
         if isinstance(wanted, BenchCalibration):
@@ -109,22 +109,22 @@ class CalibrationService:
             def progress(share: float, text: str) -> None:
                 run.progress(round(STEPS * share), STEPS, text)
 
-            found = self._make(wanted, known, shots, pairs, priors, progress)
+            calibration = self._make(wanted, profile, shots, pairs, priors, progress)
             row = Calibration(
                 profile=of,
-                kind=found.kind,
-                name=wanted.name or f"{of} {found.kind}",
+                kind=calibration.kind,
+                name=wanted.name or f"{of} {calibration.kind}",
                 created=self._now(),
                 author=job.user,
                 tool=f"gss {__version__}",
                 request=as_stored(wanted),
-                values=found.values,
-                result=found.result,
+                values=calibration.values,
+                result=calibration.result,
                 note=wanted.note,
             )
             with self._database.unit_of_work() as session:
                 store.add_calibration(session, row)
-                result = {"calibration_id": row.id, "warnings": len(found.result["warnings"])}
+                result = {"calibration_id": row.id, "warnings": len(calibration.result["warnings"])}
                 run.keep(result, session)
             self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {job.user}")
             return result
@@ -132,22 +132,22 @@ class CalibrationService:
         what = counted(len(shots), "frame") if shots else "the bench"
         return f"calibrate {of} from {what}", work
 
-    def _camera(self, wanted: Wanted) -> CameraProfile | None:
+    def _camera(self, request: Wanted) -> CameraProfile | None:
         """Return the documented camera; for a calibration from stars, with the detector calibration if one is in use."""
-        if not wanted.profile:
-            if isinstance(wanted, BenchCalibration) and not isinstance(wanted, BenchCheckerboard | BenchCentre):
+        if not request.profile:
+            if isinstance(request, BenchCalibration) and not isinstance(request, BenchCheckerboard | BenchCentre):
                 raise BadInput("this method needs a camera", expected="a profile", got="none")
             return None
-        known = self._instruments.camera(wanted.profile)
-        if isinstance(wanted, StarCalibration) and self.book.dark_of(known.name):
-            used = self.book.profile(known.name)
-            return replace(used, camera=known.camera, focal_mm=known.focal_mm)
-        return known
+        profile = self._instruments.camera(request.profile)
+        if isinstance(request, StarCalibration) and self.book.dark_of(profile.name):
+            used = self.book.profile(profile.name)
+            return replace(used, camera=profile.camera, focal_mm=profile.focal_mm)
+        return profile
 
-    def _priors(self, wanted: Wanted, of: str) -> dict[str, Prior]:
-        if not isinstance(wanted, StarCalibration) or not wanted.prior_ids:
+    def _priors(self, request: Wanted, of: str) -> dict[str, Prior]:
+        if not isinstance(request, StarCalibration) or not request.prior_ids:
             return {}
-        rows = [self.get(k) for k in wanted.prior_ids]
+        rows = [self.get(k) for k in request.prior_ids]
         other = [row for row in rows if row.profile not in (of, FOREIGN)]
         if other:
             raise BadInput("measured on another camera", expected=of, got=other[0].profile)
@@ -155,31 +155,31 @@ class CalibrationService:
 
     def _make(
         self,
-        wanted: Wanted,
-        known: CameraProfile | None,
+        request: Wanted,
+        profile: CameraProfile | None,
         shots: Sequence[Shot],
         pairs: Sequence[Sequence[Shot]],
         priors: Mapping[str, Prior],
         progress: ProgressCallback,
     ) -> CalibrationInput:
-        if isinstance(wanted, BenchCalibration):
-            return run_bench(self._solver, wanted, known, shots, progress)
-        if isinstance(wanted, DetectorCalibration):
-            assert known is not None  # noqa: S101 - its profile is never empty
-            return from_darks(shots, pairs, known, progress, self._darks.keep)
-        found = from_stars(
+        if isinstance(request, BenchCalibration):
+            return run_bench(self._solver, request, profile, shots, progress)
+        if isinstance(request, DetectorCalibration):
+            assert profile is not None  # noqa: S101 - its profile is never empty
+            return from_darks(shots, pairs, profile, progress, self._darks.keep)
+        calibration = from_stars(
             self._solver,
             shots,
-            known,
+            profile,
             progress,
-            models=wanted.models,
-            fov_rad=wanted.fov_rad,
-            photometry=wanted.photometry,
-            psf=wanted.psf,
+            models=request.models,
+            fov_rad=request.fov_rad,
+            photometry=request.photometry,
+            psf=request.psf,
             priors=priors,
         )
-        dark = known.sources.get(DARK, "") if known else ""
-        return replace(found, result=found.result | {"dark_frame": dark}) if dark else found
+        dark = profile.sources.get(DARK, "") if profile else ""
+        return replace(calibration, result=calibration.result | {"dark_frame": dark}) if dark else calibration
 
     # --- queries ------------------------------------------------------------------------------------------------
 

@@ -87,7 +87,7 @@ def _experiments(spec: ExperimentsRequest, run: Run, executor: Executor) -> dict
     """Run all experiments. Each completed one is checkpointed; after a crash only those in progress are rerun."""
     names = spec.names
     done = list((run.checkpoint or {}).get("experiments", ()))
-    rest = [(name, spec.trials, spec.seed) for name in names[len(done) :]]
+    remaining = [(name, spec.trials, spec.seed) for name in names[len(done) :]]
 
     def report_share(share: float) -> None:
         if len(done) < len(names):
@@ -95,7 +95,7 @@ def _experiments(spec: ExperimentsRequest, run: Run, executor: Executor) -> dict
             run.progress(round(100 * (len(done) + share)), 100 * len(names), text)
 
     report_share(0.0)
-    with closing(executor.in_order(experiments.run_item, rest, report_share)) as records:
+    with closing(executor.in_order(experiments.run_item, remaining, report_share)) as records:
         for record in records:
             done.append(record)
             run.keep({"experiments": done})
@@ -122,8 +122,8 @@ def _record(chain: str, version: str, options: str, rows: Sequence[store.Outcome
 
 
 def _median(values: Sequence[float | None]) -> float | None:
-    known = sorted(v for v in values if v is not None)
-    if not known:
+    numbers = sorted(v for v in values if v is not None)
+    if not numbers:
         return None
-    middle = len(known) // 2
-    return known[middle] if len(known) % 2 else (known[middle - 1] + known[middle]) / 2
+    middle = len(numbers) // 2
+    return numbers[middle] if len(numbers) % 2 else (numbers[middle - 1] + numbers[middle]) / 2

@@ -146,9 +146,9 @@ def _summary(runs: Sequence[FrameRun]) -> Section:
         ("Median residual", "px", [run.rms_px for run in solved]),
         ("Median time", "ms", [1e3 * sum(run.timing_s.values()) if run.timing_s else None for run in solved]),
     ):
-        known = [v for v in value if v is not None]
-        if known:
-            facts.append(Fact(label, f"{float(np.median(known)):.3g}", unit, counted(len(known), "frame")))
+        numbers = [v for v in value if v is not None]
+        if numbers:
+            facts.append(Fact(label, f"{float(np.median(numbers)):.3g}", unit, counted(len(numbers), "frame")))
     return Section("Summary", facts=facts)
 
 
@@ -168,8 +168,8 @@ def _comparison(judged: Sequence[_Judged], compared: str) -> Section:
 
 
 def _errors(runs: Sequence[FrameRun]) -> Plot | None:
-    known = [_arcsec(run.error_axis_rad) for run in runs if run.solved]
-    return _histogram("Error of the axis against the simulated sky", [v for v in known if v is not None])
+    errors = [_arcsec(run.error_axis_rad) for run in runs if run.solved]
+    return _histogram("Error of the axis against the simulated sky", [v for v in errors if v is not None])
 
 
 def _differences(judged: Sequence[_Judged], compared: str) -> Plot | None:

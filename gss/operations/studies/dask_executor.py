@@ -63,7 +63,7 @@ class DaskExecutor:
         self, work: Work[Item, Result], items: Iterable[Item], waiting: Waiting | None = None
     ) -> Generator[Result, None, None]:
         """See :class:`Executor`."""
-        client, rest, run = self._connected(), iter(items), f"gss-{uuid.uuid4().hex[:12]}"
+        client, remaining, run = self._connected(), iter(items), f"gss-{uuid.uuid4().hex[:12]}"
         running: deque[Any] = deque()
         shares: dict[int, float] = defaultdict(float)
         given = taken = 0
@@ -71,7 +71,7 @@ class DaskExecutor:
         try:
             while True:
                 ahead = AHEAD * max(1, self.workers)
-                while len(running) < ahead and (more := next(rest, _END)) is not _END:
+                while len(running) < ahead and (more := next(remaining, _END)) is not _END:
                     # A unique key per item, so that equal items are separate and results of another run are never used.
                     key = f"{run}-{given}"
                     running.append(

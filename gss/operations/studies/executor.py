@@ -81,13 +81,13 @@ class LocalExecutor:
     ) -> Generator[Result, None, None]:
         """See :class:`Executor`. If a worker dies, only its in-progress and queued items are rerun; results already returned
         are kept."""
-        rest, open_items, deaths = iter(items), deque[Item](), 0
+        remaining, open_items, deaths = iter(items), deque[Item](), 0
         while True:
             try:
                 with self._pool.borrowed() as pool:
                     running = deque(pool.submit(work, item, _silent) for item in open_items)
                     while True:
-                        while len(running) < AHEAD * self.workers and (more := next(rest, _END)) is not _END:
+                        while len(running) < AHEAD * self.workers and (more := next(remaining, _END)) is not _END:
                             open_items.append(more)  # type: ignore[arg-type]  # it is not _END, which mypy does not see
                             running.append(pool.submit(work, open_items[-1], _silent))
                         if not running:

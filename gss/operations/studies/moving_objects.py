@@ -140,9 +140,9 @@ def _sources(solver: Solver, run: Run, progress: ProgressCallback) -> tuple[list
     for k, ((shot, _), view) in enumerate(zip(solved, views, strict=True)):
         progress(0.5 + 0.3 * k / len(solved), f"sources of {shot.name}, {k + 1} of {len(solved)}")
         pixels, _ = solver.cleaned(shot.pixels(), run.known, shot.exposure_s)
-        found = find_spots(pixels, view, seen_stars(solver, shot), sensor)
-        if found is not None:
-            frames.append(found)
+        spots = find_spots(pixels, view, seen_stars(solver, shot), sensor)
+        if spots is not None:
+            frames.append(spots)
             shots.append(shot)
     return frames, shots
 

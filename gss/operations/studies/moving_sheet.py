@@ -77,40 +77,43 @@ class MovingRecord:
     tdm: str
 
 
-def moving_report(found: MovingRecord, camera: Camera, of: str) -> Report:
+def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
     """Return the report."""
-    named = sum(t.name is not None for t in found.tracks)
-    streaks = sum(t.streak for t in found.tracks)
+    named = sum(t.name is not None for t in record.tracks)
+    streaks = sum(t.streak for t in record.tracks)
     facts = [
-        Fact("objects", number(len(found.tracks)), "", f"{named} named, {streaks} in one frame only"),
-        Fact("frames with an attitude", f"{found.used} of {found.frames}"),
+        Fact("objects", number(len(record.tracks)), "", f"{named} named, {streaks} in one frame only"),
+        Fact("frames with an attitude", f"{record.used} of {record.frames}"),
         Fact(
-            "faintest point found", number(found.limit_mag, 3), "V", "five standard deviations, at rest on the detector"
+            "faintest point found",
+            number(record.limit_mag, 3),
+            "V",
+            "five standard deviations, at rest on the detector",
         ),
-        Fact("camera", found.place),
-        Fact("compared with", f"the planets, {counted(found.known_objects, 'element set')}"),
-        Fact("rejected sources", number(sum(found.reasons.values()))),
+        Fact("camera", record.place),
+        Fact("compared with", f"the planets, {counted(record.known_objects, 'element set')}"),
+        Fact("rejected sources", number(sum(record.reasons.values()))),
     ]
     text = (
         "Light sources without a star, linked over the frames. Directions are in the system of the star catalogue; "
         "T: several frames, S: a line in one frame."
     )
-    drawings = [_sky(found.tracks), _brightness(found.tracks)] if found.tracks else []
-    sections = [Section("Objects", text, facts, list(drawings), [_table(found.tracks)] if found.tracks else [])]
-    lines = _ends(found.tracks)
+    drawings = [_sky(record.tracks), _brightness(record.tracks)] if record.tracks else []
+    sections = [Section("Objects", text, facts, list(drawings), [_table(record.tracks)] if record.tracks else [])]
+    lines = _ends(record.tracks)
     if lines.rows:
         words = "Directions at the start and the end of the exposure; for S the order is not known."
         sections.append(Section("Trails", words, [], [], [lines]))
-    if found.reasons:
-        counts = [[reason, number(n)] for reason, n in sorted(found.reasons.items(), key=lambda r: -r[1])]
+    if record.reasons:
+        counts = [[reason, number(n)] for reason, n in sorted(record.reasons.items(), key=lambda r: -r[1])]
         listed = [
             [r.frame, f"{r.col_px:.1f}", f"{r.row_px:.1f}", f"{r.v_mag:.1f}", r.reason]
-            for r in found.rejected[:MOST_LISTED]
+            for r in record.rejected[:MOST_LISTED]
         ]
         sections.append(
             Section(
                 "Rejected sources",
-                "" if len(found.rejected) <= MOST_LISTED else f"The first {MOST_LISTED}; the JSON file has more.",
+                "" if len(record.rejected) <= MOST_LISTED else f"The first {MOST_LISTED}; the JSON file has more.",
                 [],
                 [],
                 [
@@ -119,12 +122,12 @@ def moving_report(found: MovingRecord, camera: Camera, of: str) -> Report:
                 ],
             )
         )
-    return Report("Moving objects", of, sections, _notes(found, camera))
+    return Report("Moving objects", of, sections, _notes(record, camera))
 
 
-def _notes(found: MovingRecord, camera: Camera) -> list[Note]:
+def _notes(record: MovingRecord, camera: Camera) -> list[Note]:
     made = []
-    if found.used < 3:
+    if record.used < 3:
         made.append(
             Note(
                 "fewer than three frames: only lines in one frame can be found",
@@ -132,7 +135,7 @@ def _notes(found: MovingRecord, camera: Camera) -> list[Note]:
                 code="frames",
             )
         )
-    if found.known_objects and any(t.name is None for t in found.tracks) and "not known" in found.place:
+    if record.known_objects and any(t.name is None for t in record.tracks) and "not known" in record.place:
         made.append(
             Note(
                 "satellites cannot be named: the place of the camera is not known",

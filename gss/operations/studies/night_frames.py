@@ -93,7 +93,7 @@ class StoredShots:
 def solve_shots(
     solver: Solver,
     shots: Sequence[Shot],
-    known: CameraProfile | None,
+    profile: CameraProfile | None,
     fov_rad: float | None,
     progress: ProgressCallback,
     chain: str = "reference",
@@ -107,11 +107,11 @@ def solve_shots(
         progress(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
         try:
             pixels = shot.pixels()
-            result = solver.solve(pixels, request_of(shot, known, fov_rad, chain, camera))
+            result = solver.solve(pixels, request_of(shot, profile, fov_rad, chain, camera))
         except BadInput as error:
             account.append({"name": shot.name, "used": False, "reason": str(error)})
             continue
-        stars = _stars(solver, shot, pixels, result, known)
+        stars = _stars(solver, shot, pixels, result, profile)
         account.append({"name": shot.name, "used": stars is not None, "reason": "" if stars else result.reason})
         if stars is not None:
             taken.append((shot, result, stars))
@@ -123,19 +123,19 @@ def solve_shots(
             got=first,
             hint="check that the camera is the right one",
         )
-    start = known.camera if known else taken[0][1].camera
+    start = profile.camera if profile else taken[0][1].camera
     return SolvedFrame([t[0] for t in taken], [t[1] for t in taken], [t[2] for t in taken], start, account)
 
 
-def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
+def stack(shots: Sequence[Shot], profile: CameraProfile) -> NDArray[Any]:
     """Return (m, rows, columns) pixels. Raises BadInput if a frame has another size."""
     images = []
     for shot in shots:
         image = shot.pixels()
-        if image.shape != (known.camera.rows, known.camera.columns):
+        if image.shape != (profile.camera.rows, profile.camera.columns):
             raise BadInput(
                 f"{shot.name} was taken with another camera",
-                expected=f"{known.camera.columns} x {known.camera.rows} px",
+                expected=f"{profile.camera.columns} x {profile.camera.rows} px",
                 got=f"{image.shape[1]} x {image.shape[0]} px",
             )
         images.append(image)
@@ -143,24 +143,24 @@ def stack(shots: Sequence[Shot], known: CameraProfile) -> NDArray[Any]:
 
 
 def request_of(
-    shot: Shot, known: CameraProfile | None, fov_rad: float | None, chain: str, camera: Camera | None = None
+    shot: Shot, profile: CameraProfile | None, fov_rad: float | None, chain: str, camera: Camera | None = None
 ) -> SolveRequest:
     """Return the request for the solver: for a known camera, with another geometry if one is given; for a known width of
     field; or blind."""
     request = SolveRequest(
         chain=chain, epoch_jyear=epoch_at(shot.taken), observer=shot.observer, exposure_s=shot.exposure_s
     )
-    if known is not None:
-        return replace(request, known=known if camera is None else replace(known, camera=camera))
+    if profile is not None:
+        return replace(request, known=profile if camera is None else replace(profile, camera=camera))
     if camera is not None:
         return replace(request, camera=camera)
     return replace(request, fov_rad=fov_rad) if fov_rad is not None else replace(request, blind=True)
 
 
 def _stars(
-    solver: Solver, shot: Shot, pixels: Pixels, result: SolveResult, known: CameraProfile | None
+    solver: Solver, shot: Shot, pixels: Pixels, result: SolveResult, profile: CameraProfile | None
 ) -> FrameStars | None:
-    saturation_dn = float(known.sensor.saturation_dn) if known else float((1 << shot.bits) - 1)
+    saturation_dn = float(profile.sensor.saturation_dn) if profile else float((1 << shot.bits) - 1)
     trails = trail_px(pixels, result.centroids, saturation_dn) if result.attitude is not None else 0.0
     return frame_stars(
         shot.name,

@@ -136,20 +136,22 @@ class ReprocessService:
         changed = f" with {counted(len(spec.options), 'changed constant')}" if spec.options else ""
         return self._jobs.begin(KIND, f"{spec.chain} on {counted(len(tasks), 'frame')}{changed}", job)
 
-    def tasks(self, wanted: ReprocessRequest) -> list[Task]:
+    def tasks(self, request: ReprocessRequest) -> list[Task]:
         """Return the tasks, oldest frame first."""
         with self._database.unit_of_work() as session:
-            if wanted.frame_ids:
-                frames = [store.get(session, i) for i in wanted.frame_ids]
+            if request.frame_ids:
+                frames = [store.get(session, i) for i in request.frame_ids]
             else:
-                frames = store.page(session, MOST_FRAMES, 0, source=wanted.source, contact_id=wanted.contact)[1]
+                frames = store.page(session, MOST_FRAMES, 0, source=request.source, contact_id=request.contact)[1]
             done = (
-                set() if wanted.again else store.solved_by(session, wanted.chain, __version__, as_text(wanted.options))
+                set()
+                if request.again
+                else store.solved_by(session, request.chain, __version__, as_text(request.options))
             )
         rows = sorted(
             (f for f in frames if f.complete and f.pixels_removed is None and f.id not in done), key=lambda f: f.id
         )
-        return [_task(f, wanted) for f in rows]
+        return [_task(f, request) for f in rows]
 
     def _resume(self, job: ReprocessJob, run: Run) -> dict[str, Any]:
         """Continue a job from its stored request, after its checkpoint. Raises Conflict if the program's version has
@@ -167,7 +169,7 @@ class ReprocessService:
 
     def work(
         self,
-        wanted: ReprocessRequest,
+        request: ReprocessRequest,
         tasks: Sequence[Task],
         progress: Progress,
         done: Done | None = None,
@@ -179,8 +181,8 @@ class ReprocessService:
         total, before_s, started_s, reported_s = done.frames + len(tasks), done.elapsed_s, stopwatch_s(), 0.0
         at_first = done.frames
         epoch, documented = epoch_jyear or self._epoch_jyear, self._instruments.cameras()
-        options = tuple(wanted.options.items())
-        order = BatchSettings(self._blobs_url, epoch, wanted.chain, self._book.profiles(), documented, options)
+        options = tuple(request.options.items())
+        order = BatchSettings(self._blobs_url, epoch, request.chain, self._book.profiles(), documented, options)
 
         def report(_share: float = 0.0) -> None:
             rate = (done.frames - at_first) / max(1e-3, stopwatch_s() - started_s)
@@ -210,16 +212,16 @@ class ReprocessService:
                 keep(vars(done) | {}, session)
 
 
-def _task(frame: Frame, wanted: ReprocessRequest) -> Task:
+def _task(frame: Frame, request: ReprocessRequest) -> Task:
     """Return a task with the same inputs as a single run of that chain from the page."""
-    observer = observer_of_frame(frame) if wanted.chain == reference.NAME else None
+    observer = observer_of_frame(frame) if request.chain == reference.NAME else None
     return Task(
         frame.id,
         frame.sha256,
         frame.dtype,
         frame.rows,
         frame.columns,
-        profile=frame.profile or wanted.profile,
+        profile=frame.profile or request.profile,
         truth=frame.truth,
         observer=observer,
         exposure_s=frame.exposure_s,

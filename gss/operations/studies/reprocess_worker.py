@@ -81,8 +81,8 @@ def run_item(
 
 def run_batch(order: BatchSettings, tasks: Sequence[Task]) -> list[dict[str, Any]]:
     """Return one row of values per task; a frame that cannot be run has outcome "none" with the reason."""
-    kept = _ready(order)
-    return [_run(kept, order, task) for task in tasks]
+    state = _ready(order)
+    return [_run(state, order, task) for task in tasks]
 
 
 def _ready(order: BatchSettings) -> _Kept:
@@ -96,9 +96,9 @@ def _ready(order: BatchSettings) -> _Kept:
     return _kept[key]
 
 
-def _run(kept: _Kept, order: BatchSettings, task: Task) -> dict[str, Any]:
+def _run(state: _Kept, order: BatchSettings, task: Task) -> dict[str, Any]:
     try:
-        data = np.frombuffer(kept.blobs.get(task.sha256), np.dtype(task.dtype))
+        data = np.frombuffer(state.blobs.get(task.sha256), np.dtype(task.dtype))
         pixels = data.reshape(task.rows, task.columns)
         request = SolveRequest(
             chain=order.chain,
@@ -109,12 +109,12 @@ def _run(kept: _Kept, order: BatchSettings, task: Task) -> dict[str, Any]:
             exposure_s=task.exposure_s,
             options=order.options,
         )
-        result = kept.solver.solve(pixels, request)
+        result = state.solver.solve(pixels, request)
         result = replace(result, timing_s={k: v for k, v in result.timing_s.items() if math.isfinite(v)})
     except GssError as error:
         return {"frame_id": task.frame_id, "chain": order.chain, "version": __version__, "outcome": "none"} | {
             "reason": str(error)
         }
-    stars = kept.stars if task.epoch_jyear is None else kept.solver.cache.stars(task.epoch_jyear)
+    stars = state.stars if task.epoch_jyear is None else state.solver.cache.stars(task.epoch_jyear)
     values = solution_values(result, stars, order.documented.get(task.profile or ""), task.truth)
     return {"frame_id": task.frame_id, "camera_name": request.camera_name} | values

@@ -29,7 +29,7 @@ def sheet_of_frames(
 ) -> Analysis:
     """Return the sheet of solved frames. ``second``: frames of a second head; ``mounting``: quaternion camera from
     second head; ``temperature``: Unix seconds and °C of the unit."""
-    known, series = run.known, run.series
+    profile, series = run.known, run.series
     # Frames and their results are in the same order as the series, which sorts by time.
     observers = [s.observer for s in run.shots]
     reference = None
@@ -40,28 +40,28 @@ def sheet_of_frames(
         reference = ReferenceInput(
             series,
             second.series,
-            pointing_blocks(series.quaternion, known.camera),
+            pointing_blocks(series.quaternion, profile.camera),
             None if mounting is None else np.array(mounting) / np.linalg.norm(mounting),
             None if temperature is None else temperature_at(series.times_s, *temperature),
             velocity,
         )
-    given = SheetInput(known.camera, series, star_sightings(run.results, known.camera), reference)
+    given = SheetInput(profile.camera, series, star_sightings(run.results, profile.camera), reference)
     chain = next((r.chain for r in run.results if r is not None), "")
-    return _sheet(given, known, SheetSource(known.name, known.title, chain, "frames", subject_of(run), seed))
+    return _sheet(given, profile, SheetSource(profile.name, profile.title, chain, "frames", subject_of(run), seed))
 
 
 def sheet_of_simulation(
-    solver: Solver, known: CameraProfile, chain: str, seed: int, progress: ProgressCallback
+    solver: Solver, profile: CameraProfile, chain: str, seed: int, progress: ProgressCallback
 ) -> Analysis:
     """Return the sheet of a simulated unit."""
-    given = simulated_input(solver, known, chain, seed, progress)
-    subject = f"simulated unit of {known.name}, {len(given.series)} frames, seed {seed}, chain {chain}"
-    return _sheet(given, known, SheetSource(known.name, known.title, chain, "simulated", subject, seed))
+    given = simulated_input(solver, profile, chain, seed, progress)
+    subject = f"simulated unit of {profile.name}, {len(given.series)} frames, seed {seed}, chain {chain}"
+    return _sheet(given, profile, SheetSource(profile.name, profile.title, chain, "simulated", subject, seed))
 
 
-def _sheet(given: SheetInput, known: CameraProfile, of: SheetSource) -> Analysis:
-    sheet = performance_sheet(given, np.random.default_rng([of.seed, 64]))
-    return Analysis("sheet", sheet_report(sheet, of, known.camera), as_sheet_record(sheet, of))
+def _sheet(sheet_input: SheetInput, profile: CameraProfile, of: SheetSource) -> Analysis:
+    sheet = performance_sheet(sheet_input, np.random.default_rng([of.seed, 64]))
+    return Analysis("sheet", sheet_report(sheet, of, profile.camera), as_sheet_record(sheet, of))
 
 
 def temperature_at(times_s: Array, at_s: Array, celsius: Array) -> Array | None:

@@ -81,8 +81,8 @@ def phase_means(place: Array, off: Array) -> list[float | None]:
 
 def rms(values: Sequence[float | None]) -> float | None:
     """Root mean square of the known values; None without any."""
-    known = [v for v in values if v is not None]
-    return float(np.sqrt(np.mean(np.square(known)))) if known else None
+    numbers = [v for v in values if v is not None]
+    return float(np.sqrt(np.mean(np.square(numbers)))) if numbers else None
 
 
 def numbers(values: Array) -> list[float]:

@@ -112,14 +112,14 @@ def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Re
     if sheet.noise is not None:
         sections.append(Section("Temporal noise", "", [], _noise_drawings(sheet.noise)))
     if sheet.reference is not None:
-        rest = over_time(
+        remaining_drawings = over_time(
             "Rotation from the reference, without the fitted terms",
             sheet.reference.times_s,
             sheet.reference.rest_rad / ARCSEC_RAD,
             ("x", "y", "z"),
             "arcsec",
         )
-        sections.append(Section("Reference", "", [], [rest]))
+        sections.append(Section("Reference", "", [], [remaining_drawings]))
     method = [[row.title, row.method, row.conditions or row.needs] for row in sheet.rows]
     sections.append(
         Section("Methods and conditions", "", [], [], [Table("Methods", ["row", "method", "conditions"], method)])
@@ -144,43 +144,43 @@ def _lines(row: dict[str, Any]) -> list[list[str]]:
     return made
 
 
-def _scatter(found: SpatialErrors) -> str:
-    return f"{found.sightings} stars in {found.frames} frames; what remains has a scatter of {found.noise_px:.3f} px."
+def _scatter(spatial: SpatialErrors) -> str:
+    return f"{spatial.sightings} stars in {spatial.frames} frames; what remains has a scatter of {spatial.noise_px:.3f} px."
 
 
-def _spatial_drawings(found: SpatialErrors, camera: Camera) -> list[Drawing]:
-    columns, rows = np.meshgrid(found.map_col_px, found.map_row_px)
-    largest = float(np.linalg.norm(found.map_px, axis=-1).max())
-    cell = camera.columns / len(found.map_col_px)
+def _spatial_drawings(spatial: SpatialErrors, camera: Camera) -> list[Drawing]:
+    columns, rows = np.meshgrid(spatial.map_col_px, spatial.map_row_px)
+    largest = float(np.linalg.norm(spatial.map_px, axis=-1).max())
+    cell = camera.columns / len(spatial.map_col_px)
     arrows = Arrows(
         "Slow error over the detector",
         camera.columns,
         camera.rows,
         numbers(columns.ravel()),
         numbers(rows.ravel()),
-        maybe(found.map_px[..., 0].ravel()),
-        maybe(found.map_px[..., 1].ravel()),
+        maybe(spatial.map_px[..., 0].ravel()),
+        maybe(spatial.map_px[..., 1].ravel()),
         0.9 * cell / largest if largest > 0 else 1.0,
         f"longest {largest:.3g} px",
     )
-    at = numbers(found.within_px)
+    at = numbers(spatial.within_px)
     within = Plot(
         "Error against the place within a pixel",
         "place, px from the centre",
         "px",
-        [Series("columns", at, maybe(found.curve_px[:, 0])), Series("rows", at, maybe(found.curve_px[:, 1]))],
+        [Series("columns", at, maybe(spatial.curve_px[:, 0])), Series("rows", at, maybe(spatial.curve_px[:, 1]))],
     )
     return [arrows, within]
 
 
-def _noise_drawings(found: TemporalNoise) -> list[Drawing]:
+def _noise_drawings(noise: TemporalNoise) -> list[Drawing]:
     made: list[Drawing] = []
-    if len(found.allan_s):
-        at, allan = numbers(found.allan_s), found.allan_rad / ARCSEC_RAD
+    if len(noise.allan_s):
+        at, allan = numbers(noise.allan_s), noise.allan_rad / ARCSEC_RAD
         lines = [Series(axis, at, maybe(allan[:, k])) for k, axis in enumerate("xyz")]
         made.append(Plot("Allan deviation", "averaging time, s", "arcsec", lines, log_y=True, log_x=True))
-    if len(found.frequency_hz):
-        at, power = numbers(found.frequency_hz), found.psd_rad2_hz / ARCSEC_RAD**2
+    if len(noise.frequency_hz):
+        at, power = numbers(noise.frequency_hz), noise.psd_rad2_hz / ARCSEC_RAD**2
         lines = [Series(axis, at, maybe(power[:, k])) for k, axis in enumerate("xyz")]
         made.append(Plot("Power spectrum", "frequency, Hz", "arcsec²/Hz", lines, log_y=True, log_x=True))
     return made

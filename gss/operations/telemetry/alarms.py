@@ -260,11 +260,11 @@ class AlarmService:
         """True if the source of the alarm still delivers values."""
         if row.packet in (LINK, CATALOGUE, STORE):
             return row.packet != LINK or self._link.connected
-        found, field = self._telemetry.board.latest(row.packet), field_of(self._dictionary, row)
+        latest, field = self._telemetry.board.latest(row.packet), field_of(self._dictionary, row)
         if field is None:  # a derived parameter that was deleted
             return False
         stale_s = self._dictionary.packet(row.packet).stale_after_s or float("inf")
-        return found is not None and (self._now() - found[0]).total_seconds() <= stale_s
+        return latest is not None and (self._now() - latest[0]).total_seconds() <= stale_s
 
     def _by(self, row: Alarm, user: str, words: str, note: str, **changes: Any) -> AlarmView:
         if note.strip():

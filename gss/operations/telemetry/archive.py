@@ -65,8 +65,8 @@ class Thinner:
         if self._whole is not None:
             self._whole.append((t, y))
             if len(self._whole) > self.points:
-                kept, self._whole = self._whole, None
-                for sample in kept:
+                whole, self._whole = self._whole, None
+                for sample in whole:
                     self._bin(*sample)
         else:
             self._bin(t, y)
@@ -75,8 +75,8 @@ class Thinner:
         """Add samples of which only the extremes of each ten seconds are known."""
         self.samples += int(buckets.count.sum())
         if self._whole is not None:
-            kept, self._whole = self._whole, None
-            for sample in kept:
+            whole, self._whole = self._whole, None
+            for sample in whole:
                 self._bin(*sample)
         bins = max(1, self.points // 2)
         # Both extremes in time order, so that a bucket across the edge of a bin contributes to each bin only what lies
@@ -114,8 +114,8 @@ class Thinner:
         """Return (t, y, thinned), in time order."""
         if self._whole is not None:
             return [t for t, _ in self._whole], [y for _, y in self._whole], False
-        kept = [sample for b in sorted(self._bins) for sample in sorted(set(self._bins[b]), key=lambda s: s[0])]
-        return [t for t, _ in kept], [y for _, y in kept], True
+        samples = [sample for b in sorted(self._bins) for sample in sorted(set(self._bins[b]), key=lambda s: s[0])]
+        return [t for t, _ in samples], [y for _, y in samples], True
 
 
 class Archive:
@@ -160,11 +160,11 @@ class Archive:
         """Use rollups if they are as fine as the plot, packets otherwise or where rollups are missing. If packets were
         removed or thinned since, the rollups contain more samples and are used."""
         stretches = self._rollups.read(packet, [f.name for f in fields], start, end)
-        known = sum(int(stretch.of[fields[0].name].count.sum()) for stretch in stretches)
+        sample_count = sum(int(stretch.of[fields[0].name].count.sum()) for stretch in stretches)
         coarse = (end - start).total_seconds() / max(1, points // 2) >= 2 * BUCKET_S
-        if not coarse or known <= points:
+        if not coarse or sample_count <= points:
             thinners = self._from_packets(packet, fields, start, end, points)
-            if thinners[0].samples >= known:
+            if thinners[0].samples >= sample_count:
                 return thinners
         return self._from_rollups(packet, fields, stretches, start, end, points)
 

@@ -58,10 +58,10 @@ def evaluate(
     are current, by packet; 0: always."""
     values: dict[str, Quantity | None] = {}
     for reference in expression.references:
-        found, limit_s = received(reference.packet), fresh_s[reference.packet]
+        latest, limit_s = received(reference.packet), fresh_s[reference.packet]
         value = None
-        if found is not None and (not limit_s or (at - found[0]).total_seconds() <= limit_s):
-            value = found[1].get(reference.field)
+        if latest is not None and (not limit_s or (at - latest[0]).total_seconds() <= limit_s):
+            value = latest[1].get(reference.field)
         values[str(reference)] = None if isinstance(value, bytes) else value
     return expression.value(values), values
 
@@ -179,7 +179,7 @@ class DerivedParameters:
     @property
     def boolean_fields(self) -> frozenset[str]:
         """``packet.field`` of every yes/no field, which the store returns as 1 and 0."""
-        return frozenset(name for name, found in self._kinds.items() if found == "bool")
+        return frozenset(name for name, kind in self._kinds.items() if kind == "bool")
 
     def problem(self, row: DerivedParameter) -> str:
         """Return why a stored definition is not computed; "" if it is."""
@@ -243,19 +243,19 @@ class DerivedParameters:
     def check(self, text: str) -> tuple[Expression, ValueKind]:
         """Parse an expression and return it with the kind of its result. Raises BadInput."""
         expression = parse(text)
-        found = expression.kind(self._kinds)
-        if found == "text":
+        kind = expression.kind(self._kinds)
+        if kind == "text":
             raise BadInput("The result of the expression is text", expected="a number or yes/no")
         if not expression.references:
             raise BadInput("The expression refers to no telemetry field", expected="at least one packet.field")
-        return expression, found
+        return expression, kind
 
     def _parameter(self, row: DerivedParameter) -> ComputedParameter:
-        expression, found = self.check(row.expression)
+        expression, kind = self.check(row.expression)
         fresh_s = {r.packet: self._dictionary.packet(r.packet).stale_after_s for r in expression.references}
         field = TelemetryField(
             name=row.name,
-            type="bool" if found == "bool" else "f64",
+            type="bool" if kind == "bool" else "f64",
             unit=row.unit,
             purpose=row.expression,
             title=row.title or row.name,
@@ -289,10 +289,10 @@ class DerivedParameters:
 
     def trial(self, text: str, received: Received) -> tuple[ValueKind, Sequence[str], Evaluation]:
         """Evaluate an expression with the newest packets, however old. Returns kind, references and value. Raises BadInput."""
-        expression, found = self.check(text)
+        expression, kind = self.check(text)
         values: dict[str, Quantity | None] = {}
         for reference in expression.references:
             newest = received(reference.packet)
             value = newest[1].get(reference.field) if newest else None
             values[str(reference)] = None if isinstance(value, bytes) else value
-        return found, [str(r) for r in expression.references], expression.value(values)
+        return kind, [str(r) for r in expression.references], expression.value(values)

@@ -67,5 +67,5 @@ class LastAttitude:
                 boresight = matrix_from_quaternion(quaternion / norm).T @ np.array([0.0, 0.0, 1.0])
                 ra_rad, dec_rad = ra_dec_from_unit(boresight)
                 sigma = values.get("sigma_cross_arcsec")
-                known = float(sigma) if isinstance(sigma, int | float) and math.isfinite(sigma) else None
-                self._solved = (at_s, math.degrees(float(ra_rad)), math.degrees(float(dec_rad)), known)
+                sigma_value = float(sigma) if isinstance(sigma, int | float) and math.isfinite(sigma) else None
+                self._solved = (at_s, math.degrees(float(ra_rad)), math.degrees(float(dec_rad)), sigma_value)

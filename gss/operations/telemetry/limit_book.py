@@ -120,11 +120,11 @@ class LimitBook:
         packet, field = self.find(key)
         with self._lock:
             with self._database.unit_of_work() as session:
-                known = store.forget(session, PREFIX + key)
+                existed = store.forget(session, PREFIX + key)
             self._own.pop(key, None)
             self._rules = {}
         rule = self.rule(packet, field)
-        if known:
+        if existed:
             self._record_event(key, f"{user} restored the dictionary limits of {key}: {words(rule)}", "")
         return rule
 

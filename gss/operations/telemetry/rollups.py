@@ -95,9 +95,9 @@ def buckets(t_s: Array, y: Array) -> Buckets:
 
 def _first_extreme(y: Array, extreme: np.ufunc, starts: NDArray[np.intp], count: NDArray[Any]) -> tuple[Any, Array]:
     """Return the index of the first occurrence of each bucket's extreme, and the extreme."""
-    found = extreme.reduceat(y, starts)
-    at = np.where(y == np.repeat(found, count), np.arange(len(y)), len(y))
-    return np.minimum.reduceat(at, starts), found
+    extremes = extreme.reduceat(y, starts)
+    at = np.where(y == np.repeat(extremes, count), np.arange(len(y)), len(y))
+    return np.minimum.reduceat(at, starts), extremes
 
 
 class Rollups:
@@ -157,8 +157,8 @@ class Rollups:
         at = EARLIEST
         while True:
             with self._database.unit_of_work() as session:
-                found = store.next_received(session, packet, at)
-            if found is None or (hour := store.hour_of(found)) >= over:
+                next_packet = store.next_received(session, packet, at)
+            if next_packet is None or (hour := store.hour_of(next_packet)) >= over:
                 return
             run = max((first for first in ends if first <= hour), default=None)
             if run is not None and hour <= ends[run]:
@@ -177,10 +177,10 @@ class Rollups:
             y = np.array([np.nan if v is None else v for v in values], np.float64)
             data[item.name] = buckets(t_s, y).packed(hour)
         with self._database.unit_of_work() as session:
-            kept = store.keep(session, packet, hour, data, len(rows))
-        if kept:
+            rollup = store.keep(session, packet, hour, data, len(rows))
+        if rollup:
             self._newest[packet] = max(hour, self._newest.get(packet) or hour)
-        return kept
+        return rollup
 
     def wrote(self, session: Any, packets: Sequence[str], at: datetime) -> None:
         """Called in the transaction that stores packets received at ``at``: if their hour was already rolled up, for example

@@ -203,8 +203,8 @@ class TelemetryService:
 
     def newest_values(self, packet: str) -> tuple[datetime, Values] | None:
         """Return (received, values) of the newest packet of a kind; None before the first."""
-        found = self.board.latest(packet)
-        return None if found is None else (found[0], found[1].values)
+        latest = self.board.latest(packet)
+        return None if latest is None else (latest[0], latest[1].values)
 
     def _report_old(self, packets: Sequence[Telemetry], batch: LineBatch) -> None:
         """Count packets older than the latest and record an event, at most one per ``OLD_EVERY_S``."""
@@ -264,8 +264,8 @@ class TelemetryService:
 
     def latest_packet(self, name: str) -> Telemetry | None:
         """Return the newest packet of that kind; None before the first."""
-        found = self.board.latest(name)
-        return found[1] if found else None
+        latest = self.board.latest(name)
+        return latest[1] if latest else None
 
     def values(self) -> list[FieldValue]:
         """Return every field of the dictionary and every derived parameter with its current state, housekeeping first."""

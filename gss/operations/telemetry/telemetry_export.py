@@ -30,9 +30,9 @@ def export(
     Columns: received (UTC), device_time_s, contact, packet, then one per key. form: converted = engineering values as stored,
     raw = values as transmitted, formatted = text as displayed.
     """
-    for name, given, known in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
-        if given not in known:
-            raise BadInput(f"unknown {name}", expected=" | ".join(known), got=given)
+    for name, given, valid in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
+        if given not in valid:
+            raise BadInput(f"unknown {name}", expected=" | ".join(valid), got=given)
     columns, rows = archive.rows(keys, start, end)
     shaped = (_shaped(columns, row, values, form) for row, values in rows)
     return _csv(columns, shaped) if file_format == "csv" else _parquet(columns, shaped, form)

@@ -152,10 +152,10 @@ class Answers:
         """Return all links. Raises the first storing error."""
         if self._errors:
             raise self._errors[0]
-        found: Links = {}
+        links_by_slot: Links = {}
         for links in [*self._now, *(later.result() for later in self._later)]:
-            found |= links
-        return found
+            links_by_slot |= links
+        return links_by_slot
 
 
 @dataclass(frozen=True)

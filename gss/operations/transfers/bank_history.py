@@ -172,9 +172,9 @@ class BankHistoryService:
                 row.told = self._now()
                 return
             made = self._next(row, bank=bank, state=state, sha256=sha256, cause=self._cause)
-            known = catalogues.by_sha256(session, sha256) if sha256 else None
-            if known:
-                made.catalogue_id, made.name = known.id, known.name[:NAME_LENGTH]
+            catalogue = catalogues.by_sha256(session, sha256) if sha256 else None
+            if catalogue:
+                made.catalogue_id, made.name = catalogue.id, catalogue.name[:NAME_LENGTH]
             store.add(session, made)
 
     def _next(

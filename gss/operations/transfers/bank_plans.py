@@ -32,7 +32,7 @@ def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping
     """Return a planner for catalogue uploads in progress."""
 
     def planned(_held: Mapping[str, BankPeriod]) -> list[Planned]:
-        found = []
+        plans = []
         for view in transfers.newest(WATCHED_TRANSFERS):
             row = view.row
             if row.direction != "up" or row.kind != "catalogue" or row.finished is not None or row.catalogue_id is None:
@@ -40,12 +40,12 @@ def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping
             with database.unit_of_work() as session:
                 c = catalogues.get(session, row.catalogue_id)
             bank = str(row.options.get("name") or row.target)
-            found.append(
+            plans.append(
                 Planned(
                     bank, "upload", None, c.sha256, c.name, c.id, c.valid_from, c.valid_to, f"{c.name}, {row.state}"
                 )
             )
-        return found
+        return plans
 
     return planned
 
@@ -56,7 +56,7 @@ def activations(
     """Return a planner for bank activations in the device's schedule."""
 
     def planned(held: Mapping[str, BankPeriod]) -> list[Planned]:
-        found = []
+        plans = []
         for entry in schedule.state().entries:
             if entry.command is None or entry.state != "waiting":
                 continue
@@ -69,8 +69,8 @@ def activations(
             sha256 = stay.row.sha256 if stay else ""
             text = f"activate {bank} planned"
             span = (c.valid_from, c.valid_to) if c else (None, None)
-            found.append(Planned(bank, "activation", entry.at, sha256, name, c.id if c else None, *span, text))
-        return found
+            plans.append(Planned(bank, "activation", entry.at, sha256, name, c.id if c else None, *span, text))
+        return plans
 
     return planned
 

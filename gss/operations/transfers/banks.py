@@ -70,8 +70,8 @@ class BankService:
         """Return every bank that the device reported."""
         reports = self._flash.of(CATALOGUES)
         with self._database.unit_of_work() as session:
-            known = [store.by_sha256(session, r.sha256) if r.sha256 else None for r in reports]
-        return [_view(report, row) for report, row in zip(reports, known, strict=True)]
+            catalogues = [store.by_sha256(session, r.sha256) if r.sha256 else None for r in reports]
+        return [_view(report, row) for report, row in zip(reports, catalogues, strict=True)]
 
     def hip_of_row(self, sha256: str) -> Sequence[int] | None:
         """Return the Hipparcos number of each row of the bank with that hash; None if the ground does not have it."""
@@ -134,14 +134,14 @@ def recognise(bank: OnboardCatalogue, stars: StarTable) -> list[int]:
     tree = cKDTree(stars.icrs)
     chord = 2 * np.sin(SAME_STAR_WITHIN_RAD / 2)
     near_rows = tree.query_ball_point(np.asarray(bank.icrs, float), chord)
-    found, taken = [UNKNOWN_HIP] * len(bank), set[int]()
+    hips, taken = [UNKNOWN_HIP] * len(bank), set[int]()
     for row in np.argsort(np.nan_to_num(bank.v_mag, nan=0.0), kind="stable"):
         free = [k for k in near_rows[row] if k not in taken]
         if free:
             k = min(free, key=lambda k: stars.v_mag[k])
             taken.add(k)
-            found[row] = int(stars.hip[k])
-    return found
+            hips[row] = int(stars.hip[k])
+    return hips
 
 
 def days_left(valid_to: datetime | None, now: datetime) -> float | None:
@@ -149,7 +149,7 @@ def days_left(valid_to: datetime | None, now: datetime) -> float | None:
     return None if valid_to is None else (valid_to - now).total_seconds() / 86400
 
 
-def _view(report: BankReport, known: Catalogue | None) -> BankView:
+def _view(report: BankReport, catalogue: Catalogue | None) -> BankView:
     stars, pairs = (int(report.values[n]) if report.holds_data else None for n in ("stars", "pairs"))
     sha256 = report.sha256 if report.holds_data else None
-    return BankView(report.bank, report.state, report.active, stars, pairs, sha256, known)
+    return BankView(report.bank, report.state, report.active, stars, pairs, sha256, catalogue)

@@ -136,8 +136,8 @@ class DeviceTableService:
         """Return every table bank that the device reported."""
         reports = self._flash.of(TABLES)
         with self._database.unit_of_work() as session:
-            known = [store.by_sha256(session, r.kind, r.sha256) if r.sha256 else None for r in reports]
-        return [_report(report, row) for report, row in zip(reports, known, strict=True)]
+            stored_tables = [store.by_sha256(session, r.kind, r.sha256) if r.sha256 else None for r in reports]
+        return [_report(report, row) for report, row in zip(reports, stored_tables, strict=True)]
 
     def at_work(self) -> dict[str, str]:
         """Return the hash of each non-factory table that the device currently uses, by kind."""
@@ -147,8 +147,8 @@ class DeviceTableService:
     def bytes_of(self, kind: str, sha256: str) -> bytes:
         """Return the bytes of a table by its hash. Raises NotFound if the ground does not have it."""
         with self._database.unit_of_work() as session:
-            known = store.by_sha256(session, kind, sha256)
-        if known is None:
+            stored = store.by_sha256(session, kind, sha256)
+        if stored is None:
             raise NotFound(f"the ground does not know the {kind} that was active", got=sha256[:12])
         return self._blobs.get(sha256)
 
@@ -180,9 +180,9 @@ class DeviceTableService:
     def keep_read_back(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
         """Store a table that was read back, unless it is already stored. Returns the link for the transfer's row."""
         with self._database.unit_of_work() as session:
-            known = store.by_sha256(session, done.kind, done.sha256)
-        if known is not None:
-            return {"table_id": known.id}
+            stored = store.by_sha256(session, done.kind, done.sha256)
+        if stored is not None:
+            return {"table_id": stored.id}
         hello = self._link.hello
         try:
             profile_name, version, content = table_content.read_back(done.kind, done.data)
@@ -198,7 +198,7 @@ class DeviceTableService:
         return {"table_id": row.id}
 
 
-def _report(report: BankReport, known: DeviceTable | None) -> TableReport:
+def _report(report: BankReport, stored: DeviceTable | None) -> TableReport:
     values = report.values
     return TableReport(
         report.kind,
@@ -211,5 +211,5 @@ def _report(report: BankReport, known: DeviceTable | None) -> TableReport:
         str(values["profile"]),
         int(values["confirm_left_s"]),
         report.sha256,
-        known.id if known else None,
+        stored.id if stored else None,
     )

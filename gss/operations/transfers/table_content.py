@@ -32,38 +32,38 @@ BRIGHTNESS_ERROR = 0.25
 FORMATS = {"calibration": TABLE_FORMAT, "parameters": TABLE_FORMAT, "triplets": TRIPLET_FORMAT}
 
 
-def defaults(kind: str, known: CameraProfile) -> dict[str, Scalar]:
+def defaults(kind: str, profile: CameraProfile) -> dict[str, Scalar]:
     """Return the initial values of a new table. Raises BadInput for an unknown kind."""
     if kind == "calibration":
-        return calibration_values(known)
+        return calibration_values(profile)
     if kind == "parameters":
-        return parameter_values(known)
+        return parameter_values(profile)
     if kind == "triplets":
-        return _triplet_defaults(known)
+        return _triplet_defaults(profile)
     raise BadInput("unknown kind of table", expected=" | ".join(KINDS), got=kind)
 
 
-def _triplet_defaults(known: CameraProfile) -> dict[str, Scalar]:
+def _triplet_defaults(profile: CameraProfile) -> dict[str, Scalar]:
     """Return the defaults: Liebe's 3′ and 25 %; the faintest magnitude for which a list complete to the camera's limit suffices;
     neighbours within half the field of view."""
-    deepest_mag = known.sensor.faint_limit_mag + 2.5 * math.log10(1 - BRIGHTNESS_ERROR)
+    deepest_mag = profile.sensor.faint_limit_mag + 2.5 * math.log10(1 - BRIGHTNESS_ERROR)
     return {
         "uncertainty_arcsec": 180.0,
         "limit_mag": round(deepest_mag - 0.05, 1),
-        "max_deg": round(math.degrees(min(known.camera.fov_rad)) / 2, 1),
+        "max_deg": round(math.degrees(min(profile.camera.fov_rad)) / 2, 1),
         "brightness_error": BRIGHTNESS_ERROR,
     }
 
 
-def table_bytes(kind: str, known: CameraProfile, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
+def table_bytes(kind: str, profile: CameraProfile, changes: Mapping[str, Any]) -> tuple[bytes, dict[str, Scalar]]:
     """Return bytes and values of a calibration or parameter set: the defaults with ``changes``. Raises BadInput naming the
     invalid value."""
-    values = _changed(kind, defaults(kind, known), changes)
+    values = _changed(kind, defaults(kind, profile), changes)
     if kind == "calibration":
-        calibrated(known, values)
+        calibrated(profile, values)
     else:
-        check_parameters(known, values)
-    return encode_table(kind, known.name, values), values
+        check_parameters(profile, values)
+    return encode_table(kind, profile.name, values), values
 
 
 def _changed(kind: str, values: dict[str, Scalar], changes: Mapping[str, Any]) -> dict[str, Scalar]:
@@ -80,10 +80,10 @@ def _model_values() -> set[str]:
 
 
 def triplet_bytes(
-    stars: StarTable, known: CameraProfile, image: bytes, changes: Mapping[str, Any]
+    stars: StarTable, profile: CameraProfile, image: bytes, changes: Mapping[str, Any]
 ) -> tuple[bytes, dict[str, Scalar]]:
     """Return bytes and statistics of the triplet table of a bank image, whose star list is ``stars``. Raises BadInput."""
-    wanted = _triplet_defaults(known) | dict(changes)
+    wanted = _triplet_defaults(profile) | dict(changes)
     unknown = set(wanted) - set(TRIPLET_LIMITS)
     if unknown:
         raise BadInput("unknown value", expected=", ".join(TRIPLET_LIMITS), got=", ".join(sorted(unknown)))
@@ -108,8 +108,8 @@ def _within(name: str, value: object) -> float:
 
 def _triplet_figures(data: bytes) -> dict[str, Scalar]:
     f = figures(decode_triplets(data))
-    known: dict[str, Scalar] = {"stars": f.stars, "references": f.references, "per_star": f.per_star}
-    return known | ({"stars_per_key": f.stars_per_key} if math.isfinite(f.stars_per_key) else {})
+    scalars: dict[str, Scalar] = {"stars": f.stars, "references": f.references, "per_star": f.per_star}
+    return scalars | ({"stars_per_key": f.stars_per_key} if math.isfinite(f.stars_per_key) else {})
 
 
 def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:

@@ -94,13 +94,13 @@ class TransferProgress:
 
     def handle(self, batch: LineBatch) -> list[ContentArrived | PartArrived]:
         """Update the transfers of a batch. Content is stored before its transfer is reported as complete."""
-        known = [
+        followed = [
             e for e in batch.events if isinstance(e, TransferUpdate | TransferDone) and e.transfer_id in self._row_of
         ]
-        arrived = [event for event in known if isinstance(event, TransferDone)]
+        arrived = [event for event in followed if isinstance(event, TransferDone)]
         contents = [ContentArrived(self._row(self._row_of[done.transfer_id]), done) for done in arrived]
         self._storing += [Storing(c.transfer, c.answers, c.done.transfer_id) for c in contents]
-        for update in known:
+        for update in followed:
             if isinstance(update, TransferUpdate) and update.transfer_id in self._row_of:
                 storing = self._stored_later(update.transfer_id)
                 if storing is None:

@@ -176,8 +176,8 @@ class TransferService:
         self._check_line()
         self._check_room("an upload")
         facts = asdict(compatibility) | {"dictionary_hash": compatibility.dictionary_hash.hex()}
-        kept = {"slot": target, "content": self._blobs.put(data), "compatibility": facts, **(options or {})}
-        return self._add(Direction.UP, kind, name, subject, kept, links)
+        options_stored = {"slot": target, "content": self._blobs.put(data), "compatibility": facts, **(options or {})}
+        return self._add(Direction.UP, kind, name, subject, options_stored, links)
 
     def pause(self, transfer_id: int) -> TransferView:
         """Stop sending; chunks already stored are kept."""

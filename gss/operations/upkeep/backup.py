@@ -134,14 +134,14 @@ class BackupService:
         dump(self._url, file)
         with self._database.unit_of_work() as session:
             wanted = first | {r.sha256 for r in store.references(session)}
-        pool, kept = BlobStore(str(self._folder / POOL)), {}
+        pool, copied = BlobStore(str(self._folder / POOL)), {}
         captures = capture_files(self._captures)
         total = len(wanted) + len(captures)
         for k, key in enumerate(sorted(wanted)):
             progress(k, total, f"{k} of {total} files")
             size = self._copy(pool, key)
             if size is not None:
-                kept[key] = size
+                copied[key] = size
         stored: dict[str, str] = {}
         for k, path in enumerate(captures, len(wanted)):
             progress(k, total, f"{k} of {total} files")
@@ -151,10 +151,12 @@ class BackupService:
             except FileNotFoundError:  # the oldest are removed as new ones are written
                 continue
             key = stored[plain_name(path)] = pool.put(data)
-            kept[key] = len(data)
+            copied[key] = len(data)
         progress(total, total, "sealing")
-        self._sync_pool(kept)
-        return Manifest(name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), kept, stored)
+        self._sync_pool(copied)
+        return Manifest(
+            name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), copied, stored
+        )
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
         """Copy a blob into the pool and return its size. None if it is missing or damaged at the source, which the store
@@ -191,14 +193,14 @@ class BackupService:
 
     def every(self) -> list[Manifest]:
         """Return all complete backups, newest first."""
-        found = []
+        backups = []
         for folder in sorted(self._folder.glob("*"), reverse=True):
             if folder.is_dir() and NAME.fullmatch(folder.name):
                 try:
-                    found.append(read_manifest(folder))
+                    backups.append(read_manifest(folder))
                 except GssError:
                     continue
-        return found
+        return backups
 
     def newest_at(self) -> datetime | None:
         """Return the time of the newest backup; None without one."""

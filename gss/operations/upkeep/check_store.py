@@ -121,26 +121,26 @@ def _blobs(report: Report, database: Database, blobs: BlobStore, progress: Progr
 def _captures(report: Report, database: Database, folder: Path, progress: Progress) -> None:
     with database.unit_of_work() as session:
         contacts = [row for row, *_ in devices.list_contacts(session, 1_000_000)]
-    there = {plain_name(path): path for path in capture_files(folder)}
+    files = {plain_name(path): path for path in capture_files(folder)}
     named = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
-    gone = sorted(set(named) - set(there))
+    gone = sorted(set(named) - set(files))
     torn: list[str] = []
 
     def unread(file: Path, count: int) -> None:
         torn.append(f"{file.name}: the last {count} B are an incomplete record")
 
-    for k, path in enumerate(there.values()):
-        progress(k, len(there), f"reading captures, {k} of {len(there)}")
+    for k, path in enumerate(files.values()):
+        progress(k, len(files), f"reading captures, {k} of {len(files)}")
         for _ in read_captures([path], unread):
             pass
     short = [
-        f"{name}: {there[name].stat().st_size} B, the contact had written {entry['bytes']}"
+        f"{name}: {files[name].stat().st_size} B, the contact had written {entry['bytes']}"
         for name, entry in named.items()
-        if name in there and there[name].suffix != PACKED and there[name].stat().st_size < int(str(entry["bytes"]))
+        if name in files and files[name].suffix != PACKED and files[name].stat().st_size < int(str(entry["bytes"]))
     ]
     report.add("removed captures", gone, "every file exists", "files are missing: retention removes the oldest", NOTE)
     report.add(
-        "truncated captures", torn, f"{len(there)} files, all complete", "files end in an incomplete record", NOTE
+        "truncated captures", torn, f"{len(files)} files, all complete", "files end in an incomplete record", NOTE
     )
     report.add("short captures", short, "none is shorter than recorded", "files are shorter than recorded")
 

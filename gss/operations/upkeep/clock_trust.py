@@ -58,20 +58,24 @@ class ClockTrust:
 
     def tick(self) -> ClockState:
         """Advance the trusted time if the clock is plausible; called about once a second."""
-        found = self.state()
-        if not found.doubt and found.trusted is not None and found.now - found.trusted >= KEEP_EVERY:
-            self._keep(found.now, "gss")
-        return found
+        clock_state = self.state()
+        if (
+            not clock_state.doubt
+            and clock_state.trusted is not None
+            and clock_state.now - clock_state.trusted >= KEEP_EVERY
+        ):
+            self._keep(clock_state.now, "gss")
+        return clock_state
 
     def require(self, what: str) -> None:
         """Raise Conflict if the clock is in doubt."""
-        found = self.state()
-        if found.doubt:
-            trusted = iso_z(found.trusted, "seconds") if found.trusted else "not known"
+        clock_state = self.state()
+        if clock_state.doubt:
+            trusted = iso_z(clock_state.trusted, "seconds") if clock_state.trusted else "not known"
             raise Conflict(
                 f"{what}: nothing is deleted while the server's clock is in doubt",
                 expected=f"a time up to {self._pause / DAY:g} days after the last trusted time, {trusted}",
-                got=f"{iso_z(found.now, 'seconds')}: {found.doubt}",
+                got=f"{iso_z(clock_state.now, 'seconds')}: {clock_state.doubt}",
                 hint=HINT,
             )
 

@@ -82,12 +82,12 @@ class DiskWatch:
 
     def tick(self) -> None:
         """Update the alarms once."""
-        found = self._disk.look()
+        room = self._disk.look()
         limit = ""
-        if found.level is not State.OK:
-            low = self._disk.stop_bytes if found.level is State.CRITICAL else self._disk.watch_bytes
-            limit = f"below {megabytes(low)} free ({found.level})"
-        self._alarms.watch(DISK, found.level, round(found.free_bytes / 1e9, 3), f"Disk: {found.text}", limit)
+        if room.level is not State.OK:
+            low = self._disk.stop_bytes if room.level is State.CRITICAL else self._disk.watch_bytes
+            limit = f"below {megabytes(low)} free ({room.level})"
+        self._alarms.watch(DISK, room.level, round(room.free_bytes / 1e9, 3), f"Disk: {room.text}", limit)
         lost, unstored = self._link.capture.lost_bytes, self._telemetry.unstored
         self._lost(CAPTURE, self._link.capture.fails, lost, f"{lost} bytes are missing from it")
         self._lost(TELEMETRY, self._telemetry.store_fails, unstored, f"{unstored} packets are in the raw capture only")

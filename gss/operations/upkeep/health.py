@@ -103,8 +103,8 @@ class HealthService:
             self._uptime_check,
         )
         checks = tuple(_looked(look) for look in looks)
-        known = [State(c.state) for c in checks if c.state != UNKNOWN]
-        return Health(max(known, key=ORDER.__getitem__, default=State.OK).value, checks)
+        states = [State(c.state) for c in checks if c.state != UNKNOWN]
+        return Health(max(states, key=ORDER.__getitem__, default=State.OK).value, checks)
 
     def _database_check(self) -> Check:
         if self._database.damage:
@@ -121,8 +121,8 @@ class HealthService:
         return Check("audit log", "ok", None, self._audit.state)
 
     def _disk_check(self) -> Check:
-        found = self._disk.look()
-        return Check("disk", found.level.value, found.free_bytes, found.text)
+        room = self._disk.look()
+        return Check("disk", room.level.value, room.free_bytes, room.text)
 
     def _blobs_check(self) -> Check:
         return Check("blobs", "ok", None, self._blobs.check())

@@ -33,12 +33,12 @@ class PageCheck:
 
     def _read(self) -> None:
         try:
-            found = damaged_pages(self._database.engine)
+            damaged = damaged_pages(self._database.engine)
         except StoreDown as error:
             log.warning("the pages of the database were not checked: %s", error)
             self.state = "its pages could not be read completely"
             return
         self.state = "its pages were checked after the start"
-        if found:
-            self._database.report_damage(found)
-            self._bus.record("upkeep", "critical", f"the database is damaged: {found}")
+        if damaged:
+            self._database.report_damage(damaged)
+            self._bus.record("upkeep", "critical", f"the database is damaged: {damaged}")

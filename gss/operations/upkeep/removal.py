@@ -65,12 +65,12 @@ def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
     """Kinds whose removal exceeds ``share`` of what is stored and, after a recent run, ``ARRIVED_FACTOR`` times what arrived since;
     empty if there are none."""
     going = asdict(removal) | {"packets": removal.packets + removal.to_thin}
-    found = []
+    reasons = []
     for kind, few in FEW.items():
         held, arrived = amounts.held[kind], amounts.arrived[kind]
         if going[kind] > few and going[kind] > max(share * held, ARRIVED_FACTOR * arrived):
-            found.append(f"{going[kind]} of {held} {LABELS[kind]} ({100 * going[kind] / max(1, held):.0f} %)")
-    return ", ".join(found)
+            reasons.append(f"{going[kind]} of {held} {LABELS[kind]} ({100 * going[kind] / max(1, held):.0f} %)")
+    return ", ".join(reasons)
 
 
 def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float) -> None:

@@ -192,8 +192,8 @@ class RetentionService:
     def removed_before(self) -> datetime | None:
         """Return the time before which housekeeping may be thinned or removed, so that gaps have this cause; None if there
         is none."""
-        found = _choice(self._database, DONE)
-        moments = [datetime.fromisoformat(found[k]) for k in ("packets_before", "thinned_before") if found.get(k)]
+        choice = _choice(self._database, DONE)
+        moments = [datetime.fromisoformat(choice[k]) for k in ("packets_before", "thinned_before") if choice.get(k)]
         return max(moments, default=None)
 
     # --- removal ------------------------------------------------------------------------------------------------
@@ -207,11 +207,11 @@ class RetentionService:
         """Remove step by step; the checkpoint holds the amounts removed and the blobs whose rows are already marked."""
         self._trust.require("retention")
         policy, confirmed = request.policy, request.confirmed
-        kept = run.checkpoint or {"at": (confirmed.at if confirmed else self._now()).isoformat(), "pending": []}
-        at = datetime.fromisoformat(kept["at"])
+        progress = run.checkpoint or {"at": (confirmed.at if confirmed else self._now()).isoformat(), "pending": []}
+        at = datetime.fromisoformat(progress["at"])
         self._check(policy, at, confirmed)
-        removed: dict[str, int] = dict(kept.get("removed") or dict.fromkeys(FIGURES, 0))
-        self._drop(kept["pending"], removed)
+        removed: dict[str, int] = dict(progress.get("removed") or dict.fromkeys(FIGURES, 0))
+        self._drop(progress["pending"], removed)
         self._pixels(policy, at, removed, run)
         packets, thinned = _before(at, policy.telemetry_days), _before(at, policy.telemetry_thin_days)
         with self._database.unit_of_work() as session:

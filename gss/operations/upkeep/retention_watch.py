@@ -21,11 +21,11 @@ class RetentionWatch:
 
     def tick(self) -> None:
         """Update both alarms; called about once a second."""
-        found = self._trust.tick()
-        days = 0.0 if found.trusted is None else round((found.now - found.trusted) / DAY, 2)
-        text = f"Server clock: {found.doubt}; retention is paused, nothing is deleted: {HINT}"
-        limit = f"{found.doubt}; retention is paused until it is confirmed" if found.doubt else ""
-        self._alarms.watch(CLOCK, State.WARNING if found.doubt else State.OK, days, text, limit)
+        clock_state = self._trust.tick()
+        days = 0.0 if clock_state.trusted is None else round((clock_state.now - clock_state.trusted) / DAY, 2)
+        text = f"Server clock: {clock_state.doubt}; retention is paused, nothing is deleted: {HINT}"
+        limit = f"{clock_state.doubt}; retention is paused until it is confirmed" if clock_state.doubt else ""
+        self._alarms.watch(CLOCK, State.WARNING if clock_state.doubt else State.OK, days, text, limit)
         waiting = self._retention.waiting()
         text = (
             f"Retention would remove {waiting}: nothing was removed; check the preview and confirm it (Admin, Storage)"

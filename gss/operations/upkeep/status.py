@@ -179,26 +179,26 @@ class StatusService:
         return tx, DirectionState(rx_state, age_s, rate, received.bytes, received.good, received.bad)
 
     def _alarms(self, rx: DirectionState, match: bool | None) -> list[Alarm]:
-        found = self._line_alarms(rx, match)
+        conditions = self._line_alarms(rx, match)
         if self._link.connected:
-            found |= self._bank_alarms()
+            conditions |= self._bank_alarms()
         now = self._now()
-        self._since = {key: self._since.get(key, now) for key in found}
-        alarms = [Alarm(key, level, text, self._since[key]) for key, (level, text) in found.items()]
-        alarms += self._latched_alarms("silent" in found)
+        self._since = {key: self._since.get(key, now) for key in conditions}
+        alarms = [Alarm(key, level, text, self._since[key]) for key, (level, text) in conditions.items()]
+        alarms += self._latched_alarms("silent" in conditions)
         return sorted(alarms, key=lambda a: (-ORDER[a.level], a.since))
 
     def _line_alarms(self, rx: DirectionState, match: bool | None) -> Found:
-        found: Found = {}
+        conditions: Found = {}
         if not self._link.connected:
-            found["line"] = ("warning", f"Line down: {self._link.reason}")
+            conditions["line"] = ("warning", f"Line down: {self._link.reason}")
         elif rx.state == "down":
-            found["silent"] = ("warning", f"Nothing received for {UP_WITHIN_S:g} s")
+            conditions["silent"] = ("warning", f"Nothing received for {UP_WITHIN_S:g} s")
         elif rx.state == "noisy":
-            found["noise"] = ("watch", f"RX frame errors {100 * rx.error_rate:.1f} %")
+            conditions["noise"] = ("watch", f"RX frame errors {100 * rx.error_rate:.1f} %")
         if match is False:
-            found["dictionary"] = ("warning", "Dictionary differs from the device's")
-        return found
+            conditions["dictionary"] = ("warning", "Dictionary differs from the device's")
+        return conditions
 
     def _latched_alarms(self, silent: bool) -> list[Alarm]:
         """Return open alarms that are not shelved; a silent line is reported only once."""
@@ -210,8 +210,8 @@ class StatusService:
         ]
 
     def _bank_alarms(self) -> Found:
-        found: Found = {}
+        conditions: Found = {}
         left_s = self._link.status().get("confirm_left_s", 0)
         if isinstance(left_s, int | float) and left_s > 0:
-            found["confirm"] = ("warning", f"New bank unconfirmed, reverts in {left_s:.0f} s")
-        return found
+            conditions["confirm"] = ("warning", f"New bank unconfirmed, reverts in {left_s:.0f} s")
+        return conditions

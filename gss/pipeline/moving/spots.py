@@ -109,17 +109,17 @@ def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor:
     image = (pixels - level).astype(np.float32)
     noise = float(np.median(seen.background.noise))
     ceiling = float(sensor.saturation_dn) - float(np.median(level))
-    known = _photometry(image, noise, ceiling, seen, view, at, v_mag, sensor)
-    if known is None:
+    photometry = _photometry(image, noise, ceiling, seen, view, at, v_mag, sensor)
+    if photometry is None:
         return None
-    mask = _star_mask(view, at, v_mag, known, noise, image.shape)
-    found = []
-    for group in pixel_groups(image, mask, noise, known.variance_px2):
-        fit = _fitted(image, noise, group, ceiling, sensor, known.variance_px2)
+    mask = _star_mask(view, at, v_mag, photometry, noise, image.shape)
+    spots = []
+    for group in pixel_groups(image, mask, noise, photometry.variance_px2):
+        fit = _fitted(image, noise, group, ceiling, sensor, photometry.variance_px2)
         if fit is not None:
-            found.append(fit)
-    floor_dn = PEAK_SIGMA * noise * np.sqrt(4 * np.pi * known.variance_px2)
-    return _spots(view, found, known, known.zero_mag - 2.5 * float(np.log10(floor_dn)))
+            spots.append(fit)
+    floor_dn = PEAK_SIGMA * noise * np.sqrt(4 * np.pi * photometry.variance_px2)
+    return _spots(view, spots, photometry, photometry.zero_mag - 2.5 * float(np.log10(floor_dn)))
 
 
 def star_trail_px(view: SolvedView, pixels: Array) -> Array:
@@ -176,12 +176,12 @@ def _photometry(
 
 
 def _star_mask(
-    view: SolvedView, at: Array, v_mag: Array, known: _Photometry, noise: float, shape: tuple[int, ...]
+    view: SolvedView, at: Array, v_mag: Array, photometry: _Photometry, noise: float, shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
     """True where a catalogue star adds a noticeable amount of light."""
     mask = np.zeros(shape, bool)
-    sigma = np.sqrt(known.variance_px2)
-    peak = 10 ** (-0.4 * (v_mag - known.zero_mag)) / (2 * np.pi * known.variance_px2) / noise
+    sigma = np.sqrt(photometry.variance_px2)
+    peak = 10 ** (-0.4 * (v_mag - photometry.zero_mag)) / (2 * np.pi * photometry.variance_px2) / noise
     use = np.flatnonzero(peak > 0.5)
     trails = star_trail_px(view, at[use])
     for k, trail in zip(use, trails, strict=True):
@@ -240,12 +240,12 @@ def _is_sharp(cut: Cutout, fit: LineFit, free: tuple[int, ...], variance: float)
     return bool(own.variance_px2 < SHARP_SHARE**2 * variance and better > SHARPER)
 
 
-def _spots(view: SolvedView, found: list[_Source], known: _Photometry, limit_mag: float) -> FrameSpots:
-    n = len(found)
-    fits = [f.fit for f in found]
-    pixels = np.array([np.array(f.pixel) + f.fit.centre_px for f in found], float).reshape(n, 2)
+def _spots(view: SolvedView, sources: list[_Source], photometry: _Photometry, limit_mag: float) -> FrameSpots:
+    n = len(sources)
+    fits = [f.fit for f in sources]
+    pixels = np.array([np.array(f.pixel) + f.fit.centre_px for f in sources], float).reshape(n, 2)
     trail = np.array([f.trail_px for f in fits]).reshape(n, 2)
-    floor = known.floor_px2 * np.eye(2)
+    floor = photometry.floor_px2 * np.eye(2)
     spread = np.array([f.covariance[:2, :2] * f.excess + floor for f in fits]).reshape(n, 2, 2)
     end_spread = np.array([f.end_covariance() * f.excess + floor for f in fits]).reshape(n, 2, 2, 2)
     icrs, covariance = _on_sky(view, pixels, spread)
@@ -258,17 +258,17 @@ def _spots(view: SolvedView, found: list[_Source], known: _Photometry, limit_mag
         view,
         pixels,
         trail,
-        np.array([f.longest_px for f in found]),
+        np.array([f.longest_px for f in sources]),
         icrs,
         covariance,
         np.stack([np.stack([at[0] for at in end], axis=1) for end in ends], axis=1),
         np.stack([np.sqrt(np.trace(end[0][1], axis1=1, axis2=2) / 2) for end in ends], axis=1),
-        known.zero_mag - 2.5 * np.log10(flux) if n else np.zeros(0),
+        photometry.zero_mag - 2.5 * np.log10(flux) if n else np.zeros(0),
         1.0857 / snr if n else np.zeros(0),
         snr,
-        np.array([f.sharp for f in found], bool),
+        np.array([f.sharp for f in sources], bool),
         limit_mag,
-        float(np.sqrt(known.variance_px2)),
+        float(np.sqrt(photometry.variance_px2)),
     )
 
 

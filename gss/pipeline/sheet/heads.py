@@ -112,7 +112,7 @@ def reference_errors(given: ReferenceInput, rng: np.random.Generator) -> Referen
     blocks = given.block[at]
     if len(np.unique(blocks)) < FEWEST_BLOCKS:
         blocks = np.arange(len(at), dtype=np.intp) * min(BLOCKS, len(at)) // len(at)
-    made, rest = _fitted(np.concatenate(columns, axis=2), off, names, [c.shape[2] for c in columns], blocks, rng)
+    made, residual = _fitted(np.concatenate(columns, axis=2), off, names, [c.shape[2] for c in columns], blocks, rng)
     return ReferenceErrors(
         made["bias"] if expected is not None else None,
         made.get("drift"),
@@ -122,7 +122,7 @@ def reference_errors(given: ReferenceInput, rng: np.random.Generator) -> Referen
         span_k,
         middle_c,
         float(np.linalg.norm(rate, axis=1).max()),
-        rest,
+        residual,
         camera.times_s,
         temperature,
         len(at),

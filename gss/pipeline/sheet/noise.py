@@ -54,11 +54,11 @@ def temporal_noise(series: AttitudeSeries, camera: Camera, rng: np.random.Genera
     parts = []
     for run in runs:
         try:
-            found = telemetry_statistics(run)
+            statistics = telemetry_statistics(run)
         except GssError:
             continue
         step_s = float(np.median(np.diff(run.times_s)))
-        parts.append((found.deviation_rad, found.rate_rad_s * step_s / camera.pixel_rad, run))
+        parts.append((statistics.deviation_rad, statistics.rate_rad_s * step_s / camera.pixel_rad, run))
     if not parts:
         return None
     deviation = np.concatenate([p[0] for p in parts])
@@ -115,7 +115,7 @@ def _curves(run: AttitudeSeries) -> tuple[Array, Array, Array, Array]:
     from scipy.signal import welch  # imported here because it takes half a second of every start
 
     step_s = float(np.median(np.diff(run.times_s)))
-    found = celestial_fixed(run).deviation_rad
-    times_s, allan = allan_deviation(found, step_s)
-    frequency, power = welch(found, fs=1 / step_s, nperseg=min(len(found), 64), axis=0, detrend="linear")
+    deviation = celestial_fixed(run).deviation_rad
+    times_s, allan = allan_deviation(deviation, step_s)
+    frequency, power = welch(deviation, fs=1 / step_s, nperseg=min(len(deviation), 64), axis=0, detrend="linear")
     return times_s, allan, np.asarray(frequency[1:]), np.asarray(power[1:])

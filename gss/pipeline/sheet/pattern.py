@@ -41,27 +41,27 @@ class PatternError:
     stars: int
 
 
-def pattern_error(given: StarSightings, found: SpatialErrors, rng: np.random.Generator) -> PatternError:
+def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.random.Generator) -> PatternError:
     """Compute the error. Raises BadInput without stars that both return to a pixel and move to others."""
     near: list[Array] = []
     far: list[Array] = []
     pairs = distant_pairs = stars = 0
-    ok = np.isfinite(found.rest_px).all(axis=1)
+    ok = np.isfinite(spatial.rest_px).all(axis=1)
     # The attitude fit takes three of the 2k coordinates of a frame's k stars.
-    coordinates = 2 * np.count_nonzero(ok) / max(1, len(np.unique(given.frame[ok])))
+    coordinates = 2 * np.count_nonzero(ok) / max(1, len(np.unique(sightings.frame[ok])))
     shrunk = max(0.1, 1 - 3 / coordinates)
-    for hip in np.unique(given.hip[ok]).tolist():
-        at = np.flatnonzero(ok & (given.hip == hip))
+    for hip in np.unique(sightings.hip[ok]).tolist():
+        at = np.flatnonzero(ok & (sightings.hip == hip))
         at = at[rng.permutation(len(at))[:MOST_PER_STAR]]
         first, second = np.triu_indices(len(at), 1)
-        apart = given.frame[at[first]] != given.frame[at[second]]
-        shift = given.pixels[at[first]] - given.pixels[at[second]]
+        apart = sightings.frame[at[first]] != sightings.frame[at[second]]
+        shift = sightings.pixels[at[first]] - sightings.pixels[at[second]]
         move = np.linalg.norm(shift, axis=1)
         close, distant = apart & (move < SAME_PX), apart & (move > OTHER_PX)
         # Of a pixel's area, this share is still under the star.
         share = np.where(close, np.prod(1 - np.minimum(np.abs(shift), 0.5), axis=1), 1.0)
-        product = found.rest_px[at[first]] * found.rest_px[at[second]] / (shrunk * share[:, None])
-        weight = np.sqrt(found.gain2[at[first]] * found.gain2[at[second]])
+        product = spatial.rest_px[at[first]] * spatial.rest_px[at[second]] / (shrunk * share[:, None])
+        weight = np.sqrt(spatial.gain2[at[first]] * spatial.gain2[at[second]])
         near.append(_sums(product[close], weight[close]))
         far.append(_sums(product[distant], weight[distant]))
         pairs, distant_pairs = pairs + int(close.sum()), distant_pairs + int(distant.sum())
@@ -72,7 +72,7 @@ def pattern_error(given: StarSightings, found: SpatialErrors, rng: np.random.Gen
             expected=f"{FEWEST_PAIRS} pairs within {SAME_PX} px and as many beyond {OTHER_PX} px, of {FEWEST_STARS} stars",
             got=f"{pairs} and {distant_pairs} pairs, {stars} stars",
         )
-    return _estimated(np.array(near), np.array(far), found, pairs, stars, rng)
+    return _estimated(np.array(near), np.array(far), spatial, pairs, stars, rng)
 
 
 def _sums(product: Array, weight: Array) -> Array:
@@ -81,22 +81,22 @@ def _sums(product: Array, weight: Array) -> Array:
 
 
 def _estimated(
-    near: Array, far: Array, found: SpatialErrors, pairs: int, stars: int, rng: np.random.Generator
+    near: Array, far: Array, spatial: SpatialErrors, pairs: int, stars: int, rng: np.random.Generator
 ) -> PatternError:
     """Divide the sums of the stars (s, 2, 3); the interval is from bootstrap samples of the stars."""
-    gain2 = (found.gain_rad_px**2).mean(axis=0)
+    gain2 = (spatial.gain_rad_px**2).mean(axis=0)
     stars_near, stars_far = near.reshape(len(near), -1), far.reshape(len(far), -1)
 
     def squares(times: Array) -> Array:
         a, b = ((times @ flat).reshape(*times.shape[:-1], 2, 3) for flat in (stars_near, stars_far))
         with np.errstate(invalid="ignore", divide="ignore"):
-            kept = b[..., 0, :] / b[..., 1, :]
-            return np.stack([a[..., 0, :] / a[..., 1, :] - kept, kept], axis=-2)
+            amplitude = b[..., 0, :] / b[..., 1, :]
+            return np.stack([a[..., 0, :] / a[..., 1, :] - amplitude, amplitude], axis=-2)
 
     value = squares(np.ones(len(near)))
     low, high = interval(squares(draws(np.arange(len(near), dtype=np.intp), rng)))
     angles = [np.sqrt(np.maximum(v[0], 0) * gain2) for v in (value, low, high)]
     # About the boresight, other stars count than across it; the star's figure is that of the axes across.
     star = [float(np.sqrt(max(v[0, :2].mean(), 0.0))) for v in (value, low, high)]
-    kept = float(np.sqrt(max(value[1, :2].mean(), 0.0)))
-    return PatternError(angles[0], angles[1], angles[2], star[0], star[1], star[2], kept, pairs, stars)
+    amplitude = float(np.sqrt(max(value[1, :2].mean(), 0.0)))
+    return PatternError(angles[0], angles[1], angles[2], star[0], star[1], star[2], amplitude, pairs, stars)

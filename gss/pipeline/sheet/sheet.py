@@ -71,139 +71,141 @@ class PerformanceSheet:
         raise KeyError(key)
 
 
-def performance_sheet(given: SheetInput, rng: np.random.Generator) -> PerformanceSheet:
+def performance_sheet(sheet_input: SheetInput, rng: np.random.Generator) -> PerformanceSheet:
     """Compute every row. A row without data states what it needs."""
-    spatial, pattern, problem = _spatial(given, rng)
-    noise = temporal_noise(given.series, given.camera, rng)
-    found, apart = _reference(given.reference, rng)
+    spatial, pattern, problem = _spatial(sheet_input, rng)
+    noise = temporal_noise(sheet_input.series, sheet_input.camera, rng)
+    reference, apart = _reference(sheet_input.reference, rng)
     rows = (
-        _bias(found, given.reference, apart),
-        _thermal(found, given.reference, apart),
-        _field_row(spatial, given.camera, problem),
+        _bias(reference, sheet_input.reference, apart),
+        _thermal(reference, sheet_input.reference, apart),
+        _field_row(spatial, sheet_input.camera, problem),
         _pixel_row(spatial, pattern, problem),
         _noise_row(noise),
-        _aberration_row(found, given.reference, apart),
-        _date_row(found, apart),
-        acquisition_row(given.acquisition, given.series),
-        tracking_row(given.series, given.camera),
+        _aberration_row(reference, sheet_input.reference, apart),
+        _date_row(reference, apart),
+        acquisition_row(sheet_input.acquisition, sheet_input.series),
+        tracking_row(sheet_input.series, sheet_input.camera),
         condition_row(
-            END_OF_LIFE, given.aged, "a simulation of the aged unit, or the trend of several months of frames"
+            END_OF_LIFE, sheet_input.aged, "a simulation of the aged unit, or the trend of several months of frames"
         ),
-        condition_row(ROBUSTNESS, given.disturbed, "frames with the disturbance; a simulated unit has them"),
+        condition_row(ROBUSTNESS, sheet_input.disturbed, "frames with the disturbance; a simulated unit has them"),
     )
-    return PerformanceSheet(rows, spatial, noise, found, tuple(p for p in (problem, apart) if p))
+    return PerformanceSheet(rows, spatial, noise, reference, tuple(p for p in (problem, apart) if p))
 
 
-def _spatial(given: SheetInput, rng: np.random.Generator) -> tuple[SpatialErrors | None, PatternError | None, str]:
-    if given.residuals is None:
+def _spatial(
+    sheet_input: SheetInput, rng: np.random.Generator
+) -> tuple[SpatialErrors | None, PatternError | None, str]:
+    if sheet_input.residuals is None:
         return None, None, "identified stars with their residuals"
     try:
-        spatial = spatial_errors(given.residuals, given.camera, rng)
+        spatial = spatial_errors(sheet_input.residuals, sheet_input.camera, rng)
     except BadInput as error:
         return None, None, f"{error.expected} (there are {error.got})"
     try:
-        return spatial, pattern_error(given.residuals, spatial, rng), ""
+        return spatial, pattern_error(sheet_input.residuals, spatial, rng), ""
     except BadInput:
         return spatial, None, ""
 
 
-def _reference(given: ReferenceInput | None, rng: np.random.Generator) -> tuple[ReferenceErrors | None, str]:
-    if given is None:
+def _reference(reference: ReferenceInput | None, rng: np.random.Generator) -> tuple[ReferenceErrors | None, str]:
+    if reference is None:
         return None, ""
     try:
-        return reference_errors(given, rng), ""
+        return reference_errors(reference, rng), ""
     except BadInput as error:
         return None, str(error)
 
 
-def _bias(found: ReferenceErrors | None, given: ReferenceInput | None, problem: str) -> SheetRow:
-    if found is None or given is None:
+def _bias(errors: ReferenceErrors | None, reference: ReferenceInput | None, problem: str) -> SheetRow:
+    if errors is None or reference is None:
         return missing(*BIAS, problem or "frames of a second head taken at the same times, or reference attitudes")
-    if found.bias is None:
+    if errors.bias is None:
         return missing(*BIAS, "the mounting from ground alignment (quaternion camera from reference)")
-    figures = axis_rows(found.bias.value, found.bias.low, found.bias.high, "rad")
-    if found.drift is not None:
-        figures += axis_rows(found.drift.value, found.drift.low, found.drift.high, "rad/d", "drift ")
-    return SheetRow(*BIAS, _condition(found), found.pairs, figures)
+    figures = axis_rows(errors.bias.value, errors.bias.low, errors.bias.high, "rad")
+    if errors.drift is not None:
+        figures += axis_rows(errors.drift.value, errors.drift.low, errors.drift.high, "rad/d", "drift ")
+    return SheetRow(*BIAS, _condition(errors), errors.pairs, figures)
 
 
-def _thermal(found: ReferenceErrors | None, given: ReferenceInput | None, problem: str) -> SheetRow:
-    if found is None or given is None:
+def _thermal(errors: ReferenceErrors | None, reference: ReferenceInput | None, problem: str) -> SheetRow:
+    if errors is None or reference is None:
         return missing(*THERMAL, problem or "frames of a second head, and telemetry of the temperature")
-    if found.thermal is None:
+    if errors.thermal is None:
         return missing(*THERMAL, "temperatures of the unit that vary by at least 2 K during the frames")
     return SheetRow(
         *THERMAL,
-        f"{found.span_k:.1f} K around {found.middle_c:.1f} °C; linear",
-        found.pairs,
-        axis_rows(found.thermal.value, found.thermal.low, found.thermal.high, "rad/K"),
+        f"{errors.span_k:.1f} K around {errors.middle_c:.1f} °C; linear",
+        errors.pairs,
+        axis_rows(errors.thermal.value, errors.thermal.low, errors.thermal.high, "rad/K"),
     )
 
 
-def _condition(found: ReferenceErrors) -> str:
+def _condition(errors: ReferenceErrors) -> str:
     return counted_conditions(
         [
-            f"mean temperature {found.middle_c:.1f} °C" if found.span_k else "",
-            f"rates up to {np.degrees(found.rate_rad_s):.3g}°/s",
+            f"mean temperature {errors.middle_c:.1f} °C" if errors.span_k else "",
+            f"rates up to {np.degrees(errors.rate_rad_s):.3g}°/s",
         ]
     )
 
 
-def _field_row(found: SpatialErrors | None, camera: Camera, problem: str) -> SheetRow:
-    if found is None:
+def _field_row(spatial: SpatialErrors | None, camera: Camera, problem: str) -> SheetRow:
+    if spatial is None:
         return missing(*FIELD, problem)
-    e = found.field
-    star = _star("one star", found.field_star)
+    e = spatial.field
+    star = _star("one star", spatial.field_star)
     text = (
-        f"{found.sightings} stars; polynomial of degree {found.degree}, features wider than about "
-        f"{camera.columns / found.degree:.0f} px; 1 px is {camera.pixel_rad / ARCSEC_RAD:.1f}″"
+        f"{spatial.sightings} stars; polynomial of degree {spatial.degree}, features wider than about "
+        f"{camera.columns / spatial.degree:.0f} px; 1 px is {camera.pixel_rad / ARCSEC_RAD:.1f}″"
     )
-    return SheetRow(*FIELD, text, found.frames, (*axis_rows(e.value_rad, e.low_rad, e.high_rad, "rad"), star))
+    return SheetRow(*FIELD, text, spatial.frames, (*axis_rows(e.value_rad, e.low_rad, e.high_rad, "rad"), star))
 
 
-def _pixel_row(found: SpatialErrors | None, pattern: PatternError | None, problem: str) -> SheetRow:
-    if found is None:
+def _pixel_row(spatial: SpatialErrors | None, pattern: PatternError | None, problem: str) -> SheetRow:
+    if spatial is None:
         return missing(*PIXEL, problem)
-    e = found.phase
-    star = _star("one star, periodic", found.phase_star)
+    e = spatial.phase
+    star = _star("one star, periodic", spatial.phase_star)
     figures = (*axis_rows(e.value_rad, e.low_rad, e.high_rad, "rad", "periodic "), star)
     if pattern is None:
         text = "fixed pattern not separated: too few stars return to the same pixels"
-        return SheetRow(*PIXEL, text, found.frames, figures)
+        return SheetRow(*PIXEL, text, spatial.frames, figures)
     fixed = axis_rows(pattern.value_rad, pattern.low_rad, pattern.high_rad, "rad", "fixed ")
     one = SheetFigure("one star, fixed", pattern.value_px, pattern.low_px, pattern.high_px, "px")
     text = f"{pattern.pairs} returns of {pattern.stars} stars; 'fixed' includes the periodic part"
-    return SheetRow(*PIXEL, text, found.frames, (*figures, *fixed, one))
+    return SheetRow(*PIXEL, text, spatial.frames, (*figures, *fixed, one))
 
 
-def _noise_row(found: TemporalNoise | None) -> SheetRow:
-    if found is None:
+def _noise_row(noise: TemporalNoise | None) -> SheetRow:
+    if noise is None:
         return missing(*NOISE, "at least 22 frames taken one after the other at equal intervals")
-    moved = f"stars move {found.motion_px:.2g} px from frame to frame"
-    text = moved if found.still else f"{moved}: includes the pixel spatial error"
-    return SheetRow(*NOISE, text, found.frames, axis_rows(found.nea_rad, found.low_rad, found.high_rad, "rad"))
+    moved = f"stars move {noise.motion_px:.2g} px from frame to frame"
+    text = moved if noise.still else f"{moved}: includes the pixel spatial error"
+    return SheetRow(*NOISE, text, noise.frames, axis_rows(noise.nea_rad, noise.low_rad, noise.high_rad, "rad"))
 
 
-def _aberration_row(found: ReferenceErrors | None, given: ReferenceInput | None, problem: str) -> SheetRow:
-    if found is None or given is None:
+def _aberration_row(errors: ReferenceErrors | None, reference: ReferenceInput | None, problem: str) -> SheetRow:
+    if errors is None or reference is None:
         return missing(*ABERRATION, problem or "a reference, and the velocity of the unit")
-    if found.aberration is None:
+    if errors.aberration is None:
         return missing(*ABERRATION, "the velocity of the unit, and directions in which its aberration differs by 1″")
     return SheetRow(
         *ABERRATION,
         "1 is the whole aberration, 0 a complete correction",
-        found.pairs,
-        (_single("remaining share", found.aberration, "1"),),
+        errors.pairs,
+        (_single("remaining share", errors.aberration, "1"),),
     )
 
 
-def _date_row(found: ReferenceErrors | None, problem: str) -> SheetRow:
-    if found is None:
+def _date_row(errors: ReferenceErrors | None, problem: str) -> SheetRow:
+    if errors is None:
         return missing(*DATE, problem or "frames of a second head, or a reference, at changing rates")
-    if found.date_s is None:
+    if errors.date_s is None:
         return missing(*DATE, "rates that change by at least 0.02°/s during the frames")
-    text = f"rates up to {np.degrees(found.rate_rad_s):.3g}°/s; positive: measured later than stated"
-    return SheetRow(*DATE, text, found.pairs, (_single("date error", found.date_s, "s"),))
+    text = f"rates up to {np.degrees(errors.rate_rad_s):.3g}°/s; positive: measured later than stated"
+    return SheetRow(*DATE, text, errors.pairs, (_single("date error", errors.date_s, "s"),))
 
 
 def _single(name: str, fit: Fitted, unit: str) -> SheetFigure:

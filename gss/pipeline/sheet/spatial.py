@@ -121,11 +121,11 @@ def rotation_effect(camera: Camera, pixels: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def spatial_errors(given: StarSightings, camera: Camera, rng: np.random.Generator) -> SpatialErrors:
+def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Generator) -> SpatialErrors:
     """Fit the model and return the errors. Raises BadInput with too few stars, or stars at too few places."""
-    used = np.asarray(given.weight > 0) & np.isfinite(given.residual_px).all(axis=1)
-    keep = _inliers(given.residual_px, used, FIRST_REJECT_SIGMAS)
-    blocks = len(np.unique(given.block[given.frame[keep]]))
+    used = np.asarray(sightings.weight > 0) & np.isfinite(sightings.residual_px).all(axis=1)
+    keep = _inliers(sightings.residual_px, used, FIRST_REJECT_SIGMAS)
+    blocks = len(np.unique(sightings.block[sightings.frame[keep]]))
     if np.count_nonzero(keep) < FEWEST_SIGHTINGS or blocks < FEWEST_BLOCKS:
         raise BadInput(
             "too few stars for the spatial errors",
@@ -134,17 +134,17 @@ def spatial_errors(given: StarSightings, camera: Camera, rng: np.random.Generato
         )
     degree = 5 if np.count_nonzero(keep) * 2 > PER_UNKNOWN * (2 * _terms(5) + 4 * HARMONICS) else 3
     slow = 2 * _terms(degree)
-    frames = [np.flatnonzero(used & (given.frame == f)) for f in np.unique(given.frame[keep])]
-    made = [_frame(given, at, keep[at], camera, degree) for at in frames]
+    frames = [np.flatnonzero(used & (sightings.frame == f)) for f in np.unique(sightings.frame[keep])]
+    made = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
     total = np.sum([f.normal for f in made], axis=0), np.sum([f.right for f in made], axis=0)
     first = _solve(*total)
-    rest = _rest(given, frames, camera, first[:slow], degree)
+    residual_rest = _rest(sightings, frames, camera, first[:slow], degree)
     # Without the slow error, outliers stand out.
-    keep = _inliers(rest, used, REJECT_SIGMAS)
-    made = [_frame(given, at, keep[at], camera, degree) for at in frames]
-    best, drawn, often = _drawn(made, given.block[[int(given.frame[at[0]]) for at in frames]], rng)
-    rest = _rest(given, frames, camera, best[:slow], degree)
-    rest[~keep] = np.nan
+    keep = _inliers(residual_rest, used, REJECT_SIGMAS)
+    made = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
+    best, drawn, often = _drawn(made, sightings.block[[int(sightings.frame[at[0]]) for at in frames]], rng)
+    residual_rest = _rest(sightings, frames, camera, best[:slow], degree)
+    residual_rest[~keep] = np.nan
     value, low, high = _debiased(made, slow, best, drawn, often)
     columns, rows, field = _map(camera, best[:slow], degree)
     within = np.linspace(-0.5, 0.5, PHASE_POINTS)
@@ -158,9 +158,9 @@ def spatial_errors(given: StarSightings, camera: Camera, rng: np.random.Generato
         field,
         within,
         np.asarray(_phase_terms(within) @ best[slow:].reshape(2, -1).T),
-        float(np.mean([robust_sigma(rest[:, k]) for k in (0, 1)])),
-        rest,
-        _gains(given, frames, made),
+        float(np.mean([robust_sigma(residual_rest[:, k]) for k in (0, 1)])),
+        residual_rest,
+        _gains(sightings, frames, made),
         np.array([np.sqrt((f.gain**2).sum(axis=1)) for f in made]),
         int(np.count_nonzero(keep)),
         len(made),
@@ -245,25 +245,27 @@ def _design(true_px: Array, camera: Camera, degree: int) -> Array:
     return design
 
 
-def _absorbed(given: StarSightings, at: NDArray[Any], camera: Camera) -> tuple[Array, Array, Array]:
+def _absorbed(sightings: StarSightings, at: NDArray[Any], camera: Camera) -> tuple[Array, Array, Array]:
     """Return rotation effect (2k, 3), weights (2k,) and the least-squares rotation per pixel (3, 2k) of the stars
     ``at`` of a frame."""
-    effect = rotation_effect(camera, given.pixels[at]).reshape(-1, 3)
-    weight = np.repeat(given.weight[at] / given.weight[at].mean(), 2)
+    effect = rotation_effect(camera, sightings.pixels[at]).reshape(-1, 3)
+    weight = np.repeat(sightings.weight[at] / sightings.weight[at].mean(), 2)
     gain = np.linalg.pinv(effect.T @ (effect * weight[:, None])) @ (effect * weight[:, None]).T
     return effect, weight, gain
 
 
-def _frame(given: StarSightings, at: NDArray[np.intp], keep: NDArray[np.bool_], camera: Camera, degree: int) -> _Frame:
+def _frame(
+    sightings: StarSightings, at: NDArray[np.intp], keep: NDArray[np.bool_], camera: Camera, degree: int
+) -> _Frame:
     """Build the contribution of the stars ``at``; only those in ``keep`` (len(at),) enter the equations."""
-    effect, weight, gain = _absorbed(given, at, camera)
-    design = _design(given.pixels[at] - given.residual_px[at], camera, degree)
+    effect, weight, gain = _absorbed(sightings, at, camera)
+    design = _design(sightings.pixels[at] - sightings.residual_px[at], camera, degree)
     slow = design[keep][:, :, : 2 * _terms(degree)]
     flat = design.reshape(-1, design.shape[2])
     turn = gain @ flat
     both = np.repeat(keep, 2)
     seen = (flat - effect @ turn)[both]
-    residual = given.residual_px[at].ravel()
+    residual = sightings.residual_px[at].ravel()
     residual = (residual - effect @ (gain @ residual))[both]
     return _Frame(
         seen.T @ (seen * weight[both, None]),
@@ -275,23 +277,23 @@ def _frame(given: StarSightings, at: NDArray[np.intp], keep: NDArray[np.bool_], 
     )
 
 
-def _gains(given: StarSightings, frames: list[NDArray[np.intp]], made: list[_Frame]) -> Array:
+def _gains(sightings: StarSightings, frames: list[NDArray[np.intp]], made: list[_Frame]) -> Array:
     """(m, 2, 3) squared sensitivities of the attitude to each star."""
-    gains = np.zeros((len(given), 2, 3))
+    gains = np.zeros((len(sightings), 2, 3))
     for at, one in zip(frames, made, strict=True):
         gains[at] = (one.gain.T**2).reshape(-1, 2, 3)
     return gains
 
 
-def _rest(given: StarSightings, frames: list[NDArray[np.intp]], camera: Camera, slow: Array, degree: int) -> Array:
+def _rest(sightings: StarSightings, frames: list[NDArray[np.intp]], camera: Camera, slow: Array, degree: int) -> Array:
     """(m, 2) residuals without the slow part; NaN for stars of no frame."""
-    rest = np.full_like(given.residual_px, np.nan)
+    remainder = np.full_like(sightings.residual_px, np.nan)
     for at in frames:
-        effect, _, gain = _absorbed(given, at, camera)
-        design = _design(given.pixels[at] - given.residual_px[at], camera, degree)[:, :, : len(slow)]
-        left = given.residual_px[at].ravel() - (design @ slow).ravel()
-        rest[at] = (left - effect @ (gain @ left)).reshape(-1, 2)
-    return rest
+        effect, _, gain = _absorbed(sightings, at, camera)
+        design = _design(sightings.pixels[at] - sightings.residual_px[at], camera, degree)[:, :, : len(slow)]
+        left = sightings.residual_px[at].ravel() - (design @ slow).ravel()
+        remainder[at] = (left - effect @ (gain @ left)).reshape(-1, 2)
+    return remainder
 
 
 def _observed(normal: Array) -> Array:

@@ -41,16 +41,16 @@ class PackedDetail(TypeDecorator[dict[str, Any]]):
 
 def packed(detail: dict[str, Any]) -> dict[str, Any]:
     """Return the document with packed lists, where they have the fields of regions and stars."""
-    found = {}
+    arrays = {}
     for name, pack in (("regions", _pack_regions), ("stars", _pack_stars)):
         if detail.get(name):
             try:
-                found[name] = _text(pack(detail[name]))
+                arrays[name] = _text(pack(detail[name]))
             except (KeyError, TypeError, ValueError, OverflowError):  # other fields, or a number that does not fit
                 continue
-    if not found:
+    if not arrays:
         return detail
-    return {name: value for name, value in detail.items() if name not in found} | {PACKED: found}
+    return {name: value for name, value in detail.items() if name not in arrays} | {PACKED: arrays}
 
 
 def unpacked(detail: dict[str, Any]) -> dict[str, Any]:
