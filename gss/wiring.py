@@ -1,4 +1,4 @@
-"""The only place where objects meet: settings in, everything connected. ``rooms`` creates the services of each room."""
+"""Composition root: creates all services from the settings and connects them. ``rooms`` creates the services of each room."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ from gss.store.engine import Database, open_engine
 
 
 def build(settings: Settings, *, ready: bool = False) -> Services:
-    """Connect everything; nothing runs yet. The database is brought to the newest schema, unless it is ``ready``: an API worker
-    only reads what the link process has brought there."""
+    """Create and connect all services without starting them. The database schema is upgraded unless ``ready`` is true: API
+    workers use the schema that the link process has upgraded."""
     base = rooms.open_base(settings, ready=ready)
     database, bus, jobs, stars = base.database, base.bus, base.jobs, base.stars
     events = LineEventQueue(utc_now, monotonic_s)

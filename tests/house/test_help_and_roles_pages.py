@@ -1,4 +1,4 @@
-"""What the pages say about help and roles is what the documents and the server have."""
+"""Help links and password limits of the pages match the documents and the server."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gss.operations.accounts.passwords import LONGEST, SHORTEST
 
 
 def test_every_page_has_a_chapter_that_exists(root):
-    """A help link never leads beside its section."""
+    """Every help link of a page points to an existing section."""
     source = (root / "web" / "src" / "lib" / "help.ts").read_text("utf-8")
     chapters = re.findall(r"'([\w-]+)#([\w-]+)'", source)
     known = documents(root / "docs")
@@ -20,7 +20,7 @@ def test_every_page_has_a_chapter_that_exists(root):
 
 
 def test_every_link_between_documents_leads_somewhere(root):
-    """Rendered, a link of a document is another document, a picture that is there, or outside."""
+    """Every link of a rendered document points to another document, an existing picture or an external site."""
     known = documents(root / "docs")
     for document in known.values():
         page = help_page(document.path.read_text("utf-8"), document, known)
@@ -30,7 +30,7 @@ def test_every_link_between_documents_leads_somewhere(root):
 
 
 def test_the_pages_ask_for_passwords_as_long_as_the_server_does(root):
-    """No password that the page accepts is rejected by the server."""
+    """The page and the server have the same limits for the length of a password."""
     source = (root / "web" / "src" / "lib" / "password.ts").read_text("utf-8")
     assert f"LEAST = {SHORTEST};" in source
     assert f"MOST = {LONGEST};" in source

@@ -10,13 +10,13 @@ from gss.pipeline.veil import BLIND_E_S, earth_disc, earth_stray, grid_of, halo,
 
 
 def _at(angle_deg: float, side_deg: float = 0.0) -> np.ndarray:
-    """Unit vector that far from the boresight, towards +x turned by ``side_deg`` towards +y."""
+    """Unit vector at ``angle_deg`` from the boresight, in the direction of +x rotated by ``side_deg`` towards +y."""
     angle, side = np.radians([angle_deg, side_deg])
     return np.array([np.sin(angle) * np.cos(side), np.sin(angle) * np.sin(side), np.cos(angle)])
 
 
 def test_sun_stray_light_follows_the_angle() -> None:
-    """At the limit it has the reference's strength, falls as Moniteq's table outside, rises e-fold every 3° inside."""
+    """It equals the reference at the limit, falls as in Moniteq's table outside, and rises e-fold every 3° inside."""
     p = shipped_camera("aim")
     middle = (p.camera.rows // 2, p.camera.columns // 2)
 
@@ -41,7 +41,7 @@ def test_the_side_towards_the_sun_is_brighter() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
-def test_the_earth_hides_what_is_behind_its_limb(name: str) -> None:
+def test_the_earth_hides_pixels_behind_its_limb(name: str) -> None:
     """A pixel is blocked when its own direction is within the Earth's radius of the centre, to a pixel, distortion included."""
     p = shipped_camera(name)
     earth_rad = np.radians(66.0)
@@ -59,7 +59,7 @@ def test_the_earth_hides_what_is_behind_its_limb(name: str) -> None:
     assert np.median(sunlit_e) > p.sensor.full_well_e
 
 
-def test_the_night_side_is_dark_but_hides_all_the_same() -> None:
+def test_the_night_side_is_dark_and_still_hides_the_sky() -> None:
     """With the Sun behind the Earth only the glow is left."""
     p = shipped_camera("cubestar")
     nadir = _at(80.0)
@@ -80,7 +80,7 @@ def test_the_halo_falls_with_the_square_of_the_angle() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
-def test_the_coarse_grid_gives_back_what_is_linear(name: str) -> None:
+def test_the_coarse_grid_interpolates_linear_functions_exactly(name: str) -> None:
     """Spreading a plane over the detector is exact at every pixel."""
     camera = shipped_camera(name).camera
     grid = grid_of(camera)

@@ -91,7 +91,7 @@ def test_neighbours_of_nearly_equal_distance_are_entered_in_both_orders() -> Non
 
 
 def test_sizes_are_near_the_documents() -> None:
-    """Hipparcos to the same depth: some 175 000 references, 1 Mbyte (document: 185 000, about 180 each, 1 Mbyte)."""
+    """Hipparcos to the same depth gives about 175 000 references in 1 Mbyte (document: 185 000, about 180 each, 1 Mbyte)."""
     f = figures(_table())
     assert f.stars == 1300
     assert 165_000 < f.references < 195_000
@@ -100,7 +100,7 @@ def test_sizes_are_near_the_documents() -> None:
 
 
 def test_every_star_measured_within_the_uncertainty_is_found() -> None:
-    """Whatever maybe stars are seen and however positions err, up to 3′, each star is among the candidates of its feature."""
+    """With any set of detected maybe stars and position errors up to 3′, each star is a candidate of its own feature."""
     stars = load_stars(faintest_mag(4.5, 0.25))
     rng = np.random.default_rng(4)
     certain = stars.v_mag <= certain_mag(4.5, 0.25)
@@ -150,20 +150,20 @@ def test_small_lists_give_an_empty_table() -> None:
 
 
 def test_a_shallow_list_is_refused() -> None:
-    """A star list that ends before the detection limit cannot give the data base."""
+    """A star list that ends before the detection limit is rejected."""
     with pytest.raises(BadInput, match="ends before"):
         triplets_of(load_stars(4.0), CLASSES, 4.5, FIELD_RAD)
 
 
 def test_impossible_classes_are_refused() -> None:
-    """Classes that do not fit into their bits, or without width, are refused."""
+    """Classes that do not fit into their bits, or have no width, are rejected."""
     for bad in ((0.0, 0.1, 0.001), (1e-6, 0.1, 0.001), (0.002, 0.01, 0.001), (0.002, 0.1, 0.0)):
         with pytest.raises(BadInput, match="classes"):
             TripletClasses(*bad)
 
 
 def _small() -> TripletTable:
-    """Widths that binary fractions hold exactly, so that the golden bytes can be written by hand."""
+    """Use widths that are exact in binary, so that the golden bytes can be written by hand."""
     key, star = np.array([1, 7, 7, 0x3FFFFFFF], np.uint32), np.array([2, 0, 1, 2], np.int32)
     return TripletTable(key, star, 3, TripletClasses(2**-9, 2**-4, 2**-10), 4.5, 0.25, 0.5)
 
@@ -176,7 +176,7 @@ GOLDEN = (
 
 
 def test_the_bytes_are_the_documented_ones() -> None:
-    """A small table is the golden bytes, field by field little endian, and both sums can be checked with zlib."""
+    """A small table encodes to the golden bytes, little endian, and zlib confirms both checksums."""
     image = encode_triplets(_small(), 0x12345678)
     body = struct.pack("<4I4H", 1, 7, 7, 0x3FFFFFFF, 2, 0, 1, 2)
     assert image[64:] == body
@@ -187,7 +187,7 @@ def test_the_bytes_are_the_documented_ones() -> None:
 
 
 def test_tables_come_back_from_their_bytes() -> None:
-    """The whole table survives, and what follows it in flash does not matter."""
+    """A table survives encoding and decoding, and bytes after it in flash are ignored."""
     table = _table()
     back = decode_triplets(encode_triplets(table) + b"\xff" * 100)
     np.testing.assert_array_equal(back.key, table.key)
@@ -196,14 +196,14 @@ def test_tables_come_back_from_their_bytes() -> None:
 
 
 def _resealed(image: bytes) -> bytes:
-    """With right sums over wrong content."""
+    """Encode wrong content under valid checksums."""
     body = image[64:]
     header = image[:56] + struct.pack("<I", zlib.crc32(body))
     return header + struct.pack("<I", zlib.crc32(header)) + body
 
 
 def test_every_damage_is_noticed() -> None:
-    """Cut, flipped, unsorted, out of range or of another kind: refused with what was wrong."""
+    """Truncated, corrupted, unsorted, out-of-range or foreign tables are rejected with the reason."""
     image = encode_triplets(_small())
     for bit in range(0, 8 * len(image), 7):
         broken = bytearray(image)
@@ -224,7 +224,7 @@ def test_every_damage_is_noticed() -> None:
 
 
 def test_too_many_stars_are_refused() -> None:
-    """Rows are 16 bits in the bytes."""
+    """Encoded rows have 16 bits."""
     with pytest.raises(BadInput, match="too many"):
         encode_triplets(replace(_small(), stars=70_000))
 

@@ -82,8 +82,8 @@ def huffman_7_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
         (
             "Ratios, not seconds of 2006. The work counted shows the paper's crossover between 1.5 and 2 σ; our own sliding filter "
             "adds shifted rows and costs the same at any threshold.",
-            "At 1 σ our first track shows three times the paper's stars and at 4 σ no more: its region has fewer faint ones, or "
-            "its noise at 1 σ cost it those.",
+            "At 1 σ our first track shows three times the paper's stars and at 4 σ no more: its region has fewer faint stars, or "
+            "its noise at 1 σ hid them.",
             "The paper does not name its region of the sky; the first track, between Procyon and Sirius, is among the poorest.",
         ),
     )

@@ -142,6 +142,6 @@ def moniteq_links(stars: StarTable, trials: int, seed: int, progress: Progress) 
         seed,
         (
             "The document counts the links between 45 stars and leaves out those of the 5 it starts from: 129 − 9 = 120. Ours "
-            "counts each star looked at once, those just outside the field with it.",
+            "counts each examined star once, including those just outside the field.",
         ),
     )

@@ -68,7 +68,7 @@ class Imager:
 
     def _exposed_ms(self, exposure_ms: int) -> float:
         """Time from the start of the sensor until the readout begins. A rolling-shutter imager first clocks out an image of
-        undefined exposure for a frame period, in the end of which the rows are exposed (Erlank 2013 app. D)."""
+        undefined exposure for a frame period, at the end of which the rows are exposed (Erlank 2013 app. D)."""
         if not self._timing.frame_ms:
             return self._timing.sensor_start_ms + exposure_ms
         return min((t for t in self._timing.frame_ms if t >= exposure_ms), default=float(exposure_ms))

@@ -5,12 +5,12 @@ from __future__ import annotations
 import unicodedata
 
 LONGEST = 200
-"""Characters of a password."""
+"""Maximum length of a password, in characters."""
 FEWEST_LETTERS = 5
-"""Letters or digits that must be left beside a common word."""
+"""Minimum number of letters or digits besides a common word."""
 FEWEST_DIFFERENT = 5
 SEQUENCE_SHARE = 0.7
-"""Share of neighbours on a keyboard or in the alphabet from which a password counts as a sequence."""
+"""A password is a sequence if at least this share of its pairs are neighbours on a keyboard or in the alphabet."""
 SEQUENCES = (
     "abcdefghijklmnopqrstuvwxyz",
     "01234567890",

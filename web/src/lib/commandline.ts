@@ -41,7 +41,7 @@ export function readLine(line: string, commands: readonly CommandDefinition[]): 
     return {
       definition: null,
       texts: {},
-      problem: `no command is called ${name.toUpperCase()}`,
+      problem: `Unknown command ${name.toUpperCase()}`,
       completions: [],
       argument: null,
     };
