@@ -9,6 +9,7 @@ from validation.erlank.centroids import erlank_4_1_6
 from validation.erlank.matching import erlank_4_4, erlank_4_5
 from validation.erlank.night import erlank_6_1
 from validation.erlank.slew import erlank_6_2
+from validation.health.mission import mission
 from validation.huffman.catalogue import huffman_5_1, huffman_5_5
 from validation.huffman.centroids import huffman_4_2, huffman_4_4
 from validation.huffman.detection import huffman_7_2
@@ -65,6 +66,7 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ExperimentEntry("shipped-units", "The five units as shipped", shipped_units, 1000, 2026.0),
         ExperimentEntry("sheet-injection", "Performance sheet: each error alone", injection, 40),
         ExperimentEntry("moving-objects", "Moving objects: satellites found again", moving_objects, 300, 2026.0),
+        ExperimentEntry("mission-health", "Health over a simulated year", mission, 500, 2026.0),
         ExperimentEntry("never-wrong", "False attitudes under every fault", never_wrong, 30),
     )
 }

@@ -22,6 +22,7 @@ from gss.domain.stars import StarTable
 from gss.pipeline.detect import Detections, find_stars
 from gss.pipeline.moving.groups import PEAK_SIGMA, PixelGroup, pixel_groups
 from gss.pipeline.moving.line_fit import LINE, POINT, WIDTH, Cutout, LineFit, cut_out, fit_line
+from gss.pipeline.star_mask import star_mask
 from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
 
 LEAST_SNR = 5.0
@@ -112,7 +113,8 @@ def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor:
     photometry = _photometry(image, noise, ceiling, seen, view, at, v_mag, sensor)
     if photometry is None:
         return None
-    mask = _star_mask(view, at, v_mag, photometry, noise, image.shape)
+    light_dn = 10 ** (-0.4 * (v_mag - photometry.zero_mag))
+    mask = star_mask(image.shape, at, light_dn, star_trail_px(view, at), photometry.variance_px2, noise)
     spots = []
     for group in pixel_groups(image, mask, noise, photometry.variance_px2):
         fit = _fitted(image, noise, group, ceiling, sensor, photometry.variance_px2)
@@ -173,29 +175,6 @@ def _photometry(
         if fit is not None:
             widths.append(fit.variance_px2)
     return _Photometry(zero, floor_px2, float(np.median(widths)) if widths else start)
-
-
-def _star_mask(
-    view: SolvedView, at: Array, v_mag: Array, photometry: _Photometry, noise: float, shape: tuple[int, ...]
-) -> NDArray[np.bool_]:
-    """True where a catalogue star adds a noticeable amount of light."""
-    mask = np.zeros(shape, bool)
-    sigma = np.sqrt(photometry.variance_px2)
-    peak = 10 ** (-0.4 * (v_mag - photometry.zero_mag)) / (2 * np.pi * photometry.variance_px2) / noise
-    use = np.flatnonzero(peak > 0.5)
-    trails = star_trail_px(view, at[use])
-    for k, trail in zip(use, trails, strict=True):
-        radius = sigma * np.sqrt(2 * np.log(max(peak[k], 1.0) / 0.3)) + 2.0
-        reach = radius + np.abs(trail) / 2
-        low = np.maximum(np.floor(at[k] - reach).astype(int), 0)
-        high = np.minimum(np.ceil(at[k] + reach).astype(int) + 1, (shape[1], shape[0]))
-        if (low >= high).any():
-            continue
-        x, y = np.arange(low[0], high[0]) - at[k][0], np.arange(low[1], high[1])[:, None] - at[k][1]
-        along = np.clip((x * trail[0] + y * trail[1]) / max(float(trail @ trail), 1e-9), -0.5, 0.5)
-        near = (x - along * trail[0]) ** 2 + (y - along * trail[1]) ** 2 < radius**2
-        mask[low[1] : high[1], low[0] : high[0]] |= near
-    return mask
 
 
 @dataclass(frozen=True)

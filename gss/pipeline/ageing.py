@@ -1,0 +1,117 @@
+"""Ageing of a simulated detector: pixels damaged by protons, their annealing and growth, and particle hits over the Earth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.pipeline.chip import Chip
+from gss.pipeline.readout import HotPixel
+
+ANOMALY_RAD = (float(np.radians(-26.0)), float(np.radians(-49.0)))
+"""Latitude and longitude of the middle of the South Atlantic Anomaly at 500 km."""
+ANOMALY_WIDTH_RAD = (float(np.radians(11.0)), float(np.radians(23.0)))
+LONGEST_TRACK_PX = 6
+
+
+@dataclass(frozen=True)
+class Radiation:
+    """``damaged_per_day``: new warm pixels of the whole detector; ``damage_e_s``: their mean dark current; ``annealing``,
+    ``growing``: shares of those that anneal and that grow; ``half_life_days``: range of the annealing; ``remaining``: largest
+    share that stays. ``hits_s``: particle hits per second far from the anomaly and ``anomaly_hits_s`` in its middle; ``hit_e``:
+    mean charge."""
+
+    damaged_per_day: float = 0.5
+    damage_e_s: float = 400.0
+    annealing: float = 0.5
+    growing: float = 0.1
+    half_life_days: tuple[float, float] = (10.0, 60.0)
+    remaining: float = 0.5
+    hits_s: float = 0.3
+    anomaly_hits_s: float = 100.0
+    hit_e: float = 1500.0
+
+
+@dataclass(frozen=True)
+class DamagedPixels:
+    """m damaged pixels: ``place`` (m,) flat indices, ``onset_day``, ``peak_e_s``, ``remaining`` (share of the peak that stays),
+    ``half_life_days`` (infinite: does not anneal), ``growth_per_year`` (of the peak)."""
+
+    place: NDArray[np.intp]
+    onset_day: Array
+    peak_e_s: Array
+    remaining: Array
+    half_life_days: Array
+    growth_per_year: Array
+
+    def dark_e_s(self, day: float) -> Array:
+        """(m,) further dark current on a day; 0 before the onset."""
+        age = np.maximum(day - self.onset_day, 0.0)
+        left = self.remaining + (1 - self.remaining) * np.exp2(-age / self.half_life_days)
+        return np.where(day >= self.onset_day, self.peak_e_s * (left + self.growth_per_year * age / 365.25), 0.0)
+
+
+def damage_of(radiation: Radiation, camera: Camera, days: float, seed: int) -> DamagedPixels:
+    """Return the pixels damaged in the first ``days``; those of a longer mission begin with the same ones."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 7, camera.rows, camera.columns]))
+    most = camera.rows * camera.columns // 2
+    count, day = 0, 0.0
+    rows: list[tuple[float, ...]] = []
+    while count < most and radiation.damaged_per_day > 0:
+        day += float(rng.exponential(1 / radiation.damaged_per_day))
+        draws = rng.random(5)
+        peak, place = float(rng.exponential(radiation.damage_e_s)), int(rng.integers(camera.rows * camera.columns))
+        if day > days:
+            break
+        anneals = draws[0] < radiation.annealing
+        grows = not anneals and draws[0] < radiation.annealing + radiation.growing
+        low, high = radiation.half_life_days
+        rows.append(
+            (
+                place,
+                day,
+                peak,
+                radiation.remaining * draws[1] if anneals else 1.0,
+                low + (high - low) * draws[2] if anneals else np.inf,
+                1 + 2 * draws[3] if grows else 0.0,
+            )
+        )
+        count += 1
+    table = np.array(rows, float).reshape(-1, 6)
+    return DamagedPixels(table[:, 0].astype(np.intp), *table[:, 1:].T)
+
+
+def aged(chip: Chip, damage: DamagedPixels, day: float) -> Chip:
+    """Return the chip with the damage of that day."""
+    dark = chip.dark_e_s.copy()
+    np.add.at(dark.reshape(-1), damage.place, damage.dark_e_s(day).astype(np.float32))
+    return replace(chip, dark_e_s=dark)
+
+
+def hit_rate_s(radiation: Radiation, lat_rad: float, lon_rad: float) -> float:
+    """Particle hits per second above a place."""
+    east = (lon_rad - ANOMALY_RAD[1] + np.pi) % (2 * np.pi) - np.pi
+    z2 = ((lat_rad - ANOMALY_RAD[0]) / ANOMALY_WIDTH_RAD[0]) ** 2 + (east / ANOMALY_WIDTH_RAD[1]) ** 2
+    return float(radiation.hits_s + (radiation.anomaly_hits_s - radiation.hits_s) * np.exp(-z2 / 2))
+
+
+def particle_hits(
+    radiation: Radiation, rate_s: float, exposure_s: float, camera: Camera, rng: np.random.Generator
+) -> tuple[list[HotPixel], int]:
+    """Return the pixels that particles of one exposure hit, as pixels of that frame only, and the number of particles. Most hit a
+    single pixel, some draw a short line."""
+    count = int(rng.poisson(rate_s * exposure_s))
+    made = []
+    for _ in range(count):
+        col, row = rng.uniform(0, camera.columns), rng.uniform(0, camera.rows)
+        length, direction = min(rng.geometric(0.6), LONGEST_TRACK_PX), rng.uniform(0, 2 * np.pi)
+        charge_e = rng.exponential(radiation.hit_e)
+        for step in range(length):
+            c, r = int(col + step * np.cos(direction)), int(row + step * np.sin(direction))
+            if 0 <= c < camera.columns and 0 <= r < camera.rows:
+                made.append(HotPixel(c, r, charge_e / length / exposure_s))
+    return made, count

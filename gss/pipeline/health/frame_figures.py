@@ -1,0 +1,237 @@
+"""Figures of one frame that age with the sensor: lens, focus, sensitivity per star colour, and counts of matched stars."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.results import SolveResult
+from gss.domain.sensor import Sensor
+from gss.domain.stars import StarTable
+from gss.pipeline.background import measure_background
+from gss.pipeline.calibration.gaussian_fit import fit_spots
+from gss.pipeline.calibration.robust import robust_sigma
+from gss.pipeline.detect import find_stars
+from gss.pipeline.star_mask import star_mask
+from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
+
+LENS_STARS = 10
+"""Fewest stars that give focal length, centre and distortion beside the attitude."""
+LENS_UNKNOWNS = 7
+COLOUR_STARS = 3
+FOCUS_STARS = 3
+FOCUS_SNR = 20.0
+CLIPPED_SHARE = 0.9
+"""Peak over saturation, from which the light of a star is not measured completely."""
+COLOURS = (("blue", -1.0, 0.3), ("white", 0.3, 0.8), ("red", 0.8, 4.0))
+"""Name and range of B−V."""
+LEAST_ERROR_PX = 0.01
+FLUX_ERROR_MAG = 0.05
+REJECT_SIGMAS = 4.0
+BESIDE_PX = 20.0
+APERTURE_SIGMAS = 5.0
+LEAST_APERTURE_SNR = 12.0
+NEIGHBOUR_SHARE = 0.02
+Map = NDArray[np.float32]
+COUNTS = ("matched stars", "sources without a star")
+"""They vary with the part of the sky, so jumps of them mean nothing."""
+FIGURES = {
+    "focal length": "px",
+    "centre column": "px",
+    "centre row": "px",
+    "distortion": "px",
+    "PSF width": "px",
+    **{f"light of {name} stars": "mag" for name, _, _ in COLOURS},
+    **dict.fromkeys(COUNTS, ""),
+}
+"""Unit of every figure. Distortion: displacement at the corner; light: magnitudes lost against the sensor's zero point."""
+
+
+@dataclass(frozen=True)
+class HealthFrame:
+    """One frame of a mission. ``time_s``: Unix seconds of mid exposure; ``pixels`` reads it, possibly more than once; ``result``:
+    None if it could not be run; ``stars``: apparent places at its date, deeper than the frame; ``temperature_c``: NaN if unknown;
+    ``place_rad``: latitude and longitude below the spacecraft, None if unknown."""
+
+    name: str
+    time_s: float
+    exposure_s: float
+    pixels: Callable[[], NDArray[Any]]
+    result: SolveResult | None
+    stars: StarTable
+    temperature_c: float = float("nan")
+    place_rad: tuple[float, float] | None = None
+
+    @property
+    def solved(self) -> bool:
+        """True if the attitude is known."""
+        return self.result is not None and self.result.attitude is not None
+
+
+@dataclass(frozen=True)
+class OverSky:
+    """Digital numbers above the local sky (rows, columns), whether catalogue stars add light there, and the median of sky level and
+    noise of a pixel."""
+
+    excess_dn: Map
+    lit: NDArray[np.bool_]
+    level_dn: float
+    noise_dn: float
+
+    @property
+    def dark_dn(self) -> Map:
+        """Excess, NaN under stars."""
+        return np.where(self.lit, np.float32(np.nan), self.excess_dn)
+
+
+def over_sky(frame: HealthFrame, pixels: NDArray[Any], sensor: Sensor) -> OverSky:
+    """Subtract the sky of a solved frame and mask its stars."""
+    sky = measure_background(pixels)
+    columns, rows = np.arange(pixels.shape[1]), np.arange(pixels.shape[0])
+    excess = (pixels - sky.on_grid(columns, rows)).astype(np.float32)
+    noise = float(np.median(sky.noise))
+    assert frame.result is not None  # noqa: S101 - the caller has looked
+    return OverSky(excess, _lit(frame, frame.result, sensor, noise, pixels.shape), float(np.median(sky.level)), noise)
+
+
+def _on_detector(frame: HealthFrame, result: SolveResult, beside_px: float) -> tuple[Array, Array, Array]:
+    """Places (m, 2), V and B−V of catalogue stars on the detector and up to ``beside_px`` beside it."""
+    assert result.attitude is not None  # noqa: S101 - the caller has looked
+    cam = frame.stars.icrs @ result.attitude.cam_from_icrs.T
+    ahead = np.flatnonzero(cam[:, 2] > np.cos(min(result.camera.half_diagonal_rad + 0.02, 1.5)))
+    places = result.camera.project(cam[ahead])
+    on = result.camera.contains(places, -beside_px)
+    return places[on], frame.stars.v_mag[ahead][on], frame.stars.b_v[ahead][on]
+
+
+def _lit(
+    frame: HealthFrame, result: SolveResult, sensor: Sensor, noise_dn: float, shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """(rows, columns), True under catalogue stars."""
+    places, v_mag, _ = _on_detector(frame, result, BESIDE_PX)
+    light_dn = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn
+    trails = np.zeros_like(places)
+    if result.turning is not None and len(places):
+        trails = np.nan_to_num(trail_per_rad(result.camera, places) @ (result.turning.vector_rad_s * frame.exposure_s))
+    return star_mask(shape, places, light_dn, trails, sensor.psf_sigma_px**2 + PIXEL_VARIANCE_PX2, noise_dn)
+
+
+def frame_figures(
+    frame: HealthFrame, pixels: NDArray[Any], sky: OverSky, camera: Camera, sensor: Sensor
+) -> dict[str, tuple[float, float]]:
+    """Return value and standard deviation of the figures that a solved frame gives. ``camera``: the calibration whose change is
+    measured."""
+    result = frame.result
+    assert result is not None  # noqa: S101 - the caller has looked
+    assert result.matches is not None  # noqa: S101 - the caller has looked
+    matched = len(np.unique(result.matches.centroid))
+    unexplained = len(result.centroids) - matched
+    counts = dict(zip(COUNTS, (matched, unexplained), strict=True))
+    return {
+        **_lens(result, camera),
+        **_focus(pixels, sensor),
+        **_light(result, frame, sky.excess_dn, sky.noise_dn, sensor),
+        **{name: (float(n), max(1.0, float(np.sqrt(n)))) for name, n in counts.items()},
+    }
+
+
+def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]:
+    """Focal length, centre and third-order distortion of this frame, fitted together with its attitude."""
+    matches = result.matches
+    assert matches is not None  # noqa: S101 - the caller has looked
+    used = np.isfinite(matches.residual_px).all(axis=1)
+    places = result.centroids.pixels[matches.centroid[used]]
+    off, sigma = (
+        matches.residual_px[used],
+        np.maximum(result.centroids.sigma_px[matches.centroid[used]], LEAST_ERROR_PX),
+    )
+    if len(places) < LENS_STARS:
+        return {}
+    half_px = np.hypot(camera.columns, camera.rows) / 2
+    from_centre = places - np.array([camera.centre_col_px, camera.centre_row_px])
+    radius2 = np.sum(from_centre**2, axis=1, keepdims=True) / half_px**2
+    # A motion of the centre moves all stars alike; a rotation does the same except for the projection's own distortion.
+    columns = [
+        trail_per_rad(camera, places) / 1e3,
+        from_centre[:, :, None] / half_px,
+        np.broadcast_to(np.eye(2), (len(places), 2, 2)),
+        (from_centre * radius2)[:, :, None] / half_px,
+    ]
+    design = np.concatenate(columns, axis=2)
+    keep = np.ones(len(places), bool)
+    for _ in range(3):
+        if np.count_nonzero(keep) < LENS_STARS:
+            return {}
+        root = np.repeat(1 / sigma[keep], 2)
+        rows = design[keep].reshape(-1, LENS_UNKNOWNS) * root[:, None]
+        values, _, rank, _ = np.linalg.lstsq(rows, off[keep].ravel() * root, rcond=1e-9)
+        if rank < LENS_UNKNOWNS:
+            return {}
+        left = np.linalg.norm(off - design @ values, axis=1) / sigma
+        scale = max(float(np.median(left[keep])) / 1.1774, 1e-6)
+        keep = left < REJECT_SIGMAS * scale
+    errors = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows))) * max(scale, 0.3)
+    # One unit of the focal column moves a star at the corner by a pixel.
+    to_focal = camera.focal_col_px / half_px
+    return {
+        "focal length": (camera.focal_col_px + to_focal * float(values[3]), to_focal * float(errors[3])),
+        "centre column": (camera.centre_col_px + float(values[4]), float(errors[4])),
+        "centre row": (camera.centre_row_px + float(values[5]), float(errors[5])),
+        "distortion": (float(values[6]), float(errors[6])),
+    }
+
+
+def _focus(pixels: NDArray[Any], sensor: Sensor) -> dict[str, tuple[float, float]]:
+    seen = find_stars(
+        pixels,
+        psf_sigma_px=sensor.psf_sigma_px,
+        saturation_dn=float(sensor.saturation_dn),
+        e_per_dn=sensor.gain_e_per_dn,
+    )
+    spots = fit_spots(pixels, seen, float(sensor.saturation_dn), FOCUS_SNR)
+    widths = np.array([s.sigma_px for s in spots])
+    return {"PSF width": _middle(widths, 0.05)} if len(widths) >= FOCUS_STARS else {}
+
+
+def _light(
+    result: SolveResult, frame: HealthFrame, excess_dn: Map, noise_dn: float, sensor: Sensor
+) -> dict[str, tuple[float, float]]:
+    """Measured minus catalogue magnitude by colour; positive: light is lost. All light within a wide aperture counts, so that a
+    change of focus does not look like one of sensitivity."""
+    places, v_mag, b_v = _on_detector(frame, result, 0.0)
+    reach = int(np.ceil(APERTURE_SIGMAS * sensor.psf_sigma_px))
+    flux = np.full(len(places), np.nan)
+    bright = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn > LEAST_APERTURE_SNR * noise_dn * (
+        2 * reach + 1
+    )
+    gap = np.linalg.norm(places[:, None] - places[None, bright], axis=2).T
+    # The light of the neighbours that reaches the aperture must be small.
+    fainter = 10 ** (-0.4 * (v_mag[None, :] - v_mag[bright][:, None]))
+    alone = (np.where((gap < 2 * reach) & (gap > 0), fainter, 0.0).sum(axis=1)) < NEIGHBOUR_SHARE
+    for k in np.flatnonzero(bright)[alone]:
+        col, row = (int(v) for v in np.rint(places[k]))
+        if not (reach <= col < excess_dn.shape[1] - reach and reach <= row < excess_dn.shape[0] - reach):
+            continue
+        cut = excess_dn[row - reach : row + reach + 1, col - reach : col + reach + 1]
+        if cut.max() < CLIPPED_SHARE * sensor.saturation_dn - sensor.bias_dn:
+            flux[k] = cut.sum()
+    good = flux > 0
+    off = sensor.magnitude(flux[good] * sensor.gain_e_per_dn, frame.exposure_s) - v_mag[good]
+    made = {}
+    for name, low, high in COLOURS:
+        own = off[(b_v[good] >= low) & (b_v[good] < high)]
+        if len(own) >= COLOUR_STARS:
+            made[f"light of {name} stars"] = _middle(own, FLUX_ERROR_MAG)
+    return made
+
+
+def _middle(values: Array, least: float) -> tuple[float, float]:
+    """Median and its standard deviation."""
+    spread = max(robust_sigma(values), least)
+    return float(np.median(values)), 1.2533 * spread / float(np.sqrt(len(values)))

@@ -1,0 +1,185 @@
+"""Health of a sensor over a mission: figures of its frames over time, warm pixels, dark current and particle hits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from gss.domain.angles import Array
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput
+from gss.domain.sensor import Sensor
+from gss.pipeline.health.dark_course import DarkCourse, dark_course
+from gss.pipeline.health.frame_figures import COUNTS, FIGURES, HealthFrame, frame_figures, over_sky
+from gss.pipeline.health.pixel_course import PixelCourse, PixelSeries, pixel_course
+from gss.pipeline.health.pixel_search import BlockMaps, Map, block_edges, candidates
+from gss.pipeline.health.trend import FEWEST_SAMPLES, MOST_JUMPS, ToleranceExit, Trend, fit_trend, tolerance_exit
+
+FEWEST_FRAMES = 30
+WARM_SIGMAS = 3.0
+"""A pixel is warm if its dark current exceeds the noise of one frame by this factor."""
+PARTICLE_SIGMAS = 8.0
+LENS_TOLERANCE_PX = 0.2
+"""Displacement at the corner of the detector."""
+CENTRE_TOLERANCE_PX = 5.0
+FOCUS_TOLERANCE = 0.2
+LIGHT_TOLERANCE_MAG = 0.3
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class FigureCourse:
+    """One figure over the mission: (n,) samples at Unix seconds with standard deviations; ``trend``: None with too few samples.
+    ``reference``: of the calibration, or the fitted start; ``leaves``: None without a tolerance."""
+
+    name: str
+    unit: str
+    times_s: Array
+    values: Array
+    sigma: Array
+    temperature_c: Array
+    trend: Trend | None
+    reference: float
+    tolerance: float | None
+    leaves: ToleranceExit | None
+
+
+@dataclass(frozen=True)
+class MissionHealth:
+    """Health of one camera. n solved frames: ``times_s``, ``temperature_c``, ``exposure_s``, ``level_dn``, ``particles`` (hits in
+    each frame), ``place_rad`` (n, 2) latitude and longitude, NaN if unknown. ``warm_e_s``: least dark current of a warm pixel at
+    the reference temperature."""
+
+    frames: int
+    times_s: Array
+    temperature_c: Array
+    exposure_s: Array
+    level_dn: Array
+    place_rad: Array
+    particles: NDArray[np.intp]
+    dark: DarkCourse
+    warm_e_s: float
+    pixels: tuple[PixelCourse, ...]
+    figures: tuple[FigureCourse, ...]
+
+    def figure(self, name: str) -> FigureCourse:
+        """Return the figure of that name."""
+        return next(f for f in self.figures if f.name == name)
+
+
+def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor, progress: Progress) -> MissionHealth:
+    """Return the health from frames of any attitude, of one camera, in any order. Each is read twice. Raises BadInput with fewer
+    than 30 solved frames."""
+    solved = sorted((f for f in frames if f.solved), key=lambda f: f.time_s)
+    if len(solved) < FEWEST_FRAMES:
+        raise BadInput(
+            "too few frames for the health of a sensor",
+            expected=f"{FEWEST_FRAMES} with an attitude",
+            got=f"{len(solved)} of {len(frames)}",
+        )
+    edges = block_edges(len(solved))
+    blocks = BlockMaps(edges)
+    seen: list[dict[str, tuple[float, float]]] = []
+    level, noise = np.empty(len(solved)), np.empty(len(solved))
+    for k, frame in enumerate(solved):
+        progress(0.55 * k / len(solved), f"figures of {frame.name}, {k + 1} of {len(solved)}")
+        pixels = frame.pixels()
+        sky = over_sky(frame, pixels, sensor)
+        level[k], noise[k] = sky.level_dn, sky.noise_dn
+        seen.append(frame_figures(frame, pixels, sky, camera, sensor))
+        blocks.add(sky.dark_dn)
+    progress(0.55, "searching for warm pixels")
+    times, warm, exposure = (
+        np.array([getattr(f, name) for f in solved]) for name in ("time_s", "temperature_c", "exposure_s")
+    )
+    dark = dark_course(times, warm, exposure, level, noise, sensor.gain_e_per_dn)
+    followed = candidates(blocks.maps)
+    excess, particles = _second_reading(solved, sensor, blocks.maps, edges, followed, progress)
+    drive = exposure * dark.factor(warm)
+    warm_e_s = WARM_SIGMAS * float(np.median(noise / drive)) * sensor.gain_e_per_dn
+    courses = []
+    for k, place in enumerate(followed):
+        progress(0.85 + 0.13 * k / len(followed), f"course of warm pixel {k + 1} of {len(followed)}")
+        series = PixelSeries(times, excess[:, k].astype(float), noise, drive, sensor.gain_e_per_dn)
+        row, col = divmod(int(place), camera.columns)
+        course = pixel_course(series, col, row, warm_e_s)
+        if course is not None:
+            courses.append(course)
+    progress(0.98, "trends")
+    return MissionHealth(
+        len(frames),
+        times,
+        warm,
+        exposure,
+        level,
+        np.array([(np.nan, np.nan) if f.place_rad is None else f.place_rad for f in solved]),
+        particles,
+        dark,
+        warm_e_s,
+        tuple(sorted(courses, key=lambda c: -c.now_e_s.value)),
+        tuple(_figure(name, times, warm, seen, camera) for name in FIGURES),
+    )
+
+
+def _second_reading(
+    solved: Sequence[HealthFrame],
+    sensor: Sensor,
+    maps: NDArray[np.float32],
+    edges: list[int],
+    followed: NDArray[np.intp],
+    progress: Progress,
+) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+    """Return (n, k) values of the followed pixels, and (n,) particle hits beside them."""
+    values = np.empty((len(solved), len(followed)), np.float32)
+    particles = np.zeros(len(solved), np.intp)
+    block = np.searchsorted(edges, np.arange(len(solved)), side="right") - 1
+    for k, frame in enumerate(solved):
+        progress(0.58 + 0.27 * k / len(solved), f"pixels of {frame.name}, {k + 1} of {len(solved)}")
+        pixels = frame.pixels()
+        sky = over_sky(frame, pixels, sensor)
+        dark = sky.dark_dn.ravel()
+        values[k] = np.where(pixels.ravel()[followed] < sensor.saturation_dn, dark[followed], np.nan)
+        dark[followed] = np.nan
+        particles[k] = _hits(dark.reshape(pixels.shape), maps[block[k]], sky.noise_dn, sensor.gain_e_per_dn)
+    return values, particles
+
+
+def _hits(excess_dn: Map, usual_dn: Map, noise_dn: float, e_per_dn: float) -> int:
+    """Count connected groups of pixels above their usual value. NaN pixels are left out."""
+    limit = usual_dn + PARTICLE_SIGMAS * np.sqrt(noise_dn**2 + np.maximum(usual_dn, 0) / e_per_dn)
+    return int(ndimage.label(excess_dn > limit, structure=np.ones((3, 3)))[1])
+
+
+def _figure(
+    name: str, times_s: Array, temperature_c: Array, seen: Sequence[dict[str, tuple[float, float]]], camera: Camera
+) -> FigureCourse:
+    at = [k for k, s in enumerate(seen) if name in s]
+    value = np.array([seen[k][name][0] for k in at])
+    sigma = np.array([seen[k][name][1] for k in at])
+    t, warm = times_s[at], temperature_c[at]
+    if len(at) < FEWEST_SAMPLES or np.ptp(t) <= 0:
+        return FigureCourse(name, FIGURES[name], t, value, sigma, warm, None, float("nan"), None, None)
+    trend = fit_trend(t, value, sigma, warm, 0 if name in COUNTS else MOST_JUMPS)
+    start = float(trend.at(t[:1])[0])
+    reference, tolerance = _tolerance(name, camera, start)
+    leaves = None if tolerance is None else tolerance_exit(trend, reference, tolerance, float(times_s[-1]))
+    return FigureCourse(name, FIGURES[name], t, value, sigma, warm, trend, reference, tolerance, leaves)
+
+
+def _tolerance(name: str, camera: Camera, start: float) -> tuple[float, float | None]:
+    """Reference value and tolerance of a figure: the calibration for the lens, the start of the mission for the others."""
+    half_px = float(np.hypot(camera.columns, camera.rows)) / 2
+    lens = {
+        "focal length": (camera.focal_col_px, LENS_TOLERANCE_PX * camera.focal_col_px / half_px),
+        "centre column": (camera.centre_col_px, CENTRE_TOLERANCE_PX),
+        "centre row": (camera.centre_row_px, CENTRE_TOLERANCE_PX),
+        "distortion": (0.0, LENS_TOLERANCE_PX),
+        "PSF width": (start, FOCUS_TOLERANCE * start),
+    }
+    if name.startswith("light of"):
+        return start, LIGHT_TOLERANCE_MAG
+    return lens.get(name, (start, None))

@@ -1,0 +1,242 @@
+"""Course of one figure over a mission: drift, dependence on temperature, jumps, and when it leaves its tolerance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.pipeline.calibration.robust import Linear, fit_linear, robust_sigma
+
+DAY_S = 86_400.0
+Z95 = 1.96
+FEWEST_SAMPLES = 12
+FEWEST_EACH_SIDE = 5
+"""Samples before and after a jump."""
+MOST_JUMPS = 4
+JUMP_GAIN = 30.0
+"""Improvement of χ² for a jump. One jump is searched for at every sample, so this is far above that of a single test."""
+TIME_GAIN = 6.0
+"""Loss of χ² at the ends of the 95 % interval of a jump's time, which moves in steps, so more than 3.84."""
+FEWEST_KELVIN = 3.0
+CLIP_SIGMAS = 5.0
+DRAWS = 2000
+EXIT_SEED = 1
+NEVER_S = 30 * 365.25 * DAY_S
+"""A tolerance that is left later than this counts as kept."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def contains(self, value: float) -> bool:
+        """True if the interval contains the value."""
+        return self.low <= value <= self.high
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A sudden change: Unix seconds, and its size in the unit of the figure."""
+
+    time_s: Estimate
+    size: Estimate
+
+
+@dataclass(frozen=True)
+class Trend:
+    """Fit of a figure: value at ``middle_s`` and ``temperature_c`` without later jumps, ``per_day``, ``per_k`` (None: the
+    temperature is unknown or steady), and jumps in order of time. ``scatter``: standard deviation of the samples about the fit, in
+    units of their stated errors; ``used``: samples that were not rejected. ``covariance``: of value, ``per_day``, ``per_k`` if any,
+    and the sizes of the jumps."""
+
+    middle_s: float
+    temperature_c: float
+    value: Estimate
+    per_day: Estimate
+    per_k: Estimate | None
+    jumps: tuple[Jump, ...]
+    scatter: float
+    used: int
+    covariance: Array
+
+    def at(self, times_s: Array, temperature_c: Array | float | None = None) -> Array:
+        """(n,) fitted values at Unix seconds, at the given or the mean temperature."""
+        t = np.asarray(times_s, float)
+        values = self.value.value + self.per_day.value * (t - self.middle_s) / DAY_S
+        if self.per_k is not None and temperature_c is not None:
+            values = values + self.per_k.value * (np.asarray(temperature_c, float) - self.temperature_c)
+        for jump in self.jumps:
+            values = values + jump.size.value * (t >= jump.time_s.value)
+        return np.asarray(values)
+
+
+@dataclass(frozen=True)
+class ToleranceExit:
+    """When a figure leaves its tolerance: Unix seconds, infinite if not within 30 years. ``outside``: it has left already."""
+
+    time_s: Estimate
+    outside: bool
+
+
+def fit_trend(
+    times_s: Array, values: Array, sigma: Array, temperature_c: Array | None = None, most_jumps: int = MOST_JUMPS
+) -> Trend:
+    """Fit (n,) values with standard deviations at (n,) Unix seconds. Temperatures that vary by less than 3 K are ignored.
+
+    Jumps are added one by one where they improve χ² most. Intervals assume independent errors whose size is that of the scatter.
+    Raises BadInput with fewer than 12 samples.
+    """
+    t, y, s = (np.asarray(a, float) for a in (times_s, values, sigma))
+    warm = None if temperature_c is None else np.asarray(temperature_c, float)
+    good = np.isfinite(t) & np.isfinite(y) & (s > 0)
+    if warm is not None and np.isfinite(warm[good]).mean() > 0.5:
+        good &= np.isfinite(warm)
+    else:
+        warm = None
+    if np.count_nonzero(good) < FEWEST_SAMPLES:
+        raise BadInput(
+            "too few samples for a trend", expected=f"{FEWEST_SAMPLES} or more", got=str(np.count_nonzero(good))
+        )
+    order = np.flatnonzero(good)[np.argsort(t[good], kind="stable")]
+    t, y, s = t[order], y[order], s[order]
+    middle_s = float((t[0] + t[-1]) / 2)
+    columns = [np.ones(len(t)), (t - middle_s) / DAY_S]
+    if np.ptp(t) <= 0:
+        raise BadInput("no trend follows from one moment", expected="samples at different times")
+    mean_c = float("nan") if warm is None else float(np.mean(warm[order]))
+    if warm is not None and np.ptp(warm[order]) >= FEWEST_KELVIN:
+        columns.append(warm[order] - mean_c)
+    smooth = len(columns)
+    at: list[int] = []
+    fit = fit_linear(np.column_stack(columns), y, s)
+    while len(at) < most_jumps:
+        found = _best_jump(np.column_stack(columns), y, s, at, fit)
+        if found is None:
+            break
+        at.append(found)
+        columns.append((np.arange(len(t)) >= found).astype(float))
+        fit = fit_linear(np.column_stack(columns), y, s)
+        at, columns, fit = _moved(columns, smooth, at, y, s, fit)
+    return _trend(t, columns, smooth, at, y, s, fit, middle_s, mean_c)
+
+
+def _gains(design: Array, y: Array, s: Array, fit: Linear, skip: list[int]) -> Array:
+    """(n,) improvement of χ² by a jump at each sample, in units of the scatter; −inf where it is not allowed. ``skip``: samples of
+    other jumps."""
+    n = len(y)
+    scale = s * max(_core(fit, s), 1e-12)
+    residual = np.clip(fit.residual / scale, -1e3, 1e3)
+    # Isolated outliers must not look like a jump, but the samples after a real one must keep their offset.
+    smooth = np.array([np.median(residual[max(0, k - 2) : k + 3]) for k in range(n)])
+    residual = np.clip(residual, smooth - CLIP_SIGMAS, smooth + CLIP_SIGMAS)
+    basis = np.linalg.qr(design / scale[:, None])[0]
+    residual = residual - basis @ (basis.T @ residual)
+    # A step at sample k is the sum of all unit vectors from k on, so every product is a reversed cumulative sum.
+    inverse = 1 / scale
+    overlap = np.cumsum((basis * inverse[:, None])[::-1], axis=0)[::-1]
+    norm = np.cumsum(inverse[::-1] ** 2)[::-1] - np.sum(overlap**2, axis=1)
+    product = np.cumsum((residual * inverse)[::-1])[::-1]
+    gains = np.where(norm > 1e-9 * norm.max(), product**2 / np.maximum(norm, 1e-300), -np.inf)
+    allowed = np.ones(n, bool)
+    allowed[:FEWEST_EACH_SIDE] = allowed[n - FEWEST_EACH_SIDE + 1 :] = False
+    for k in skip:
+        allowed[max(0, k - FEWEST_EACH_SIDE + 1) : k + FEWEST_EACH_SIDE] = False
+    return np.where(allowed, gains, -np.inf)
+
+
+def _core(fit: Linear, s: Array) -> float:
+    """Scatter in units of the errors that neighbouring samples share no jump in."""
+    step = np.diff(fit.residual / s)
+    return float(robust_sigma(step) / np.sqrt(2.0))
+
+
+def _best_jump(design: Array, y: Array, s: Array, at: list[int], fit: Linear) -> int | None:
+    gains = _gains(design, y, s, fit, at)
+    best = int(np.argmax(gains))
+    return best if gains[best] > JUMP_GAIN else None
+
+
+def _moved(
+    columns: list[Array], smooth: int, at: list[int], y: Array, s: Array, fit: Linear
+) -> tuple[list[int], list[Array], Linear]:
+    """Search for every jump again with the others held, because the first ones were placed without the later ones."""
+    for j in range(len(at)):
+        others = [c for i, c in enumerate(columns) if i != smooth + j]
+        without = fit_linear(np.column_stack(others), y, s)
+        gains = _gains(np.column_stack(others), y, s, without, [k for i, k in enumerate(at) if i != j])
+        best = int(np.argmax(gains))
+        if np.isfinite(gains[best]):
+            at = [best if i == j else k for i, k in enumerate(at)]
+            columns = [*columns]
+            columns[smooth + j] = (np.arange(len(y)) >= best).astype(float)
+    return at, columns, fit_linear(np.column_stack(columns), y, s)
+
+
+def _trend(
+    t: Array,
+    columns: list[Array],
+    smooth: int,
+    at: list[int],
+    y: Array,
+    s: Array,
+    fit: Linear,
+    middle_s: float,
+    mean_c: float,
+) -> Trend:
+    sigma = np.sqrt(np.diag(fit.covariance))
+    made = [
+        Estimate(float(c), float(c - Z95 * e), float(c + Z95 * e)) for c, e in zip(fit.coefficients, sigma, strict=True)
+    ]
+    jumps = []
+    for j, k in enumerate(at):
+        others = [c for i, c in enumerate(columns) if i != smooth + j]
+        without = fit_linear(np.column_stack(others), y, s)
+        gains = _gains(np.column_stack(others), y, s, without, [m for i, m in enumerate(at) if i != j])
+        near = np.flatnonzero(gains >= gains[k] - TIME_GAIN)
+        low, high = int(min(near.min(), k)), int(max(near.max(), k))
+        when = Estimate(float((t[k - 1] + t[k]) / 2), float(t[low - 1]), float(t[high]))
+        jumps.append((when.value, Jump(when, made[smooth + j])))
+    order = sorted(range(len(at)), key=lambda j: jumps[j][0])
+    rows = [*range(smooth), *(smooth + j for j in order)]
+    return Trend(
+        middle_s,
+        mean_c,
+        made[0],
+        made[1],
+        made[2] if smooth > 2 else None,
+        tuple(jumps[j][1] for j in order),
+        fit.sigma,
+        int(fit.used.sum()),
+        fit.covariance[np.ix_(rows, rows)],
+    )
+
+
+def tolerance_exit(trend: Trend, reference: float, tolerance: float, now_s: float) -> ToleranceExit:
+    """Return when the figure, at the mean temperature and without further jumps, is farther than ``tolerance`` from
+    ``reference``. The interval follows from the errors of the fit."""
+    mean = np.array(
+        [trend.value.value, trend.per_day.value, *([] if trend.per_k is None else [trend.per_k.value])]
+        + [j.size.value for j in trend.jumps]
+    )
+    draws = np.random.default_rng(EXIT_SEED).multivariate_normal(mean, trend.covariance, DRAWS, method="svd")
+    first = 2 if trend.per_k is None else 3
+    days = (now_s - trend.middle_s) / DAY_S
+
+    def exits(rows: Array) -> Array:
+        off = rows[:, 0] + rows[:, 1] * days + rows[:, first:].sum(axis=1) - reference
+        rate = rows[:, 1]
+        left = np.where(rate > 0, tolerance - off, tolerance + off) / np.maximum(np.abs(rate), 1e-300)
+        left = np.where(np.abs(off) >= tolerance, 0.0, left) * DAY_S
+        return np.where(left > NEVER_S, np.inf, left)
+
+    times = now_s + exits(draws)
+    value = float(now_s + exits(mean[None])[0])
+    low, high = (float(np.quantile(times, q, method="nearest")) for q in (0.025, 0.975))
+    return ToleranceExit(Estimate(value, min(low, value), max(high, value)), value <= now_s)

@@ -1,0 +1,89 @@
+"""Trends: drift, temperature, jumps and tolerances are recovered within their intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.pipeline.health.trend import DAY_S, Trend, fit_trend, tolerance_exit
+
+DRIFT, PER_K, JUMP = 0.01, 0.3, 3.0
+
+
+def _mission(seed: int, jump_day: float | None) -> tuple[Array, Array, Array, Array]:
+    """A year of 300 samples with 1 % outliers: times, values, errors, temperatures."""
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.uniform(0, 365 * DAY_S, 300))
+    warm = 20 + 8 * np.sin(t / 5e5) + rng.normal(0, 1, 300)
+    sigma = rng.uniform(0.5, 1.5, 300)
+    y = 100 + DRIFT * t / DAY_S + PER_K * (warm - 20) + rng.normal(0, sigma) * 1.5
+    y += (rng.random(300) < 0.01) * rng.normal(0, 50, 300)
+    if jump_day is not None:
+        y += JUMP * (t >= jump_day * DAY_S)
+    return t, y, sigma, warm
+
+
+def _fit(seed: int, jump_day: float | None) -> Trend:
+    return fit_trend(*_mission(seed, jump_day))
+
+
+def test_a_mission_without_a_jump_has_none() -> None:
+    fits = [_fit(seed, None) for seed in range(40)]
+    assert sum(len(f.jumps) for f in fits) <= 1
+    assert sum(f.per_day.contains(DRIFT) for f in fits) >= 34
+    assert sum(f.per_k is not None and f.per_k.contains(PER_K) for f in fits) >= 34
+
+
+def test_a_jump_is_found_with_its_time_and_size() -> None:
+    days = np.random.default_rng(1).uniform(40, 320, 30)
+    fits = [_fit(seed, float(day)) for seed, day in enumerate(days)]
+    assert all(len(f.jumps) == 1 for f in fits)
+    assert sum(f.jumps[0].time_s.contains(d * DAY_S) for f, d in zip(fits, days, strict=True)) >= 25
+    assert sum(f.jumps[0].size.contains(JUMP) for f in fits) >= 25
+    assert sum(f.per_day.contains(DRIFT) for f in fits) >= 25
+
+
+def test_two_jumps_are_found_in_order_of_time() -> None:
+    t, y, sigma, warm = _mission(5, 80.0)
+    trend = fit_trend(t, y - 5 * (t >= 250 * DAY_S), sigma, warm)
+    assert [round(j.size.value) for j in trend.jumps] == [3, -5]
+    assert trend.jumps[0].time_s.contains(80 * DAY_S)
+    assert trend.jumps[1].time_s.contains(250 * DAY_S)
+
+
+def test_the_exit_from_a_tolerance_is_predicted_within_its_interval() -> None:
+    inside = 0
+    for seed in range(30):
+        trend = _fit(seed, None)
+        leaves = tolerance_exit(trend, 100.0, 10.0, 365 * DAY_S)
+        offset = PER_K * (trend.temperature_c - 20)
+        inside += leaves.time_s.contains((10 - offset) / DRIFT * DAY_S)
+        assert not leaves.outside
+    assert inside >= 25
+
+
+def test_a_steady_figure_never_leaves_and_one_beyond_has_left() -> None:
+    rng = np.random.default_rng(3)
+    t = np.linspace(0, 300 * DAY_S, 60)
+    steady = fit_trend(t, rng.normal(5, 1e-6, 60), np.full(60, 1e-6))
+    assert np.isinf(tolerance_exit(steady, 5.0, 1.0, t[-1]).time_s.value)
+    assert tolerance_exit(steady, 3.0, 1.0, t[-1]).outside
+
+
+def test_temperatures_that_do_not_vary_are_ignored() -> None:
+    t, y, sigma, _ = _mission(2, None)
+    assert fit_trend(t, y, sigma, np.full(len(t), 20.0)).per_k is None
+    assert fit_trend(t, y, sigma, np.full(len(t), np.nan)).per_k is None
+
+
+@pytest.mark.parametrize("count", [0, 5, 11])
+def test_few_samples_are_refused(count: int) -> None:
+    with pytest.raises(BadInput, match="too few samples"):
+        fit_trend(np.arange(count) * DAY_S, np.ones(count), np.ones(count))
+
+
+def test_samples_of_one_moment_are_refused() -> None:
+    with pytest.raises(BadInput, match="one moment"):
+        fit_trend(np.zeros(20), np.arange(20.0), np.ones(20))

@@ -1,0 +1,1 @@
+"""Health of a sensor over a rendered mission."""
