@@ -78,7 +78,7 @@ from gss.store.engine import Database, migrate, open_engine
 
 
 @dataclass(frozen=True)
-class Base:
+class BaseServices:
     """What every room needs. ``unit``: instrument of the unit on the line."""
 
     settings: Settings
@@ -163,7 +163,7 @@ class Frames:
     replay: ReplayService
 
 
-def open_base(settings: Settings, *, ready: bool) -> Base:
+def open_base(settings: Settings, *, ready: bool) -> BaseServices:
     """Open the stores and create what every room needs."""
     own_folder(settings.data)
     if not ready:
@@ -179,10 +179,10 @@ def open_base(settings: Settings, *, ready: bool) -> Base:
     parsing, stars = ParseProcesses(), load_stars()
     instruments = Registry(settings.instruments_folder)
     unit = instruments.get(settings.unit_instrument)
-    return Base(settings, database, blobs, bus, trust, disk, jobs, parsing, stars, instruments, unit)
+    return BaseServices(settings, database, blobs, bus, trust, disk, jobs, parsing, stars, instruments, unit)
 
 
-def open_link(base: Base, events: LineEventQueue) -> LinkService:
+def open_link(base: BaseServices, events: LineEventQueue) -> LinkService:
     """Create the link, which owns the port."""
     settings = base.settings
     retention = Retention(settings.capture_file_mb << 20, settings.capture_keep_mb << 20)
@@ -204,7 +204,7 @@ def open_link(base: Base, events: LineEventQueue) -> LinkService:
     )
 
 
-def open_commanding(base: Base, link: LinkService, accounts: AccountService) -> Commanding:
+def open_commanding(base: BaseServices, link: LinkService, accounts: AccountService) -> Commanding:
     """Create the room that sends commands."""
     database, bus = base.database, base.bus
     authority = AuthorityService(database, bus, utc_now)
@@ -215,7 +215,9 @@ def open_commanding(base: Base, link: LinkService, accounts: AccountService) -> 
     return Commanding(authority, commands, ScheduleService(link, commands, bus, utc_now), stacks, runs)
 
 
-def open_procedures(base: Base, link: LinkService, commands: CommandService, telemetry: TelemetryService) -> Procedures:
+def open_procedures(
+    base: BaseServices, link: LinkService, commands: CommandService, telemetry: TelemetryService
+) -> Procedures:
     """Create the room that runs procedures."""
     procedures = ProcedureService(link, base.unit, telemetry.derived, base.database, utc_now)
     conditions = Conditions(telemetry)
@@ -224,7 +226,7 @@ def open_procedures(base: Base, link: LinkService, commands: CommandService, tel
     )
 
 
-def open_transfers(base: Base, link: LinkService, schedule: ScheduleService) -> Transfers:
+def open_transfers(base: BaseServices, link: LinkService, schedule: ScheduleService) -> Transfers:
     """Create the room that moves content to and from the device."""
     database, blobs, bus, stars = base.database, base.blobs, base.bus, base.stars
     writer, parts = Writer(monotonic_s, bus), PartStore(base.settings.data / "parts")
@@ -238,7 +240,7 @@ def open_transfers(base: Base, link: LinkService, schedule: ScheduleService) -> 
     return Transfers(writer, progress, transfers, flash, tables, banks, history)
 
 
-def open_frames(base: Base, transfers: Transfers) -> Frames:
+def open_frames(base: BaseServices, transfers: Transfers) -> Frames:
     """Create the room that stores and solves frames."""
     database, blobs, epoch_jyear = base.database, base.blobs, jyear_of(utc_now())
     book, darks = CameraBook(database, base.instruments, utc_now), DarkFrames(blobs)
@@ -254,7 +256,7 @@ def open_frames(base: Base, transfers: Transfers) -> Frames:
 
 
 def open_intake(
-    base: Base,
+    base: BaseServices,
     link: LinkService,
     telemetry: TelemetryService,
     commanding: Commanding,
@@ -293,7 +295,7 @@ def open_intake(
 
 
 def open_upkeep(
-    base: Base,
+    base: BaseServices,
     link: LinkService,
     telemetry: TelemetryService,
     frames: FrameService,
@@ -335,7 +337,7 @@ def open_upkeep(
 
 
 def open_status(
-    base: Base,
+    base: BaseServices,
     link: LinkService,
     telemetry: TelemetryService,
     alarms: AlarmService,

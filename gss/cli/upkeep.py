@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gss.cli import Commands
-    from gss.operations.upkeep.check_store import Report
+    from gss.operations.upkeep.check_store import StoreReport
 
     Kinds = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -241,7 +241,7 @@ def _print_rows(rows: Rows, values: Mapping[str, Any]) -> None:
             print(f"{words:37} {write(values[name])}")
 
 
-def _print(report: Report) -> None:
+def _print(report: StoreReport) -> None:
     for finding in report.findings:
         print(f"{MARKS[finding.state]:5} {finding.name:20} {finding.text}")
         for example in finding.examples:

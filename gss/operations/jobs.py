@@ -69,7 +69,7 @@ class Keep(Protocol):
 
 
 @dataclass(frozen=True)
-class Run:
+class JobRun:
     """Context of a job's work. ``checkpoint``: what the last ``keep`` stored, None on the first run."""
 
     job_id: int
@@ -78,7 +78,7 @@ class Run:
     keep: Keep
 
 
-Work = Callable[[Run], dict[str, Any]]
+Work = Callable[[JobRun], dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class JobKind(Generic[R]):
 
     name: str
     request: type[R]
-    work: Callable[[R, Run], dict[str, Any]]
+    work: Callable[[R, JobRun], dict[str, Any]]
     renewed: Callable[[R], R] | None = None
     repeated: Callable[[R], R] | None = None
     older: Callable[[dict[str, Any]], dict[str, Any]] | None = None
@@ -284,7 +284,7 @@ class JobService:
 
         try:
             progress(job.done, job.total, "started")
-            result = work(Run(job_id, job.checkpoint, progress, keep))
+            result = work(JobRun(job_id, job.checkpoint, progress, keep))
         except Cancelled:
             self._interrupted(job, last)
         except GssError as error:

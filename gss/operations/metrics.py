@@ -17,7 +17,7 @@ Labels = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
-class Sample:
+class MetricSample:
     """One value. ``kind``: gauge or counter."""
 
     name: str
@@ -36,7 +36,7 @@ class StreamCounts:
     dropped: int = 0
 
 
-Source = Callable[[], Iterable[Sample]]
+Source = Callable[[], Iterable[MetricSample]]
 
 
 class Metrics:
@@ -94,5 +94,5 @@ class _Sources(Collector):
         yield failures
 
 
-def _metric(sample: Sample) -> Metric:
+def _metric(sample: MetricSample) -> Metric:
     return Metric(sample.name.removesuffix("_total"), sample.help, sample.kind)

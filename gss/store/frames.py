@@ -193,7 +193,7 @@ def solved_by(session: Session, chain: str, version: str, options: str) -> set[i
     return set(session.scalars(query.distinct()))
 
 
-class Outcome(NamedTuple):
+class SolutionOutcome(NamedTuple):
     """Columns of a solution needed for comparisons, without its overlays."""
 
     frame_id: int
@@ -207,15 +207,15 @@ class Outcome(NamedTuple):
     timing_s: dict[str, Any]
 
 
-def newest_by_chain(session: Session) -> list[Outcome]:
+def newest_by_chain(session: Session) -> list[SolutionOutcome]:
     """Return the newest ground result of each frame, chain, version and set of changed constants."""
     newest = (
         select(func.max(Solution.id))
         .where(Solution.origin == "ground", Solution.replay.is_(None))
         .group_by(Solution.frame_id, Solution.chain, Solution.version, Solution.options)
     )
-    columns = [getattr(Solution, name) for name in Outcome._fields]
-    return [Outcome(*row) for row in session.execute(select(*columns).where(Solution.id.in_(newest)))]
+    columns = [getattr(Solution, name) for name in SolutionOutcome._fields]
+    return [SolutionOutcome(*row) for row in session.execute(select(*columns).where(Solution.id.in_(newest)))]
 
 
 class ChainKey(NamedTuple):

@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from PIL import Image
 
-from gss.operations.parsing.parse_processes import ParseLimits, Turns
+from gss.operations.parsing.parse_processes import ParseLimits, ParsingQueue
 
 LISTS = [
     "unit.vot",
@@ -84,7 +84,7 @@ def test_a_comment_of_blanks_is_read(admin: TestClient, hostile: ModuleType) -> 
 def test_uploads_beyond_the_limit_are_rejected(app: FastAPI, admin: TestClient) -> None:
     """With every parser in use, an upload gets 503 with the time to retry, and ABORT works."""
     places = app.state.services.parsing._places
-    count = Turns().at_once + Turns().waiting
+    count = ParsingQueue().at_once + ParsingQueue().waiting
     taken = [places.acquire(blocking=False) for _ in range(count)]
     try:
         reply = send(admin, "a.csv", b"id,ra,dec,v\n1,2,3,4\n")

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gss.operations.contacts.gaps import CLOCK_SET, RESTARTED, Count, Happening, Sample, check_record
+from gss.operations.contacts.gaps import CLOCK_SET, RESTARTED, Count, Happening, HousekeepingSample, check_record
 
 
-def steady(n: int, *, without=(), start: float = 1000.0) -> list[Sample]:
+def steady(n: int, *, without=(), start: float = 1000.0) -> list[HousekeepingSample]:
     """Return ``n`` seconds of housekeeping samples except ``without``."""
-    return [Sample(start + k, 50.0 + k, 10.0 + k, 1) for k in range(n) if k not in without]
+    return [HousekeepingSample(start + k, 50.0 + k, 10.0 + k, 1) for k in range(n) if k not in without]
 
 
 def count(at: float, **values: float) -> Count:
@@ -54,21 +54,21 @@ def test_counters_explain_only_gaps_of_their_time(counts, cause):
 
 def test_a_restart_a_set_clock_and_a_closed_link_are_causes():
     """Recognised by the uptime, by an event, and by the contacts."""
-    before, after = steady(5), [Sample(1012.0 + k, 3.0 + k, 1.0 + k, 1) for k in range(5)]
+    before, after = steady(5), [HousekeepingSample(1012.0 + k, 3.0 + k, 1.0 + k, 1) for k in range(5)]
     check = check_record([*before, *after], [], [Happening(1010.0, RESTARTED, "watchdog")])
     assert [(g.missing, g.cause) for g in check.gaps] == [(7, "the device restarted (watchdog)")]
-    jumped = [*steady(5), *(Sample(1005.0 + k, 9000.0 + k, 15.0 + k, 1) for k in range(5))]
+    jumped = [*steady(5), *(HousekeepingSample(1005.0 + k, 9000.0 + k, 15.0 + k, 1) for k in range(5))]
     assert check_record(jumped, [], [Happening(1004.5, CLOCK_SET)]).gaps == ()
     (gap,) = check_record(jumped, [], []).gaps
     assert not gap.explained
-    second = [Sample(1020.0, 70.0, 30.0, 2)]
+    second = [HousekeepingSample(1020.0, 70.0, 30.0, 2)]
     (gap,) = check_record([*steady(5), *second], [], []).gaps
     assert gap.cause == "the line was closed meanwhile"
 
 
 def test_late_is_not_missing():
     """A line that pauses for six seconds and then delivers everything gives no gap and one late span."""
-    samples = [*steady(5), *(Sample(1010.0 + 0.01 * k, 55.0 + k, 15.0 + k, 1) for k in range(6))]
+    samples = [*steady(5), *(HousekeepingSample(1010.0 + 0.01 * k, 55.0 + k, 15.0 + k, 1) for k in range(6))]
     check = check_record(samples, [], [])
     assert (check.gaps, check.expected, check.share) == ((), 11, 1.0)
     assert len(check.late) == 1
@@ -77,7 +77,7 @@ def test_late_is_not_missing():
 
 def test_gaps_at_the_ends_of_a_contact_are_found():
     """Before the first packet and after the last one; an empty contact is unexplained unless the link was lost."""
-    young = [Sample(1010.0, 2.0, 1.0, 1)]
+    young = [HousekeepingSample(1010.0, 2.0, 1.0, 1)]
     (gap,) = check_record(young, [], [], start_s=1000.0, end_s=1011.0).gaps
     assert gap.cause == "the device was not running yet"
     check = check_record(steady(5), [], [], start_s=999.0, end_s=1020.0)

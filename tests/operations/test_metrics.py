@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from prometheus_client.parser import text_string_to_metric_families
 
-from gss.operations.metrics import Metrics, Sample
+from gss.operations.metrics import Metrics, MetricSample
 
 
-def _queue(name: str, depth: float) -> list[Sample]:
-    return [Sample("gss_queue_depth", "Queued items.", "gauge", depth, (("queue", name),))]
+def _queue(name: str, depth: float) -> list[MetricSample]:
+    return [MetricSample("gss_queue_depth", "Queued items.", "gauge", depth, (("queue", name),))]
 
 
 def test_sources_share_a_metric_and_a_failing_source_is_counted():
     """Two sources add to one family, which is declared once; the failure of a third hides none of their values."""
 
-    def broken() -> list[Sample]:
+    def broken() -> list[MetricSample]:
         raise OSError("no such file")
 
     text = Metrics([lambda: _queue("solve", 2), broken, lambda: _queue('a "b"\n', 0.5)]).text()

@@ -22,7 +22,7 @@ import pytest
 
 from gss.domain.errors import BadInput, Busy, CorruptData, TooCostly
 from gss.operations.frames.frame_files import ImportedFrame
-from gss.operations.parsing.parse_processes import ParseLimits, ParseProcesses, Turns
+from gss.operations.parsing.parse_processes import ParseLimits, ParseProcesses, ParsingQueue
 from gss.operations.parsing.plain_data import decode, encode, padding
 
 SOURCE = """
@@ -203,7 +203,7 @@ def test_an_idle_child_ends_and_the_next_file_is_read(parsers: ModuleType) -> No
 def test_too_many_files_are_rejected_and_a_stop_ends_all(parsers: ModuleType, tmp_path: Path) -> None:
     """One is read, one waits, the third gets "server busy"; a stop ends the first and the second."""
     errors: list[Exception] = []
-    with ParseProcesses(turns=Turns(at_once=1, waiting=1, wait_s=60.0)) as parsing:
+    with ParseProcesses(turns=ParsingQueue(at_once=1, waiting=1, wait_s=60.0)) as parsing:
 
         def read() -> None:
             try:
@@ -229,7 +229,7 @@ def test_too_many_files_are_rejected_and_a_stop_ends_all(parsers: ModuleType, tm
 
 def test_a_file_that_waits_too_long_is_rejected(parsers: ModuleType, tmp_path: Path) -> None:
     """The waiting time is bounded too."""
-    with ParseProcesses(turns=Turns(at_once=1, waiting=1, wait_s=0.1)) as parsing:
+    with ParseProcesses(turns=ParsingQueue(at_once=1, waiting=1, wait_s=0.1)) as parsing:
         thread = threading.Thread(target=lambda: parsing.parse(parsers.wait_for, b"", str(tmp_path / "go")))
         thread.start()
         until((tmp_path / "go.began").exists)
@@ -258,7 +258,7 @@ def test_a_child_ends_with_its_parent(parsers: ModuleType, tmp_path: Path, funct
 def test_a_child_that_cannot_be_started_is_reported_as_busy(parsing: ParseProcesses, parsers: ModuleType) -> None:
     """Without a free file descriptor the client gets "send the file again"; afterwards files are read."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    for _ in range(Turns().at_once + 1):
+    for _ in range(ParsingQueue().at_once + 1):
         resource.setrlimit(resource.RLIMIT_NOFILE, (3, hard))
         try:
             with pytest.raises(Busy, match="could not be started") as refused:

@@ -19,7 +19,7 @@ from gss.domain.results import SolveResult
 from gss.instruments.registry import shipped_camera
 from gss.operations.frames.onboard_reported import record_from, reported_of
 from gss.operations.frames.onboard_results import OnboardRecord
-from gss.operations.frames.replay_stages import Rerun, Stage, Verdict, first_difference, stages
+from gss.operations.frames.replay_stages import ReplayStage, Rerun, StageVerdict, first_difference, stages
 from gss.pipeline.chains.apriori import Apriori, KnownOrbit, PriorState, TimedAttitude
 from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.onboard import Commanded, Work, solve
@@ -77,7 +77,7 @@ def _sent(rerun: Rerun, work: Work) -> OnboardRecord:
     return record.with_packet("attitude", _single(sent_attitude), ())
 
 
-def _verdicts(found: list[Stage]) -> dict[str, Verdict]:
+def _verdicts(found: list[ReplayStage]) -> dict[str, StageVerdict]:
     return {s.name: s.verdict for s in found}
 
 
@@ -90,7 +90,7 @@ def test_every_system_replays_equal(name: str) -> None:
     found = stages(record, rerun)
     assert first_difference(found) == "equal"
     assert rerun.result.attitude is not None, rerun.result.reason
-    assert [s.name for s in found if s.verdict is not Verdict.EQUAL] == ["unit vectors"]
+    assert [s.name for s in found if s.verdict is not StageVerdict.EQUAL] == ["unit vectors"]
 
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
@@ -106,7 +106,7 @@ def test_another_threshold_differs_first_in_detection(name: str) -> None:
         return replace(work, parameters=other)
 
     found = stages(record, _run(name, higher)[0])
-    first = next(s for s in found if s.verdict is Verdict.DIFFERS)
+    first = next(s for s in found if s.verdict is StageVerdict.DIFFERS)
     assert first.name in ("regions rejected", "centroids", "places", "light")
     assert first.difference == first_difference(found) != "equal"
 
@@ -122,10 +122,10 @@ def test_another_bank_differs_first_in_the_matches() -> None:
         return replace(work, catalogue=works_of(setting, shipped_camera("cubestar"), STARS)[work.mode].catalogue)
 
     found = stages(record, _run("cubestar", other_bank)[0])
-    first = next(s for s in found if s.verdict is Verdict.DIFFERS)
+    first = next(s for s in found if s.verdict is StageVerdict.DIFFERS)
     assert first.name == "matches"
     assert "on board" in first.difference
-    assert _verdicts(found)["places"] is Verdict.EQUAL
+    assert _verdicts(found)["places"] is StageVerdict.EQUAL
 
 
 def _spoilt(record: OnboardRecord, stage: str) -> OnboardRecord:
@@ -171,7 +171,7 @@ def test_each_stage_is_reported_if_it_differs_first(stage: str) -> None:
     """A difference injected into one stage is reported there first, with both values."""
     record, rerun = _honest("cubestar")
     found = stages(_spoilt(record, stage), rerun)
-    first = next(s for s in found if s.verdict is Verdict.DIFFERS)
+    first = next(s for s in found if s.verdict is StageVerdict.DIFFERS)
     assert first.name == stage
     assert first.on_board != first.ground
     if stage == "places":
@@ -187,7 +187,7 @@ def test_missing_packets_are_reported_as_not_sent() -> None:
     found = stages(replace(record, attitude=None, detected={}), rerun)
     verdicts = _verdicts(found)
     for name in ("regions rejected", "black level", "unit vectors", "mode", "outcome", "quaternion"):
-        assert verdicts[name] is Verdict.NOT_SENT, name
+        assert verdicts[name] is StageVerdict.NOT_SENT, name
     assert first_difference(found) == "equal"
 
 
@@ -196,8 +196,8 @@ def test_a_result_without_intermediates_is_compared_as_far_as_possible() -> None
     record, rerun = _honest("cubestar")
     bare: SolveResult = rerun.result
     verdicts = _verdicts(stages(record, Rerun(bare)))
-    assert verdicts["matches"] is Verdict.EQUAL
-    assert verdicts["weights"] is Verdict.NOT_COMPARED
+    assert verdicts["matches"] is StageVerdict.EQUAL
+    assert verdicts["weights"] is StageVerdict.NOT_COMPARED
 
 
 def test_the_onboard_record_survives_the_store() -> None:

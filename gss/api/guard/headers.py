@@ -22,7 +22,7 @@ STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
 """Sent only with TLS: the browser then uses only HTTPS for this host."""
 
 
-class Answer:
+class HeaderWriter:
     """Adds the security headers to a response and records its status."""
 
     def __init__(self, send: Send, secure: bool, *, private: bool) -> None:

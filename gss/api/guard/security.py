@@ -17,7 +17,7 @@ from gss.api.deps import needs_of
 from gss.api.errors import problem
 from gss.api.guard.bodies import MAX_BODY_BYTES, SMALL_BODY_BYTES, ambiguous_length, bad_body, most_bytes
 from gss.api.guard.credentials import Authenticator
-from gss.api.guard.headers import Answer
+from gss.api.guard.headers import HeaderWriter
 from gss.api.guard.perimeter import Caller, Perimeter, Refusal
 from gss.api.guard.record import Record
 from gss.api.guard.route_table import RouteTable, is_change, is_guarded, is_health, is_open
@@ -54,7 +54,7 @@ class Guard:
     async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
         state = scope["state"] = dict(scope.get("state") or {})
         state |= {"who": None, "secure": self._perimeter.secure, "address": "", "detail": ""}
-        answer = Answer(send, self._perimeter.secure, private=is_guarded(scope))
+        answer = HeaderWriter(send, self._perimeter.secure, private=is_guarded(scope))
         try:
             refusal = await self._admit(scope, Headers(scope=scope))
             if refusal is not None and not state["detail"]:

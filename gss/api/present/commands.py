@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gss.api.schemas.commands import (
+    ArgumentChoiceOut,
     ArgumentOut,
     AttitudePlaceOut,
     ByteGroupOut,
     CheckOut,
-    ChoiceOut,
     CommandDefinitionOut,
     CommandOut,
     DictionaryOut,
@@ -22,7 +22,7 @@ from gss.api.schemas.commands import (
 from gss.instruments.dictionary.definitions import CommandDefinition as Definition
 from gss.instruments.operations import Operation, StandardOperations, absence
 from gss.instruments.roles import Roles
-from gss.operations.commanding.command_checks import Check, PreconditionState
+from gss.operations.commanding.command_checks import DryRun, PreconditionState
 from gss.operations.commanding.command_record import CommandView
 from gss.operations.commanding.schedule_plan import schedulable
 from gss.store.models import Command
@@ -81,7 +81,9 @@ def definition(
             min=a.minimum,
             max=a.maximum,
             default=None if isinstance(a.default, bytes) else a.default,
-            choices=[ChoiceOut(name=x.name, value=x.value, hazard=x.hazard.value, note=x.note) for x in a.choices],
+            choices=[
+                ArgumentChoiceOut(name=x.name, value=x.value, hazard=x.hazard.value, note=x.note) for x in a.choices
+            ],
         )
         for a in c.arguments
     ]
@@ -109,7 +111,7 @@ def precondition(state: PreconditionState) -> PreconditionOut:
     return PreconditionOut(text=state.text, met=state.met, value=state.value)
 
 
-def check(result: Check, argument_names: Sequence[str]) -> CheckOut:
+def check(result: DryRun, argument_names: Sequence[str]) -> CheckOut:
     """Return the result of a dry run."""
     return CheckOut(
         problems=list(result.problems),

@@ -26,7 +26,7 @@ from gss.domain.angles import wrap_pi_rad
 from gss.domain.frames import attitudes_agree, pointing_difference_rad, ra_dec_roll_rad
 from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames.frames import FrameDetail
-from gss.operations.frames.replay_stages import Stage, first_difference
+from gss.operations.frames.replay_stages import ReplayStage, first_difference
 from gss.store.models import Frame, Solution
 
 
@@ -149,7 +149,7 @@ def _turning(record: dict[str, Any] | None) -> TurningOut | None:
     )
 
 
-def frame_replay(frame_id: int, stages: list[Stage]) -> FrameReplayOut:
+def frame_replay(frame_id: int, stages: list[ReplayStage]) -> FrameReplayOut:
     """Return the stages of a frame replay."""
     rows = [ReplayStageOut(**(vars(s) | {"verdict": str(s.verdict)})) for s in stages]
     return FrameReplayOut(frame_id=frame_id, text=first_difference(stages), stages=rows)

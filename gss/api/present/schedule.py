@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 
 from gss.api.present.commands import arguments_text, byte_groups
-from gss.api.schemas.schedule import ClockOut, EntryOut, ScheduleCheckOut, ScheduleOut
+from gss.api.schemas.schedule import DeviceClockOut, EntryOut, ScheduleCheckOut, ScheduleOut
 from gss.operations.commanding.schedule import Entry, ScheduleState
 from gss.operations.commanding.schedule_plan import Plan
 from gss.operations.line.clock_correlation import Correlation
@@ -22,8 +22,8 @@ def schedule(state: ScheduleState) -> ScheduleOut:
     )
 
 
-def _clock(clock: Correlation) -> ClockOut:
-    return ClockOut(
+def _clock(clock: Correlation) -> DeviceClockOut:
+    return DeviceClockOut(
         device_s=clock.device_s,
         utc=datetime.fromtimestamp(clock.utc_s, UTC),
         uncertainty_s=clock.uncertainty_s,

@@ -7,19 +7,19 @@ from datetime import datetime
 from typing import Any
 
 from gss.api.schemas.telemetry import (
-    ChoiceOut,
     CycleOut,
     DerivedOut,
+    FieldChoiceOut,
     GivenLimitsOut,
     LatestOut,
     LimitOut,
     LimitSetOut,
     LimitsOut,
     PacketOut,
-    SeriesOut,
+    TelemetrySeriesOut,
 )
 from gss.instruments.dictionary.definitions import TelemetryField
-from gss.operations.telemetry.archive import Series
+from gss.operations.telemetry.archive import TelemetrySeries
 from gss.operations.telemetry.derived import PREFIX, DerivedParameters
 from gss.operations.telemetry.limit_book import LimitBook
 from gss.operations.telemetry.telemetry import FieldValue
@@ -32,13 +32,13 @@ def latest(values: list[FieldValue]) -> LatestOut:
     return LatestOut(values=values)
 
 
-def series(s: Series) -> SeriesOut:
+def series(s: TelemetrySeries) -> TelemetrySeriesOut:
     """Return the history of one field."""
     definition = s.definition
-    choices = [ChoiceOut(name=c.name, value=c.value) for c in definition.choices]
+    choices = [FieldChoiceOut(name=c.name, value=c.value) for c in definition.choices]
     if definition.type == "bool":
-        choices = [ChoiceOut(name="no", value=0), ChoiceOut(name="yes", value=1)]
-    return SeriesOut(
+        choices = [FieldChoiceOut(name="no", value=0), FieldChoiceOut(name="yes", value=1)]
+    return TelemetrySeriesOut(
         name=s.key,
         unit=definition.unit,
         t=s.t,

@@ -103,7 +103,9 @@ def picture(
 
 def _picture(pixels: Pixels, low: float | None, high: float | None, stretch: str, invert: bool) -> Response:
     auto = pictures.auto_stretch(pixels)
-    chosen = pictures.Stretch(auto.low if low is None else low, auto.high if high is None else high, stretch == "asinh")
+    chosen = pictures.DisplayRange(
+        auto.low if low is None else low, auto.high if high is None else high, stretch == "asinh"
+    )
     if not (math.isfinite(chosen.low) and math.isfinite(chosen.high) and chosen.low < chosen.high):
         raise BadInput("invalid brightness range", expected="low below high", got=f"{chosen.low:g} … {chosen.high:g}")
     return Response(pictures.png(pictures.apply(pixels, chosen, invert=invert)), media_type="image/png")

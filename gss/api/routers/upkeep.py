@@ -13,7 +13,6 @@ from gss.api.schemas.frames import FrameOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.upkeep import (
     BackupOut,
-    ClockOut,
     ConfirmClockIn,
     FavouriteIn,
     ForecastOut,
@@ -23,6 +22,7 @@ from gss.api.schemas.upkeep import (
     RetentionIn,
     RetentionOut,
     RunRetentionIn,
+    ServerClockOut,
 )
 from gss.operations.metrics import CONTENT_TYPE
 from gss.operations.requests import as_stored
@@ -95,7 +95,7 @@ def _retention(app: App) -> RetentionOut:
         **asdict(app.upkeep.retention.policy()),
         last_run=app.upkeep.retention.last_run(),
         waiting=app.upkeep.retention.waiting(),
-        clock=ClockOut.model_validate(app.upkeep.trust.state()),
+        clock=ServerClockOut.model_validate(app.upkeep.trust.state()),
         forecast=ForecastOut.model_validate(app.upkeep.forecast()),
     )
 

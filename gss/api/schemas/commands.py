@@ -13,7 +13,7 @@ HazardName = Literal["none", "watch", "warning", "critical"]
 StageState = Literal["passed", "now", "failed", "unknown", "to_come", "skipped"]
 
 
-class ChoiceOut(Out):
+class ArgumentChoiceOut(Out):
     """One value of an enumerated argument."""
 
     name: str
@@ -32,7 +32,7 @@ class ArgumentOut(Out):
     min: float | None
     max: float | None
     default: float | str | bool | None
-    choices: list[ChoiceOut]
+    choices: list[ArgumentChoiceOut]
 
 
 class PreconditionOut(Out):

@@ -10,7 +10,7 @@ from pydantic import Field
 from gss.api.schemas.alarms import AlarmRow
 from gss.api.schemas.base import In, Out, Utc
 from gss.api.schemas.procedures import ProcedureRunOut
-from gss.api.schemas.telemetry import SeriesOut
+from gss.api.schemas.telemetry import TelemetrySeriesOut
 
 
 class ContactOut(Out):
@@ -161,7 +161,7 @@ class ReportOut(Out):
     volumes: VolumesOut
     attitude: AttitudeSummaryOut
     record: RecordOut
-    series: list[SeriesOut]
+    series: list[TelemetrySeriesOut]
     quality: list[tuple[float, float]]
     procedures: list[ProcedureRunOut]
 

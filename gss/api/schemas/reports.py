@@ -18,7 +18,7 @@ class FactOut(Out):
     note: str
 
 
-class SeriesOut(Out):
+class PlotSeriesOut(Out):
     """Data series of a plot."""
 
     label: str
@@ -42,7 +42,7 @@ class PlotOut(Out):
     title: str
     x_label: str
     y_label: str
-    series: list[SeriesOut]
+    series: list[PlotSeriesOut]
     levels: list[LevelOut]
     log_x: bool = False
     log_y: bool

@@ -28,7 +28,7 @@ class EntryOut(Out):
     hex: str
 
 
-class ClockOut(Out):
+class DeviceClockOut(Out):
     """Device clock at a UTC time, with its uncertainty and the number and span of samples behind it."""
 
     device_s: float
@@ -45,7 +45,7 @@ class ScheduleOut(Out):
     entries: list[EntryOut]
     told: Utc | None
     complete: bool
-    clock: ClockOut | None
+    clock: DeviceClockOut | None
 
 
 class ScheduleCheckIn(In):

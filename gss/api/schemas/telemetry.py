@@ -19,14 +19,14 @@ class LatestOut(Out):
     values: list[FieldValue]
 
 
-class ChoiceOut(Out):
+class FieldChoiceOut(Out):
     """Meaning of a number in a series."""
 
     name: str
     value: int
 
 
-class SeriesOut(Out):
+class TelemetrySeriesOut(Out):
     """History of one field, thinned to at most the requested number of points (minimum and maximum of each bin are
     kept). ``choices``: names of an enumeration or a yes/no value, whose numbers are in ``y``."""
 
@@ -37,7 +37,7 @@ class SeriesOut(Out):
     packet: str
     title: str
     kind: Kind
-    choices: list[ChoiceOut]
+    choices: list[FieldChoiceOut]
     samples: int
     thinned: bool
 
@@ -47,7 +47,7 @@ class HistoryOut(Out):
 
     start: Utc
     end: Utc
-    series: list[SeriesOut]
+    series: list[TelemetrySeriesOut]
 
 
 class PacketOut(Out):

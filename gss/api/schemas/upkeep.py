@@ -62,7 +62,7 @@ class ForecastOut(Out):
     removable_bytes: int
 
 
-class ClockOut(Out):
+class ServerClockOut(Out):
     """Server clock and the last trusted time. ``doubt``: why nothing is deleted; empty if the clock is plausible."""
 
     now: Utc
@@ -82,7 +82,7 @@ class RetentionOut(RetentionIn):
 
     last_run: Utc | None
     waiting: str
-    clock: ClockOut
+    clock: ServerClockOut
     forecast: ForecastOut
 
 

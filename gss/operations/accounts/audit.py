@@ -36,7 +36,7 @@ log = logging.getLogger("gss.audit")
 
 
 @dataclass(frozen=True)
-class Verdict:
+class AuditVerdict:
     """Result of verifying the log. ``problem`` is "" if it is intact; ``anchors``: what the anchor file confirms; ``last_hash``
     should also be noted elsewhere, in case that file is changed together with the database."""
 
@@ -131,7 +131,7 @@ class AuditService:
                 else:
                     yield json.dumps(values, ensure_ascii=False) + "\n"
 
-    def verify(self, known_hash: str = "") -> Verdict:
+    def verify(self, known_hash: str = "") -> AuditVerdict:
         """Read the whole log, verify every hash, and compare it with the anchor file. ``known_hash``: of a row noted earlier,
         which must be present."""
         chain = self._verify_chain(known_hash)
@@ -176,27 +176,27 @@ class AuditService:
             began = choices.has(session, choices.AUDIT_ANCHOR)
         return f"the anchor file cannot be read: {error}; {HINT}" if began else ""
 
-    def _verify_chain(self, known_hash: str) -> Verdict:
+    def _verify_chain(self, known_hash: str) -> AuditVerdict:
         seq, previous, seen = 0, FIRST, not known_hash
         with self._database.unit_of_work() as session:
             try:
                 for row in store.every(session, AuditFilter()):
                     if row.seq != seq + 1:
-                        return Verdict(seq, previous, f"rows {seq + 1} to {row.seq - 1} are missing")
+                        return AuditVerdict(seq, previous, f"rows {seq + 1} to {row.seq - 1} are missing")
                     if row.previous != previous:
-                        return Verdict(seq, previous, f"row {row.seq} does not follow row {seq}")
+                        return AuditVerdict(seq, previous, f"row {row.seq} does not follow row {seq}")
                     if row.hash not in (hash_of(row), hash_of(row, ONCE)):
-                        return Verdict(seq, previous, f"row {row.seq} was changed")
+                        return AuditVerdict(seq, previous, f"row {row.seq} was changed")
                     seq, previous = row.seq, row.hash
                     seen = seen or row.hash == known_hash
             except ValueError as error:  # an invalid time
-                return Verdict(seq, previous, f"a row after row {seq} is unreadable: {error}")
+                return AuditVerdict(seq, previous, f"a row after row {seq} is unreadable: {error}")
             strays = store.before_the_first(session)
         if strays:
-            return Verdict(seq, previous, f"{strays} rows precede the first row")
+            return AuditVerdict(seq, previous, f"{strays} rows precede the first row")
         if not seen:
-            return Verdict(seq, previous, "no row has the noted hash: the end was truncated")
-        return Verdict(seq, previous, "")
+            return AuditVerdict(seq, previous, "no row has the noted hash: the end was truncated")
+        return AuditVerdict(seq, previous, "")
 
     def _verify_guards(self) -> str:
         with self._database.unit_of_work() as session:

@@ -21,7 +21,7 @@ MOST_WAITING = 20
 Done = TypeVar("Done")
 
 
-class Turns:
+class HashingPool:
     """Thread pool for password hashing, so that nothing else waits for a hash, least of all ABORT."""
 
     def __init__(self, at_once: int = AT_ONCE, most_waiting: int = MOST_WAITING) -> None:
@@ -46,7 +46,7 @@ class Passwords:
         )
         self._gate = threading.BoundedSemaphore(AT_ONCE)
         self._dummy_hash = ""
-        self.turns = Turns()
+        self.turns = HashingPool()
         self.verified = 0
 
     def hash(self, password: str) -> str:

@@ -24,7 +24,7 @@ from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
 from gss.operations.catalogues.design_curves import short
 from gss.operations.catalogues.design_record import record_of
-from gss.operations.jobs import JobKind, JobRequest, JobService, Progress, Run, nested_request
+from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, Progress, nested_request
 from gss.operations.requests import Request
 from gss.store.models import Job
 
@@ -174,7 +174,7 @@ class DesignService:
         request_of(question, base)
         return self._jobs.begin("design", f"design {base.name}", DesignJob(question, user=user))
 
-    def _evaluate(self, job: DesignJob, run: Run) -> dict[str, Any]:
+    def _evaluate(self, job: DesignJob, run: JobRun) -> dict[str, Any]:
         base, rows = self._base(job.asked), self.document_rows()
         return {"design": answer(job.asked, base, self._stars, documents=rows, progress=run.progress)}
 

@@ -16,7 +16,7 @@ from gss.instruments.dictionary.definitions import (
     Value,
 )
 from gss.operations.checks.check_findings import Findings, shown
-from gss.operations.checks.probe import FINAL, Answer, Probe
+from gss.operations.checks.probe import FINAL, CommandOutcome, Probe
 
 ORDER = {"accepted": 0, "started": 1, "progress": 2, "completed": 3, "failed": 3}
 APART = ("HELLO", "ABORT")
@@ -168,7 +168,7 @@ def _raw(a: Argument, value: float | None, probe: Probe, command: CommandDefinit
     return STRUCT[a.type].pack(value)
 
 
-def _check_life(findings: Findings, subject: str, command: CommandDefinition, answer: Answer) -> None:
+def _check_life(findings: Findings, subject: str, command: CommandDefinition, answer: CommandOutcome) -> None:
     """Check the order of stages, the codes and ids of reports, and that a final report arrives in time."""
     stages = [r.stage for r in answer.reports]
     ranks = [ORDER.get(s, -1) for s in stages]

@@ -6,7 +6,7 @@ from gss.device.protocol.codec import decode
 from gss.device.protocol.packet import Packet, PacketType
 from gss.instruments.dictionary.definitions import Value
 from gss.operations.checks.check_findings import Findings
-from gss.operations.checks.probe import Answer, Probe
+from gss.operations.checks.probe import CommandOutcome, Probe
 
 SOON_S, FAR_S = 2.0, 1.0e6
 HEADER_STEP_S = 1e-3
@@ -25,7 +25,7 @@ def is_due(late_s: float) -> bool:
     return late_s > -HEADER_STEP_S
 
 
-def schedule(probe: Probe, at_s: float, code: int, payload: bytes = b"") -> Answer:
+def schedule(probe: Probe, at_s: float, code: int, payload: bytes = b"") -> CommandOutcome:
     """Send SCHEDULE with unchecked bytes."""
     values: dict[str, Value] = {"at_s": at_s, "command_code": code, "length": len(payload)}
     return probe.order("SCHEDULE", values | {"payload": payload.ljust(64, b"\0")})

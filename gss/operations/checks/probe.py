@@ -50,7 +50,7 @@ class Tap:
 
 
 @dataclass(frozen=True)
-class Report:
+class ReceivedReport:
     """A received report. ``after_s``: seconds since the previous report, or since the command was sent."""
 
     stage: str
@@ -63,11 +63,11 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandOutcome:
     """Everything received for a command until its final report or timeout."""
 
     request_id: int
-    reports: tuple[Report, ...] = ()
+    reports: tuple[ReceivedReport, ...] = ()
     packets: tuple[Packet, ...] = field(default=(), repr=False)
 
     @property
@@ -76,7 +76,7 @@ class Answer:
         return any(r.stage == "accepted" for r in self.reports)
 
     @property
-    def last(self) -> Report | None:
+    def last(self) -> ReceivedReport | None:
         """The last report received; None without one."""
         return self.reports[-1] if self.reports else None
 
@@ -136,7 +136,7 @@ class Probe:
 
     def order(
         self, name: str, arguments: Mapping[str, Value] | None = None, *, request_id: int | None = None
-    ) -> Answer:
+    ) -> CommandOutcome:
         """Send a command by name, with defaults for missing arguments, without the host's range checks."""
         command = self.dictionary.command(name)
         return self.raw(command.code, self.payload(command, arguments or {}), command=command, request_id=request_id)
@@ -154,12 +154,12 @@ class Probe:
         command: CommandDefinition | None = None,
         request_id: int | None = None,
         prefix: int | None = None,
-    ) -> Answer:
+    ) -> CommandOutcome:
         """Send a command packet and collect its answer. ``command`` gives the timeouts."""
         accept_s, complete_s = (command.accept_s, command.complete_s) if command else (2.0, 2.0)
         start, before_s = len(self.tap.packets), self._now_s()
         used = self.send(PacketType.COMMAND, code, payload, request_id=request_id, prefix=prefix)
-        reports: list[Report] = []
+        reports: list[ReceivedReport] = []
         window_s = accept_s
         while not reports or reports[-1].stage not in (*FINAL, UNREADABLE):
             at = len(self.tap.packets) if reports else start
@@ -173,25 +173,25 @@ class Probe:
                 reports.append(self._report(packet, now_s - before_s))
                 before_s = now_s
             window_s = complete_s
-        return Answer(used, tuple(reports), tuple(self.tap.packets[start:]))
+        return CommandOutcome(used, tuple(reports), tuple(self.tap.packets[start:]))
 
     @staticmethod
     def _reports_on(packet: Packet, request_id: int) -> bool:
         return packet.type is PacketType.REPORT and packet.request_id == request_id
 
-    def _report(self, packet: Packet, after_s: float) -> Report:
+    def _report(self, packet: Packet, after_s: float) -> ReceivedReport:
         fields, command = self.dictionary.service("REPORT").fields, self.dictionary.command_of_code(packet.code)
         done = packet.payload[:1] == encode([fields[0]], {"stage": "completed"})  # type: ignore[list-item]  # an item of a service is an Item
         returns = command.returns if done and command else ()
         try:
             v = decode((*fields, *returns), packet.payload).values
         except CorruptData as error:
-            return Report(UNREADABLE, "none", str(error), False, packet.code, {}, after_s)
+            return ReceivedReport(UNREADABLE, "none", str(error), False, packet.code, {}, after_s)
         values = {item.name: v[item.name] for item in returns}
         stage, reason, detail = str(v["stage"]), str(v["reason"]), str(v["detail"])
-        return Report(stage, reason, detail, bool(v["replayed"]), packet.code, values, after_s)
+        return ReceivedReport(stage, reason, detail, bool(v["replayed"]), packet.code, values, after_s)
 
-    def reports(self, request_id: int, start: int) -> list[Report]:
+    def reports(self, request_id: int, start: int) -> list[ReceivedReport]:
         """Return the reports on a request among the packets from ``start`` on; their times are unknown."""
         mine = [p for p in self.tap.packets[start:] if self._reports_on(p, request_id)]
         return [self._report(p, 0.0) for p in mine]

@@ -39,7 +39,7 @@ class Risk:
 
 
 @dataclass(frozen=True)
-class Check:
+class DryRun:
     """Result of a dry run. ``groups``: (label, bytes) of the packet before framing; empty if the arguments are invalid.
     ``holder``: of command authority. ``problems``: reasons why it cannot be sent; a missing confirmation is not one."""
 

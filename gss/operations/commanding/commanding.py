@@ -17,7 +17,7 @@ from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.aborts import AbortReceipt, Aborts
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_checks import (
-    Check,
+    DryRun,
     PreconditionState,
     check_confirmation,
     check_unit,
@@ -113,7 +113,7 @@ class CommandService:
         """True if the dictionary marks the command as idempotent; False for a command it does not contain."""
         return any(c.name == name and c.idempotent for c in self._link.dictionary.commands)
 
-    def check(self, name: str, arguments: Mapping[str, Any], *, user: str) -> Check:
+    def check(self, name: str, arguments: Mapping[str, Any], *, user: str) -> DryRun:
         """Dry run: return what would be sent and every reason against it. Nothing is sent."""
         definition = self._link.dictionary.command(name)
         states = self.preconditions(definition)
@@ -138,7 +138,7 @@ class CommandService:
             problems.append(str(error))
         risk = risk_of(self._link.roles.operations, definition, arguments)
         held = self._authority.holder()
-        return Check(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, held)
+        return DryRun(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, held)
 
     def _aborts_all(self, name: str) -> bool:
         return self._link.roles.operations.of_command(name) is Operation.ABORT

@@ -9,7 +9,7 @@ from datetime import timedelta
 
 from gss.operations.contacts.contacts import ContactDetail, ContactService
 from gss.operations.contacts.gaps import Count, RecordCheck
-from gss.operations.telemetry.archive import Archive, Series
+from gss.operations.telemetry.archive import Archive, TelemetrySeries
 from gss.store import telemetry as store
 from gss.store.engine import Database
 
@@ -45,7 +45,7 @@ class ContactReport:
     detail: ContactDetail
     attitude: AttitudeSummary
     record: RecordCheck
-    series: list[Series]
+    series: list[TelemetrySeries]
     quality: list[tuple[float, float]]
     telemetry_packets: int
     frame_bytes: int

@@ -20,8 +20,8 @@ from gss.operations.contacts.gaps import (
     Count,
     Gap,
     Happening,
+    HousekeepingSample,
     RecordCheck,
-    Sample,
     check_record,
     why_silent,
 )
@@ -288,7 +288,8 @@ class ContactService:
         )
         rows_in_order = sorted(rows, key=lambda r: r.id)
         samples = [
-            Sample(r.received.timestamp(), r.device_time_s, _number(r.values[0]), contact_id) for r in rows_in_order
+            HousekeepingSample(r.received.timestamp(), r.device_time_s, _number(r.values[0]), contact_id)
+            for r in rows_in_order
         ]
         seams = [Happening(jump.at.timestamp(), GROUND_CLOCK, jump.text) for jump in jumps]
         check = check_record(

@@ -27,7 +27,7 @@ DAMAGE = ("bad_crc", "too_long", "too_short")
 
 
 @dataclass(frozen=True)
-class Sample:
+class HousekeepingSample:
     """One housekeeping packet: time of arrival (Unix seconds), device clock in it, uptime, contact."""
 
     at_s: float
@@ -90,7 +90,7 @@ class RecordCheck:
 
 
 def check_record(
-    samples: Sequence[Sample],
+    samples: Sequence[HousekeepingSample],
     counts: Sequence[Count],
     happenings: Sequence[Happening],
     *,
@@ -157,7 +157,7 @@ class _Evidence:
         return UNEXPLAINED
 
 
-def _between(a: Sample, b: Sample, evidence: _Evidence) -> Gap | None:
+def _between(a: HousekeepingSample, b: HousekeepingSample, evidence: _Evidence) -> Gap | None:
     """Return the gap between two neighbouring samples; None if there is none."""
     if a.contact_id != b.contact_id:
         missing = max(0, round((b.at_s - a.at_s) / PERIOD_S) - 1)
@@ -186,7 +186,9 @@ def _between(a: Sample, b: Sample, evidence: _Evidence) -> Gap | None:
     return None
 
 
-def _ends(samples: Sequence[Sample], evidence: _Evidence, start_s: float | None, end_s: float | None) -> list[Gap]:
+def _ends(
+    samples: Sequence[HousekeepingSample], evidence: _Evidence, start_s: float | None, end_s: float | None
+) -> list[Gap]:
     """Return the gaps between opening the line and the first sample, and between the last one and closing it."""
     if not samples:
         if start_s is None or end_s is None or end_s - start_s <= LATE_S:

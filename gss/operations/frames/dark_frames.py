@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.errors import CorruptData
-from gss.operations.frames.pictures import Stretch, apply, png
+from gss.operations.frames.pictures import DisplayRange, apply, png
 from gss.pipeline.calibration.dark import DarkCalibration, Response
 from gss.pipeline.fixed_pattern import DarkPattern
 
@@ -102,6 +102,6 @@ def picture_of(pattern_dn: NDArray[np.float32]) -> dict[str, Any]:
     """Return {"png": base64, "low_dn", "high_dn"}: black at the 0.1 % percentile, white at 99.9 %; hot pixels are white."""
     low, high = (float(v) for v in np.percentile(pattern_dn, [0.1, 99.9]))
     high = max(high, low + 1.0)
-    grey = apply(pattern_dn, Stretch(low, high, asinh=False))
+    grey = apply(pattern_dn, DisplayRange(low, high, asinh=False))
     coarse = (grey.astype(np.uint16) * GREYS // 256 * (255 // (GREYS - 1))).astype(np.uint8)
     return {"png": base64.b64encode(png(coarse, 6)).decode("ascii"), "low_dn": low, "high_dn": high}

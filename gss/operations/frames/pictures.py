@@ -15,7 +15,7 @@ HISTOGRAM_BINS = 256
 
 
 @dataclass(frozen=True)
-class Stretch:
+class DisplayRange:
     """Display range from ``low`` (black) to ``high`` (white), linear or with arcsinh, which shows faint and bright detail
     together."""
 
@@ -24,20 +24,20 @@ class Stretch:
     asinh: bool = True
 
 
-def auto_stretch(pixels: Pixels) -> Stretch:
+def auto_stretch(pixels: Pixels) -> DisplayRange:
     """Return a stretch with black slightly below the sky level and white at the brightest 0.02 %."""
     sample = np.asarray(pixels[::4, ::4], float)
     sample = sample[np.isfinite(sample)]
     if not sample.size:
-        return Stretch(0.0, 1.0)
+        return DisplayRange(0.0, 1.0)
     sky, spread = float(np.median(sample)), float(np.subtract(*np.percentile(sample, [84, 16])) / 2)
     low = sky - 0.5 * max(spread, 0.5)
     least = 10 * max(spread, 1.0, abs(sky) * 1e-6)  # for huge values a step of one is negligible
     high = max(float(np.percentile(np.asarray(pixels, float), 99.98)), low + least)
-    return Stretch(low, high)
+    return DisplayRange(low, high)
 
 
-def apply(pixels: Pixels, stretch: Stretch, *, invert: bool = False) -> NDArray[np.uint8]:
+def apply(pixels: Pixels, stretch: DisplayRange, *, invert: bool = False) -> NDArray[np.uint8]:
     """Return an 8-bit picture of the same shape."""
     span = max(stretch.high - stretch.low, 1e-9)
     x = np.clip((np.nan_to_num(np.asarray(pixels, np.float32)) - stretch.low) / span, 0, 1)

@@ -20,7 +20,7 @@ from gss.operations.clock import Monotonic
 from gss.operations.frames.frames import FrameService
 from gss.operations.frames.onboard_reported import frame_as_used, record_from
 from gss.operations.frames.onboard_results import OnboardRecord
-from gss.operations.frames.replay_stages import Rerun, Stage, Verdict, first_difference, stages
+from gss.operations.frames.replay_stages import ReplayStage, Rerun, StageVerdict, first_difference, stages
 from gss.operations.transfers.banks import BankService
 from gss.operations.transfers.device_tables import DeviceTableService
 from gss.pipeline.chains.modes import Mode
@@ -68,7 +68,7 @@ class ReplayService:
         self._frames.set_replay(on_board.id, text)
         self._frames.keep_replay(frame, rerun.result, text)
 
-    def again(self, frame_id: int) -> list[Stage]:
+    def again(self, frame_id: int) -> list[ReplayStage]:
         """Replay a stored frame now, stage by stage. Raises NotFound if the sensor reported nothing about it; GssError if
         the ground lacks the bank, tables or attitude that it used."""
         detail = self._frames.detail(frame_id)
@@ -84,14 +84,14 @@ class ReplayService:
         record = record_from(reported, self._banks.hip_of_row(frame.bank_sha256 or ""))
         return [*self._used(frame), *stages(record, self.rerun(frame, record))]
 
-    def _used(self, frame: Frame) -> list[Stage]:
+    def _used(self, frame: Frame) -> list[ReplayStage]:
         """Return which bank and tables the sensor used, as stages."""
         bank, tables = frame.bank_sha256 or "", frame.parameters.get("tables", {})
         rows = [("bank", bank)] + [(f"{kind} table", sha256) for kind, sha256 in sorted(tables.items())]
         return [
-            Stage(name, Verdict.EQUAL, sha256[:12], sha256[:12])
+            ReplayStage(name, StageVerdict.EQUAL, sha256[:12], sha256[:12])
             if sha256
-            else Stage(name, Verdict.NOT_SENT, "not sent", "–")
+            else ReplayStage(name, StageVerdict.NOT_SENT, "not sent", "–")
             for name, sha256 in rows
         ]
 

@@ -24,7 +24,7 @@ REASON_BYTES = 200
 SHOWN = 3
 
 
-class Verdict(StrEnum):
+class StageVerdict(StrEnum):
     """Result of comparing one stage."""
 
     EQUAL = "equal"
@@ -34,12 +34,12 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Stage:
+class ReplayStage:
     """One row of the comparison. ``difference``: as text, empty if there is none; ``difference_px`` on the detector,
     ``difference_arcsec`` on the sky, None if not applicable."""
 
     name: str
-    verdict: Verdict
+    verdict: StageVerdict
     on_board: str
     ground: str
     difference: str = ""
@@ -56,7 +56,7 @@ class Rerun:
     matching: Any = None
 
 
-def stages(record: OnboardRecord, rerun: Rerun) -> list[Stage]:
+def stages(record: OnboardRecord, rerun: Rerun) -> list[ReplayStage]:
     """Compare every stage, even after one that differs."""
     return [
         _regions(record, rerun),
@@ -64,7 +64,9 @@ def stages(record: OnboardRecord, rerun: Rerun) -> list[Stage]:
         _count(record, rerun),
         _places(record, rerun),
         _light(record, rerun),
-        Stage("unit vectors", Verdict.NOT_SENT, "not sent", _counted(len(rerun.result.centroids), "direction")),
+        ReplayStage(
+            "unit vectors", StageVerdict.NOT_SENT, "not sent", _counted(len(rerun.result.centroids), "direction")
+        ),
         _matches(record, rerun),
         _weights(record, rerun),
         _mode(record, rerun),
@@ -74,34 +76,45 @@ def stages(record: OnboardRecord, rerun: Rerun) -> list[Stage]:
     ]
 
 
-def first_difference(stages: Sequence[Stage]) -> str:
+def first_difference(stages: Sequence[ReplayStage]) -> str:
     """Return "equal" or the text of the first stage that differs."""
-    return next((s.difference for s in stages if s.verdict is Verdict.DIFFERS), "equal")
+    return next((s.difference for s in stages if s.verdict is StageVerdict.DIFFERS), "equal")
 
 
 def _counted(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def _judged(name: str, on_board: str, ground: str, differs: bool, difference: str = "", **by: float | None) -> Stage:
-    return Stage(
-        name, Verdict.DIFFERS if differs else Verdict.EQUAL, on_board, ground, difference if differs else "", **by
+def _judged(
+    name: str, on_board: str, ground: str, differs: bool, difference: str = "", **by: float | None
+) -> ReplayStage:
+    return ReplayStage(
+        name,
+        StageVerdict.DIFFERS if differs else StageVerdict.EQUAL,
+        on_board,
+        ground,
+        difference if differs else "",
+        **by,
     )
 
 
-def _regions(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _regions(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     theirs, detection = record.detected.get("regions_invalid"), rerun.detection
     if theirs is None or detection is None:
-        return Stage("regions rejected", Verdict.NOT_SENT, "not sent", _ground(detection and detection.invalid))
+        return ReplayStage(
+            "regions rejected", StageVerdict.NOT_SENT, "not sent", _ground(detection and detection.invalid)
+        )
     ours = min(255, detection.invalid)
     text = f"regions rejected differ: {theirs} on board, {ours} on the ground"
     return _judged("regions rejected", str(theirs), str(ours), int(theirs) != ours, text)
 
 
-def _black(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _black(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     theirs, detection = record.detected.get("background_dn"), rerun.detection
     if theirs is None or detection is None:
-        return Stage("black level", Verdict.NOT_SENT, "not sent", _ground(detection and f"{detection.black_dn:.4g} DN"))
+        return ReplayStage(
+            "black level", StageVerdict.NOT_SENT, "not sent", _ground(detection and f"{detection.black_dn:.4g} DN")
+        )
     ours = detection.black_dn
     text = f"black level differs: {theirs:.6g} DN on board, {ours:.6g} DN on the ground"
     return _judged("black level", f"{theirs:.6g} DN", f"{ours:.6g} DN", not _near(float(theirs), ours), text)
@@ -115,13 +128,13 @@ def _near(a: float, b: float) -> bool:
     return math.isclose(a, b, rel_tol=WIRE_SHARE, abs_tol=WIRE_SHARE)
 
 
-def _count(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _count(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     theirs, ours = len(record.centroids), len(rerun.result.centroids)
     text = f"centroids differ: {theirs} on board, {ours} on the ground"
     return _judged("centroids", str(theirs), str(ours), theirs != ours, text)
 
 
-def _places(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _places(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     theirs = np.array([[row["col_px"], row["row_px"]] for row in record.centroids], float).reshape(-1, 2)
     ours = rerun.result.centroids.pixels
     n = min(len(theirs), len(ours))
@@ -137,7 +150,7 @@ def _places(record: OnboardRecord, rerun: Rerun) -> Stage:
     return _judged("places", a, b, True, text, difference_px=float(gap[k]), difference_arcsec=arcsec)
 
 
-def _light(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _light(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     c = rerun.result.centroids  # the peak is sent as an integer
     for k, row in enumerate(record.centroids[: len(c)]):
         ours = {"flux_dn": float(c.flux_dn[k]), "peak_dn": int(c.peak_dn[k]), "area_px": float(c.area_px[k])}
@@ -162,12 +175,12 @@ def _theirs_matched(record: OnboardRecord) -> dict[int, tuple[int, float]]:
     return {int(row["centroid"]): (int(row["star"]), float(row["weight"])) for row in record.matches}
 
 
-def _matches(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _matches(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     theirs, ours = _theirs_matched(record), _ours_matched(rerun)
     if ours is None:
         matches = rerun.result.matches
         if matches is None or record.attitude is None or record.attitude.get("outcome") != "solved":
-            return Stage("matches", Verdict.NOT_COMPARED, _counted(len(theirs), "star"), "–")
+            return ReplayStage("matches", StageVerdict.NOT_COMPARED, _counted(len(theirs), "star"), "–")
         text = f"matches differ: {len(theirs)} on board, {len(matches)} on the ground"
         return _judged("matches", str(len(theirs)), str(len(matches)), len(theirs) != len(matches), text)
     odd = sorted(i for i in theirs.keys() | ours.keys() if _row(theirs, i) != _row(ours, i))
@@ -195,10 +208,10 @@ def _name(side: Mapping[int, tuple[int, float]], centroid: int, record: OnboardR
     return f"{centroid} → {_star(side, centroid, record)}"
 
 
-def _weights(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _weights(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     theirs, ours = _theirs_matched(record), _ours_matched(rerun)
     if ours is None:
-        return Stage("weights", Verdict.NOT_COMPARED, _counted(len(theirs), "weight"), "–")
+        return ReplayStage("weights", StageVerdict.NOT_COMPARED, _counted(len(theirs), "weight"), "–")
     for i in sorted(theirs.keys() & ours.keys()):
         if not _near(theirs[i][1], ours[i][1]):
             text = f"weight of centroid {i} differs: {theirs[i][1]:g} on board, {ours[i][1]:g} on the ground"
@@ -207,18 +220,18 @@ def _weights(record: OnboardRecord, rerun: Rerun) -> Stage:
     return _judged("weights", _counted(both, "weight"), _counted(both, "weight"), False)
 
 
-def _mode(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _mode(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     if record.attitude is None or "mode" not in record.attitude:
-        return Stage("mode", Verdict.NOT_SENT, "not sent", _ground(getattr(rerun.matching, "mode", None)))
+        return ReplayStage("mode", StageVerdict.NOT_SENT, "not sent", _ground(getattr(rerun.matching, "mode", None)))
     theirs = str(record.attitude["mode"])
     ours = theirs if rerun.matching is None else str(rerun.matching.mode)
     text = f"mode differs: {theirs} on board, {ours} on the ground"
     return _judged("mode", theirs.replace("_", " "), ours.replace("_", " "), theirs != ours, text)
 
 
-def _outcome(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _outcome(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     if record.attitude is None:
-        return Stage("outcome", Verdict.NOT_SENT, "not sent", str(rerun.result.outcome))
+        return ReplayStage("outcome", StageVerdict.NOT_SENT, "not sent", str(rerun.result.outcome))
     theirs = "solved" if record.attitude.get("outcome") == "solved" else "none"
     ours = "solved" if rerun.result.outcome is Outcome.SOLVED else "none"
     if theirs != ours:
@@ -230,12 +243,14 @@ def _outcome(record: OnboardRecord, rerun: Rerun) -> Stage:
     return _judged("outcome", said or theirs, reported or ours, bool(said) and said != reported, text)
 
 
-def _quaternion(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _quaternion(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     reported, attitude = record.attitude, rerun.result.attitude
     if reported is None or reported.get("outcome") != "solved" or attitude is None:
         none = reported is not None and reported.get("outcome") != "solved"
-        verdict = Verdict.NOT_COMPARED if reported is not None else Verdict.NOT_SENT
-        return Stage("quaternion", verdict, "none" if none else "not sent", "none" if attitude is None else "has one")
+        verdict = StageVerdict.NOT_COMPARED if reported is not None else StageVerdict.NOT_SENT
+        return ReplayStage(
+            "quaternion", verdict, "none" if none else "not sent", "none" if attitude is None else "has one"
+        )
     theirs = np.array([float(reported[f"quaternion_{a}"]) for a in "xyzw"])
     theirs = theirs * (1.0 if theirs @ attitude.quaternion >= 0 else -1.0)
     step = float(np.abs(theirs - attitude.quaternion).max())
@@ -250,10 +265,12 @@ def _quaternion(record: OnboardRecord, rerun: Rerun) -> Stage:
     return _judged("quaternion", a, b, differs, text, difference_px=px, difference_arcsec=arcsec)
 
 
-def _sigma(record: OnboardRecord, rerun: Rerun) -> Stage:
+def _sigma(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     reported, attitude = record.attitude or {}, rerun.result.attitude
     if attitude is None or reported.get("sigma_cross_arcsec") is None or reported.get("outcome") != "solved":
-        return Stage("standard deviations", Verdict.NOT_COMPARED if reported else Verdict.NOT_SENT, "–", "–")
+        return ReplayStage(
+            "standard deviations", StageVerdict.NOT_COMPARED if reported else StageVerdict.NOT_SENT, "–", "–"
+        )
     theirs = [float(reported[f"sigma_{axis}_arcsec"]) for axis in ("cross", "roll")]
     ours = [float(s) / ARCSEC_RAD for s in attitude.sigma_rad]
     differs = any(

@@ -20,7 +20,7 @@ from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.transfers.arrivals import ContentArrived, Later, Links, PartArrived, Writer
-from gss.operations.transfers.device_frames import Picture, picture_of, shape_of
+from gss.operations.transfers.device_frames import DeviceImage, picture_of, shape_of
 from gss.operations.transfers.transfers import TransferService
 from gss.store.models import Frame, Transfer
 
@@ -196,6 +196,6 @@ def _stored_before(transfer: Transfer, sha256: str, frame_number: int) -> int | 
     return int(offered["frame_id"]) if same else None
 
 
-def _part_of(kind: str, picture: Picture) -> dict[str, Any]:
+def _part_of(kind: str, picture: DeviceImage) -> dict[str, Any]:
     """Return the kind of part of an image, and the received rectangles."""
     return {} if kind == "frame" else {"part": kind, "held": [list(box) for box in picture.boxes]}

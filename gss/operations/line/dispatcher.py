@@ -18,7 +18,7 @@ from gss.domain.errors import GssError
 from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch, LineEvent, ServiceEvent
-from gss.operations.metrics import Sample
+from gss.operations.metrics import MetricSample
 
 log = logging.getLogger("gss.link")
 T = TypeVar("T")
@@ -139,11 +139,11 @@ class Dispatcher:
         """True if one batch has been in progress for longer than ``SLOW_AFTER_S``."""
         return self.busy_s > SLOW_AFTER_S
 
-    def samples(self) -> Iterator[Sample]:
+    def samples(self) -> Iterator[MetricSample]:
         """Yield metrics: depth of the event queue and number of dropped telemetry packets."""
         depth, dropped = float(self._events.depth), float(self._events.dropped)
-        yield Sample("gss_queue_depth", "Items waiting in a queue.", "gauge", depth, (("queue", "line events"),))
-        yield Sample("gss_line_events_dropped_total", "Telemetry left to the raw capture.", "counter", dropped)
+        yield MetricSample("gss_queue_depth", "Items waiting in a queue.", "gauge", depth, (("queue", "line events"),))
+        yield MetricSample("gss_line_events_dropped_total", "Telemetry left to the raw capture.", "counter", dropped)
 
     def _run(self) -> None:
         while not self._stopping:

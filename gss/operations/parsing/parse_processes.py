@@ -56,7 +56,7 @@ class ParseLimits:
 
 
 @dataclass(frozen=True)
-class Turns:
+class ParsingQueue:
     """How many files are parsed concurrently, how many more requests may wait, and for how long.
 
     A waiting request occupies one of the server's 40 request threads; ABORT has its own.
@@ -70,8 +70,8 @@ class Turns:
 class ParseProcesses:
     """Starts a child per file, keeps an idle one for reuse, and ends all of them in :meth:`stop`. Thread-safe."""
 
-    def __init__(self, limits: ParseLimits | None = None, turns: Turns | None = None) -> None:
-        self._limits, self._turns = limits or ParseLimits(), turns or Turns()
+    def __init__(self, limits: ParseLimits | None = None, turns: ParsingQueue | None = None) -> None:
+        self._limits, self._turns = limits or ParseLimits(), turns or ParsingQueue()
         self._free = threading.BoundedSemaphore(self._turns.at_once)
         self._places = threading.BoundedSemaphore(self._turns.at_once + self._turns.waiting)
         self._lock = threading.Lock()

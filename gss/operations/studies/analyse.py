@@ -47,7 +47,7 @@ EDGE_PX = 8.0
 
 
 @dataclass(frozen=True)
-class Analysis:
+class AnalysisResult:
     """A report, and the same values as a record for programs (radians, seconds, pixels, with the names used by the
     pipeline)."""
 
@@ -57,7 +57,7 @@ class Analysis:
 
 
 @dataclass(frozen=True)
-class Run:
+class AnalysisRun:
     """Shots of one camera with their results, in order of time; None for a shot that could not be run."""
 
     shots: list[Shot]
@@ -85,7 +85,7 @@ def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
 
 def run_frames(
     solver: Solver, shots: Sequence[Shot], profile: CameraProfile, chain: str, progress: ProgressCallback
-) -> Run:
+) -> AnalysisRun:
     """Run a chain on every shot. A shot of another camera counts as not solved. Raises BadInput if none is solved."""
     ordered = sorted(shots, key=lambda s: (s.taken, s.name))
     results: list[SolveResult | None] = []
@@ -105,15 +105,20 @@ def run_frames(
             got=first,
             hint="check that the camera is the right one",
         )
-    return Run(ordered, results, profile)
+    return AnalysisRun(ordered, results, profile)
 
 
 def analyse(
-    kind: str, solver: Solver, run: Run, *, second: Run | None = None, commanded_rad_s: float | None = None
-) -> Analysis:
+    kind: str,
+    solver: Solver,
+    run: AnalysisRun,
+    *,
+    second: AnalysisRun | None = None,
+    commanded_rad_s: float | None = None,
+) -> AnalysisResult:
     """Return the analysis of a run. Raises BadInput."""
     check_kind(kind, commanded_rad_s, 0 if second is None else len(second.shots))
-    makers: dict[str, Callable[[], Analysis]] = {
+    makers: dict[str, Callable[[], AnalysisResult]] = {
         "earth-fixed": lambda: _steady(kind, run),
         "celestial-fixed": lambda: _steady(kind, run),
         "slew": lambda: _slew(run, commanded_rad_s or 0.0),
@@ -125,24 +130,24 @@ def analyse(
     return makers[kind]()
 
 
-def analyse_telemetry(series: AttitudeSeries, of: str) -> Analysis:
+def analyse_telemetry(series: AttitudeSeries, of: str) -> AnalysisResult:
     """Analyse performance from attitudes alone."""
     statistics = telemetry_statistics(series)
-    return Analysis("telemetry", sheets.telemetry(statistics, series, of), dict(as_record(statistics)))
+    return AnalysisResult("telemetry", sheets.telemetry(statistics, series, of), dict(as_record(statistics)))
 
 
-def _steady(kind: str, run: Run) -> Analysis:
+def _steady(kind: str, run: AnalysisRun) -> AnalysisResult:
     series = run.series
     statistics = earth_fixed(series) if kind == "earth-fixed" else celestial_fixed(series)
-    return Analysis(kind, sheets.steady(kind, statistics, series, subject_of(run)), dict(as_record(statistics)))
+    return AnalysisResult(kind, sheets.steady(kind, statistics, series, subject_of(run)), dict(as_record(statistics)))
 
 
-def _slew(run: Run, commanded_rad_s: float) -> Analysis:
+def _slew(run: AnalysisRun, commanded_rad_s: float) -> AnalysisResult:
     slew = slew_test(run.series, commanded_rad_s)
-    return Analysis("slew", sheets.slew(slew, run.series, subject_of(run)), dict(as_record(slew)))
+    return AnalysisResult("slew", sheets.slew(slew, run.series, subject_of(run)), dict(as_record(slew)))
 
 
-def _sensitivity(run: Run, solver: Solver) -> Analysis:
+def _sensitivity(run: AnalysisRun, solver: Solver) -> AnalysisResult:
     v_mag: list[Array] = []
     seen: list[NDArray[np.bool_]] = []
     for shot, result in zip(run.shots, run.results, strict=True):
@@ -152,7 +157,7 @@ def _sensitivity(run: Run, solver: Solver) -> Analysis:
         v_mag.append(v)
         seen.append(hit)
     limit = detection_limit(np.concatenate(v_mag), np.concatenate(seen))
-    return Analysis("sensitivity", sheets.sensitivity(limit, run.known, subject_of(run)), dict(as_record(limit)))
+    return AnalysisResult("sensitivity", sheets.sensitivity(limit, run.known, subject_of(run)), dict(as_record(limit)))
 
 
 def _looked_for(
@@ -179,7 +184,7 @@ def _looked_for(
     return v[alone], np.asarray(near[alone] <= FOUND_PX)
 
 
-def _nea(run: Run) -> Analysis:
+def _nea(run: AnalysisRun) -> AnalysisResult:
     groups: dict[float, list[int]] = {}
     for k, shot in enumerate(run.shots):
         if shot.exposure_s is not None:
@@ -191,10 +196,10 @@ def _nea(run: Run) -> Analysis:
         for t, at in groups.items()
     }
     nea = noise_equivalent_angle(runs)
-    return Analysis("nea", sheets.nea(nea, subject_of(run)), dict(as_record(nea)))
+    return AnalysisResult("nea", sheets.nea(nea, subject_of(run)), dict(as_record(nea)))
 
 
-def _spatial(run: Run) -> Analysis:
+def _spatial(run: AnalysisRun) -> AnalysisResult:
     pixels, residual = [], []
     for result in run.results:
         if result is not None and result.matches is not None and result.attitude is not None:
@@ -203,16 +208,16 @@ def _spatial(run: Run) -> Analysis:
             residual.append(result.matches.residual_px[used])
     at, off = np.concatenate(pixels), np.concatenate(residual)
     report, figures = sheets.spatial(at, off, run.known.camera, subject_of(run))
-    return Analysis("spatial", report, figures)
+    return AnalysisResult("spatial", report, figures)
 
 
-def _two(first: Run, second: Run) -> Analysis:
+def _two(first: AnalysisRun, second: AnalysisRun) -> AnalysisResult:
     comparison = two_cameras(first.series, second.series)
     of = f"{subject_of(first)}, and {subject_of(second)}"
-    return Analysis("two-cameras", sheets.two_cameras(comparison, of), dict(as_record(comparison)))
+    return AnalysisResult("two-cameras", sheets.two_cameras(comparison, of), dict(as_record(comparison)))
 
 
-def subject_of(run: Run) -> str:
+def subject_of(run: AnalysisRun) -> str:
     """Return the subtitle of a report: frames, camera, time span and chain."""
     first, last = run.shots[0].taken, run.shots[-1].taken
     version = run.known.sources.get("calibration", "")

@@ -19,13 +19,13 @@ from gss.operations.clock import Now
 from gss.operations.contacts.contacts import ContactService
 from gss.operations.events import EventBus
 from gss.operations.frames.solve import Solver
-from gss.operations.jobs import JobKind, JobService, Progress, Run, Work
+from gss.operations.jobs import JobKind, JobRun, JobService, Progress, Work
 from gss.operations.report.html import as_html
 from gss.operations.report.parts import report_from
 from gss.operations.report.pdf import as_pdf
 from gss.operations.requests import as_stored
-from gss.operations.studies.analyse import Analysis as Made
-from gss.operations.studies.analyse import Run as FrameRun
+from gss.operations.studies.analyse import AnalysisResult as Made
+from gss.operations.studies.analyse import AnalysisRun as FrameRun
 from gss.operations.studies.analyse import analyse, analyse_telemetry, run_frames
 from gss.operations.studies.analysis_requests import (
     AnalysisJob,
@@ -97,7 +97,7 @@ class AnalysisService:
         name, work = self._work(job)
         return self._jobs.begin("analysis", name, job, work)
 
-    def _analyse(self, job: AnalysisJob, run: Run) -> dict[str, Any]:
+    def _analyse(self, job: AnalysisJob, run: JobRun) -> dict[str, Any]:
         return self._work(job)[1](run)
 
     def _work(self, job: AnalysisJob) -> tuple[str, Work]:
@@ -120,7 +120,7 @@ class AnalysisService:
             kind, of = wanted.kind, "simulated unit" if not first else counted(len(first), "frame")
         name = wanted.title or f"{kind}, {of}"
 
-        def work(run: Run) -> dict[str, Any]:
+        def work(run: JobRun) -> dict[str, Any]:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
             if isinstance(wanted, TelemetryAnalysis):

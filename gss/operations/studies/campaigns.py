@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import Field
 
-from gss.operations.jobs import JobKind, JobRequest, JobService, Run, nested_request
+from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, nested_request
 from gss.operations.requests import Request
 from gss.operations.studies import experiments
 from gss.operations.studies.chain_report import ChainReports
@@ -69,7 +69,7 @@ class CampaignService:
         title = spec.names[0] if len(spec.names) == 1 else f"{len(spec.names)} experiments"
         return self._jobs.begin("experiments", title, ExperimentsJob(spec, user=user))
 
-    def _run(self, request: ExperimentsJob, run: Run) -> dict[str, Any]:
+    def _run(self, request: ExperimentsJob, run: JobRun) -> dict[str, Any]:
         return _experiments(request.asked, run, self._executor)
 
     def compare(self) -> list[ChainRecord]:
@@ -77,13 +77,13 @@ class CampaignService:
         frame counts."""
         with self._database.unit_of_work() as session:
             rows = store.newest_by_chain(session)
-        groups: dict[tuple[str, str, str], list[store.Outcome]] = {}
+        groups: dict[tuple[str, str, str], list[store.SolutionOutcome]] = {}
         for row in rows:
             groups.setdefault((row.chain, row.version, row.options), []).append(row)
         return [_record(*key, group) for key, group in sorted(groups.items())]
 
 
-def _experiments(spec: ExperimentsRequest, run: Run, executor: Executor) -> dict[str, Any]:
+def _experiments(spec: ExperimentsRequest, run: JobRun, executor: Executor) -> dict[str, Any]:
     """Run all experiments. Each completed one is checkpointed; after a crash only those in progress are rerun."""
     names = spec.names
     done = list((run.checkpoint or {}).get("experiments", ()))
@@ -103,7 +103,7 @@ def _experiments(spec: ExperimentsRequest, run: Run, executor: Executor) -> dict
     return {"experiments": done}
 
 
-def _record(chain: str, version: str, options: str, rows: Sequence[store.Outcome]) -> ChainRecord:
+def _record(chain: str, version: str, options: str, rows: Sequence[store.SolutionOutcome]) -> ChainRecord:
     verdicts: dict[str, int] = {}
     for row in rows:
         if row.verdict:

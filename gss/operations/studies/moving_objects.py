@@ -12,7 +12,7 @@ import numpy as np
 from gss.domain.angles import Array, ra_dec_from_unit
 from gss.domain.errors import BadInput
 from gss.operations.frames.solve import Solver
-from gss.operations.studies.analyse import Analysis, Run, subject_of
+from gss.operations.studies.analyse import AnalysisResult, AnalysisRun, subject_of
 from gss.operations.studies.moving_sheet import MovingRecord, RejectedSource, TrackRecord, moving_report
 from gss.operations.studies.night_frames import ProgressCallback, Shot, seen_stars
 from gss.orbit.objects import (
@@ -68,14 +68,14 @@ def place_of(orbit: str, site: tuple[float, float, float] | None) -> CameraPlace
 
 def moving_objects(
     solver: Solver,
-    run: Run,
+    run: AnalysisRun,
     *,
     objects: str,
     place: CameraPlace | None,
     top_rate_rad_s: float,
     created: datetime,
     progress: ProgressCallback,
-) -> Analysis:
+) -> AnalysisResult:
     """Return the objects that move over the solved frames of a run. ``objects``: two-line elements that may name them. Raises
     BadInput."""
     catalogue = catalogue_of(read_objects(objects))
@@ -123,10 +123,10 @@ def moving_objects(
         rejected,
         "".join(tdm_of(measured, "CAMERA" if place is None else place.name, exposure_s, velocity is not None, created)),
     )
-    return Analysis("moving", moving_report(record, run.known.camera, subject_of(run)), dict(as_record(record)))
+    return AnalysisResult("moving", moving_report(record, run.known.camera, subject_of(run)), dict(as_record(record)))
 
 
-def _sources(solver: Solver, run: Run, progress: ProgressCallback) -> tuple[list[FrameSpots], list[Shot]]:
+def _sources(solver: Solver, run: AnalysisRun, progress: ProgressCallback) -> tuple[list[FrameSpots], list[Shot]]:
     """Find the sources of all solved frames."""
     solved = [
         (shot, result)

@@ -7,7 +7,7 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
 from gss.operations.frames.solve import Solver
-from gss.operations.studies.analyse import Analysis, Run, subject_of
+from gss.operations.studies.analyse import AnalysisResult, AnalysisRun, subject_of
 from gss.operations.studies.night_frames import ProgressCallback
 from gss.operations.studies.sheet_record import SheetSource, as_sheet_record, sheet_report
 from gss.operations.studies.sheet_simulation import simulated_input
@@ -20,13 +20,13 @@ NEAR_S = 600.0
 
 
 def sheet_of_frames(
-    run: Run,
+    run: AnalysisRun,
     *,
-    second: Run | None = None,
+    second: AnalysisRun | None = None,
     mounting: tuple[float, ...] | None = None,
     temperature: tuple[Array, Array] | None = None,
     seed: int = 1,
-) -> Analysis:
+) -> AnalysisResult:
     """Return the sheet of solved frames. ``second``: frames of a second head; ``mounting``: quaternion camera from
     second head; ``temperature``: Unix seconds and °C of the unit."""
     profile, series = run.known, run.series
@@ -52,16 +52,16 @@ def sheet_of_frames(
 
 def sheet_of_simulation(
     solver: Solver, profile: CameraProfile, chain: str, seed: int, progress: ProgressCallback
-) -> Analysis:
+) -> AnalysisResult:
     """Return the sheet of a simulated unit."""
     given = simulated_input(solver, profile, chain, seed, progress)
     subject = f"simulated unit of {profile.name}, {len(given.series)} frames, seed {seed}, chain {chain}"
     return _sheet(given, profile, SheetSource(profile.name, profile.title, chain, "simulated", subject, seed))
 
 
-def _sheet(sheet_input: SheetInput, profile: CameraProfile, of: SheetSource) -> Analysis:
+def _sheet(sheet_input: SheetInput, profile: CameraProfile, of: SheetSource) -> AnalysisResult:
     sheet = performance_sheet(sheet_input, np.random.default_rng([of.seed, 64]))
-    return Analysis("sheet", sheet_report(sheet, of, profile.camera), as_sheet_record(sheet, of))
+    return AnalysisResult("sheet", sheet_report(sheet, of, profile.camera), as_sheet_record(sheet, of))
 
 
 def temperature_at(times_s: Array, at_s: Array, celsius: Array) -> Array | None:

@@ -11,7 +11,7 @@ import numpy as np
 from gss.domain.errors import BadInput, NotFound
 from gss.instruments.dictionary.definitions import Group, Item, PacketDefinition, TelemetryField
 from gss.operations.telemetry.derived import DerivedParameters
-from gss.operations.telemetry.rollups import BUCKET_S, MOMENT, PLOTTED, Buckets, Rollups, Stretch
+from gss.operations.telemetry.rollups import BUCKET_S, MOMENT, PLOTTED, Buckets, RollupHours, Rollups
 from gss.operations.telemetry.value_format import kind, number
 from gss.store import telemetry as store
 from gss.store.engine import Database
@@ -34,7 +34,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Series:
+class TelemetrySeries:
     """A field over a span: Unix seconds and values. ``samples``: number of samples in the span; ``thinned``: True if only
     some of them are included."""
 
@@ -137,21 +137,21 @@ class Archive:
                     return Column(key, packet.name, item)
         raise NotFound("unknown telemetry field", got=key, hint="see the dictionary")
 
-    def history(self, keys: Sequence[str], start: datetime, end: datetime, points: int) -> list[Series]:
+    def history(self, keys: Sequence[str], start: datetime, end: datetime, points: int) -> list[TelemetrySeries]:
         """Return each field over a span, at most ``points`` samples per field, preserving spikes. Enumerations by number,
         yes as 1. Raises BadInput for fields that cannot be plotted."""
         columns = self._checked(keys, start, end)
         for column in columns:
             if isinstance(column.field, Group) or kind(column.field) not in PLOTTED:
                 raise BadInput("only numbers, choices and yes/no values can be plotted", got=column.key)
-        series: dict[str, Series] = {}
+        series: dict[str, TelemetrySeries] = {}
         for packet in dict.fromkeys(c.packet for c in columns):
             of_packet = [c for c in columns if c.packet == packet]
             fields = [c.field for c in of_packet if isinstance(c.field, TelemetryField)]
             thinners = self._thinned(packet, fields, start, end, points)
             for column, thinner, definition in zip(of_packet, thinners, fields, strict=True):
                 t_s, y, thinned = thinner.result()
-                series[column.key] = Series(column.key, packet, definition, t_s, y, thinner.samples, thinned)
+                series[column.key] = TelemetrySeries(column.key, packet, definition, t_s, y, thinner.samples, thinned)
         return [series[key] for key in keys]
 
     def _thinned(
@@ -179,7 +179,7 @@ class Archive:
         self,
         packet: str,
         fields: Sequence[TelemetryField],
-        stretches: Sequence[Stretch],
+        stretches: Sequence[RollupHours],
         start: datetime,
         end: datetime,
         points: int,

@@ -74,7 +74,7 @@ class Buckets:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class RollupHours:
     """Consecutive hours, from ``first`` to ``last`` inclusive, with the buckets of each field."""
 
     first: int
@@ -198,7 +198,7 @@ class Rollups:
         newest = self._newest[packet]
         return -1 if newest is None else newest
 
-    def read(self, packet: str, names: Sequence[str], start: datetime, end: datetime) -> list[Stretch]:
+    def read(self, packet: str, names: Sequence[str], start: datetime, end: datetime) -> list[RollupHours]:
         """Return the rollups of the hours that lie completely within a span, in time order."""
         first, last = store.hour_of(start - MOMENT) + 1, store.hour_of(end) - 1
         parts: dict[int, dict[str, bytes]] = {}
@@ -209,7 +209,7 @@ class Rollups:
         # If the dictionary lacked a field when an hour was rolled up, that hour is read from packets instead.
         whole = [hour for hour in done if len(parts.get(hour, ())) == len(names)]
         return [
-            Stretch(
+            RollupHours(
                 run[0],
                 run[-1],
                 {name: Buckets.joined([Buckets.unpacked(hour, parts[hour][name]) for hour in run]) for name in names},

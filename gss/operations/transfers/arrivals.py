@@ -15,7 +15,7 @@ from gss.domain.errors import StoreDown
 from gss.operations.clock import Monotonic
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import ServiceEvent
-from gss.operations.metrics import Sample
+from gss.operations.metrics import MetricSample
 from gss.store.models import Transfer
 
 MOST_WAITING = 4
@@ -62,12 +62,12 @@ class Writer:
             self.waited_s += self._monotonic_s() - since_s
         return job
 
-    def samples(self) -> Iterator[Sample]:
+    def samples(self) -> Iterator[MetricSample]:
         """Yield metrics: depth of the queue, number and duration of waits."""
         depth = float(self._jobs.qsize())
-        yield Sample("gss_queue_depth", "Items waiting in a queue.", "gauge", depth, (("queue", "store"),))
-        yield Sample("gss_line_waits_total", "Waits of the line for the store.", "counter", self.waits)
-        yield Sample("gss_line_waited_seconds_total", "Total waiting time.", "counter", self.waited_s)
+        yield MetricSample("gss_queue_depth", "Items waiting in a queue.", "gauge", depth, (("queue", "store"),))
+        yield MetricSample("gss_line_waits_total", "Waits of the line for the store.", "counter", self.waits)
+        yield MetricSample("gss_line_waited_seconds_total", "Total waiting time.", "counter", self.waited_s)
 
     def finish(self, within_s: float) -> None:
         """Wait until all jobs are done, but no longer than ``within_s``, because a store may hang."""

@@ -37,7 +37,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Picture:
+class DeviceImage:
     """(rows, columns) pixels, 0 where none was received. ``boxes``: received rectangles if only a part was requested;
     ``rows_held``: inclusive row ranges with received pixels; ``complete``: True if it is a whole image without gaps."""
 
@@ -54,7 +54,7 @@ def shape_of(info: Mapping[str, Any], columns: int, rows: int, bits: int) -> Sha
 
 def picture_of(
     kind: str, data: bytes, shape: Shape, part: Part | None, held_bytes: Sequence[tuple[int, int]]
-) -> Picture:
+) -> DeviceImage:
     """Return the pixels of a transfer. ``held_bytes``: half-open ranges of received bytes, empty if all were received.
     Raises CorruptData."""
     if kind == "star_windows":
@@ -65,7 +65,7 @@ def picture_of(
     columns = shape.columns // factor
     pixels = _grid(data, columns, shape.wire)
     rows = _whole_rows(held_bytes, columns * shape.wire.itemsize, len(pixels))
-    return Picture(pixels, rows, (), not held_bytes)
+    return DeviceImage(pixels, rows, (), not held_bytes)
 
 
 def _grid(data: bytes, columns: int, wire: np.dtype[Any]) -> Pixels:
@@ -85,7 +85,7 @@ def _whole_rows(held_bytes: Sequence[tuple[int, int]], row_bytes: int, rows: int
     return tuple((first, last) for first, last in whole if first <= last)
 
 
-def _region(data: bytes, shape: Shape, part: Part, held_bytes: Sequence[tuple[int, int]]) -> Picture:
+def _region(data: bytes, shape: Shape, part: Part, held_bytes: Sequence[tuple[int, int]]) -> DeviceImage:
     """Place a rectangle in an image of the full size, so that pixel coordinates are those of the detector."""
     inside = part.columns > 0 and part.col_px + part.columns <= shape.columns
     if not inside or part.row_px + part.rows > shape.rows:
@@ -95,10 +95,10 @@ def _region(data: bytes, shape: Shape, part: Part, held_bytes: Sequence[tuple[in
     pixels[part.row_px : part.row_px + len(cut), part.col_px : part.col_px + part.columns] = cut
     rows = _whole_rows(held_bytes, part.columns * shape.wire.itemsize, len(cut))
     boxes = tuple((part.col_px, part.row_px + a, part.columns, b - a + 1) for a, b in rows)
-    return Picture(pixels, tuple((part.row_px + a, part.row_px + b) for a, b in rows), boxes, False)
+    return DeviceImage(pixels, tuple((part.row_px + a, part.row_px + b) for a, b in rows), boxes, False)
 
 
-def _windows(data: bytes) -> Picture:
+def _windows(data: bytes) -> DeviceImage:
     """Place square star windows in an image of the full size."""
     pixels, windows = decode_windows(data)
     boxes = tuple((w.col_px, w.row_px, w.columns, w.rows) for w in windows)
@@ -107,7 +107,7 @@ def _windows(data: bytes) -> Picture:
         real[w.row_px + 1 : w.row_px + 1 + w.rows] = True
     edges = np.flatnonzero(real[1:] != real[:-1])
     rows = tuple((int(a), int(b) - 1) for a, b in edges.reshape(-1, 2))
-    return Picture(pixels, rows, boxes, False)
+    return DeviceImage(pixels, rows, boxes, False)
 
 
 def wire_bytes(pixels: NDArray[np.generic], shape: Shape) -> bytes:

@@ -11,7 +11,7 @@ from typing import Any
 from gss.domain.callbacks import no_progress
 from gss.domain.errors import CorruptData, GssError, NotFound, StoreDown
 from gss.operations.accounts.audit import AuditService
-from gss.operations.jobs import JobKind, JobRequest, JobService, Progress, Run
+from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, Progress
 from gss.operations.line.capture_files import PACKED, capture_files, plain_name
 from gss.operations.line.raw_capture import read_captures
 from gss.store import devices
@@ -35,7 +35,7 @@ class Finding:
 
 
 @dataclass
-class Report:
+class StoreReport:
     """Results of all checks."""
 
     findings: list[Finding] = field(default_factory=list)
@@ -60,9 +60,9 @@ class Report:
 
 def check_store(
     database: Database, blobs: BlobStore, captures: Path, audit: AuditService, progress: Progress = no_progress
-) -> Report:
+) -> StoreReport:
     """Run all checks. Every problem becomes a finding; only cancelling raises."""
-    report = Report()
+    report = StoreReport()
     _look(report, "database", lambda: _database(report, database, progress))
     _look(report, "bytes", lambda: _blobs(report, database, blobs, progress))
     _look(report, "captures", lambda: _captures(report, database, captures, progress))
@@ -70,14 +70,14 @@ def check_store(
     return report
 
 
-def _look(report: Report, name: str, look: Callable[[], None]) -> None:
+def _look(report: StoreReport, name: str, look: Callable[[], None]) -> None:
     try:
         look()
     except (CorruptData, StoreDown, OSError, ValueError) as error:
         report.findings.append(Finding(name, ERROR, str(error)))
 
 
-def _database(report: Report, database: Database, progress: Progress) -> None:
+def _database(report: StoreReport, database: Database, progress: Progress) -> None:
     progress(0, 0, "reading the database")
     with database.unit_of_work() as session:
         bad = store.integrity_problems(session)
@@ -91,7 +91,7 @@ def _database(report: Report, database: Database, progress: Progress) -> None:
         report.rows = store.row_counts(session)
 
 
-def _blobs(report: Report, database: Database, blobs: BlobStore, progress: Progress) -> None:
+def _blobs(report: StoreReport, database: Database, blobs: BlobStore, progress: Progress) -> None:
     with database.unit_of_work() as session:
         wanted: dict[str, store.Reference] = {}
         for reference in store.references(session):
@@ -118,7 +118,7 @@ def _blobs(report: Report, database: Database, blobs: BlobStore, progress: Progr
     report.add("unused files", orphans, "none", words, NOTE)
 
 
-def _captures(report: Report, database: Database, folder: Path, progress: Progress) -> None:
+def _captures(report: StoreReport, database: Database, folder: Path, progress: Progress) -> None:
     with database.unit_of_work() as session:
         contacts = [row for row, *_ in devices.list_contacts(session, 1_000_000)]
     files = {plain_name(path): path for path in capture_files(folder)}
@@ -145,7 +145,7 @@ def _captures(report: Report, database: Database, folder: Path, progress: Progre
     report.add("short captures", short, "none is shorter than recorded", "files are shorter than recorded")
 
 
-def _audit(report: Report, audit: AuditService) -> None:
+def _audit(report: StoreReport, audit: AuditService) -> None:
     verdict = audit.verify()
     if verdict.problem:
         report.findings.append(Finding("audit", ERROR, f"the audit log is not intact: {verdict.problem}"))
@@ -170,7 +170,7 @@ class CheckStoreService:
         """Queue a check as a job; its result is the report."""
         return self._jobs.begin("check-store", "check the store", JobRequest(user=user))
 
-    def _work(self, _request: JobRequest, run: Run) -> dict[str, Any]:
+    def _work(self, _request: JobRequest, run: JobRun) -> dict[str, Any]:
         try:
             return check_store(self._database, self._blobs, self._captures, self._audit, run.progress).plain()
         except OSError as error:

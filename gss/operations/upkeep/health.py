@@ -19,7 +19,7 @@ from gss.operations.jobs import JobService
 from gss.operations.line.capture_files import capture_sizes
 from gss.operations.line.dispatcher import Dispatcher
 from gss.operations.line.link import LinkService
-from gss.operations.metrics import Sample, StreamCounts
+from gss.operations.metrics import MetricSample, StreamCounts
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.operations.upkeep.audit_watch import AuditWatch
 from gss.operations.upkeep.backup import BackupService
@@ -38,7 +38,7 @@ KIB = 1 if sys.platform == "darwin" else 1024
 
 
 @dataclass(frozen=True)
-class Check:
+class HealthCheck:
     """One check. ``state``: ok, watch, warning, critical, unknown."""
 
     name: str
@@ -52,7 +52,7 @@ class Health:
     """All checks and the worst state."""
 
     state: str
-    checks: tuple[Check, ...]
+    checks: tuple[HealthCheck, ...]
 
 
 class HealthService:
@@ -106,98 +106,104 @@ class HealthService:
         states = [State(c.state) for c in checks if c.state != UNKNOWN]
         return Health(max(states, key=ORDER.__getitem__, default=State.OK).value, checks)
 
-    def _database_check(self) -> Check:
+    def _database_check(self) -> HealthCheck:
         if self._database.damage:
             text = f"damaged: {self._database.damage}; run gss check store, then gss restore"
-            return Check("database", "critical", None, text)
+            return HealthCheck("database", "critical", None, text)
         with self._database.unit_of_work() as session:
             size = store.database_bytes(session)
         pages = f"; {self._pages.state}" if self._pages.state else ""
-        return Check("database", "ok", size, megabytes(size) + pages)
+        return HealthCheck("database", "ok", size, megabytes(size) + pages)
 
-    def _audit_log_check(self) -> Check:
+    def _audit_log_check(self) -> HealthCheck:
         if self._audit.problem:
-            return Check("audit log", "critical", None, f"not intact: {self._audit.problem}")
-        return Check("audit log", "ok", None, self._audit.state)
+            return HealthCheck("audit log", "critical", None, f"not intact: {self._audit.problem}")
+        return HealthCheck("audit log", "ok", None, self._audit.state)
 
-    def _disk_check(self) -> Check:
+    def _disk_check(self) -> HealthCheck:
         room = self._disk.look()
-        return Check("disk", room.level.value, room.free_bytes, room.text)
+        return HealthCheck("disk", room.level.value, room.free_bytes, room.text)
 
-    def _blobs_check(self) -> Check:
-        return Check("blobs", "ok", None, self._blobs.check())
+    def _blobs_check(self) -> HealthCheck:
+        return HealthCheck("blobs", "ok", None, self._blobs.check())
 
-    def _captures_check(self) -> Check:
+    def _captures_check(self) -> HealthCheck:
         size = sum(file.bytes for file in capture_sizes(self._captures))
         lost = self._link.capture.lost_bytes
         if self._link.capture.fails:
-            return Check("captures", "critical", lost, f"not written: {self._link.capture.fails}; {lost} bytes lost")
+            return HealthCheck(
+                "captures", "critical", lost, f"not written: {self._link.capture.fails}; {lost} bytes lost"
+            )
         text = f"{megabytes(size)}" + (f"; {lost} bytes were lost earlier" if lost else "")
-        return Check("captures", "watch" if lost else "ok", size, text)
+        return HealthCheck("captures", "watch" if lost else "ok", size, text)
 
-    def _record_check(self) -> Check:
+    def _record_check(self) -> HealthCheck:
         fails, unstored = self._telemetry.store_fails, self._telemetry.unstored
         if fails:
-            return Check("telemetry record", "critical", unstored, f"not stored: {fails}; {unstored} packets so far")
+            return HealthCheck(
+                "telemetry record", "critical", unstored, f"not stored: {fails}; {unstored} packets so far"
+            )
         text = f"{unstored} packets are in the raw capture only" if unstored else "every packet was stored"
-        return Check("telemetry record", "watch" if unstored else "ok", unstored, text)
+        return HealthCheck("telemetry record", "watch" if unstored else "ok", unstored, text)
 
-    def _link_check(self) -> Check:
+    def _link_check(self) -> HealthCheck:
         if not self._link.connected:
-            return Check("link", "watch" if self._link.url else "ok", None, f"down: {self._link.reason}")
+            return HealthCheck("link", "watch" if self._link.url else "ok", None, f"down: {self._link.reason}")
         last_good_s = self._link.counters.last_good_s
         age_s = None if last_good_s is None else max(0.0, self._monotonic_s() - last_good_s)
         if not self._link.alive():
-            return Check("link", "critical", age_s, "the link thread does not respond")
+            return HealthCheck("link", "critical", age_s, "the link thread does not respond")
         if self._dispatcher.is_slow():
             text = f"received data has been waiting for the store for {self._dispatcher.busy_s:.0f} s"
-            return Check("link", "critical", age_s, text)
+            return HealthCheck("link", "critical", age_s, text)
         if age_s is None or age_s > RECEIVED_WITHIN_S:
-            return Check("link", "warning", age_s, "open, but no valid packet received")
-        return Check("link", "ok", age_s, f"up on {self._link.url}")
+            return HealthCheck("link", "warning", age_s, "open, but no valid packet received")
+        return HealthCheck("link", "ok", age_s, f"up on {self._link.url}")
 
-    def _jobs_check(self) -> Check:
+    def _jobs_check(self) -> HealthCheck:
         waiting = self._jobs.waiting()
         failed = [job for job in self._jobs.newest(20) if job.state == "failed"]
         text = f"{waiting} queued or running" + (f", {len(failed)} of the last 20 failed" if failed else "")
-        return Check("jobs", "watch" if failed else "ok", waiting, text)
+        return HealthCheck("jobs", "watch" if failed else "ok", waiting, text)
 
-    def _queues_check(self) -> Check:
+    def _queues_check(self) -> HealthCheck:
         lost = self._dropped()
         total = sum(lost.values())
         words = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
-        return Check("queues", "watch" if total else "ok", total, f"dropped: {words}" if total else "nothing dropped")
+        return HealthCheck(
+            "queues", "watch" if total else "ok", total, f"dropped: {words}" if total else "nothing dropped"
+        )
 
     def _dropped(self) -> dict[str, int]:
         """Return the number of items that each bounded queue dropped, by its name."""
         frames, events, messages = self._frames.skipped, self._dispatcher.dropped, self._streams.dropped
         return {"solve": frames, "line events": events, "stream": messages}
 
-    def _clock_check(self) -> Check:
+    def _clock_check(self) -> HealthCheck:
         jump_s = self._clocks.last_jump_s
         if jump_s is None:
-            return Check("clock", "ok", None, "no jump since the server started")
+            return HealthCheck("clock", "ok", None, "no jump since the server started")
         state = "watch" if self._clocks.steady() else "warning"
-        return Check("clock", state, jump_s, f"jumped by {jump_s:+.1f} s")
+        return HealthCheck("clock", state, jump_s, f"jumped by {jump_s:+.1f} s")
 
-    def _backup_check(self) -> Check:
+    def _backup_check(self) -> HealthCheck:
         at = self._backups.newest_at()
         if at is None:
-            return Check("backup", "watch", None, "no backup. Run gss backup, or use Admin, Backups")
+            return HealthCheck("backup", "watch", None, "no backup. Run gss backup, or use Admin, Backups")
         days = (self._now() - at).total_seconds() / 86400
-        return Check("backup", "watch" if days > OLD_BACKUP_DAYS else "ok", days, f"{days:.1f} days old")
+        return HealthCheck("backup", "watch" if days > OLD_BACKUP_DAYS else "ok", days, f"{days:.1f} days old")
 
-    def _memory_check(self) -> Check:
+    def _memory_check(self) -> HealthCheck:
         now, most = memory_bytes()
-        return Check("memory", "ok", now, f"{megabytes(now)}, at most {megabytes(most)}")
+        return HealthCheck("memory", "ok", now, f"{megabytes(now)}, at most {megabytes(most)}")
 
-    def _uptime_check(self) -> Check:
+    def _uptime_check(self) -> HealthCheck:
         up_s = self._monotonic_s() - self._started_s
-        return Check("version", "ok", up_s, f"GSS {__version__}, up for {up_s / 3600:.1f} h")
+        return HealthCheck("version", "ok", up_s, f"GSS {__version__}, up for {up_s / 3600:.1f} h")
 
     # --- metrics ------------------------------------------------------------------------------------------------
 
-    def samples(self) -> Iterator[Sample]:
+    def samples(self) -> Iterator[MetricSample]:
         """Yield the current metrics."""
         counters = self._link.counters
         for way, c in (("sent", counters.sent), ("received", counters.received)):
@@ -252,17 +258,17 @@ def memory_bytes() -> tuple[int, int]:
     return pages * PAGE_BYTES, most
 
 
-def _looked(look: Callable[[], Check]) -> Check:
+def _looked(look: Callable[[], HealthCheck]) -> HealthCheck:
     try:
         return look()
     except (GssError, OSError) as error:
         name = getattr(look, "__name__", "check").strip("_").removesuffix("_check").replace("_", " ")
-        return Check(name, "critical", None, str(error))
+        return HealthCheck(name, "critical", None, str(error))
 
 
-def _gauge(name: str, text: str, value: float, **labels: str) -> Sample:
-    return Sample(name, text, "gauge", value, tuple(sorted(labels.items())))
+def _gauge(name: str, text: str, value: float, **labels: str) -> MetricSample:
+    return MetricSample(name, text, "gauge", value, tuple(sorted(labels.items())))
 
 
-def _counter(name: str, text: str, value: float, **labels: str) -> Sample:
-    return Sample(name, text, "counter", value, tuple(sorted(labels.items())))
+def _counter(name: str, text: str, value: float, **labels: str) -> MetricSample:
+    return MetricSample(name, text, "counter", value, tuple(sorted(labels.items())))

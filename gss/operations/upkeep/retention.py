@@ -19,7 +19,7 @@ from gss.domain.errors import BadInput, Conflict
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
-from gss.operations.jobs import JobKind, JobRequest, JobService, Run
+from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService
 from gss.operations.line.capture_files import SizedFile, capture_sizes
 from gss.operations.line.link import LinkService
 from gss.operations.upkeep.clock_trust import ClockTrust
@@ -198,12 +198,12 @@ class RetentionService:
 
     # --- removal ------------------------------------------------------------------------------------------------
 
-    def work(self, request: RemovalJob, run: Run) -> dict[str, Any]:
+    def work(self, request: RemovalJob, run: JobRun) -> dict[str, Any]:
         """Run a removal. The lock excludes a concurrent backup, which must find the blobs that its rows reference."""
         with named_lock(self._lock, "", wait=True):
             return self._remove(request, run)
 
-    def _remove(self, request: RemovalJob, run: Run) -> dict[str, Any]:
+    def _remove(self, request: RemovalJob, run: JobRun) -> dict[str, Any]:
         """Remove step by step; the checkpoint holds the amounts removed and the blobs whose rows are already marked."""
         self._trust.require("retention")
         policy, confirmed = request.policy, request.confirmed
@@ -241,7 +241,7 @@ class RetentionService:
                 choices.write(session, WAITING, {"text": removal.unusual}, self._now(), "gss")
             raise
 
-    def _pixels(self, policy: Policy, at: datetime, removed: dict[str, int], run: Run) -> None:
+    def _pixels(self, policy: Policy, at: datetime, removed: dict[str, int], run: JobRun) -> None:
         going = list(self.going(policy, at))
         for group in _groups(going):
             run.progress(removed["frames"], len(going), f"pixels of {removed['frames']} of {len(going)} frames")
@@ -278,7 +278,7 @@ class RetentionService:
                 self._blobs.delete(key)
 
     def _batches(
-        self, run: Run, removed: dict[str, int], name: str, at: datetime, remove: Callable[[Any], int]
+        self, run: JobRun, removed: dict[str, int], name: str, at: datetime, remove: Callable[[Any], int]
     ) -> None:
         while True:
             run.progress(removed[name], 0, f"{name}: {removed[name]} removed")
@@ -289,7 +289,7 @@ class RetentionService:
             if not gone:
                 return
 
-    def _thin(self, run: Run, removed: dict[str, int], kind: str, at: datetime, before: datetime) -> None:
+    def _thin(self, run: JobRun, removed: dict[str, int], kind: str, at: datetime, before: datetime) -> None:
         reached = None
         while True:
             run.progress(removed["thinned"], 0, f"thinning {kind}: {removed['thinned']} removed")

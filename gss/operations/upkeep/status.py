@@ -41,7 +41,7 @@ class DirectionState:
 
 
 @dataclass(frozen=True)
-class Alarm:
+class StatusAlarm:
     """A condition that needs attention, and its start."""
 
     id: str
@@ -73,7 +73,7 @@ class Header:
     device_dictionary_hash: str | None
     dictionary_match: bool | None
     dictionary_acknowledged: bool
-    alarms: list[Alarm]
+    alarms: list[StatusAlarm]
     contact_id: int | None
     authority: str | None
     utc: datetime
@@ -178,13 +178,13 @@ class StatusService:
         tx = DirectionState("up" if alive else "down", tx_age_s, 0.0, sent.bytes, sent.good, 0)
         return tx, DirectionState(rx_state, age_s, rate, received.bytes, received.good, received.bad)
 
-    def _alarms(self, rx: DirectionState, match: bool | None) -> list[Alarm]:
+    def _alarms(self, rx: DirectionState, match: bool | None) -> list[StatusAlarm]:
         conditions = self._line_alarms(rx, match)
         if self._link.connected:
             conditions |= self._bank_alarms()
         now = self._now()
         self._since = {key: self._since.get(key, now) for key in conditions}
-        alarms = [Alarm(key, level, text, self._since[key]) for key, (level, text) in conditions.items()]
+        alarms = [StatusAlarm(key, level, text, self._since[key]) for key, (level, text) in conditions.items()]
         alarms += self._latched_alarms("silent" in conditions)
         return sorted(alarms, key=lambda a: (-ORDER[a.level], a.since))
 
@@ -200,11 +200,11 @@ class StatusService:
             conditions["dictionary"] = ("warning", "Dictionary differs from the device's")
         return conditions
 
-    def _latched_alarms(self, silent: bool) -> list[Alarm]:
+    def _latched_alarms(self, silent: bool) -> list[StatusAlarm]:
         """Return open alarms that are not shelved; a silent line is reported only once."""
         views = [v for v in self._latched.opened() if not v.shelved]
         return [
-            Alarm(f"alarm-{v.row.id}", v.row.worst, v.text, v.row.raised)
+            StatusAlarm(f"alarm-{v.row.id}", v.row.worst, v.text, v.row.raised)
             for v in views
             if not (silent and (v.row.packet, v.row.field) == SIGNAL)
         ]
