@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
+
 def defined(root: Path) -> Iterator[tuple[str, str]]:
     """Yield name and ``path:line`` of each public class at the top level of a module."""
     for room in ("gss", "validation"):
