@@ -75,6 +75,17 @@ class CellsOut(Out):
     unit: str
 
 
+class WorldOut(Out):
+    """Map of the Earth: rows from north to south, columns from 180° west; ``coasts``: lines of (east, north) in degrees."""
+
+    kind: Literal["world"]
+    title: str
+    values: list[list[float | None]]
+    unit: str
+    coasts: list[list[tuple[float, float]]]
+    note: str
+
+
 class PictureOut(Out):
     """Greyscale picture of the detector, a PNG file in base64."""
 
@@ -107,7 +118,7 @@ class SectionOut(Out):
     title: str
     text: str
     facts: list[FactOut]
-    drawings: list[Annotated[PlotOut | ArrowsOut | CellsOut | PictureOut, Field(discriminator="kind")]]
+    drawings: list[Annotated[PlotOut | ArrowsOut | CellsOut | WorldOut | PictureOut, Field(discriminator="kind")]]
     tables: list[TableViewOut]
 
 

@@ -6,6 +6,8 @@ import math
 from datetime import UTC, datetime
 
 MINUS = "\N{MINUS SIGN}"
+DAY_S = 86400
+DAYS = (1, 2, 7, 14, 30, 60, 120, 365, 1461)
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
@@ -24,10 +26,19 @@ def decades(low: float, high: float) -> list[float]:
     return [10.0**k for k in range(math.ceil(math.log10(low) - 1e-9), math.floor(math.log10(high) + 1e-9) + 1)]
 
 
+def log_ticks(low: float, high: float) -> list[float]:
+    """Return the powers of ten, with their double and fivefold if there are fewer than three."""
+    whole = decades(low, high)
+    if len(whole) >= 3:
+        return whole
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    return [m * 10.0**k for k in range(first, last + 1) for m in (1, 2, 5) if low <= m * 10.0**k <= high]
+
+
 def time_ticks(low: float, high: float) -> list[float]:
-    """Return whole seconds, minutes or hours from low to high, Unix seconds."""
-    steps = (1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, 86400)
-    step = next((s for s in steps if (high - low) / s <= 6), 7 * 86400)
+    """Return whole seconds, minutes, hours or days from low to high, Unix seconds."""
+    steps = (1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, *(DAY_S * d for d in DAYS))
+    step = next((s for s in steps if (high - low) / s <= 6), DAY_S * DAYS[-1])
     return [float(k * step) for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
@@ -44,6 +55,7 @@ def written(value: float, step: float) -> str:
 
 
 def clock(unix_s: float, span_s: float) -> str:
-    """Format the time of day, UTC; with the date if the axis is longer than a day."""
-    form = "%H:%M:%S" if span_s < 3600 else "%H:%M" if span_s < 86400 else "%m-%d %H:%M"
+    """Format the time of day, UTC; with the date if the axis is longer than a day, the date alone if longer than 12 days."""
+    form = "%H:%M:%S" if span_s < 3600 else "%H:%M" if span_s < DAY_S else "%m-%d %H:%M"
+    form = "%Y-%m-%d" if span_s > 12 * DAY_S else form
     return datetime.fromtimestamp(unix_s, UTC).strftime(form)

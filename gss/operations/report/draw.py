@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gss.operations.report import draw_sky
-from gss.operations.report.axes import MINUS, clock, decades, ticks, time_ticks, written
-from gss.operations.report.parts import Arrows, Cells, Drawn, Outline, Plot, Series, Shares, SkyMap
+from gss.operations.report import draw_sky, draw_world
+from gss.operations.report.axes import MINUS, clock, log_ticks, ticks, time_ticks, written
+from gss.operations.report.parts import Arrows, Cells, Drawn, Outline, Plot, Series, Shares, SkyMap, WorldMap
 from gss.operations.report.pens import COLOURS, HAIR, INK, SOFT, Pen, Point
+from gss.operations.report.shades import shade
 
 WIDTH, PLOT_HEIGHT = 510.0, 170.0
 LEFT, RIGHT, TOP, BOTTOM = 54.0, 10.0, 20.0, 30.0
@@ -23,6 +24,8 @@ def height_of(drawing: Drawn) -> float:
         return PLOT_HEIGHT
     if isinstance(drawing, SkyMap):
         return draw_sky.HEIGHT
+    if isinstance(drawing, WorldMap):
+        return draw_world.HEIGHT
     if isinstance(drawing, Shares):
         return SHARES_HEIGHT
     if isinstance(drawing, Outline):
@@ -36,6 +39,8 @@ def draw(pen: Pen, drawing: Drawn) -> None:
         _plot(pen, drawing)
     elif isinstance(drawing, SkyMap):
         draw_sky.draw_sky(pen, drawing)
+    elif isinstance(drawing, WorldMap):
+        draw_world.draw_world(pen, drawing)
     elif isinstance(drawing, Shares):
         _shares(pen, drawing)
     elif isinstance(drawing, Outline):
@@ -113,7 +118,7 @@ def _room(low: float, high: float, share: float) -> tuple[float, float]:
 
 def _axes(pen: Pen, plot: Plot, f: _Frame) -> None:
     bottom = PLOT_HEIGHT - BOTTOM
-    y_ticks = decades(f.y0, f.y1) if plot.log_y else ticks(f.y0, f.y1)
+    y_ticks = log_ticks(f.y0, f.y1) if plot.log_y else ticks(f.y0, f.y1)
     if plot.log_y and len(y_ticks) < 2:
         y_ticks = ticks(f.y0, f.y1)
     step = y_ticks[1] - y_ticks[0] if len(y_ticks) > 1 else 1.0
@@ -127,7 +132,7 @@ def _axes(pen: Pen, plot: Plot, f: _Frame) -> None:
             anchor="end",
             colour=SOFT,
         )
-    x_ticks = time_ticks(f.x0, f.x1) if plot.time else decades(f.x0, f.x1) if plot.log_x else ticks(f.x0, f.x1, 8)
+    x_ticks = time_ticks(f.x0, f.x1) if plot.time else log_ticks(f.x0, f.x1) if plot.log_x else ticks(f.x0, f.x1, 8)
     if plot.log_x and len(x_ticks) < 2:
         x_ticks = ticks(f.x0, f.x1, 8)
     step = x_ticks[1] - x_ticks[0] if len(x_ticks) > 1 else 1.0
@@ -243,9 +248,6 @@ def _key(pen: Pen, y: float, one_px: float, note: str) -> None:
     pen.text(LEFT + DETECTOR_WIDTH, y + 3, note, size=7.5, colour=SOFT, anchor="end")
 
 
-SHADES = ("#eef4fa", "#cfe1f0", "#9fc5e3", "#6aa3d0", "#3a7fb5", "#1c5a8c", "#0c3a5f")
-
-
 def _cells(pen: Pen, c: Cells) -> None:
     place = _detector(pen, c.title, c.columns, c.rows)
     numbers = [v for line in c.values for v in line if v is not None]
@@ -259,7 +261,7 @@ def _cells(pen: Pen, c: Cells) -> None:
                 place(i * across - 0.5, j * down - 0.5),
                 place((i + 1) * across - 0.5, (j + 1) * down - 0.5),
             )
-            pen.box(x0, y0, x1 - x0, y1 - y0, fill=_shade(value, low, high))
+            pen.box(x0, y0, x1 - x0, y1 - y0, fill=shade(value, low, high))
             if (x1 - x0) > 24:
                 dark = (value - low) > 0.55 * (high - low)
                 pen.text(
@@ -272,8 +274,3 @@ def _cells(pen: Pen, c: Cells) -> None:
                 )
     y = TOP + DETECTOR_WIDTH * c.rows / c.columns + 13
     pen.text(LEFT, y, f"{low:.3g} to {high:.3g} {c.unit}".replace("-", MINUS), size=7.5, colour=SOFT)
-
-
-def _shade(value: float, low: float, high: float) -> str:
-    share = 0.5 if high <= low else (value - low) / (high - low)
-    return SHADES[min(len(SHADES) - 1, int(share * len(SHADES)))]

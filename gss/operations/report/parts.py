@@ -116,6 +116,19 @@ class SkyMap:
 
 
 @dataclass(frozen=True)
+class WorldMap:
+    """The Earth: rows of values from north to south and from 180° west to 180° east, None where there are no data; ``unit`` of
+    the values. ``coasts``: lines of (east, north) in degrees."""
+
+    title: str
+    values: list[list[Number]]
+    unit: str
+    coasts: list[list[tuple[float, float]]]
+    note: str = ""
+    kind: str = "world"
+
+
+@dataclass(frozen=True)
 class Shares:
     """Parts of a whole side by side, in ``unit``."""
 
@@ -136,7 +149,7 @@ class Outline:
     kind: str = "outline"
 
 
-Drawn = Plot | Arrows | Cells | SkyMap | Shares | Outline
+Drawn = Plot | Arrows | Cells | SkyMap | WorldMap | Shares | Outline
 """Drawings that a pen renders."""
 Drawing = Drawn | Picture
 
@@ -205,11 +218,12 @@ def _section(s: dict[str, Any]) -> Section:
     )
 
 
-KINDS: dict[str, type[Arrows | Cells | Picture | SkyMap | Shares | Outline]] = {
+KINDS: dict[str, type[Arrows | Cells | Picture | SkyMap | WorldMap | Shares | Outline]] = {
     "arrows": Arrows,
     "cells": Cells,
     "picture": Picture,
     "sky": SkyMap,
+    "world": WorldMap,
     "shares": Shares,
     "outline": Outline,
 }

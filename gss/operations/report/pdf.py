@@ -14,6 +14,7 @@ from PIL import Image
 from gss.operations.report.draw import WIDTH, draw, height_of
 from gss.operations.report.parts import Drawing, Note, Picture, Report, Section, Table
 from gss.operations.report.pens import INK, SOFT, Point
+from gss.operations.report.table_layout import TableLayout, table_layout
 
 if TYPE_CHECKING:
     from fpdf import FPDF
@@ -24,7 +25,7 @@ FACES = {"latin": "ibm-plex-sans-latin", "greek": "ibm-plex-sans-greek"}
 PLAIN = str.maketrans({"≤": "<=", "≥": ">=", "→": "to", "√": "root ", "⁻": "-", "₁": "1", "₂": "2", "₃": "3"})
 BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": "'", "−": "-", "×": "x", "Δ": "d", "ρ": "r"})
 """Replacements for an installation without built pages, limited to letters that every PDF reader has."""
-MARGIN, LINE = 42.0, 12.0
+MARGIN, LINE, LEADING = 42.0, 12.0, 1.3
 MOST_ROWS = 400
 """Longer tables belong in the CSV; the report states how many rows were omitted."""
 
@@ -76,11 +77,13 @@ class _Sheet:
     def note(self, note: Note) -> None:
         """Add a warning with its hint."""
         word = "Do not rely on this: " if note.severe else "Note: "
-        self.words(f"{word}{note.text} {note.hint}", colour="#a04600", gap=4)
+        stop = "" if not note.hint or note.text.endswith((".", "!", "?")) else "."
+        self.words(f"{word}{note.text}{stop} {note.hint}", colour="#a04600", gap=4)
 
     def section(self, section: Section) -> None:
-        """Add a heading with its content; the heading is never the last line of a page."""
-        self.room(60)
+        """Add a heading with its content; the heading is on the page of the first drawing or of the first lines."""
+        first = 0.0 if section.facts or not section.drawings else self._drawn_height(section.drawings[0])
+        self.room(60 + first)
         self.y += 8
         self.words(section.title, size=11, bold=True, gap=1)
         self.pdf.set_draw_color("#999999")
@@ -99,6 +102,9 @@ class _Sheet:
             self.drawing(drawing)
         for table in section.tables:
             self.table(table)
+
+    def _drawn_height(self, drawing: Drawing) -> float:
+        return 0.0 if isinstance(drawing, Picture) else height_of(drawing)
 
     def drawing(self, drawing: Drawing) -> None:
         """Add a drawing across the page."""
@@ -121,27 +127,41 @@ class _Sheet:
         self.y += height + 4
 
     def table(self, table: Table) -> None:
-        """Add a table. Columns are as wide as their longest word, reduced proportionally if they do not fit."""
+        """Add a table. Columns that do not fit are wrapped; the heading is repeated on each page."""
         if table.title:
-            self.words(table.title, bold=True, gap=0)
+            self.room(4 * LINE)
+            self.words(table.title, bold=True, gap=2)
         if not table.rows:
             self.words("None.", colour=SOFT)
             return
-        shown = table.rows[:MOST_ROWS]
-        wide = [max(len(row[k]) for row in [table.columns, *shown]) for k in range(len(table.columns))]
-        across = self.pdf.w - 2 * MARGIN
-        step = min(4.6, across / max(1, sum(w + 2 for w in wide)))
-        size = min(8.0, step * 1.75)
-        for number, row in enumerate([table.columns, *shown]):
-            self.room(LINE)
-            self.y += size * 1.35
-            at = MARGIN
-            for width, value in zip(wide, row, strict=True):
-                self.put(at, self.y, value, size=size, colour=SOFT if number == 0 else INK)
-                at += (width + 2) * step
+        layout = table_layout([table.columns, *table.rows[:MOST_ROWS]], self.pdf.w - 2 * MARGIN, self._width)
+        for number, row in enumerate(layout.rows):
+            if self.y + self._row_height(row, layout) > self.pdf.h - MARGIN:
+                self._page()
+                self._row(layout.rows[0], layout, SOFT)
+            self._row(row, layout, INK if number else SOFT)
         if len(table.rows) > MOST_ROWS:
             self.words(f"and {len(table.rows) - MOST_ROWS} more rows", colour=SOFT)
         self.y += 6
+
+    def _row_height(self, row: Sequence[Sequence[str]], layout: TableLayout) -> float:
+        return layout.size * LEADING * max(1, *(len(cell) for cell in row))
+
+    def _row(self, row: Sequence[Sequence[str]], layout: TableLayout, colour: str) -> None:
+        at = MARGIN
+        for width, cell in zip(layout.widths, row, strict=True):
+            for k, line in enumerate(cell):
+                self.put(at, self.y + (k + 1) * layout.size * LEADING, line, size=layout.size, colour=colour)
+            at += width
+        self.y += self._row_height(row, layout)
+
+    def _width(self, words: str, size: float) -> float:
+        """Return the width of a text."""
+        wide = 0.0
+        for face, run in _runs(words, self._faces):
+            self._use(face, size, False)
+            wide += self.pdf.get_string_width(run)
+        return wide
 
     def put(
         self,

@@ -123,6 +123,7 @@ export type ReportView = S['ReportViewOut'];
 export type ReportPlot = S['PlotOut'];
 export type ReportArrows = S['ArrowsOut'];
 export type ReportCells = S['CellsOut'];
+export type ReportWorld = S['WorldOut'];
 /** Who is signed in, as returned by GET /api/session. */
 export type SessionInfo = S['SessionOut'];
 export type Spacecraft = S['SpacecraftOut'];

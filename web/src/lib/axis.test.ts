@@ -5,6 +5,11 @@ describe('axes', () => {
   it('puts ticks at round times inside the span', () => {
     expect(timeTicks(0, 300)).toEqual([0, 60, 120, 180, 240, 300]);
   });
+  it('has a few dates on the axis of a year', () => {
+    const year = timeTicks(1_767_225_600, 1_798_761_600);
+    expect(year.length).toBeLessThanOrEqual(7);
+    expect(clockAt(1_767_225_600, 31_536_000)).toBe('2026-01-01');
+  });
   it('writes the decimals that the axis needs', () => {
     expect(written(-0.5, 0.25)).toBe('−0.50');
     expect(written(20, 10)).toBe('20');

@@ -1,8 +1,12 @@
+const DAY_S = 86400;
+const DAYS = [1, 2, 7, 14, 30, 60, 120, 365];
+
 /** Round times on a time axis, and formatting of axis numbers; round numbers are in plot.ts. */
 export function timeTicks(low: number, high: number): number[] {
   const step =
-    [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, 86400].find((s) => (high - low) / s <= 6) ??
-    604800;
+    [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 43200, ...DAYS.map((d) => d * DAY_S)].find(
+      (s) => (high - low) / s <= 6,
+    ) ?? 1461 * DAY_S;
   const out: number[] = [];
   for (let k = Math.ceil(low / step); k * step <= high; k++) out.push(k * step);
   return out;
@@ -23,5 +27,6 @@ export function written(value: number, step: number): string {
 
 export function clockAt(unix: number, span: number): string {
   const iso = new Date(unix * 1000).toISOString();
+  if (span > 12 * DAY_S) return iso.slice(0, 10);
   return span < 3600 ? iso.slice(11, 19) : span < 86400 ? iso.slice(11, 16) : iso.slice(5, 16).replace('T', ' ');
 }
