@@ -96,6 +96,9 @@ def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Re
         Fact("detector", f"{camera.columns} x {camera.rows} px, {number(camera.pixel_rad / ARCSEC_RAD, 3)}″ per pixel"),
         Fact("intervals", f"{100 * CONFIDENCE:.0f} %", "", f"bootstrap or Wilson, seed {of.seed}"),
     ]
+    if of.source == "simulated":
+        still = "does not bend with temperature: the interval is what this test resolves"
+        facts.append(Fact("mounting", "ideal", "", still))
     sections = [
         Section(
             "Performance",
@@ -109,8 +112,9 @@ def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Re
         sections.append(
             Section("Spatial errors", _scatter(sheet.spatial), [], _spatial_drawings(sheet.spatial, camera))
         )
-    if sheet.noise is not None:
-        sections.append(Section("Temporal noise", "", [], _noise_drawings(sheet.noise)))
+    noise = [] if sheet.noise is None else _noise_drawings(sheet.noise)
+    if noise:
+        sections.append(Section("Temporal noise", "", [], noise))
     if sheet.reference is not None:
         remaining_drawings = over_time(
             "Rotation from the reference, without the fitted terms",

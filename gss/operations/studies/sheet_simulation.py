@@ -13,6 +13,7 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.sensor import Defects
+from gss.operations.frames.observer import Observer
 from gss.operations.frames.solve import DEFAULT_EPOCH_JYEAR, Solver, SolveRequest
 from gss.operations.studies.night_frames import ProgressCallback
 from gss.pipeline.chip import make_chip
@@ -22,7 +23,17 @@ from gss.pipeline.score import Score, assess
 from gss.pipeline.sheet.collect import trials_of
 from gss.pipeline.sheet.sheet import SheetInput
 from gss.pipeline.sheet.trials import Trials
-from gss.pipeline.sheet.unit import Disturbance, Moment, Observation, RenderedUnit, scan, sheet_input, slew, staring
+from gss.pipeline.sheet.unit import (
+    CALIBRATED_C,
+    Disturbance,
+    Moment,
+    Observation,
+    RenderedUnit,
+    scan,
+    sheet_input,
+    slew,
+    staring,
+)
 from gss.pipeline.veil import Veil, halo, sun_stray
 
 SCAN_FRAMES, STARE_FRAMES, SLEW_FRAMES, EACH_FRAMES = 60, 60, 24, 8
@@ -31,6 +42,9 @@ STARE_PX = 0.03
 SLEW_PX = 2.0
 """Smear at the largest rate of the slew."""
 MOON_MAG, MOON_RAD, MOON_POINTS = -12.7, math.radians(0.26), 40
+EARTH_C, ORBIT_C, ORBIT_S = 9.94e-5, 2.5e-5, 5_700.0
+"""Speeds of the Earth and of a low orbit in units of c, and its period."""
+SWING_K = 10.0
 FAR_MARGIN_RAD = math.radians(10.0)
 PROTONS = 200
 AGED = (
@@ -59,10 +73,14 @@ class _Bench:
         stars = self.solver.cache.stars(DEFAULT_EPOCH_JYEAR)
         return RenderedUnit(p.camera, sensor, stars, p.sensor.exposure_s, chip)
 
-    def request(self) -> SolveRequest:
+    def request(self, moment: Moment) -> SolveRequest:
         """Return the request for the solver, without prior attitude."""
         return SolveRequest(
-            self.chain, known=self.profile, epoch_jyear=DEFAULT_EPOCH_JYEAR, exposure_s=self.profile.sensor.exposure_s
+            self.chain,
+            known=self.profile,
+            epoch_jyear=DEFAULT_EPOCH_JYEAR,
+            observer=Observer(moment.velocity_c, "aberration by the known velocity was corrected"),
+            exposure_s=self.profile.sensor.exposure_s,
         )
 
 
@@ -93,7 +111,7 @@ def simulated_input(
     for title, run in runs:
         for k, moment in enumerate(run):
             step(f"{title}, frame {k + 1} of {len(run)}")
-            seen.append(_observed(bench, unit, moment, rng))
+            seen.append(_observed(bench, unit, in_orbit(moment), rng))
     return replace(
         sheet_input(seen, profile.camera),
         acquisition=trials_of("pointings even over the sky, at rest, simulated", scores),
@@ -107,7 +125,7 @@ def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Call
     seen: list[Observation] = []
     stars = 0
     while len(seen) < SCAN_FRAMES or (stars < WANTED_STARS and len(seen) < MOST_SCAN_FRAMES):
-        moment = scan(1, rng, 10.0 * len(seen))[0]
+        moment = in_orbit(scan(1, rng, 100.0 * len(seen))[0])
         step(f"sky, frame {len(seen) + 1}")
         seen.append(_observed(bench, unit, moment, rng))
         matches = seen[-1].result.matches
@@ -115,9 +133,16 @@ def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Call
     return seen
 
 
+def in_orbit(moment: Moment) -> Moment:
+    """Return the moment with the velocity of a spacecraft in a low orbit, and with the temperature of an orbit."""
+    phase = 2 * math.pi * moment.time_s / ORBIT_S
+    velocity = (EARTH_C + ORBIT_C * math.cos(phase), ORBIT_C * math.sin(phase), 0.0)
+    return replace(moment, velocity_c=velocity, temperature_c=CALIBRATED_C + SWING_K * math.sin(phase))
+
+
 def _observed(bench: _Bench, unit: RenderedUnit, moment: Moment, rng: np.random.Generator) -> Observation:
     drawn = unit.frame(moment, rng)
-    return Observation(moment, bench.solver.solve(drawn.pixels, bench.request()), drawn.truth)
+    return Observation(moment, bench.solver.solve(drawn.pixels, bench.request(moment)), drawn.truth)
 
 
 def _scores(
@@ -132,10 +157,10 @@ def _scores(
     """Solve the same pointings under one condition."""
     rng = np.random.default_rng([seed, 62])
     made = []
-    for moment in scan(EACH_FRAMES, np.random.default_rng([seed, 63])):
+    for moment in map(in_orbit, scan(EACH_FRAMES, np.random.default_rng([seed, 63]))):
         step(title)
         drawn = unit.frame(moment, rng, disturbed, dark_factor)
-        made.append(assess(bench.solver.solve(drawn.pixels, bench.request()), drawn.truth, bench.profile.camera))
+        made.append(assess(bench.solver.solve(drawn.pixels, bench.request(moment)), drawn.truth, bench.profile.camera))
     return made
 
 
