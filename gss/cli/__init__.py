@@ -31,6 +31,7 @@ COMMANDS = {
     "analyse": ("night", "measure accuracy, rates, sensitivity and noise from the frames of a night"),
     "sheet": ("sheet", "make the performance sheet of a unit from its frames, or of a simulated one"),
     "moving": ("moving", "find satellites, debris and planets in a sequence of frames"),
+    "health": ("health", "follow lens, focus, sensitivity, warm pixels and radiation over the frames of a mission"),
     "bench": ("bench", "measure optical centre, tilt, focal length, distortion, dark current or focus on the bench"),
     "export": ("export", "write recordings and documents"),
     "check": ("check", "test a device against the interface document, or a record for gaps"),

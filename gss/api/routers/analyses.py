@@ -9,6 +9,7 @@ from fastapi import APIRouter, Query, Response
 from gss.api import present
 from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.schemas.analyses import AnalysisDetailOut, AnalysisOut
+from gss.api.schemas.calibrations import CalibrationDetailOut
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.reports import ReportViewOut
 from gss.api.schemas.sheets import SheetOut
@@ -51,9 +52,17 @@ def read_sheet(app: App, analysis_id: RowId) -> SheetOut:
     return SheetOut.model_validate(row.result["figures"])
 
 
+@router.post("/{analysis_id}/calibration", status_code=201, dependencies=[need("calibrate")])
+def propose_calibration(app: App, user: User, analysis_id: RowId) -> CalibrationDetailOut:
+    """Store the calibration that a health analysis proposes; use it, or make a table of it, like any calibration."""
+    row = app.calibrations.from_health(analysis_id, user=user)
+    return present.calibrations.detail(row, False, app.tables.on_board())
+
+
 @router.get("/{analysis_id}/export", response_class=Response, dependencies=[EXPORT])
-def export(app: App, analysis_id: RowId, kind: Literal["json", "html", "pdf", "tdm"] = "pdf") -> Response:
-    """Export an analysis: the report (html, pdf), all data (json), or the tracks of moving objects (tdm, CCSDS 503.0-B)."""
+def export(app: App, analysis_id: RowId, kind: Literal["json", "html", "pdf", "tdm", "csv"] = "pdf") -> Response:
+    """Export an analysis: the report (html, pdf), all data (json), the tracks of moving objects (tdm, CCSDS 503.0-B),
+    or the warm pixels of a health analysis (csv)."""
     headers = {"Content-Disposition": f"attachment; filename=analysis-{analysis_id}.{kind}"}
     return Response(app.analyses.export(analysis_id, kind), media_type=EXPORTS[kind], headers=headers)
 

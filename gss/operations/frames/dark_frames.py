@@ -44,7 +44,10 @@ class DarkFrames:
 
     def keep(self, dark: DarkCalibration, even: Response | None) -> dict[str, Any]:
         """Store the map and its bad pixels. Return its entry for the calibration's result: key, counts, picture."""
-        pattern = pattern_of(dark, even)
+        return self.keep_pattern(pattern_of(dark, even))
+
+    def keep_pattern(self, pattern: DarkPattern) -> dict[str, Any]:
+        """Store a map. Return its entry for the calibration's result."""
         return {
             "key": self._blobs.put(as_bytes(pattern)),
             "bad": len(pattern.bad),

@@ -141,7 +141,9 @@ class Solver:
         dark = self._dark(key)
         mended = f"{len(dark.bad)} bad pixels replaced by their neighbours"
         words = f"dark frame subtracted, {mended}"
-        if not dark.fits(exposure_s):
+        if not dark.pattern_dn.any():
+            words = mended
+        elif not dark.fits(exposure_s):
             words = f"{mended}; the dark frame is of {dark.exposure_s:g} s and was not subtracted"
         return clean(pixels, dark, float(profile.sensor.saturation_dn), exposure_s), (words,)
 

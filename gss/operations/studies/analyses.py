@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -31,12 +31,14 @@ from gss.operations.studies.analysis_requests import (
     AnalysisJob,
     AnalysisRequest,
     FrameAnalysis,
+    HealthRequest,
     MovingRequest,
     SheetRequest,
     TelemetryAnalysis,
     earlier_request,
 )
 from gss.operations.studies.camera_book import CameraBook
+from gss.operations.studies.health import Surroundings, bad_pixel_table, orbit_within, places_below, sensor_health
 from gss.operations.studies.moving_objects import moving_objects, place_of_orbit
 from gss.operations.studies.night_frames import Shot, StoredShots
 from gss.operations.studies.sheet_frames import NEAR_S, sheet_of_frames, sheet_of_simulation
@@ -54,6 +56,7 @@ EXPORTS = {
     "html": "text/html; charset=utf-8",
     "pdf": "application/pdf",
     "tdm": "text/plain; charset=utf-8",
+    "csv": "text/csv; charset=utf-8",
 }
 COLUMNS = (
     "frame_time_s",
@@ -108,10 +111,11 @@ class AnalysisService:
         if isinstance(wanted, TelemetryAnalysis):
             self._contacts.detail(wanted.contact)
             kind, of = "telemetry", f"contact {wanted.contact}"
-        elif isinstance(wanted, MovingRequest):
+        elif isinstance(wanted, MovingRequest | HealthRequest):
             self._book.profile(wanted.profile)
             first = self._shots.of(wanted.frame_ids)
-            kind, of = "moving objects", counted(len(first), "frame")
+            kind = "health" if isinstance(wanted, HealthRequest) else "moving objects"
+            of = counted(len(first), "frame")
         else:
             self._book.profile(wanted.profile)
             if wanted.other_ids:
@@ -129,6 +133,8 @@ class AnalysisService:
                 made = self._sheet(wanted, first, other, run.progress)
             elif isinstance(wanted, MovingRequest):
                 made = self._moving(wanted, first, run.progress)
+            elif isinstance(wanted, HealthRequest):
+                made = self._health(wanted, first, run.progress)
             else:
                 made = self._of_frames(wanted, first, other, run.progress)
             row = Analysis(
@@ -188,6 +194,23 @@ class AnalysisService:
             progress=report,
         )
 
+    def _health(self, request: HealthRequest, shots: list[Shot], progress: Progress) -> Made:
+        def report(done: float, text: str) -> None:
+            progress(round(STEPS * done), STEPS, text)
+
+        def stored(at_s: float) -> Trajectory | None:
+            named = self._orbit_at(datetime.fromtimestamp(at_s, UTC))
+            return None if named is None else named[1]
+
+        given = request.trajectory
+        orbit = stored if given is None else orbit_within(given)
+        profile = self._book.profile(request.profile)
+        run = run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(0.5 * s, t))
+        status = self._book.status_of(request.profile)
+        warmth = temperatures(self._database, status, run.shots[0].taken, run.shots[-1].taken)
+        beside = Surroundings(warmth, places_below(orbit))
+        return sensor_health(self._solver, run, beside, lambda s, t: report(0.5 + 0.5 * s, t))
+
     def _runs(
         self, request: FrameAnalysis | SheetRequest, first: list[Shot], other: list[Shot], progress: Progress
     ) -> tuple[FrameRun, FrameRun | None]:
@@ -226,12 +249,16 @@ class AnalysisService:
             return store.analysis(session, analysis_id)
 
     def export(self, analysis_id: int, kind: str) -> bytes:
-        """Return the report as HTML or PDF, all data as JSON, or the tracks of moving objects as TDM."""
+        """Return the report as HTML or PDF, all data as JSON, the tracks of moving objects as TDM, or warm pixels as CSV."""
         row = self.get(analysis_id)
         if kind == "tdm":
             if row.kind != "moving":
                 raise NotFound("this analysis has no tracking data", expected="kind moving", got=row.kind)
             return str(row.result["figures"]["tdm"]).encode()
+        if kind == "csv":
+            if row.kind != "health":
+                raise NotFound("this analysis has no table of pixels", expected="kind health", got=row.kind)
+            return bad_pixel_table(row.result["figures"])
         if kind == "html":
             return as_html(report_from(row.result["report"])).encode()
         if kind == "pdf":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
@@ -15,11 +16,24 @@ from gss.operations.requests import Id, Request
 from gss.operations.studies.analyse import check_kind
 from gss.operations.studies.moving_objects import CameraPlace, place_of
 from gss.orbit.objects import MOST_CHARACTERS, read_objects
-from gss.orbit.read_orbit import LARGEST_CHARACTERS
+from gss.orbit.read_orbit import LARGEST_CHARACTERS, read_orbit
+from gss.orbit.trajectory import Trajectory
 
 MOST_FRAMES = 5000
 MOUNTING_SLACK = 1e-3
 ManyIds = Annotated[list[Id], Field(max_length=MOST_FRAMES)]
+
+
+def check_chain(name: str) -> None:
+    """Raise BadInput for an unknown chain."""
+    if name not in CHAINS:
+        raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=name)
+
+
+def check_different(ids: Sequence[int]) -> None:
+    """Raise BadInput if a frame is named twice."""
+    if len(set(ids)) != len(ids):
+        raise BadInput("frames cannot be used", expected="different frames", got=f"{len(ids)} with duplicates")
 
 
 class FrameAnalysis(Request):
@@ -43,11 +57,9 @@ class FrameAnalysis(Request):
     @model_validator(mode="after")
     def _possible(self) -> Self:
         check_kind(self.kind, self.commanded_rad_s, len(self.other_ids))
-        if self.chain not in CHAINS:
-            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=self.chain)
-        for ids in (self.frame_ids, self.other_ids):
-            if len(set(ids)) != len(ids):
-                raise BadInput("frames cannot be used", expected="different frames", got=f"{len(ids)} with duplicates")
+        check_chain(self.chain)
+        check_different(self.frame_ids)
+        check_different(self.other_ids)
         if not self.frame_ids:
             raise BadInput("no frames given", expected="frames of one night")
         return self
@@ -79,11 +91,9 @@ class SheetRequest(Request):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        if self.chain not in CHAINS:
-            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=self.chain)
-        for ids in (self.frame_ids, self.other_ids):
-            if len(set(ids)) != len(ids):
-                raise BadInput("frames cannot be used", expected="different frames", got=f"{len(ids)} with duplicates")
+        check_chain(self.chain)
+        check_different(self.frame_ids)
+        check_different(self.other_ids)
         if self.simulated == bool(self.frame_ids):
             got = "both" if self.simulated else "neither"
             raise BadInput("a sheet is of frames or of a simulated unit", expected="one of the two", got=got)
@@ -121,17 +131,39 @@ class MovingRequest(Request):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        if self.chain not in CHAINS:
-            raise BadInput("unknown chain", expected=" | ".join(CHAINS), got=self.chain)
-        if len(set(self.frame_ids)) != len(self.frame_ids):
-            raise BadInput("frames cannot be used", expected="different frames", got="duplicates")
+        check_chain(self.chain)
+        check_different(self.frame_ids)
         _ = self.place
         read_objects(self.objects)
         return self
 
 
+class HealthRequest(Request):
+    """Health of a sensor from ordinary frames of a mission. ``orbit``: TLE, OMM or OEM of the spacecraft; without it, the imported
+    orbits where they cover the frames."""
+
+    kind: Literal["health"]
+    profile: str = Field(max_length=40)
+    frame_ids: Annotated[list[Id], Field(min_length=1, max_length=MOST_FRAMES)]
+    chain: str = Field(default="reference", max_length=30)
+    orbit: str = Field(default="", max_length=LARGEST_CHARACTERS)
+    title: str = Field(default="", max_length=120)
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """Orbit of the spacecraft, None if it is not given."""
+        return read_orbit(self.orbit).orbit if self.orbit else None
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        check_chain(self.chain)
+        check_different(self.frame_ids)
+        _ = self.trajectory
+        return self
+
+
 AnalysisRequest = Annotated[
-    FrameAnalysis | TelemetryAnalysis | SheetRequest | MovingRequest, Field(discriminator="kind")
+    FrameAnalysis | TelemetryAnalysis | SheetRequest | MovingRequest | HealthRequest, Field(discriminator="kind")
 ]
 
 

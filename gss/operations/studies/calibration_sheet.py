@@ -30,6 +30,7 @@ def calibration_sheet(row: Calibration) -> Report:
     """Return the report of a calibration."""
     result = row.result
     makers = {
+        "health": _health,
         "geometry": _geometry,
         "photometry": _photometry,
         "psf": _psf,
@@ -49,6 +50,23 @@ def calibration_sheet(row: Calibration) -> Report:
             notes.append(Note(f"{what}: {result[name]}"))
     subtitle = f"{row.name}, {row.created:%Y-%m-%d %H:%M}Z, by {row.author}, {row.tool}"
     return Report(f"Calibration {row.id} of {row.profile}", subtitle, sections, notes)
+
+
+def _health(health: Mapping[str, Any]) -> list[Section]:
+    """Changes that a health analysis proposes."""
+    rows = [
+        [
+            c["name"],
+            number(c["old"], 7),
+            number(c["new"]["value"], 7),
+            f"{number(c['new']['low'], 7)} – {number(c['new']['high'], 7)}",
+            c["unit"],
+        ]
+        for c in health["changes"]
+    ]
+    text = "Proposed from the trends of ordinary frames. Other values are unchanged."
+    table = Table("Changes", ["value", "before", "now", "95 %", "unit"], rows)
+    return [Section("Health of the sensor", text, [], [], [table])]
 
 
 # --- geometry -------------------------------------------------------------------------------------------------------

@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gss import __version__
 from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
@@ -38,6 +41,7 @@ from gss.operations.studies.night_frames import ProgressCallback, Shot, StoredSh
 from gss.operations.transfers.device_tables import DeviceTableService
 from gss.pipeline.calibration.apply import Difference, camera_difference
 from gss.pipeline.calibration.bundle import Prior
+from gss.pipeline.fixed_pattern import DarkPattern
 from gss.store import studies as store
 from gss.store.engine import Database
 from gss.store.models import Calibration, DeviceTable, Job
@@ -180,6 +184,46 @@ class CalibrationService:
         )
         dark = profile.sources.get(DARK, "") if profile else ""
         return replace(calibration, result=calibration.result | {"dark_frame": dark}) if dark else calibration
+
+    def from_health(self, analysis_id: int, *, user: str) -> Calibration:
+        """Store the calibration that a health analysis proposes: the sensor's values, and the bad pixels added to those of the
+        dark frame in use. Raises NotFound, or BadInput for another kind of analysis."""
+        with self._database.unit_of_work() as session:
+            analysis = store.analysis(session, analysis_id)
+        if analysis.kind != "health":
+            raise BadInput("this analysis proposes no calibration", expected="kind health", got=analysis.kind)
+        of, proposal = str(analysis.request["profile"]), analysis.result["figures"]["proposal"]
+        result: dict[str, Any] = {"health": {"changes": proposal["changes"]}, "warnings": []}
+        bad = np.array(proposal["bad"], np.intp).reshape(-1, 2)
+        if len(bad) or self.book.dark_of(of):
+            result["dark_frame"] = self._darks.keep_pattern(self._with_bad(of, bad))
+        row = Calibration(
+            profile=of,
+            kind="health",
+            name=f"health, analysis {analysis_id}",
+            created=self._now(),
+            author=user,
+            tool=f"gss {__version__}",
+            request={"kind": "health", "analysis_id": analysis_id, "frame_ids": analysis.request["frame_ids"]},
+            values=proposal["values"],
+            result=result,
+            note="",
+        )
+        with self._database.unit_of_work() as session:
+            store.add_calibration(session, row)
+        self._bus.record(
+            "calibration", "ok", f"calibration {row.id} of {of} proposed by analysis {analysis_id}, by {user}"
+        )
+        return row
+
+    def _with_bad(self, of: str, bad: NDArray[np.intp]) -> DarkPattern:
+        """Return the dark frame in use with further bad pixels; without one, a map that only replaces them."""
+        key, profile = self.book.dark_of(of), self.book.profile(of)
+        if not key:
+            flat = np.zeros((profile.camera.rows, profile.camera.columns), np.float32)
+            return DarkPattern(flat, bad, profile.sensor.exposure_s)
+        known = self._darks.pattern(key)
+        return replace(known, bad=np.unique(np.concatenate([known.bad, bad]), axis=0))
 
     # --- queries ------------------------------------------------------------------------------------------------
 

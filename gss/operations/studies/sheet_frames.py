@@ -66,8 +66,15 @@ def _sheet(sheet_input: SheetInput, profile: CameraProfile, of: SheetSource) -> 
 
 def temperature_at(times_s: Array, at_s: Array, celsius: Array) -> Array | None:
     """(n,) temperatures at these times; None if a time has no packet near it."""
-    if len(at_s) < 2:
-        return None
-    index = np.clip(np.searchsorted(at_s, times_s), 1, len(at_s) - 1)
-    gap = np.minimum(np.abs(at_s[index] - times_s), np.abs(at_s[index - 1] - times_s))
-    return np.asarray(np.interp(times_s, at_s, celsius)) if (gap <= NEAR_S).all() else None
+    near = temperature_near(times_s, at_s, celsius)
+    return near if np.isfinite(near).all() else None
+
+
+def temperature_near(times_s: Array, at_s: Array, celsius: Array) -> Array:
+    """(n,) temperatures at these times, NaN where no packet is near."""
+    if not len(at_s):
+        return np.full(len(times_s), np.nan)
+    index = np.clip(np.searchsorted(at_s, times_s), 1, max(1, len(at_s) - 1))
+    last = np.minimum(index, len(at_s) - 1)
+    gap = np.minimum(np.abs(at_s[last] - times_s), np.abs(at_s[index - 1] - times_s))
+    return np.where(gap <= NEAR_S, np.interp(times_s, at_s, celsius), np.nan)

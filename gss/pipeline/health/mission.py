@@ -14,6 +14,7 @@ from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 from gss.domain.sensor import Sensor
 from gss.pipeline.health.dark_course import DarkCourse, dark_course
+from gss.pipeline.health.filtered import FilteredCourse, filtered_course
 from gss.pipeline.health.frame_figures import COUNTS, FIGURES, HealthFrame, frame_figures, over_sky
 from gss.pipeline.health.pixel_course import PixelCourse, PixelSeries, pixel_course
 from gss.pipeline.health.pixel_search import BlockMaps, Map, block_edges, candidates
@@ -23,6 +24,7 @@ FEWEST_FRAMES = 30
 WARM_SIGMAS = 3.0
 """A pixel is warm if its dark current exceeds the noise of one frame by this factor."""
 PARTICLE_SIGMAS = 8.0
+FULL_FRAMES = 3
 LENS_TOLERANCE_PX = 0.2
 """Displacement at the corner of the detector."""
 CENTRE_TOLERANCE_PX = 5.0
@@ -34,7 +36,8 @@ Progress = Callable[[float, str], None]
 @dataclass(frozen=True)
 class FigureCourse:
     """One figure over the mission: (n,) samples at Unix seconds with standard deviations; ``trend``: None with too few samples.
-    ``reference``: of the calibration, or the fitted start; ``leaves``: None without a tolerance."""
+    ``reference``: of the calibration, or the fitted start; ``leaves``: None without a tolerance; ``filtered``: None without a
+    trend."""
 
     name: str
     unit: str
@@ -46,6 +49,7 @@ class FigureCourse:
     reference: float
     tolerance: float | None
     leaves: ToleranceExit | None
+    filtered: FilteredCourse | None = None
 
 
 @dataclass(frozen=True)
@@ -135,6 +139,7 @@ def _second_reading(
 ) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
     """Return (n, k) values of the followed pixels, and (n,) particle hits beside them."""
     values = np.empty((len(solved), len(followed)), np.float32)
+    full = np.zeros(values.shape, bool)
     particles = np.zeros(len(solved), np.intp)
     block = np.searchsorted(edges, np.arange(len(solved)), side="right") - 1
     for k, frame in enumerate(solved):
@@ -142,10 +147,19 @@ def _second_reading(
         pixels = frame.pixels()
         sky = over_sky(frame, pixels, sensor)
         dark = sky.dark_dn.ravel()
-        values[k] = np.where(pixels.ravel()[followed] < sensor.saturation_dn, dark[followed], np.nan)
+        values[k], full[k] = dark[followed], pixels.ravel()[followed] >= sensor.saturation_dn
         dark[followed] = np.nan
         particles[k] = _hits(dark.reshape(pixels.shape), maps[block[k]], sky.noise_dn, sensor.gain_e_per_dn)
+    values[full & ~_always_full(full)] = np.nan
     return values, particles
+
+
+def _always_full(full: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(k,) True for pixels that are saturated in most of the (n, k) frames since the first time: their value is a lower limit. In
+    others a saturated value is a particle, or a frame that was too warm."""
+    since = np.maximum.accumulate(full, axis=0).sum(axis=0)
+    times = full.sum(axis=0)
+    return np.asarray((times >= FULL_FRAMES) & (2 * times > since))
 
 
 def _hits(excess_dn: Map, usual_dn: Map, noise_dn: float, e_per_dn: float) -> int:
@@ -167,7 +181,19 @@ def _figure(
     start = float(trend.at(t[:1])[0])
     reference, tolerance = _tolerance(name, camera, start)
     leaves = None if tolerance is None else tolerance_exit(trend, reference, tolerance, float(times_s[-1]))
-    return FigureCourse(name, FIGURES[name], t, value, sigma, warm, trend, reference, tolerance, leaves)
+    return FigureCourse(
+        name,
+        FIGURES[name],
+        t,
+        value,
+        sigma,
+        warm,
+        trend,
+        reference,
+        tolerance,
+        leaves,
+        filtered_course(t, value, sigma, warm, trend),
+    )
 
 
 def _tolerance(name: str, camera: Camera, start: float) -> tuple[float, float | None]:

@@ -271,6 +271,8 @@ const studies = {
   useDocumented: (profile: string) => body(POST('/api/calibrations/documented', { body: { profile } })),
   calibrationTable: (calibration_id: number) =>
     body(POST('/api/calibrations/{calibration_id}/table', { params: { path: { calibration_id } } })),
+  proposeCalibration: (analysis_id: number) =>
+    body(POST('/api/analyses/{analysis_id}/calibration', { params: { path: { analysis_id } } })),
   analyses: (kind = '') => body(GET('/api/analyses', { params: { query: { kind } } })),
   sheet: (analysis_id: number) => body(GET('/api/analyses/{analysis_id}/sheet', { params: { path: { analysis_id } } })),
   analysis: (analysis_id: number) => body(GET('/api/analyses/{analysis_id}', { params: { path: { analysis_id } } })),

@@ -1,0 +1,95 @@
+"""``gss health``: health of a sensor from ordinary frames of a mission."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gss.cli.input_files import TEXT_BYTES, read_file
+from gss.cli.instruments import CAMERA_HELP, camera, registry
+from gss.cli.night import add_observer, shots_of, show_progress, write_report
+from gss.domain.errors import BadInput
+
+if TYPE_CHECKING:
+    from gss.cli import Commands
+    from gss.domain.angles import Array
+
+
+def register(subparsers: Commands) -> None:
+    """Add the command."""
+    p = subparsers.add_parser(
+        "health",
+        description="Trends of focal length, centre, distortion, focus and sensitivity with jumps and a forecast, warm pixels with "
+        "onset and annealing, dark level and radiation hits. Takes 30 frames or more, of any attitude, weeks to years apart. Exit "
+        "code 0: done, 2: bad input.",
+    )
+    p.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera; each file states its time")
+    p.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
+    p.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    p.add_argument("--orbit", metavar="FILE", help="orbit of the spacecraft: TLE, OMM or OEM; for the map of radiation")
+    p.add_argument("--temperatures", metavar="FILE", help="CSV: time in ISO 8601 (UTC), temperature of the unit in °C")
+    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
+    add_observer(p)
+    p.add_argument(
+        "--out", type=Path, metavar="FILE", help="write the result: .pdf, .html, .json, or .csv: warm pixels"
+    )
+    p.add_argument("--json", action="store_true", help="print one JSON object")
+    p.set_defaults(run=run)
+
+
+def run(a: argparse.Namespace) -> int:
+    """Analyse the frames, write and print."""
+    from gss.operations.frames.solve import Solver
+    from gss.operations.requests import request_from
+    from gss.operations.studies.analyse import run_frames
+    from gss.operations.studies.analysis_requests import HealthRequest
+    from gss.operations.studies.health import Surroundings, bad_pixel_table, orbit_within, places_below, sensor_health
+
+    orbit = "" if a.orbit is None else read_file(a.orbit, "an orbit file", TEXT_BYTES).decode("utf-8", "replace")
+    # Files have no ids yet; the numbers only let the request check itself.
+    request = request_from(
+        HealthRequest,
+        {
+            "kind": "health",
+            "profile": a.camera,
+            "frame_ids": list(range(1, len(a.files) + 1)),
+            "chain": a.chain,
+            "orbit": orbit,
+        },
+    )
+    warmth = None if a.temperatures is None else _temperatures(a.temperatures)
+    profile, solver = camera(a.camera), Solver(registry().camera)
+    shots = shots_of(a.files, None, a.exposure, a.keep_aberration)
+    solved = run_frames(solver, shots, profile, a.chain, lambda share, text: show_progress(share / 2, text))
+    beside = Surroundings(warmth, places_below(orbit_within(request.trajectory)))
+    made = sensor_health(solver, solved, beside, lambda share, text: show_progress(0.5 + share / 2, text))
+    whole = json.dumps(made.figures, ensure_ascii=False, allow_nan=False)
+    write_report(a, made.report, whole, {".csv": lambda: bad_pixel_table(made.figures)})
+    return 0
+
+
+def _temperatures(name: str) -> tuple[Array, Array]:
+    """Return Unix seconds and °C in order of time. Raises BadInput."""
+    import numpy as np
+
+    text = read_file(name, "temperatures", TEXT_BYTES).decode("utf-8", "replace")
+    rows = []
+    for number, cells in enumerate(csv.reader(io.StringIO(text)), start=1):
+        if not cells or (number == 1 and not cells[0][:1].isdigit()):
+            continue
+        try:
+            moment, celsius = datetime.fromisoformat(cells[0].strip()), float(cells[1])
+        except (ValueError, IndexError):
+            raise BadInput(
+                "temperatures cannot be read",
+                expected="time,°C in each line",
+                got=f"line {number}: {','.join(cells)[:40]}",
+            ) from None
+        rows.append((moment.replace(tzinfo=moment.tzinfo or UTC).timestamp(), celsius))
+    table = np.array(sorted(rows), float).reshape(-1, 2)
+    return table[:, 0], table[:, 1]

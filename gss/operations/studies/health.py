@@ -1,0 +1,123 @@
+"""Health of a sensor over a mission from stored frames or files: its report, and the calibration that it proposes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from gss.device.table_use import calibration_values
+from gss.domain.angles import Array
+from gss.operations.frames.solve import Solver
+from gss.operations.studies.analyse import DEEPER_MAG, AnalysisResult, AnalysisRun, subject_of
+from gss.operations.studies.health_sheet import health_report
+from gss.operations.studies.night_frames import ProgressCallback, seen_stars
+from gss.operations.studies.sheet_frames import temperature_near
+from gss.orbit.trajectory import Trajectory, earth_fixed_km
+from gss.pipeline.calibration.record import as_record
+from gss.pipeline.health.frame_figures import HealthFrame
+from gss.pipeline.health.mission import mission_health
+from gss.pipeline.health.proposal import Proposal, proposed
+
+GroundPlaces = Callable[[Array], Array]
+"""(n, 2) latitude and longitude in radians below the camera at (n,) Unix seconds, NaN where unknown."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What is known beside the frames. ``temperature``: Unix seconds and °C of the unit; ``places``: below the camera; None if
+    unknown."""
+
+    temperature: tuple[Array, Array] | None = None
+    places: GroundPlaces | None = None
+
+
+def places_below(orbit_at: Callable[[float], Trajectory | None]) -> GroundPlaces:
+    """Return the places below a spacecraft whose orbit at a Unix time is given, None where it is not known."""
+
+    def places(times_s: Array) -> Array:
+        made = np.full((len(times_s), 2), np.nan)
+        for k, at_s in enumerate(times_s.tolist()):
+            orbit = orbit_at(at_s)
+            if orbit is not None:
+                x, y, z = earth_fixed_km(orbit, np.array([at_s]))[0]
+                made[k] = np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)
+        return made
+
+    return places
+
+
+def orbit_within(given: Trajectory | None) -> Callable[[float], Trajectory | None]:
+    """Return the given orbit at the Unix times for which it is defined."""
+
+    def orbit(at_s: float) -> Trajectory | None:
+        covered = given is not None and given.start <= datetime.fromtimestamp(at_s, UTC) <= given.end
+        return given if covered else None
+
+    return orbit
+
+
+def sensor_health(solver: Solver, run: AnalysisRun, beside: Surroundings, progress: ProgressCallback) -> AnalysisResult:
+    """Return the health from the solved frames of a run. Raises BadInput with fewer than 30."""
+    health = mission_health(health_frames(solver, run, beside), run.known.camera, run.known.sensor, progress)
+    proposal = proposed(health, run.known)
+    figures = dict(as_record(health)) | {"proposal": proposal_record(proposal)}
+    return AnalysisResult("health", health_report(health, proposal, run.known, subject_of(run)), figures)
+
+
+def health_frames(solver: Solver, run: AnalysisRun, beside: Surroundings) -> list[HealthFrame]:
+    """Return the shots of a run with what is known of each."""
+    sensor = run.known.sensor
+    times = np.array([s.taken.timestamp() for s in run.shots])
+    warm = np.full(len(times), np.nan)
+    if beside.temperature is not None:
+        warm = temperature_near(times, *beside.temperature)
+    places = np.full((len(times), 2), np.nan) if beside.places is None else beside.places(times)
+    limit_mag = sensor.faint_limit_mag + DEEPER_MAG
+    return [
+        HealthFrame(
+            shot.name,
+            float(times[k]),
+            sensor.exposure_s if shot.exposure_s is None else shot.exposure_s,
+            shot.pixels,
+            result,
+            seen_stars(solver, shot).brighter_than(limit_mag),
+            float(warm[k]),
+            (float(places[k, 0]), float(places[k, 1])) if np.isfinite(places[k]).all() else None,
+        )
+        for k, (shot, result) in enumerate(zip(run.shots, run.results, strict=True))
+    ]
+
+
+def proposal_record(proposal: Proposal) -> dict[str, Any]:
+    """Return a proposed calibration in the form in which calibrations are stored: values of the sensor's table, and bad pixels."""
+    return {
+        "values": dict(calibration_values(proposal.profile)),
+        "changes": as_record(proposal.changes),
+        "bad": proposal.bad.tolist(),
+        "left_out": list(proposal.left_out),
+    }
+
+
+def bad_pixel_table(health: dict[str, Any]) -> bytes:
+    """Return the warm pixels of a stored health analysis as CSV."""
+    lines = ["col,row,course,onset_unix_s,onset_low_s,onset_high_s,first_e_s,now_e_s,half_life_days,bad_now"]
+    bad = {(c, r) for c, r in health["proposal"]["bad"]}
+    for p in health["pixels"]:
+        onset = p["onset_s"] or {"value": "", "low": "", "high": ""}
+        life = p["half_life_s"]
+        cells = [
+            p["col"],
+            p["row"],
+            p["shape"],
+            *(onset[k] for k in ("value", "low", "high")),
+            f"{p['first_e_s']['value']:.4g}",
+            f"{p['now_e_s']['value']:.4g}",
+            "" if life is None else f"{life['value'] / 86_400:.3g}",
+            int((p["col"], p["row"]) in bad),
+        ]
+        lines.append(",".join(str(c) for c in cells))
+    return ("\n".join(lines) + "\n").encode()

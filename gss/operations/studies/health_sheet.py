@@ -1,0 +1,273 @@
+"""Report of the health of a sensor: trends with forecast, warm pixels, dark level, radiation over the Earth, proposal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.words import counted
+from gss.operations.report.coasts import COASTS
+from gss.operations.report.figures import number
+from gss.operations.report.parts import (
+    Cells,
+    Drawing,
+    Fact,
+    Level,
+    Plot,
+    Report,
+    Section,
+    Series,
+    Table,
+    WorldMap,
+)
+from gss.operations.studies.health_words import day, forecast, health_notes, interval, signed, times, with_error
+from gss.operations.studies.sheet_pieces import maybe, numbers
+from gss.pipeline.health.frame_figures import COUNTS
+from gss.pipeline.health.mission import FigureCourse, MissionHealth
+from gss.pipeline.health.pixel_course import ANNEALING, GROWING, STEADY, PixelCourse
+from gss.pipeline.health.proposal import Proposal, value_at
+from gss.pipeline.health.trend import DAY_S, Estimate
+
+MOST_LISTED = 100
+YEAR_DAYS = 365.25
+CELL_DEG = 15
+MAP_CELLS = 12
+
+
+def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProfile, of: str) -> Report:
+    """Return the report. ``profile``: the calibration whose change was measured."""
+    camera = profile.camera
+    sections = [
+        Section("Summary", "", _summary(health)),
+        Section(
+            "Trends",
+            "Each frame gives one value. The line follows all values up to a date, at the mean temperature. Intervals are 95 %.",
+            [],
+            [_course(f) for f in health.figures if f.trend is not None and f.name not in COUNTS],
+            [_trends(health)],
+        ),
+        _pixels(health, camera.columns, camera.rows),
+        Section("Dark level", _dark_text(health), _dark_facts(health), _dark_plots(health)),
+        Section(
+            "Radiation",
+            "Hits are groups of pixels far above their usual value that no star explains, in a single frame.",
+            _hit_facts(health),
+            [world_of_hits(health), _hits_over_time(health)],
+        ),
+        Section("Matches", "", [], [_course(f) for f in health.figures if f.trend is not None and f.name in COUNTS]),
+        _proposal(proposal, profile),
+    ]
+    return Report("Health of the sensor", of, sections, health_notes(health, proposal))
+
+
+# --- summary and trends ----------------------------------------------------------------------------------------------
+
+
+def _summary(health: MissionHealth) -> list[Fact]:
+    t = health.times_s
+    new = [p for p in health.pixels if p.onset_s is not None]
+    shapes = [p.shape for p in new]
+    return [
+        Fact("frames with an attitude", f"{len(t)} of {health.frames}"),
+        Fact("span", number(float(np.ptp(t)) / DAY_S, 3), "days", f"{day(float(t[0]))} to {day(float(t[-1]))}"),
+        Fact("warm pixels from the start", str(len(health.pixels) - len(new))),
+        Fact(
+            "pixels that became warm",
+            str(len(new)),
+            "",
+            ", ".join(f"{shapes.count(name)} {name}" for name in (ANNEALING, GROWING, STEADY)),
+        ),
+        Fact("warm: dark current above", number(health.warm_e_s, 3), "e/s", "above the typical pixel"),
+        Fact("temperature", _span(health.temperature_c), "°C"),
+    ]
+
+
+def _span(values: Array) -> str:
+    known = values[np.isfinite(values)]
+    return f"{known.min():.1f} to {known.max():.1f}".replace("-", "−") if len(known) else "unknown"
+
+
+def _trends(health: MissionHealth) -> Table:
+    end_s = float(health.times_s[-1])
+    rows = []
+    for f in health.figures:
+        if f.trend is None or f.name in COUNTS:
+            continue
+        jumps = "; ".join(f"{signed(j.size, 3)} on {day(j.time_s.value)}" for j in f.trend.jumps) or "none"
+        rows.append(
+            [
+                f.name,
+                f.unit,
+                with_error(value_at(f.trend, end_s)),
+                with_error(times(f.trend.per_day, YEAR_DAYS)),
+                "–" if f.trend.per_k is None else with_error(f.trend.per_k),
+                jumps,
+                "–"
+                if f.tolerance is None
+                else with_error(Estimate(f.reference, f.reference - f.tolerance, f.reference + f.tolerance)),
+                forecast(f, end_s),
+            ]
+        )
+    head = ["figure", "unit", "now", "per year", "per K", "jumps", "tolerance", "leaves it"]
+    return Table("Trends", head, rows)
+
+
+def _course(figure: FigureCourse) -> Plot:
+    trend = figure.trend
+    assert trend is not None  # noqa: S101 - the caller has looked
+    at = numbers(figure.times_s)
+    series = [Series("frames", at, maybe(figure.values), "dots")]
+    if figure.filtered is not None:
+        series.append(Series("filtered", at, maybe(figure.filtered.values)))
+    series.append(Series("trend", at, maybe(trend.at(figure.times_s))))
+    levels = [Level(j.time_s.value, day(j.time_s.value), vertical=True) for j in trend.jumps]
+    if figure.tolerance is not None:
+        low, high = float(np.min(figure.values)), float(np.max(figure.values))
+        for sign in (-1, 1):
+            level = figure.reference + sign * figure.tolerance
+            # A tolerance far outside the values would compress them to a line.
+            if low - (high - low) <= level <= high + (high - low):
+                levels.append(Level(level, "tolerance"))
+    return Plot(figure.name[0].upper() + figure.name[1:], "UTC", figure.unit or "stars", series, levels, time=True)
+
+
+# --- pixels ----------------------------------------------------------------------------------------------------------
+
+
+def _pixels(health: MissionHealth, columns: int, rows: int) -> Section:
+    new = [p for p in health.pixels if p.onset_s is not None]
+    drawings: list[Drawing] = []
+    if health.pixels:
+        drawings.append(_pixel_map(health.pixels, columns, rows))
+    if new:
+        onset = np.sort([p.onset_s.value for p in new if p.onset_s is not None])
+        counts = np.arange(1, len(onset) + 1, dtype=float)
+        drawings.append(
+            Plot(
+                "Pixels that became warm", "UTC", "pixels", [Series("pixels", numbers(onset), maybe(counts))], time=True
+            )
+        )
+    listed = [_pixel_row(p) for p in health.pixels[:MOST_LISTED]]
+    text = "Dark currents are above that of the typical pixel, at the mean temperature."
+    if len(health.pixels) > MOST_LISTED:
+        text += f" The brightest {MOST_LISTED} of {len(health.pixels)}; the CSV file has all."
+    head = [
+        "column",
+        "row",
+        "course",
+        "onset",
+        "95 %",
+        "at onset e/s",
+        "now e/s",
+        "half-life days",
+        "growth e/s per year",
+    ]
+    return Section("Warm pixels", text, [], drawings, [Table("Pixels", head, listed)])
+
+
+def _pixel_map(pixels: tuple[PixelCourse, ...], columns: int, rows: int) -> Cells:
+    down = max(1, round(MAP_CELLS * rows / columns))
+    counts, _, _ = np.histogram2d(
+        [p.row for p in pixels], [p.col for p in pixels], bins=(down, MAP_CELLS), range=((0, rows), (0, columns))
+    )
+    return Cells("Warm pixels over the detector", columns, rows, [maybe(line) for line in counts], "pixels")
+
+
+def _pixel_row(p: PixelCourse) -> list[str]:
+    onset, between = ("before the first frame", "–")
+    if p.onset_s is not None:
+        onset, between = day(p.onset_s.value), f"{day(p.onset_s.low)} – {day(p.onset_s.high)}"
+    life = "–" if p.half_life_s is None else interval(times(p.half_life_s, 1 / DAY_S))
+    return [
+        str(p.col),
+        str(p.row),
+        p.shape,
+        onset,
+        between,
+        with_error(p.first_e_s),
+        with_error(p.now_e_s),
+        life,
+        "–" if p.growth_e_s_year is None else with_error(p.growth_e_s_year),
+    ]
+
+
+# --- dark level and radiation ----------------------------------------------------------------------------------------
+
+
+def _dark_text(health: MissionHealth) -> str:
+    if health.dark.law_known:
+        return (
+            "Sky level fitted by the diode law of the dark current, light that grows with the exposure, and a constant."
+        )
+    return "The temperatures are unknown or vary by less than 5 K: the law is not determined, that of silicon is used."
+
+
+def _dark_facts(health: MissionHealth) -> list[Fact]:
+    dark = health.dark
+    if not dark.law_known:
+        return []
+    return [
+        Fact(
+            "dark current of the typical pixel",
+            with_error(dark.at_reference_e_s),
+            "e/s",
+            f"at {dark.reference_c:.1f} °C",
+        ),
+        Fact("doubles every", with_error(dark.doubling_k), "K"),
+        Fact("growth", with_error(times(dark.growth_per_year, 100.0)), "% per year"),
+    ]
+
+
+def _dark_plots(health: MissionHealth) -> list[Drawing]:
+    made: list[Drawing] = []
+    known = np.isfinite(health.temperature_c)
+    if known.any():
+        at = Series("frames", numbers(health.temperature_c[known]), maybe(health.level_dn[known]), "dots")
+        made.append(Plot("Sky level against temperature", "temperature, °C", "DN", [at]))
+    over = Series("frames", numbers(health.times_s), maybe(health.level_dn), "dots")
+    return [*made, Plot("Sky level", "UTC", "DN", [over], time=True)]
+
+
+def _hit_facts(health: MissionHealth) -> list[Fact]:
+    return [
+        Fact("hits per frame", number(float(health.particles.mean()), 3), "", f"at most {health.particles.max()}"),
+        Fact("frames with a known place", str(int(np.isfinite(health.place_rad).all(axis=1).sum()))),
+    ]
+
+
+def world_of_hits(health: MissionHealth) -> WorldMap:
+    """Return the mean number of hits per frame over latitude and longitude."""
+    known = np.isfinite(health.place_rad).all(axis=1)
+    north, east = np.degrees(health.place_rad[known]).T if known.any() else (np.zeros(0), np.zeros(0))
+    bins = (180 // CELL_DEG, 360 // CELL_DEG)
+    edges = ((-90, 90), (-180, 180))
+    total, _, _ = np.histogram2d(north, east, bins=bins, range=edges, weights=health.particles[known].astype(float))
+    frames, _, _ = np.histogram2d(north, east, bins=bins, range=edges)
+    mean = np.where(frames > 0, total / np.maximum(frames, 1), np.nan)[::-1]
+    return WorldMap(
+        "Radiation hits below the spacecraft",
+        [maybe(line) for line in mean],
+        "hits per frame",
+        COASTS,
+        "white: no frame; coasts are coarse",
+    )
+
+
+def _hits_over_time(health: MissionHealth) -> Plot:
+    series = [Series("hits", numbers(health.times_s), maybe(health.particles.astype(float)), "dots")]
+    return Plot("Radiation hits", "UTC", "hits per frame", series, time=True)
+
+
+# --- proposal and notes ----------------------------------------------------------------------------------------------
+
+
+def _proposal(proposal: Proposal, profile: CameraProfile) -> Section:
+    bad = counted(len(proposal.bad), "bad pixel")
+    if not proposal.changes:
+        return Section("Proposed calibration", f"No value of {profile.name} has changed significantly; {bad}.")
+    rows = [[c.name, number(c.old, 7), number(c.new.value, 7), interval(c.new, 7), c.unit] for c in proposal.changes]
+    text = f"Values at the time of the last frame, at the mean temperature, and {bad}. Other values stay as they are."
+    return Section(
+        "Proposed calibration", text, [], [], [Table("Changes", ["value", "now", "proposed", "95 %", "unit"], rows)]
+    )

@@ -1,0 +1,96 @@
+"""Words of a health report: values with errors, forecasts, and notes."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+import numpy as np
+
+from gss.operations.report.figures import number
+from gss.operations.report.parts import Note
+from gss.pipeline.health.mission import FigureCourse, MissionHealth
+from gss.pipeline.health.proposal import Proposal
+from gss.pipeline.health.trend import DAY_S, Estimate
+
+SOON_DAYS = 180.0
+"""A tolerance that is left within this time raises a note."""
+
+
+def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
+    """Return what needs attention: tolerances that are left, jumps, and changes that cannot be proposed."""
+    end_s = float(health.times_s[-1])
+    made = []
+    for f in health.figures:
+        leaves = f.leaves
+        if leaves is None:
+            continue
+        if leaves.outside:
+            made.append(
+                Note(f"{f.name} is outside its tolerance", "Upload the proposed calibration.", True, "tolerance")
+            )
+        elif (leaves.time_s.value - end_s) / DAY_S <= SOON_DAYS:
+            made.append(
+                Note(f"{f.name} leaves its tolerance {forecast(f, end_s)}", "Plan a new calibration.", code="tolerance")
+            )
+    made += [
+        Note(
+            f"{f.name} changed by {signed(jump.size, 3)} {f.unit} between {day(jump.time_s.low)} and {day(jump.time_s.high)}",
+            "Look for the cause at that time.",
+            code="jump",
+        )
+        for f in health.figures
+        for jump in (() if f.trend is None else f.trend.jumps)
+    ]
+    made += [
+        Note(f"not proposed: {reason}", "Calibrate from star frames.", code="lens") for reason in proposal.left_out
+    ]
+    if not np.isfinite(health.place_rad).any():
+        made.append(
+            Note("the map of radiation hits is empty", "Give the orbit of the spacecraft.", code="place"),
+        )
+    return made
+
+
+def forecast(figure: FigureCourse, now_s: float) -> str:
+    """Return when the figure leaves its tolerance, in words."""
+    leaves = figure.leaves
+    if leaves is None:
+        return "–"
+    if leaves.outside:
+        return "outside now"
+    value, low, high = ((v - now_s) / DAY_S for v in (leaves.time_s.value, leaves.time_s.low, leaves.time_s.high))
+    if not np.isfinite(value):
+        return "not within 30 years"
+    latest = f"{high:.0f}" if np.isfinite(high) else "never"
+    return f"in about {value:.0f} days ({low:.0f} to {latest})"
+
+
+def times(e: Estimate, factor: float) -> Estimate:
+    """Return the estimate in another unit."""
+    return Estimate(e.value * factor, e.low * factor, e.high * factor)
+
+
+def with_error(e: Estimate) -> str:
+    """Return value and half interval with as many decimals as the error has with two digits."""
+    half = (e.high - e.low) / 2
+    if not np.isfinite(half) or half <= 0:
+        return number(e.value, 3)
+    places = max(0, 1 - int(np.floor(np.log10(half))))
+    return f"{e.value:.{places}f} ± {half:.{places}f}".replace("-", "−")
+
+
+def interval(e: Estimate, digits: int = 3) -> str:
+    """Return the bounds, or the lower one if there is no upper."""
+    if not np.isfinite(e.high):
+        return f"{number(e.value, digits)}, at least {number(e.low, digits)}"
+    return f"{number(e.low, digits)} – {number(e.high, digits)}"
+
+
+def signed(e: Estimate, digits: int) -> str:
+    """Return the value with its sign."""
+    return f"{'+' if e.value > 0 else ''}{number(e.value, digits)}"
+
+
+def day(unix_s: float) -> str:
+    """Return the date."""
+    return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d}"

@@ -1,0 +1,134 @@
+"""Health of a sensor as a use case: frames of a mission show the drift of the lens, whose proposed calibration can be used."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gss.catalogue_tools.corrections.corrections import aberrate
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.rotation import matrix_from_quaternion, random_quaternion
+from gss.instruments.registry import shipped_camera
+from gss.operations.frames.observer import observer_at
+from gss.operations.studies.analysis_requests import FrameAnalysis, HealthRequest
+from gss.operations.studies.calibration_sheet import calibration_sheet
+from gss.operations.studies.health import orbit_within, places_below
+from gss.orbit.read_orbit import read_orbit
+from gss.pipeline.readout import HotPixel
+from gss.pipeline.render import render
+from gss.services import Services
+from gss.settings import Settings
+from gss.store.models import Analysis, Job
+from gss.wiring import build
+
+START = datetime(2026, 3, 1, tzinfo=UTC)
+FRAMES, DAYS = 30, 160.0
+FOCAL_SHRINKS = 8e-4
+WARM = HotPixel(300, 200, 1200.0)
+FULL = HotPixel(700, 90, 1e5)
+"""It saturates from the same day on."""
+WARM_FROM = 12
+CAMERA = shipped_camera("cubestar")
+TLE = """GSS TEST
+1 90001U 26001A   26060.00000000  .00000000  00000-0  00000-0 0  9993
+2 90001  97.5000   0.0000 0001000   0.0000   0.0000 15.22000000    15"""
+
+
+def _frames(services: Services) -> list[int]:
+    rng = np.random.default_rng(3)
+    ids = []
+    for k in range(FRAMES):
+        taken = START + timedelta(days=DAYS * k / FRAMES)
+        shrunk = 1 - FOCAL_SHRINKS * k / FRAMES
+        lens = replace(
+            CAMERA.camera,
+            focal_col_px=CAMERA.camera.focal_col_px * shrunk,
+            focal_row_px=CAMERA.camera.focal_row_px * shrunk,
+        )
+        icrs: Array = aberrate(services.stars.icrs, np.array(observer_at(taken).velocity_c))
+        image = render(
+            replace(services.stars, icrs=icrs),
+            lens,
+            CAMERA.sensor,
+            matrix_from_quaternion(random_quaternion(rng)),
+            CAMERA.sensor.exposure_s,
+            rng,
+            hot_pixels=[WARM, FULL] if k >= WARM_FROM else [],
+        )
+        frame, _ = services.frames._add(
+            image.pixels,
+            source="import",
+            taken=taken,
+            bits=8,
+            exposure_s=CAMERA.sensor.exposure_s,
+            profile="cubestar",
+        )
+        ids.append(frame.id)
+    return ids
+
+
+def _done(services: Services, job: Job) -> Analysis:
+    end = time.monotonic() + 600
+    while (now := services.jobs.get(job.id)).state in ("queued", "running"):
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    assert now.state == "done", now.text
+    return services.analyses.get(int(now.result["analysis_id"]))
+
+
+def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -> None:
+    """The report states the drift and the onset; the proposed calibration carries the focal length of the end and the pixel."""
+    services = build(Settings(data=tmp_path))
+    services.jobs.start()
+    try:
+        ids = _frames(services)
+        request = HealthRequest(kind="health", profile="cubestar", frame_ids=ids, orbit=TLE)
+        row = _done(services, services.analyses.start(request, user="engineer"))
+        titles = [s["title"] for s in row.result["report"]["sections"]]
+        assert titles[:3] == ["Summary", "Trends", "Warm pixels"]
+        assert "tolerance" in {n["code"] for n in row.result["report"]["notes"]}
+        pixels = row.result["figures"]["pixels"]
+        assert {(p["col"], p["row"]) for p in pixels} == {(WARM.col, WARM.row), (FULL.col, FULL.row)}
+        onset = START + timedelta(days=DAYS * (WARM_FROM - 0.5) / FRAMES)
+        assert all(p["onset_s"]["low"] <= onset.timestamp() <= p["onset_s"]["high"] for p in pixels)
+        assert services.analyses.export(row.id, "pdf").startswith(b"%PDF")
+        assert b"\n300,200," in services.analyses.export(row.id, "csv")
+
+        made = services.calibrations.from_health(row.id, user="engineer")
+        expected = CAMERA.camera.focal_col_px * (1 - FOCAL_SHRINKS)
+        assert made.values["focal_col_px"] == pytest.approx(expected, abs=0.15)
+        assert calibration_sheet(made).sections[0].tables[0].rows[0][0] == "focal length"
+        services.calibrations.use(made.id, user="engineer")
+        used = services.calibrations.book.profile("cubestar")
+        assert used.camera.focal_col_px == made.values["focal_col_px"]
+        assert services.calibrations.table(made.id, user="engineer").kind == "calibration"
+        frame = services.analyses._shots.of(ids[-1:])[0]
+        _, notes = services.analyses._solver.cleaned(frame.pixels(), used, frame.exposure_s)
+        assert notes == ("2 bad pixels replaced by their neighbours",)
+
+        other = FrameAnalysis(kind="spatial", profile="cubestar", frame_ids=ids[:3])
+        spatial = _done(services, services.analyses.start(other, user="engineer"))
+        with pytest.raises(BadInput, match="proposes no calibration"):
+            services.calibrations.from_health(spatial.id, user="engineer")
+        with pytest.raises(NotFound, match="no table of pixels"):
+            services.analyses.export(spatial.id, "csv")
+    finally:
+        services.jobs.stop()
+        services.frames.stop()
+        services.database.close()
+
+
+def test_the_place_is_below_the_orbit_while_it_is_defined() -> None:
+    """Latitudes stay within the inclination; a time long before the elements has no place."""
+    places = places_below(orbit_within(read_orbit(TLE).orbit))
+    times = START.timestamp() + np.linspace(0, 6000, 120)
+    lat, lon = places(times).T
+    assert np.degrees(np.abs(lat).max()) == pytest.approx(82.5, abs=2.5)
+    assert np.ptp(lon) > 1.0
+    assert np.isnan(places(times[:1] - 400 * 86_400)).all()
