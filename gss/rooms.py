@@ -27,6 +27,8 @@ from gss.operations.events import EventBus
 from gss.operations.folder_lock import own_folder
 from gss.operations.frames.dark_frames import DarkFrames
 from gss.operations.frames.frames import FrameService
+from gss.operations.frames.margins import MarginWatch
+from gss.operations.frames.place import PlaceService
 from gss.operations.frames.replay import ReplayService
 from gss.operations.frames.solve import Solver
 from gss.operations.frames.solver_cache import SolverCache
@@ -347,12 +349,14 @@ def open_status(
     removal: RetentionService,
     clocks: ClockWatch,
     passes: Passes,
+    place: PlaceService,
 ) -> StatusService:
     """Create the service that runs once a second and publishes the header."""
     tickers = [
         clocks.tick,
         alarms.tick,
         ExpiryWatch(transfers.bank_history, alarms, utc_now, base.settings.catalogue_watch_days).tick,
+        MarginWatch(attitude, place.at, alarms, utc_now).tick,
         link.watch,
         DiskWatch(base.disk, alarms, link, telemetry).tick,
         RetentionWatch(base.trust, removal, alarms).tick,

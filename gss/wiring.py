@@ -159,7 +159,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         catalogues=catalogues,
         jobs=jobs,
         status=rooms.open_status(
-            base, link, telemetry, alarms, commanding.authority, attitude, transfers, removal, clocks, passes
+            base, link, telemetry, alarms, commanding.authority, attitude, transfers, removal, clocks, passes, place
         ),
         viewer=RerunViewer(settings.data / "rerun-viewer"),
         database=database,

@@ -13,8 +13,8 @@ from gss.operations.telemetry.value_format import formatted
 from gss.store.models import Alarm
 
 LONGEST = 120
-EVENT, LINK, CATALOGUE, STORE = "event", "link", "catalogue", "store"
-UNMEASURED = (EVENT, LINK, CATALOGUE, STORE)
+EVENT, LINK, CATALOGUE, STORE, MARGIN = "event", "link", "catalogue", "store", "margin"
+UNMEASURED = (EVENT, LINK, CATALOGUE, STORE, MARGIN)
 """Pseudo packet names of alarms that are not about a telemetry field."""
 SIGNAL: Key = (LINK, "housekeeping")
 
@@ -46,16 +46,25 @@ def title_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
         return f"Catalogue {row.field}"
     if row.packet == STORE:
         return row.field.capitalize()
+    if row.packet == MARGIN:
+        return f"Angle to {row.field}"
     field = field_of(dictionary, row)
     return field.title if field else row.field
+
+
+def unit_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
+    """Return the unit of an alarm's value; "" if it has none."""
+    field = field_of(dictionary, row)
+    return field.unit if field else "deg" if row.packet == MARGIN else ""
 
 
 ACTIONS = {
     LINK: "Check cable, power and pointing of the antenna. Open the line again on the page Contacts if the port was lost.",
     CATALOGUE: "Upload a catalogue that is valid for longer, then activate and confirm it.",
     STORE: "Open the page Admin, Health and Storage: they state the cause and what to do.",
+    MARGIN: "Turn the spacecraft away, or expect few or no attitudes until the angle grows. Do not leave the Sun in the field.",
 }
-"""What to do about alarms of the server."""
+"""What to do about alarms that no dictionary describes."""
 
 
 def action_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:

@@ -24,6 +24,7 @@ from gss.operations.telemetry.alarm_text import (
     CATALOGUE,
     EVENT,
     LINK,
+    MARGIN,
     SIGNAL,
     STORE,
     UNMEASURED,
@@ -34,6 +35,7 @@ from gss.operations.telemetry.alarm_text import (
     limit_text,
     text_of,
     title_of,
+    unit_of,
     with_unit,
 )
 from gss.operations.telemetry.definitions import TelemetryDefinitions
@@ -296,15 +298,14 @@ class AlarmService:
     def _level(self, row: Alarm) -> State:
         if row.state not in ("raised", "acked"):
             return State.OK
-        if row.packet in (LINK, CATALOGUE, STORE):
+        if row.packet in (LINK, CATALOGUE, STORE, MARGIN):
             return State(row.worst)
         return self._telemetry.board.limits.counted((row.packet, row.field))
 
     def view(self, row: Alarm) -> AlarmView:
         """Return the alarm for display."""
-        field = field_of(self._dictionary, row)
         shelved = row.shelved_until is not None and row.shelved_until > self._now()
-        words = title_of(self._dictionary, row), field.unit if field else "", text_of(self._dictionary, row)
+        words = title_of(self._dictionary, row), unit_of(self._dictionary, row), text_of(self._dictionary, row)
         return AlarmView(row, self._level(row), *words, shelved, action_of(self._dictionary, row))
 
     def get(self, alarm_id: int) -> AlarmView:

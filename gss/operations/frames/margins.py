@@ -1,0 +1,59 @@
+"""Raises an alarm while the sensor's boresight is too near to the Sun, the Moon or the Earth's limb."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from gss.domain.angles import Array, unit_from_ra_dec
+from gss.domain.limits import State
+from gss.operations.clock import Now
+from gss.operations.frames.place import EARTH_EXCLUSION_RAD, Place
+from gss.operations.frames.sky import bodies
+from gss.operations.telemetry.alarm_text import MARGIN
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.last_attitude import LastAttitude
+
+CURRENT_S = 10.0
+"""An attitude that is older decides nothing: the camera may point elsewhere. An open alarm then stays as it is."""
+EVERY = timedelta(seconds=5)
+LEVELS = {"Sun": State.WARNING, "Moon": State.WATCH, "Earth limb": State.WARNING}
+
+
+def margins_deg(boresight: Array, at: datetime, place: Place | None) -> dict[str, tuple[float, float]]:
+    """Return angle and minimum angle from the boresight, (3,) ICRS unit vector, by name of the body; the Earth's limb is
+    omitted if the camera's place is unknown. Degrees."""
+    directions = {body.name: (body.icrs, 0.0, body.exclusion_rad) for body in bodies(at)}
+    if place is not None:
+        directions["Earth limb"] = (place.earth_icrs, place.earth_radius_rad, EARTH_EXCLUSION_RAD)
+    return {
+        name: (math.degrees(math.acos(float(np.clip(boresight @ towards, -1, 1))) - radius), math.degrees(least))
+        for name, (towards, radius, least) in directions.items()
+    }
+
+
+class MarginWatch:
+    """Compares the newest attitude in the sensor's telemetry with the directions of Sun, Moon and Earth."""
+
+    def __init__(
+        self, attitude: LastAttitude, place_at: Callable[[datetime], Place | None], alarms: AlarmService, now: Now
+    ) -> None:
+        self._attitude, self._place_at, self._alarms, self._now = attitude, place_at, alarms, now
+        self._checked: datetime | None = None
+
+    def tick(self) -> None:
+        """Raise, update or end the alarms, at most every 5 s: the place of the camera is read from the store."""
+        now, report = self._now(), self._attitude.report()
+        if self._checked is not None and abs(now - self._checked) < EVERY:
+            return
+        if report is None or report.age_s > CURRENT_S:
+            return
+        self._checked = now
+        boresight = unit_from_ra_dec(math.radians(report.ra_deg), math.radians(report.dec_deg))
+        for name, (angle, least) in margins_deg(boresight, now, self._place_at(now)).items():
+            level = LEVELS[name] if angle < least else State.OK
+            limit = f"below {least:g}° ({level})"
+            self._alarms.watch((MARGIN, name), level, round(angle, 1), f"{name} {angle:.1f}° from boresight", limit)
