@@ -7,7 +7,7 @@ from datetime import datetime
 from typing import Any, NamedTuple
 
 from sqlalchemy import func, insert, select, update
-from sqlalchemy.orm import Session, defer
+from sqlalchemy.orm import Session, aliased, defer
 
 from gss.domain.errors import NotFound
 from gss.domain.results import BLIND
@@ -152,6 +152,26 @@ def operational_solutions(session: Session, frame_ids: Sequence[int]) -> dict[in
     """Return the operational ground solution of each frame that has one, in one query."""
     query = select(Solution).where(Solution.frame_id.in_(frame_ids), Solution.operational)
     return {row.frame_id: row for row in session.scalars(query)}
+
+
+def attitude_pairs(session: Session, limit: int) -> list[tuple[Frame, Solution, Solution]]:
+    """Return up to ``limit`` of the newest frames of the device that have an on-board and an operational ground attitude, newest
+    first, each with its newest on-board solution and its ground solution. Their regions and stars are not loaded."""
+    on_board, ground = aliased(Solution), aliased(Solution)
+    query = (
+        select(Frame, on_board, ground)
+        .join(on_board, on_board.frame_id == Frame.id)
+        .join(ground, ground.frame_id == Frame.id)
+        .where(Frame.source == "device", on_board.origin == "on board", ground.operational)
+        .where(on_board.outcome == "solved", ground.outcome == "solved")
+        .options(defer(on_board.detail), defer(ground.detail))
+        .order_by(Frame.id.desc(), on_board.id.desc())
+        .limit(limit)
+    )
+    newest: dict[int, tuple[Frame, Solution, Solution]] = {}
+    for frame, reported, solved in session.execute(query):
+        newest.setdefault(frame.id, (frame, reported, solved))
+    return list(newest.values())
 
 
 def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:

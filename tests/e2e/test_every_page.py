@@ -1,4 +1,5 @@
-"""Every page in both themes and two sizes: pictures, no scroll of the document, no serious finding of axe, no console error.
+"""Every page in both themes: pictures, no scroll of the document, no serious finding of axe, no console error; on tablets and
+phones no text that is cut off.
 
 One seeding and one page serve all of it.
 """
@@ -11,15 +12,15 @@ from typing import Any
 import pytest
 from playwright.sync_api import expect
 
+from tools.screenshots import FIND_CUT, RUN_AXE, STATION, SWEEP
+
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(600)]
 AXE = "web/node_modules/axe-core/axe.min.js"
 SMALL, LARGE = {"width": 1280, "height": 800}, {"width": 1920, "height": 1080}
+TABLET, PHONE = {"width": 820, "height": 1180}, {"width": 390, "height": 844}
+# On a small screen tables scroll inside their panel; the page itself does not scroll sideways.
+SIDEWAYS = "document.querySelector('.page').scrollWidth - innerWidth"
 BEYOND = "[document.documentElement.scrollHeight - innerHeight, document.documentElement.scrollWidth - innerWidth]"
-# What axe calls serious or critical; rules about whole documents are judged with the page around them.
-RUN_AXE = """axe.run(document, {resultTypes: ['violations']}).then((r) => r.violations
-  .filter((v) => v.impact === 'serious' || v.impact === 'critical')
-  .map((v) => `${v.impact} ${v.id}: ${v.help} (${v.nodes.length}) `
-    + v.nodes.slice(0, 3).map((n) => n.html.slice(0, 120)).join(' | ')))"""
 # Address, name of the picture, expected content.
 PAGES = [
     ("/live", "page-live", "command-panel"),
@@ -37,20 +38,9 @@ PAGES = [
     ("/campaigns?job={job}", "page-campaigns", "paper-ours"),
     ("/contacts?contact=1", "page-contacts", "contact-timeline"),
     ("/passes?days=1", "page-passes", "pass-row"),
+    ("/instruments", "page-instruments", "instruments"),
     ("/admin", "page-admin", "nav-admin"),
 ]
-SWEEP = {
-    "name": "sweep", "profile": "cubestar", "format": "cubestar", "orbit": "elements", "inclination_deg": 97.6,
-    "raan_deg": [40, 42], "altitude_km": 557, "start": "2026-12-05", "days": 14, "pointing": "zenith", "faint_mag": 3.8,
-    "brightest_per_field": 10,
-}  # fmt: skip
-
-
-STATION = {
-    "name": "Stellenbosch", "latitude_deg": -33.9275, "longitude_deg": 18.865, "height_m": 136.0, "line_baud": 115_200,
-    "mask": [{"azimuth_deg": 0.0, "elevation_deg": 4.0}, {"azimuth_deg": 60.0, "elevation_deg": 14.0},
-             {"azimuth_deg": 120.0, "elevation_deg": 5.0}],
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -91,4 +81,11 @@ def test_a_page_fits_reads_and_says_what_it_is(lasting, seeded, root: Path, at_r
             assert page.evaluate(BEYOND) == [0, 0], (theme, size)
             if size is SMALL:
                 assert page.evaluate(RUN_AXE) == [], theme
+    for size in (TABLET, PHONE):
+        page.set_viewport_size(size)
+        at_rest(page)
+        snap(page, f"{name}-light-{size['width']}x{size['height']}")
+        assert page.evaluate(FIND_CUT) == [], size
+        assert page.evaluate(SIDEWAYS) <= 0, size
+    assert page.evaluate(RUN_AXE) == [], "phone"
     lasting.look()

@@ -94,3 +94,15 @@ def test_filters_choose_what_they_say(session, wanted, passes):
 def test_modes_are_those_of_all_frames(session):
     """Not only of the page that is shown."""
     assert frames.modes(session) == ["assisted", "tracking"]
+
+
+def test_attitudes_of_sensor_and_ground_are_paired(session):
+    """The newest frames with both, newest first; of two on-board results the newer one; none without an attitude."""
+    known = {"chain": "cubestar", "version": "1", "created": START, "origin": "on board", "detail": {}, "timing_s": {}}
+    for k, outcome in ((1, "solved"), (4, "solved"), (4, "solved"), (8, "none"), (10, "solved")):
+        session.add(Solution(frame_id=k, outcome=outcome, **known))
+        session.flush()
+    pairs = frames.attitude_pairs(session, 100)
+    assert [frame.id for frame, _, _ in pairs] == [4, 1]  # 10 has no ground attitude
+    assert pairs[0][1].id > pairs[1][1].id + 1
+    assert pairs[0][2].operational

@@ -1,6 +1,7 @@
 import './design/tokens.css';
 import './design/type.css';
 import './design/base.css';
+import './design/phone.css';
 import { mount } from 'svelte';
 import Gate from './components/shell/Gate.svelte';
 import { startRouter } from './state/router.svelte';

@@ -12,6 +12,7 @@ from gss.api.schemas.frames import (
     AttitudeOut,
     CameraOut,
     ComparisonOut,
+    DifferenceOut,
     FrameDetailOut,
     FrameOut,
     PredictedOut,
@@ -153,6 +154,14 @@ def frame_replay(frame_id: int, stages: list[ReplayStage]) -> FrameReplayOut:
     """Return the stages of a frame replay."""
     rows = [ReplayStageOut(**(vars(s) | {"verdict": str(s.verdict)})) for s in stages]
     return FrameReplayOut(frame_id=frame_id, text=first_difference(stages), stages=rows)
+
+
+def difference(row: Frame, on_board: Solution, ground: Solution) -> DifferenceOut:
+    """Return the difference of two attitudes of a frame."""
+    compared = comparison(on_board, ground)
+    if compared is None:
+        raise ValueError(f"frame {row.id} has no two attitudes")
+    return DifferenceOut(frame_id=row.id, taken=row.taken, **compared.model_dump())
 
 
 def comparison(on_board: Solution | None, ground: Solution | None) -> ComparisonOut | None:

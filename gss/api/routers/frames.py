@@ -14,6 +14,7 @@ from gss.api.files.cached import revalidated
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.frames import (
+    DifferenceOut,
     DownloadIn,
     FrameDetailOut,
     FramePage,
@@ -57,6 +58,12 @@ def list_frames(
     return FramePage(
         total=total, modes=app.frames.modes(), frames=[present.frames.frame(frame, best) for frame, best in rows]
     )
+
+
+@router.get("/differences")
+def attitude_differences(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 60) -> list[DifferenceOut]:
+    """On-board minus ground attitude of the newest frames of the sensor that have both, oldest first."""
+    return [present.frames.difference(*row) for row in reversed(app.frames.attitude_pairs(limit))]
 
 
 @router.get("/latest")

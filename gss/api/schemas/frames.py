@@ -195,6 +195,13 @@ class ComparisonOut(Out):
     text: str
 
 
+class DifferenceOut(ComparisonOut):
+    """On-board minus ground attitude of one frame."""
+
+    frame_id: int
+    taken: Utc
+
+
 class FrameDetailOut(FrameOut):
     """Frame with its solutions (newest first) and the comparison of the on-board with the operational ground result.
     ``instrument_version``: SHA-256 of the instrument package in use when the frame was stored; null: unknown."""

@@ -15,6 +15,7 @@ LOCAL: dict[str, tuple[str, ...]] = {
         "/api/stream",
         "/api/frames",
         "/api/frames/latest",
+        "/api/frames/differences",
         "/api/frames/{frame_id}",
         "/api/frames/{frame_id}/image.png",
         "/api/frames/{frame_id}/thumbnail.png",

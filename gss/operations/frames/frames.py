@@ -87,6 +87,11 @@ class FrameService:
         self.skipped = 0
         """Number of frames since the server started that were not solved because they arrived too fast."""
 
+    def attitude_pairs(self, limit: int) -> list[tuple[Frame, Solution, Solution]]:
+        """Return the newest frames of the device with their on-board and ground solutions, if both have an attitude."""
+        with self._database.unit_of_work() as session:
+            return store.attitude_pairs(session, limit)
+
     def stop(self) -> None:
         """Finish the running solution and drop waiting frames, which can be rerun from the page."""
         self._pool.shutdown(wait=True, cancel_futures=True)

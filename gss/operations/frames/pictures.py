@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 Pixels = NDArray[np.generic]
-THUMBNAIL_PX = 256
+THUMBNAIL_PX = 144
 HISTOGRAM_BINS = 256
 
 
@@ -55,13 +55,18 @@ def png(grey: NDArray[np.uint8] | NDArray[np.uint16], level: int = 1) -> bytes:
 
 
 def thumbnail(pixels: Pixels) -> bytes:
-    """Return a small PNG; blocks are reduced by their maximum, so that stars are preserved."""
+    """Return a small PNG that shows the stars: blocks are reduced by their maximum, black is the upper end of what the noise
+    alone gives in a block, and white is reached by the brightest 0.2 % of the blocks."""
     factor = max(1, -(-max(pixels.shape) // THUMBNAIL_PX))
     rows, cols = (n // factor * factor for n in pixels.shape)
     if rows == 0 or cols == 0:
         return png(apply(pixels, auto_stretch(pixels)))
     blocks = np.asarray(pixels[:rows, :cols]).reshape(rows // factor, factor, cols // factor, factor)
-    return png(apply(blocks.max(axis=(1, 3)), auto_stretch(pixels)))
+    small = np.nan_to_num(np.asarray(blocks.max(axis=(1, 3)), float))
+    quartiles = np.percentile(small, [25, 50, 99.8])
+    spread = max(float(quartiles[1] - quartiles[0]), 0.5)
+    low = float(quartiles[1]) + 2 * spread
+    return png(apply(small, DisplayRange(low, max(float(quartiles[2]), low + 10 * spread))))
 
 
 def histogram(pixels: Pixels) -> tuple[list[float], list[int]]:

@@ -171,6 +171,7 @@ const telemetry = {
 
 const frames = {
   frames: (filter: Query<'/api/frames'>) => body(GET('/api/frames', { params: { query: given(filter) } })),
+  differences: (limit: number) => body(GET('/api/frames/differences', { params: { query: { limit } } })),
   frame: (frame_id: number, signal?: AbortSignal) =>
     body(GET('/api/frames/{frame_id}', { params: { path: { frame_id } }, signal })),
   frameReplay: (frame_id: number, signal?: AbortSignal) =>

@@ -31,6 +31,7 @@ export type Star = S['StarOut'];
 export type Predicted = S['PredictedOut'];
 export type Region = S['RegionOut'];
 export type Comparison = S['ComparisonOut'];
+export type Difference = S['DifferenceOut'];
 export type FrameReplay = S['FrameReplayOut'];
 export type Attitude = S['AttitudeOut'];
 export type SolveIn = S['SolveIn'];

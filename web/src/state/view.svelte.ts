@@ -31,6 +31,8 @@ class View {
   vast = $state(innerWidth >= 1700);
   /** Tablet width: the side columns are tabs. */
   narrow = $state(innerWidth < 1200);
+  /** Pages flow in one column. */
+  phone = $state(innerWidth < 600);
   readonly allKeys = $derived([...this.keys, ...this.offers.flat()]);
   /** The element that had the focus before a panel opened; it gets the focus back. */
   private before: HTMLElement | null = null;

@@ -1,0 +1,39 @@
+"""A phone: alarms, acknowledgement, ABORT, attitude, link and next pass without scrolling sideways."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+from tools.screenshots import STATION
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+PHONE = {"width": 390, "height": 844}
+
+
+def test_an_operator_on_call_sees_and_acts(page, served, tle_of):
+    """The summary shows an alarm, which is acknowledged there, the attitude and the next pass; ABORT is one touch away."""
+    served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
+    served.ask("PUT", "/spacecraft", {"text": tle_of(1), "source": "test"})
+    served.ask("POST", "/stations", STATION)
+    served.ask("POST", "/commands", {"name": "RUN_ITERATION", "arguments": {}})
+    served.ask("POST", "/commands", {"name": "SIM_INJECT", "arguments": {"fault": "overheat", "value": 60}})
+    served.until("/alarms", lambda alarms: [a for a in alarms if a["field"] == "sensor_temperature_c"])
+    page.set_viewport_size(PHONE)
+    page.goto("/live")
+    summary = page.get_by_test_id("phone-summary")
+    expect(summary).to_contain_text("Sensor temperature")
+    expect(page.get_by_test_id("phone-pass")).to_contain_text(re.compile(r"in \d"))
+    expect(page.get_by_test_id("attitude")).to_be_in_viewport()
+    expect(page.get_by_test_id("link-state")).to_be_in_viewport()
+    row = summary.locator(".line", has_text="Sensor temperature")
+    row.get_by_test_id("phone-acknowledge").click()
+    expect(row.get_by_test_id("phone-acknowledge")).to_have_count(0)
+    page.get_by_test_id("header-more").click()
+    expect(page.get_by_test_id("authority-open")).to_be_in_viewport()
+    abort = page.get_by_test_id("abort")
+    expect(abort).to_be_in_viewport()
+    abort.click()
+    expect(page.get_by_test_id("abort-strip")).to_contain_text("ABORT")

@@ -1,0 +1,130 @@
+/** Explains a run without a solution: stages with their numbers, the likely cause, and a run that may help. */
+import type { FrameDetail, SolutionDetail } from '../../api/types';
+
+/** A run to try. */
+export interface Remedy {
+  label: string;
+  chain: string;
+  blind: boolean;
+  profile: string | null;
+}
+export interface Stage {
+  name: string;
+  passed: boolean;
+  words: string;
+}
+export interface Explanation {
+  stages: Stage[];
+  cause: string;
+  remedy: Remedy | null;
+}
+type Run = Pick<SolutionDetail, 'chain' | 'reason' | 'found' | 'matched' | 'regions' | 'stars' | 'camera_name'>;
+
+/** Any chain needs this many stars for an attitude that can be verified. */
+export const LEAST_STARS = 4;
+/** From this number of stars on, a known camera fails for another reason than a lack of stars. */
+const PLENTY = 12;
+const LONG = 3;
+const HOT_SHARE = 0.6;
+
+/** The most frequent reason for which regions were rejected, without its numbers. */
+export function mainRejection(regions: Run['regions']): { words: string; count: number } | null {
+  const counts = new Map<string, number>();
+  for (const r of regions)
+    if (r.rejected) {
+      const words = r.rejected.replace(/[\d.,−-]+.*$/, '').trim() || r.rejected;
+      counts.set(words, (counts.get(words) ?? 0) + 1);
+    }
+  const [first] = [...counts].sort((a, b) => b[1] - a[1]);
+  return first ? { words: first[0], count: first[1] } : null;
+}
+
+/** Length over width of a region's box; a round star gives about 1. */
+export function elongation(r: Run['regions'][number]): number {
+  const [w, h] = [r.col_max - r.col_min + 1, r.row_max - r.row_min + 1];
+  return Math.max(w, h) / Math.max(1, Math.min(w, h));
+}
+
+const median = (values: readonly number[]): number => [...values].sort((a, b) => a - b)[values.length >> 1] ?? 0;
+
+export function explain(run: Run, frame: Pick<FrameDetail, 'profile' | 'complete'>): Explanation {
+  const rejected = run.regions.filter((r) => r.rejected).length;
+  const main = mainRejection(run.regions);
+  const enough = run.found >= LEAST_STARS;
+  const stages: Stage[] = [
+    {
+      name: 'Detection',
+      passed: run.regions.length > 0 || run.found > 0,
+      words: run.regions.length ? `${run.regions.length} regions above the threshold` : `${run.found} stars`,
+    },
+    {
+      name: 'Stars',
+      passed: enough,
+      words:
+        `${run.found} usable` +
+        (rejected ? `, ${rejected} rejected` + (main ? `, most: ${main.words} (${main.count})` : '') : ''),
+    },
+    {
+      name: 'Identification',
+      passed: run.matched >= LEAST_STARS,
+      words: `${run.matched} matched`,
+    },
+    { name: 'Verification', passed: false, words: run.reason || 'no reason stated' },
+  ];
+  return { stages, ...causeOf(run, frame, rejected) };
+}
+
+function causeOf(
+  run: Run,
+  frame: Pick<FrameDetail, 'profile' | 'complete'>,
+  rejected: number,
+): Pick<Explanation, 'cause' | 'remedy'> {
+  const reference: Remedy | null =
+    run.chain === 'reference'
+      ? null
+      : { label: 'Run the reference chain', chain: 'reference', blind: false, profile: frame.profile };
+  const blind: Remedy = { label: 'Solve without a camera', chain: 'reference', blind: true, profile: null };
+  const isBlind = run.camera_name === 'blind';
+  if (/mirrored/.test(run.reason))
+    return { cause: 'The image is mirrored. Reverse the file from left to right and import it again.', remedy: null };
+  if (/focal length/.test(run.reason))
+    return { cause: 'The image has another scale than the camera that was assumed.', remedy: isBlind ? null : blind };
+  const boxes = run.regions.filter((r) => r.area_px >= 6);
+  if (boxes.length >= LEAST_STARS && median(boxes.map(elongation)) >= LONG)
+    return {
+      cause:
+        'The stars are trails: the camera turned during the exposure. Shorten it, or use a chain that accepts trails.',
+      remedy: reference,
+    };
+  const tiny = run.regions.filter((r) => r.area_px <= 2).length;
+  if (run.regions.length > 2 * PLENTY && tiny > HOT_SHARE * run.regions.length)
+    return {
+      cause: 'Most regions are one or two pixels: hot pixels or noise. Raise the threshold, or use a dark frame.',
+      remedy: reference,
+    };
+  if (run.found < LEAST_STARS) {
+    if (rejected > run.found)
+      return {
+        cause: 'Most regions were rejected: cloud, stray light, or limits of area that do not fit.',
+        remedy: reference,
+      };
+    return {
+      cause: 'Too few stars: a cloud, a short exposure, or a threshold that is too high.',
+      remedy: reference,
+    };
+  }
+  if (run.found >= PLENTY && !isBlind)
+    return { cause: 'There are enough stars: the camera, and so the scale, is probably another one.', remedy: blind };
+  return {
+    cause: 'The stars do not form a figure of the catalogue: false detections, or stars fainter than the catalogue.',
+    remedy: reference ?? (isBlind ? null : blind),
+  };
+}
+
+/** "14.52° × 9.71°, 51.1″/px" of a solved camera; the scale is that at the centre. */
+export function fieldWords(s: Pick<SolutionDetail, 'fov_deg'> & Partial<Pick<SolutionDetail, 'camera'>>): string {
+  if (!s.fov_deg) return '';
+  const [w, h] = s.fov_deg;
+  const scale = s.camera?.focal_col_px ? `, ${((3600 * 180) / Math.PI / s.camera.focal_col_px).toFixed(1)}″/px` : '';
+  return `${w.toFixed(2)}° × ${h.toFixed(2)}°${scale}`;
+}
