@@ -6,7 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gss.operations.contacts.gaps import CLOCK_SET, RESTARTED, Count, Happening, HousekeepingSample, check_record
+from gss.operations.contacts.gaps import (
+    CLOCK_SET,
+    NOT_STORED,
+    RESTARTED,
+    Count,
+    Happening,
+    HousekeepingSample,
+    check_record,
+)
 
 
 def steady(n: int, *, without=(), start: float = 1000.0) -> list[HousekeepingSample]:
@@ -86,3 +94,20 @@ def test_gaps_at_the_ends_of_a_contact_are_found():
     assert lost.unexplained == ()
     assert len(check_record([], [], [], start_s=0.0, end_s=60.0).unexplained) == 1
     assert check_record([], [], [], start_s=0.0, end_s=2.0).gaps == ()
+
+
+def test_a_device_that_sends_fifty_times_a_second_misses_as_many_packets_as_it_sent():
+    """The period is that of the device's clock, not the longest one that the interface document allows."""
+    samples = [HousekeepingSample(1000.0 + k / 50, 50.0 + k / 50, 10.0, 1) for k in range(500) if not 100 <= k < 250]
+    (gap,) = check_record(samples, [count(1000)], []).gaps
+    assert gap.missing == 150
+
+
+def test_packets_that_the_server_could_not_store_were_not_lost_on_the_line():
+    """Sequence counts of other packets rise in the same span; the event names the true cause."""
+    stored_again = Happening(
+        1012.5, NOT_STORED, "telemetry is stored again; 3 earlier packets are in the raw capture only"
+    )
+    (gap,) = check_record(steady(30, without={10, 11, 12}), [count(1000), count(1014, gaps=4)], [stored_again]).gaps
+    assert (gap.missing, gap.explained) == (3, True)
+    assert gap.cause.startswith("not stored by the server: telemetry is stored again")

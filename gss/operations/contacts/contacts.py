@@ -16,6 +16,7 @@ from gss.operations.contacts.gaps import (
     CLOCK_SET,
     GROUND_CLOCK,
     LINE_LOST,
+    NOT_STORED,
     RESTARTED,
     Count,
     Gap,
@@ -31,6 +32,7 @@ from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarm_text import AlarmView
 from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.telemetry import STORED_AGAIN, TELEMETRY_STORE, UNSTORED
 from gss.store import devices as store
 from gss.store import telemetry as telemetry_store
 from gss.store.engine import Database
@@ -253,9 +255,10 @@ class ContactService:
         return [gap if gap.explained else _if_late(gap, late) for gap in silences]
 
     def _happenings(self, row: Contact, end: datetime) -> list[Happening]:
-        """Return events that can explain gaps: restarts of the device, changes of its clock, and a lost line."""
+        """Return events that can explain gaps: restarts of the device, changes of its clock, telemetry that could not be stored,
+        and a lost line."""
         with self._database.unit_of_work() as session:
-            events = store.events_between(session, row.started, end, ("device", "link"))
+            events = store.events_between(session, row.started, end, ("device", "link", TELEMETRY_STORE))
         words = self._link.roles.events
         names = {words.boot: RESTARTED, words.time_set: CLOCK_SET, words.clock_jump: CLOCK_JUMPED}
         happenings = []
@@ -263,6 +266,8 @@ class ContactService:
             name, _, text = event.text.partition(": ")
             if event.kind == "device" and name in names:
                 happenings.append(Happening(event.at.timestamp(), names[name], text))
+            elif event.kind == TELEMETRY_STORE and event.text.startswith((UNSTORED, STORED_AGAIN)):
+                happenings.append(Happening(event.at.timestamp(), NOT_STORED, event.text))
         # The closing of the line is recorded shortly after the contact's end.
         with self._database.unit_of_work() as session:
             closing = store.closing(session, row.id)

@@ -1,8 +1,9 @@
-"""Finds the gaps in the 1 Hz housekeeping record, each with its cause or "unexplained".
+"""Finds the gaps in the housekeeping record, each with its cause or "unexplained".
 
 A gap is found on the *device's* clock: housekeeping packets more than one and a half periods apart. Packets that only arrived
 late are not a gap. The causes are derived from other records: missing sequence counts, damaged packets, a restart of the
-device, a clock that was set, a closed line. Silence alone explains nothing, because the device itself may have stopped sending.
+device, a clock that was set, a closed line, a server that could not store. Silence alone explains nothing, because the device
+itself may have stopped sending.
 """
 
 from __future__ import annotations
@@ -12,6 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 PERIOD_S = 1.0
+"""Longest period of housekeeping (ICD). A device that sends more often has the period that its record shows."""
+LEAST_STEPS = 20
+"""Fewer steps of the device's clock do not show a period."""
 GAP_PERIODS = 1.5
 LATE_S = 3.0
 SLACK_S = 1.5
@@ -21,6 +25,8 @@ RESTARTED, CLOCK_SET, CLOCK_JUMPED = "restarted", "clock set", "clock jumped"
 RESETS = (RESTARTED,)
 CLOCKS = (CLOCK_SET, CLOCK_JUMPED)
 LINE_LOST = "LINE_LOST"
+NOT_STORED = "NOT_STORED"
+"""The server received telemetry that it could not store, or stores it again."""
 GROUND_CLOCK = "GROUND_CLOCK_JUMP"
 """The ground's clock, which timestamps arrivals, was set; the device's clock was not affected."""
 DAMAGE = ("bad_crc", "too_long", "too_short")
@@ -102,11 +108,12 @@ def check_record(
     gaps: list[Gap] = []
     late: list[Gap] = []
     evidence = _Evidence(counts, happenings)
+    period_s = _period_s(samples)
     for a, b in itertools.pairwise(samples):
-        gaps_between = _between(a, b, evidence)
+        gaps_between = _between(a, b, evidence, period_s)
         if gaps_between is not None:
             (gaps if gaps_between.missing else late).append(gaps_between)
-    gaps += _ends(samples, evidence, start_s, end_s)
+    gaps += _ends(samples, evidence, start_s, end_s, period_s)
     gaps.sort(key=lambda gap: gap.from_s)
     held = len(samples)
     return RecordCheck(held + sum(gap.missing for gap in gaps), held, tuple(gaps), tuple(late))
@@ -147,6 +154,9 @@ class _Evidence:
 
     def cause(self, a_s: float, b_s: float, contact_id: int | None) -> str:
         """Return the reason why packets of a span are missing."""
+        unstored = self.happened((NOT_STORED,), a_s, b_s)
+        if unstored is not None:
+            return f"not stored by the server: {unstored.text}"
         risen = self.risen(a_s, b_s, contact_id)
         lost, damaged = risen.get("gaps", 0), sum(risen.get(name, 0) for name in DAMAGE)
         if lost > 0:
@@ -157,29 +167,39 @@ class _Evidence:
         return UNEXPLAINED
 
 
-def _between(a: HousekeepingSample, b: HousekeepingSample, evidence: _Evidence) -> Gap | None:
+def _period_s(samples: Sequence[HousekeepingSample]) -> float:
+    """Return the device's housekeeping period: the median step of its clock, at most ``PERIOD_S``."""
+    steps = sorted(
+        b.device_time_s - a.device_time_s
+        for a, b in itertools.pairwise(samples)
+        if a.contact_id == b.contact_id and b.device_time_s > a.device_time_s
+    )
+    return min(PERIOD_S, steps[len(steps) // 2]) if len(steps) >= LEAST_STEPS else PERIOD_S
+
+
+def _between(a: HousekeepingSample, b: HousekeepingSample, evidence: _Evidence, period_s: float) -> Gap | None:
     """Return the gap between two neighbouring samples; None if there is none."""
     if a.contact_id != b.contact_id:
-        missing = max(0, round((b.at_s - a.at_s) / PERIOD_S) - 1)
+        missing = max(0, round((b.at_s - a.at_s) / period_s) - 1)
         return Gap(a.at_s, b.at_s, missing, "the line was closed meanwhile") if missing else None
     on_board_s, here_s = b.device_time_s - a.device_time_s, b.at_s - a.at_s
     restarted = b.uptime_s is not None and a.uptime_s is not None and b.uptime_s < a.uptime_s
     if here_s < -SLACK_S or evidence.happened((GROUND_CLOCK,), b.at_s - SLACK_S, b.at_s) is not None:
-        missing = max(0, round(on_board_s / PERIOD_S) - 1)  # the ground's clock jumped: use the device's
-        lost = missing and not restarted and on_board_s > GAP_PERIODS * PERIOD_S
+        missing = max(0, round(on_board_s / period_s) - 1)  # the ground's clock jumped: use the device's
+        lost = missing and not restarted and on_board_s > GAP_PERIODS * period_s
         return Gap(a.at_s, b.at_s, missing, evidence.cause(b.at_s, b.at_s, a.contact_id)) if lost else None
     boot = evidence.happened(RESETS, a.at_s, b.at_s)
     clock = evidence.happened(CLOCKS, a.at_s, b.at_s)
     if restarted or clock is not None or on_board_s <= 0:
-        missing = max(0, round(here_s / PERIOD_S) - 1)  # the device's clock was set: use the ground's
-        if here_s <= GAP_PERIODS * PERIOD_S or not missing:
+        missing = max(0, round(here_s / period_s) - 1)  # the device's clock was set: use the ground's
+        if here_s <= GAP_PERIODS * period_s or not missing:
             return None
         if restarted:
             words = f" ({boot.text})" if boot is not None and boot.text else ""
             return Gap(a.at_s, b.at_s, missing, f"the device restarted{words}")
         return Gap(a.at_s, b.at_s, missing, evidence.cause(a.at_s, b.at_s, a.contact_id))
-    if on_board_s > GAP_PERIODS * PERIOD_S:
-        missing = max(1, round(on_board_s / PERIOD_S) - 1)
+    if on_board_s > GAP_PERIODS * period_s:
+        missing = max(1, round(on_board_s / period_s) - 1)
         return Gap(a.at_s, b.at_s, missing, evidence.cause(a.at_s, b.at_s, a.contact_id))
     if here_s > LATE_S:
         return Gap(a.at_s, b.at_s, 0, "received late: the line stalled, nothing is missing")
@@ -187,23 +207,27 @@ def _between(a: HousekeepingSample, b: HousekeepingSample, evidence: _Evidence) 
 
 
 def _ends(
-    samples: Sequence[HousekeepingSample], evidence: _Evidence, start_s: float | None, end_s: float | None
+    samples: Sequence[HousekeepingSample],
+    evidence: _Evidence,
+    start_s: float | None,
+    end_s: float | None,
+    period_s: float,
 ) -> list[Gap]:
     """Return the gaps between opening the line and the first sample, and between the last one and closing it."""
     if not samples:
         if start_s is None or end_s is None or end_s - start_s <= LATE_S:
             return []
-        missing = round((end_s - start_s) / PERIOD_S)
+        missing = round((end_s - start_s) / period_s)
         return [Gap(start_s, end_s, missing, f"{UNEXPLAINED}: no packet received")]
     gaps = []
     first, last = samples[0], samples[-1]
     if start_s is not None and first.at_s - start_s > LATE_S:
-        missing = round((first.at_s - start_s) / PERIOD_S)
+        missing = round((first.at_s - start_s) / period_s)
         young = first.uptime_s is not None and first.uptime_s < first.at_s - start_s
         cause = "the device was not running yet" if young else evidence.cause(start_s, first.at_s, first.contact_id)
         gaps.append(Gap(start_s, first.at_s, missing, cause))
     if end_s is not None and end_s - last.at_s > LATE_S:
-        missing = round((end_s - last.at_s) / PERIOD_S)
+        missing = round((end_s - last.at_s) / period_s)
         cause = evidence.cause(last.at_s, end_s, last.contact_id)
         closed = evidence.happened((LINE_LOST,), end_s, end_s)
         if closed is not None:

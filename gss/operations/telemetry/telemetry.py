@@ -30,6 +30,10 @@ from gss.store.models import Alarm
 log = logging.getLogger("gss.telemetry")
 
 TRY_EVERY_S = 5.0
+TELEMETRY_STORE = "telemetry"
+"""Kind of the events that say whether telemetry is stored."""
+UNSTORED, STORED_AGAIN = "telemetry is not stored", "telemetry is stored again"
+"""How their texts begin; the check of a record reads them."""
 OLD_EVERY_S = 60.0
 
 
@@ -239,16 +243,16 @@ class TelemetryService:
         before, self.store_fails = self.store_fails, cause
         if cause and not before:
             self._unstored_from = self.unstored
-            self._say("critical", f"telemetry is not stored, only captured: {cause}")
+            self._say("critical", f"{UNSTORED}, only captured: {cause}")
         elif before and not cause:
             lost = self.unstored - self._unstored_from
-            self._say("watch", f"telemetry is stored again; {lost} earlier packets are in the raw capture only")
+            self._say("watch", f"{STORED_AGAIN}; {lost} earlier packets are in the raw capture only")
         if cause:
             self.unstored += len(packets)
 
     def _say(self, severity: str, text: str) -> None:
         try:
-            self._bus.record("telemetry", severity, text)
+            self._bus.record(TELEMETRY_STORE, severity, text)
         except StoreDown:
             log.exception("not recorded: %s", text)
 

@@ -48,7 +48,8 @@ class Station:
             self.events,
             retention=retention,
         )
-        self.telemetry = TelemetryService(*parts, self.now, lambda: self.link.contact_id, lambda: True)
+        self.room = True
+        self.telemetry = TelemetryService(*parts, self.now, lambda: self.link.contact_id, lambda: self.room)
         self.alarms = AlarmService(self.dictionary, self.telemetry, self.link, database, self.bus, self.now)
         self.commands = CommandService(
             self.link,

@@ -73,6 +73,20 @@ def test_a_silence_is_a_span_with_a_cause(station):
     assert (gap.missing, gap.explained, record.unexplained) == (6, True, ())
 
 
+def test_packets_received_on_a_full_disk_are_missing_because_of_the_disk(station):
+    """The check of the record names the server as the cause, not the line."""
+    contact_id = station.open()
+    station.listen(5)
+    station.room = False
+    station.listen(6)
+    station.room = True
+    station.listen(4)
+    station.close()
+    (gap,) = station.contacts.record(contact_id).gaps
+    assert gap.missing == 6
+    assert gap.cause.startswith("not stored by the server: telemetry is not stored, only captured: the disk is full")
+
+
 def test_a_line_that_paused_and_then_delivered_everything_has_lost_nothing(station):
     """Data that arrive seven seconds late give a silence with a stated cause and a record without a gap."""
     contact_id = station.open()
