@@ -37,7 +37,8 @@ class Settings(BaseSettings):
         description="API worker processes beside the process that owns the line; 0: one process does everything.",
     )
     device: str = Field(
-        default="", description="Port of the sensor to open at start: a tty, socket://, rfc2217:// or udp:// URL."
+        default="",
+        description="Port of the sensor to open at start: a tty, or a socket://, rfc2217://, udp://, zmq:// or can:// URL.",
     )
     units: str = Field(
         default="",

@@ -23,7 +23,10 @@ def register(commands: Subparsers) -> None:
     )
     p.add_argument("image", type=Path, help="bank image from gss catalogue build")
     p.add_argument(
-        "--device", required=True, metavar="URL", help="port of the device: a tty, socket://, rfc2217:// or udp:// URL"
+        "--device",
+        required=True,
+        metavar="URL",
+        help="port of the device: a tty, or a socket://, rfc2217://, udp://, zmq:// or can:// URL",
     )
     p.add_argument("--bank", required=True, help="an inactive bank, for example A")
     p.add_argument("--activate", action="store_true", help="activate the bank and confirm it (critical)")

@@ -27,7 +27,10 @@ def register(subparsers: Commands) -> None:
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="WHAT")
     p = kinds.add_parser("device", help="test a simulator or a unit on a port", description=DESCRIPTION)
     p.add_argument(
-        "--device", required=True, metavar="URL", help="port of the device: a tty, socket://, rfc2217:// or udp:// URL"
+        "--device",
+        required=True,
+        metavar="URL",
+        help="port of the device: a tty, or a socket://, rfc2217://, udp://, zmq:// or can:// URL",
     )
     p.add_argument(
         "--write",

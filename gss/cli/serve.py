@@ -25,7 +25,10 @@ def register(subparsers: Commands) -> None:
     )
     parser.add_argument("--port", type=int, help="port of the console; 0 selects a free port (GSS_PORT)")
     parser.add_argument("--data", help="folder of database, frames and captures (GSS_DATA)")
-    parser.add_argument("--device", help="port of the sensor: a tty, socket://, rfc2217:// or udp:// URL (GSS_DEVICE)")
+    parser.add_argument(
+        "--device",
+        help="port of the sensor: a tty, or a socket://, rfc2217://, udp://, zmq:// or can:// URL (GSS_DEVICE)",
+    )
     parser.add_argument("--simulator", metavar="PROFILE", help="start a simulated sensor and open it (GSS_SIMULATOR)")
     parser.add_argument(
         "--workers", type=int, help="API worker processes beside the process that owns the line (GSS_WORKERS)"

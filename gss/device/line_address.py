@@ -1,7 +1,7 @@
-"""Line addresses: a device path, or scheme, host and port of a serial device server.
+"""Line addresses: a device path; scheme, host and port of a server; or interface and channel of a CAN bus.
 
 Nothing else is accepted: pyserial reads options (timeouts, logging) from paths and queries, and its other schemes (spy,
-alt, loop) write files or load code.
+alt, loop) write files or load code. python-can would take any option of an interface.
 """
 
 from __future__ import annotations
@@ -12,44 +12,86 @@ from ipaddress import IPv6Address
 
 from gss.domain.errors import BadInput
 
-SOCKET, RFC2217, UDP = "socket", "rfc2217", "udp"
-EXPECTED = "a device path, socket://host:port, rfc2217://host:port or udp://host:port"
+SOCKET, RFC2217, UDP, ZMQ, CAN = "socket", "rfc2217", "udp", "zmq", "can"
+SOCKETCAN, SLCAN, UDP_MULTICAST = "socketcan", "slcan", "udp_multicast"
+EXPECTED = (
+    "a device path, socket://host:port, rfc2217://host:port, udp://host:port, zmq://host:port, can://socketcan/can0, "
+    "can://slcan/dev/ttyACM0 or can://udp_multicast/239.0.0.0 – 239.255.255.255:port"
+)
 LARGEST_PORT = 65_535
 NETWORK = re.compile(
-    rf"(?P<scheme>{SOCKET}|{RFC2217}|{UDP})://"
+    rf"(?P<scheme>{SOCKET}|{RFC2217}|{UDP}|{ZMQ})://"
     r"(?:(?P<name>[A-Za-z0-9._-]+)|\[(?P<ipv6>[0-9A-Fa-f:.]+(?:%[A-Za-z0-9._-]+)?)\])"
     r":(?P<port>[0-9]{1,5})"
 )
+CAN_BUS = re.compile(
+    rf"{CAN}://(?:{SOCKETCAN}/(?P<interface>[A-Za-z0-9._-]{{1,15}})"
+    rf"|{SLCAN}(?P<path>/dev(?:/[A-Za-z0-9_-][A-Za-z0-9._-]*)+)"
+    rf"|{UDP_MULTICAST}/(?P<group>239(?:\.(?:25[0-5]|2[0-4][0-9]|1?[0-9]?[0-9])){{3}}):(?P<port>[0-9]{{1,5}}))"
+)
+"""Groups begin with 239, which are those for private use."""
 
 
 @dataclass(frozen=True)
 class LineAddress:
-    """A checked address. A device path has ``scheme`` and ``host`` "" and ``port`` 0. ``host`` is in lower case."""
+    """A checked address. A device path has ``scheme`` and ``host`` "" and ``port`` 0. ``host`` is in lower case; of a CAN bus it is
+    the multicast group. ``interface``, ``channel``: of a CAN bus, "" otherwise."""
 
     text: str
     scheme: str = ""
     host: str = ""
     port: int = 0
+    interface: str = ""
+    channel: str = ""
 
     @property
     def is_device(self) -> bool:
         """True if the address is a device path on this machine."""
         return not self.scheme
 
+    @property
+    def is_local(self) -> bool:
+        """True if nothing leaves this machine: a device, or a CAN bus of it."""
+        return self.is_device or self.scheme == CAN
+
 
 def parse_line_address(text: str) -> LineAddress:
     """Check an address. Raises BadInput if it has a user name, path, query, fragment, another scheme or no valid port."""
     if text and "://" not in text and text.isprintable():
         return LineAddress(text)
-    match = NETWORK.fullmatch(text)
-    if match is None or not 0 < int(match["port"]) <= LARGEST_PORT or not _is_host(match):
+    address = _can_bus(text) or _network(text)
+    if address is None:
         raise BadInput(
             "invalid line address" if text else "no line address given",
             expected=EXPECTED,
             got=ascii(text)[:80] if text else "",
             hint=f"leave out user name, path, query and fragment; ports are 1 – {LARGEST_PORT}",
         )
+    return address
+
+
+def _network(text: str) -> LineAddress | None:
+    match = NETWORK.fullmatch(text)
+    if match is None or not _is_port(match["port"]) or not _is_host(match):
+        return None
     return LineAddress(text, match["scheme"], (match["name"] or match["ipv6"]).lower(), int(match["port"]))
+
+
+def _can_bus(text: str) -> LineAddress | None:
+    match = CAN_BUS.fullmatch(text)
+    if match is None:
+        return None
+    if match["group"]:
+        if not _is_port(match["port"]):
+            return None
+        return LineAddress(text, CAN, match["group"], int(match["port"]), UDP_MULTICAST, match["group"])
+    if match["path"]:
+        return LineAddress(text, CAN, interface=SLCAN, channel=match["path"])
+    return LineAddress(text, CAN, interface=SOCKETCAN, channel=match["interface"])
+
+
+def _is_port(digits: str) -> bool:
+    return 0 < int(digits) <= LARGEST_PORT
 
 
 def _is_host(match: re.Match[str]) -> bool:

@@ -1,4 +1,5 @@
-"""Line I/O: tty, pseudo-terminal, ``socket://host:port``, ``rfc2217://host:port`` and, in :mod:`gss.device.udp`, ``udp://``.
+"""Line I/O: tty, pseudo-terminal, ``socket://host:port``, ``rfc2217://host:port``, and ``udp://``, ``can://`` and ``zmq://`` in
+:mod:`gss.device.udp`, :mod:`gss.device.can_stream` and :mod:`gss.device.zmq_stream`.
 
 The only module that imports pyserial. A read blocks at most for its timeout, opening at most ``OPEN_WITHIN_S``. A port
 that disappears raises LinkDown; a port that another process holds raises Conflict.
@@ -15,10 +16,13 @@ from typing import Protocol
 
 import serial
 
-from gss.device.line_address import RFC2217, UDP, LineAddress, parse_line_address
+from gss.device.can_stream import CanStream
+from gss.device.line_address import CAN, RFC2217, SLCAN, UDP, ZMQ, LineAddress, parse_line_address
 from gss.device.udp import UdpStream
+from gss.device.zmq_stream import ZmqStream
 from gss.domain.errors import BadInput, Conflict, LinkDown, NotFound
 
+DEFAULT_BAUD = 115_200
 OPEN_WITHIN_S = 5.0
 WRITE_TIMEOUT_S = 10.0
 RFC2217_POLL_S = 0.01
@@ -127,11 +131,11 @@ class Rfc2217Stream(SerialStream):
         return b""
 
 
-def open_stream(url: str, baud: int = 115_200, within_s: float = OPEN_WITHIN_S) -> ByteStream:
+def open_stream(url: str, baud: int = DEFAULT_BAUD, within_s: float = OPEN_WITHIN_S) -> ByteStream:
     """Open a line for exclusive use, on a separate thread.
 
-    Raises NotFound, Conflict, BadInput or LinkDown, stating the reason; LinkDown also after ``within_s``. A port that
-    opens after that is closed at once.
+    ``baud``: of a serial port or adapter, which a device server may ignore. Raises NotFound, Conflict, BadInput or LinkDown,
+    stating the reason; LinkDown also after ``within_s``. A port that opens after that is closed at once.
     """
     address = parse_line_address(url)
     if not _unfinished.acquire(blocking=False):
@@ -140,7 +144,9 @@ def open_stream(url: str, baud: int = 115_200, within_s: float = OPEN_WITHIN_S) 
         )
     opening: Future[ByteStream] = Future()
     try:
-        threading.Thread(target=_open_into, args=(opening, address, baud), name="open line", daemon=True).start()
+        threading.Thread(
+            target=_open_into, args=(opening, address, baud, within_s), name="open line", daemon=True
+        ).start()
     except RuntimeError as error:
         _unfinished.release()
         raise LinkDown(
@@ -158,9 +164,9 @@ def open_stream(url: str, baud: int = 115_200, within_s: float = OPEN_WITHIN_S) 
         ) from None
 
 
-def _open_into(opening: Future[ByteStream], address: LineAddress, baud: int) -> None:
+def _open_into(opening: Future[ByteStream], address: LineAddress, baud: int, within_s: float) -> None:
     try:
-        opening.set_result(_open(address, baud))
+        opening.set_result(_open(address, baud, within_s))
     except BaseException as error:  # raised again by opening.result()
         opening.set_exception(error)
     finally:
@@ -172,10 +178,16 @@ def _close_late(opening: Future[ByteStream]) -> None:
         opening.result().close()
 
 
-def _open(address: LineAddress, baud: int) -> ByteStream:
+def _open(address: LineAddress, baud: int, within_s: float) -> ByteStream:
     url = address.text
     if address.scheme == UDP:
         return UdpStream(address)
+    if address.scheme == ZMQ:
+        return ZmqStream(address, within_s)
+    if address.interface == SLCAN:
+        _check_device(address.channel)
+    if address.scheme == CAN:
+        return CanStream(address, baud)
     if address.is_device:
         _check_device(url)
     try:

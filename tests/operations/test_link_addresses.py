@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gss.device.line_address import LineAddress, parse_line_address
+from gss.device.line_address import EXPECTED, LineAddress, parse_line_address
 from gss.domain.errors import BadInput
 from gss.operations.line.addresses import is_allowed
 
@@ -21,6 +21,11 @@ LIST = "serial-server.lab, 10.0.5.0/24, fd00::/8"
         ("socket://10.0.5.9:7000", True),
         ("rfc2217://Serial-Server.LAB:2217", True),
         ("socket://[fd00::7]:1", True),
+        ("zmq://127.0.0.1:5555", True),
+        ("can://socketcan/can0", True),
+        ("can://slcan/dev/ttyACM0", True),
+        ("can://udp_multicast/239.74.163.2:43113", True),
+        ("zmq://10.0.6.1:5555", False),
         ("socket://10.0.6.1:7000", False),
         ("socket://192.168.1.1:22", False),
         ("socket://serial-server.lab.example:22", False),
@@ -67,13 +72,28 @@ def test_an_operator_may_open_local_devices_and_listed_addresses(url: str, allow
         "spy:///dev/null?file=/tmp/x",
         "hwgrep://.*",
         "loop://",
+        "zmq://*:5555",
+        "zmq://127.0.0.1:5555/topic",
+        "can://",
+        "can://can0",
+        "can://virtual/0",
+        "can://socketcan/can0?bitrate=1",
+        "can://socketcan/a-name-of-16-chrs",
+        "can://socketcan/../x",
+        "can://slcan/etc/passwd",
+        "can://slcan/dev/../etc/passwd",
+        "can://slcan/dev/ttyACM0@1000000",
+        "can://udp_multicast/239.74.163.2",
+        "can://udp_multicast/239.74.163.2:0",
+        "can://udp_multicast/239.74.163.256:43113",
+        "can://udp_multicast/10.0.0.1:43113",
     ],
 )
 def test_only_host_and_port_or_a_path_form_an_address(url: str) -> None:
     """No user name, path, query, fragment or other scheme; ports are 1 – 65535."""
     with pytest.raises(BadInput) as refused:
         parse_line_address(url)
-    assert refused.value.expected == "a device path, socket://host:port, rfc2217://host:port or udp://host:port"
+    assert refused.value.expected == EXPECTED
 
 
 def test_an_address_has_scheme_host_and_port() -> None:
@@ -81,3 +101,6 @@ def test_an_address_has_scheme_host_and_port() -> None:
     assert parse_line_address("/dev/ttyS0") == LineAddress("/dev/ttyS0")
     text = "rfc2217://[FE80::1%eth0]:65535"
     assert parse_line_address(text) == LineAddress(text, "rfc2217", "fe80::1%eth0", 65535)
+    text = "can://udp_multicast/239.0.0.1:7"
+    assert parse_line_address(text) == LineAddress(text, "can", "239.0.0.1", 7, "udp_multicast", "239.0.0.1")
+    assert parse_line_address("can://slcan/dev/serial/by-id/usb-x").channel == "/dev/serial/by-id/usb-x"

@@ -111,6 +111,6 @@ class LinkOut(Out):
 
 
 class LinkOpenIn(In):
-    """Address of the device: a tty, a pseudo-terminal, socket://host:port, rfc2217://host:port or udp://host:port."""
+    """Address of the device: a tty, a pseudo-terminal, or a socket://, rfc2217://, udp://, zmq:// or can:// address."""
 
     url: str

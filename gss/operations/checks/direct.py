@@ -19,7 +19,7 @@ from gss.device.session_events import (
     TransferUpdate,
 )
 from gss.device.session_transfer import Part
-from gss.device.transport import ByteStream, open_stream
+from gss.device.transport import DEFAULT_BAUD, ByteStream, open_stream
 from gss.domain.errors import Conflict, LinkDown
 from gss.instruments.dictionary.definitions import Dictionary, Value
 from gss.instruments.package import Instrument
@@ -144,7 +144,7 @@ def direct_device(
     url: str, instrument: Instrument, monotonic_s: Monotonic, signer: PacketSigner | None = None
 ) -> Iterator[DirectDevice]:
     """Open the device of that instrument on that port and wait until it has answered; close the port at the end."""
-    stream = open_stream(url)
+    stream = open_stream(url, instrument.link.baud or DEFAULT_BAUD)
     try:
         yield DirectDevice(stream, open_driver(instrument, signer=signer), instrument.dictionary, monotonic_s)
     finally:

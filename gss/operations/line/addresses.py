@@ -10,9 +10,9 @@ from gss.domain.errors import NotPermitted
 
 
 def is_allowed(address: LineAddress, allowed: str) -> bool:
-    """True for a device on this host, this host itself, or a host on the ``allowed`` list (names and networks separated by
-    commas). Names are compared as text, because the address a name resolves to may change."""
-    if address.is_device:
+    """True for a device or CAN bus of this host, this host itself, or a host on the ``allowed`` list (names and networks separated
+    by commas). Names are compared as text, because the address a name resolves to may change."""
+    if address.is_local:
         return True
     host = address.host
     words = [word.strip().lower() for word in allowed.split(",") if word.strip()]

@@ -11,7 +11,7 @@ from pathlib import Path
 from gss.device.driver import Driver
 from gss.device.session import HostSession
 from gss.device.session_events import HelloReceived, LinkCounters
-from gss.device.transport import ByteStream, open_stream
+from gss.device.transport import DEFAULT_BAUD, ByteStream, open_stream
 from gss.domain.errors import Conflict, GssError, LinkDown
 from gss.instruments.dictionary.definitions import Dictionary, Value
 from gss.instruments.package_files import LinkFile
@@ -97,7 +97,7 @@ class LinkService:
 
     def open(self, url: str) -> None:
         """Use this port from now on. Raises BadInput, Conflict or LinkDown if it cannot be opened; then nothing changes."""
-        stream = open_stream(url)
+        stream = self._opened(url)
         stream.close()
         if url != self.url:
             self.contact.forget_device()
@@ -222,7 +222,7 @@ class LinkService:
             return
         url, self._reopen = self.url, False
         try:
-            stream = open_stream(url)
+            stream = self._opened(url)
         except GssError as error:
             self._could_not_open(str(error))
             self._pause(RETRY_S)
@@ -239,6 +239,9 @@ class LinkService:
             # The line was lost. Without a pause, a far end that hangs up at once would create contacts in rapid
             # succession.
             self._pause(REOPEN_S)
+
+    def _opened(self, url: str) -> ByteStream:
+        return open_stream(url, self._rules.baud or DEFAULT_BAUD)
 
     def _pause(self, seconds: float) -> None:
         self._wake.wait(seconds)

@@ -55,7 +55,7 @@ def line(database, bus, clock, tmp_path, monkeypatch):
     """A link whose ports hang, with the test's clock."""
     opened: list[HangingStream] = []
 
-    def open_hanging(url: str) -> HangingStream:
+    def open_hanging(url: str, baud: int) -> HangingStream:
         opened.append(HangingStream())
         return opened[-1]
 
@@ -103,7 +103,7 @@ def test_a_reader_that_died_is_restarted_and_reported(line, bus, monkeypatch):
     monkeypatch.setattr(link, "_once", lambda: (_ for _ in ()).throw(Fatal()))
     wait_for(lambda: not link.alive())
     monkeypatch.undo()
-    monkeypatch.setattr(link_room, "open_stream", lambda url: opened.append(HangingStream()) or opened[-1])
+    monkeypatch.setattr(link_room, "open_stream", lambda *_: opened.append(HangingStream()) or opened[-1])
     link.open_later("memory://hangs")
     link.watch()
     wait_for(lambda: opened and opened[-1].reading.is_set())

@@ -1,0 +1,71 @@
+"""CAN frames as bytes: records of 16 bytes, so that a driver, a capture and a replay see a CAN bus as any other line.
+
+A record is the head of LINKTYPE_CAN_SOCKETCAN (identifier with its flags, big-endian; length; three zero bytes) and always eight
+bytes of data, filled with zeros. Pure.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+RECORD = struct.Struct(">IB3x8s")
+EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
+LARGEST_STANDARD, LARGEST_EXTENDED = 0x7FF, 0x1FFF_FFFF
+MOST_DATA = 8
+
+
+@dataclass(frozen=True)
+class CanFrame:
+    """A frame of classic CAN. ``data``: at most eight bytes."""
+
+    id: int
+    data: bytes = b""
+    extended: bool = False
+    remote: bool = False
+
+    def record(self) -> bytes:
+        """Return the frame as 16 bytes."""
+        flags = EXTENDED * self.extended | REMOTE * self.remote
+        return RECORD.pack(self.id | flags, len(self.data), self.data)
+
+
+class CanReader:
+    """Reads records from a stream of bytes; what cannot be a record is dropped byte by byte. Error frames are counted."""
+
+    def __init__(self) -> None:
+        self._held = b""
+        self.bytes = self.unframed = self.errors = 0
+
+    def restart(self) -> None:
+        """Discard the partial record. Counters are kept."""
+        self._held = b""
+
+    def feed(self, data: bytes) -> list[CanFrame]:
+        """Return the frames that ``data`` completes."""
+        self.bytes += len(data)
+        held, at, frames = self._held + data, 0, []
+        while len(held) - at >= RECORD.size:
+            record = held[at : at + RECORD.size]
+            if not _is_record(record):
+                at += 1
+                self.unframed += 1
+                continue
+            at += RECORD.size
+            flagged, length, content = RECORD.unpack(record)
+            if flagged & ERROR:
+                self.errors += 1
+                continue
+            frames.append(
+                CanFrame(flagged & LARGEST_EXTENDED, content[:length], bool(flagged & EXTENDED), bool(flagged & REMOTE))
+            )
+        self._held = held[at:]
+        return frames
+
+
+def _is_record(record: bytes) -> bool:
+    """True if identifier, length and padding are possible."""
+    flagged, length, content = RECORD.unpack(record)
+    if length > MOST_DATA or any(record[5:8]) or any(content[length:]):
+        return False
+    return bool(flagged & (EXTENDED | ERROR)) or flagged & LARGEST_EXTENDED <= LARGEST_STANDARD
