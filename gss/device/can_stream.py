@@ -58,7 +58,7 @@ class CanStream:
         return records
 
     def _receive(self, timeout_s: float) -> bytes | None:
-        """Return the record of the next frame; b"" for one that is no frame of classic CAN, None without one."""
+        """Return the record of the next frame; b"" for another one than of classic CAN, None without one."""
         if self._closed:
             raise self._down("the bus was closed")
         try:

@@ -12,12 +12,13 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 from gss.device.driver import InFlight, UnitSetup
-from gss.device.no_transfers import NoTransfers
+from gss.device.no_transfers import ExchangeTransfers, NoTransfers
 from gss.device.protocol.codec import Decoded, EncodedCommand
 from gss.device.session_commands import CommandQueue, CommandRecord
 from gss.device.session_events import (
     FINAL_STAGES,
     CommandUpdate,
+    DeviceEvent,
     DirectionCounters,
     HelloReceived,
     LinkCounters,
@@ -46,7 +47,8 @@ class SensorRequest:
 @dataclass(frozen=True)
 class Answer:
     """What a frame of the sensor means. ``stage``: of the request under way, None if the frame does not concern it.
-    ``packet``: telemetry packet in it, with its content. ``time_s``: the sensor's clock, None without one."""
+    ``packet``: telemetry packet in it, with its content. ``time_s``: the sensor's clock, None without one. ``event``: name of an
+    event in it, described by ``detail``. ``reply``: bytes that continue the exchange. ``of_unit``: False if another one sent it."""
 
     stage: Stage | None = None
     reason: str = ""
@@ -55,6 +57,9 @@ class Answer:
     packet: str = ""
     content: Decoded = field(default_factory=Decoded)
     time_s: float | None = None
+    event: str = ""
+    reply: bytes = b""
+    of_unit: bool = True
 
 
 class ExchangeWire(Protocol):
@@ -87,11 +92,12 @@ class ExchangeSession:
         poll: Sequence[Poll] = (),
         pause_s: float = 0.0,
         greeting: str = "",
-        transfers: NoTransfers | None = None,
+        transfers: ExchangeTransfers | None = None,
     ) -> None:
         self._setup, self._wire, self._pause_s = setup, wire, pause_s
         self.framing = setup.framing or setup.link.framing
-        self.transfers = transfers or NoTransfers()
+        self.transfers: ExchangeTransfers = transfers or NoTransfers()
+        self._replies = b""
         self._ids, self._queue = RequestIds(1), CommandQueue()
         self._orders: dict[int, EncodedCommand] = {}
         self._polls = [(wire.encode(p.command, {}), p.every_s) for p in poll]
@@ -169,7 +175,7 @@ class ExchangeSession:
     def link_up(self, now_s: float) -> None:
         """Start on a newly opened port."""
         self._wire.restart()
-        self._up, self._greeted = True, False
+        self._up, self._greeted, self._replies = True, False, b""
         self._current, self._polled_until_s, self._free_s = None, None, now_s
         self._greet_s = now_s
         self._due_s = [now_s] * len(self._polls)
@@ -177,16 +183,20 @@ class ExchangeSession:
     def link_lost(self, now_s: float) -> list[SessionEvent]:
         """Handle the loss of the port: a command that was sent becomes UNKNOWN."""
         self._up, self._current, self._polled_until_s = False, None, None
+        self.transfers.lose()
         self._events += self._queue.lose_all("The line was lost while the command was under way.")
         return self._take_events()
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
         """Process received bytes and return the resulting events. Never raises, whatever the bytes are."""
         for answer in self._wire.feed(data):
-            self._last_good_s = now_s
-            if not self._greeted:
+            if answer.of_unit:
+                self._last_good_s = now_s
                 self._greet(answer)
             request = self._current
+            self._replies += answer.reply
+            if answer.event:
+                self._event(answer, now_s)
             if answer.packet:
                 self._telemetry(answer, request, now_s)
             if request is not None and answer.stage is not None:
@@ -198,8 +208,9 @@ class ExchangeSession:
         out = b""
         if self._up:
             self._expire(now_s)
-            if self._current is None and now_s >= self._free_s:
-                out = self._next(now_s)
+            out, self._replies = self._replies + self.transfers.poll(now_s), b""
+            if self._current is None and now_s >= self._free_s and not self.transfers.busy:
+                out += self._next(now_s) or (self.transfers.begin(now_s) if self._greeted else b"")
         if now_s - self._counted_s >= COUNTERS_EVERY_S:
             self._counted_s = now_s
             self._events.append(self.counters)
@@ -268,8 +279,15 @@ class ExchangeSession:
             self._housekeeping = content.values
         self._events.append(Telemetry(answer.packet, time_s, request_id, content.raw, content.values, content.lists))
 
+    def _event(self, answer: Answer, now_s: float) -> None:
+        row = self._setup.dictionary.event_named(answer.event)
+        time_s = now_s if answer.time_s is None else answer.time_s
+        self._events.append(DeviceEvent(row.name, row.severity, answer.detail, time_s))
+
     def _greet(self, answer: Answer) -> None:
         """Report the unit at its first valid frame: its protocol does not say which unit it is."""
+        if self._greeted:
+            return
         self._greeted, setup = True, self._setup
         self._hello = HelloReceived(
             device_model=setup.dictionary.device_model,

@@ -1,17 +1,37 @@
-"""Transfers of a sensor that moves no content: every request is refused with one sentence."""
+"""Transfers between the requests of an exchange session, and those of a sensor that moves no content: every request is refused with
+one sentence."""
 
 from __future__ import annotations
 
-from typing import NoReturn
+from typing import NoReturn, Protocol
 
+from gss.device.driver import DriverTransfers
 from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Ranges, TransferDone, TransferUpdate
 from gss.device.session_transfer import HeldPart, Part
 from gss.domain.errors import Conflict, NotFound
 
 
+class ExchangeTransfers(DriverTransfers, Protocol):
+    """Content on its way, between the requests of a session. ``begin`` and ``poll`` return bytes to send: to start the next
+    transfer while the line is free, and to continue the one under way. While ``busy``, no request is sent."""
+
+    @property
+    def busy(self) -> bool: ...
+
+    def begin(self, now_s: float) -> bytes: ...
+
+    def poll(self, now_s: float) -> bytes: ...
+
+    def lose(self) -> None: ...
+
+    def update(self, transfer_id: int) -> TransferUpdate: ...
+
+    def news(self) -> list[TransferUpdate | TransferDone]: ...
+
+
 class NoTransfers:
-    """See the module docstring."""
+    """An :class:`ExchangeTransfers` without any."""
 
     def start_download(
         self,
@@ -61,6 +81,20 @@ class NoTransfers:
     def update(self, transfer_id: int) -> TransferUpdate:
         """See ``partial``."""
         self._none(transfer_id)
+
+    busy = False
+    """True while content uses the line, so that requests wait."""
+
+    def begin(self, now_s: float) -> bytes:
+        """Return nothing to send."""
+        return b""
+
+    def poll(self, now_s: float) -> bytes:
+        """Return nothing to send."""
+        return b""
+
+    def lose(self) -> None:
+        """Do nothing."""
 
     def news(self) -> list[TransferUpdate | TransferDone]:
         """Return nothing."""

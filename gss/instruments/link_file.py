@@ -118,7 +118,7 @@ class Protocol(Strict):
         return self
 
 
-FRAMINGS = ("cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "none")
+FRAMINGS = ("cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "can", "none")
 
 
 class LinkFile(Noted):
@@ -126,7 +126,7 @@ class LinkFile(Noted):
     session. ``stalled_after_s``: a line that takes no bytes for this long is closed and opened again. ``protocol``: for the
     driver ``link``; other drivers know theirs."""
 
-    framing: Literal["cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "none"] = "cobs"
+    framing: Literal["cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "can", "none"] = "cobs"
     baud: Annotated[int, Field(ge=0, le=100_000_000)] = 115_200
     hello_again_s: Positive = 3.0
     stalled_after_s: Positive = 20.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -138,10 +138,12 @@ class ArgumentRow(Strict):
 
 class OperationRow(Strict):
     """A command, or the kind of content of a transfer. ``arguments``: of the command by standard name; the same name and
-    unit where absent. ``fixed``: arguments with a value that never changes."""
+    unit where absent. ``fixed``: arguments with a value that never changes. ``content`` of a downloaded frame: the detector's
+    pixels, or the file of an image (PNG, TIFF, JPEG)."""
 
     command: Name | None = None
     transfer: Name | None = None
+    content: Literal["pixels", "image_file"] = "pixels"
     arguments: Mapping[str, ArgumentRow] = Field(default_factory=dict)
     fixed: Mapping[str, int | float | bool | str] = Field(default_factory=dict)
 

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Annotated, Literal
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, field_validator
 
+from gss.domain.angles import Array
+from gss.domain.rotation import quaternion_from_matrix
 from gss.instruments.dictionary.definitions import Group, PacketDefinition, Value
 from gss.instruments.quantities import Strict
 
 Name = Annotated[str, Field(max_length=60)]
 Axes = tuple[Name, Name, Name, Name]
-NOT_A_FIELD = ("packet", "order", "rotation")
+Quaternion = tuple[float, float, float, float]
+AxisName = Literal["+x", "+y", "+z", "-x", "-y", "-z"]
+CAMERA_AXES = ("+x", "+y", "+z")
+NOT_A_FIELD = ("packet", "order", "rotation", "camera_axes")
 UNITS = {"_ms": "ms", "_deg": "deg", "_arcsec": "arcsec", "_dn": "DN", "_deg_s": "deg/s", "_s": "s"}
 """Unit of a quantity by the end of its name. The dictionary's conversion gives it if the sensor uses another one."""
 
@@ -33,6 +40,29 @@ class PacketRole(Strict):
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the values of a packet by standard quantity, without those that the instrument does not report."""
         return {quantity: values[name] for quantity, name in self.fields().items() if name in values}
+
+
+def _axes_matrix(axes: tuple[str, str, str]) -> Array:
+    """Return the (3, 3) matrix from the sensor's own frame to the camera's."""
+    rows = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+    return np.array([np.array(rows[axis[1]]) * (-1 if axis[0] == "-" else 1) for axis in axes])
+
+
+@lru_cache(maxsize=24)
+def _axes_quaternion(axes: tuple[str, str, str]) -> Quaternion:
+    x, y, z, w = (float(q) for q in quaternion_from_matrix(_axes_matrix(axes)))
+    return x, y, z, w
+
+
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the Hamilton product of two scalar-last quaternions."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
 
 
 class Status(PacketRole):
@@ -65,7 +95,8 @@ class Status(PacketRole):
 
 class AttitudeRole(PacketRole):
     """Attitude of one frame. ``quaternion``: names of its four components; ``order``: where the scalar is; ``rotation``:
-    sense of the rotation, target from source."""
+    sense of the rotation, target from source. ``camera_axes``: axes of the sensor's own frame that are x (to higher columns), y (to
+    higher rows) and z (boresight) of the camera."""
 
     frame_number: Name = ""
     frame_time_s: Name = ""
@@ -74,6 +105,7 @@ class AttitudeRole(PacketRole):
     quaternion: Axes = ("", "", "", "")
     order: Literal["scalar_last", "scalar_first"] = "scalar_last"
     rotation: Literal["cam_from_icrs", "icrs_from_cam"] = "cam_from_icrs"
+    camera_axes: tuple[AxisName, AxisName, AxisName] = ("+x", "+y", "+z")
     ra_deg: Name = ""
     dec_deg: Name = ""
     roll_deg: Name = ""
@@ -88,7 +120,20 @@ class AttitudeRole(PacketRole):
         """Return the quaternion cam_from_icrs, scalar-last. Raises KeyError if the values lack a component."""
         a, b, c, d = (float(values[name]) for name in self.quaternion)
         x, y, z, w = (b, c, d, a) if self.order == "scalar_first" else (a, b, c, d)
-        return (x, y, z, w) if self.rotation == "cam_from_icrs" else (-x, -y, -z, w)
+        turned = (x, y, z, w) if self.rotation == "cam_from_icrs" else (-x, -y, -z, w)
+        return turned if self.camera_axes == CAMERA_AXES else _product(self.cam_from_own, turned)
+
+    @property
+    def cam_from_own(self) -> Quaternion:
+        """Rotation from the sensor's own frame to the camera's, scalar-last."""
+        return _axes_quaternion(self.camera_axes)
+
+    @field_validator("camera_axes")
+    @classmethod
+    def _is_rotation(cls, axes: tuple[str, str, str]) -> tuple[str, str, str]:
+        if round(float(np.linalg.det(_axes_matrix(axes)))) != 1:
+            raise ValueError("must be three different axes of a right-handed frame")
+        return axes
 
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Return the values by standard quantity; the quaternion as ``quaternion_x`` to ``quaternion_w``, cam_from_icrs."""
@@ -121,7 +166,7 @@ class TimingRole(PacketRole):
 
 
 class FrameInfo(PacketRole):
-    """Content of one image memory."""
+    """Content of one image memory. A sensor that does not count its frames has their time as number."""
 
     frame_number: Name = ""
     slot: Name = ""
@@ -133,6 +178,11 @@ class FrameInfo(PacketRole):
     bits: Name = ""
     mode: Name = ""
     sha256: Name = ""
+
+    @property
+    def number_is_time(self) -> bool:
+        """True if the number of a frame is its time, so that no other frame will have it."""
+        return bool(self.frame_number) and self.frame_number == self.frame_time_s
 
 
 class BankInfo(PacketRole):

@@ -86,6 +86,12 @@ def newest_in_slot(session: Session, slot: int, bits: int) -> Frame | None:
     return session.scalar(query.order_by(Frame.id.desc()).limit(1))
 
 
+def has_number(session: Session, number: int) -> bool:
+    """True if a downloaded frame has that number on board."""
+    query = select(Frame.id).where(Frame.source == "device", Frame.number == number)
+    return session.scalar(query.limit(1)) is not None
+
+
 def ids_around(session: Session, frame_id: int, each_side: int) -> list[int]:
     """Return a frame's id with up to ``each_side`` ids before and after it."""
     before = select(Frame.id).where(Frame.id <= frame_id).order_by(Frame.id.desc()).limit(each_side + 1)

@@ -20,12 +20,13 @@ def test_cameras_are_listed_with_limits_sources_and_rows(client: TestClient) -> 
         "far_mst",
         "nos3",
         "oersted",
+        "oresat",
         "sagitta",
         "sunsat",
     ]
     assert answer["cameras"][-1]["values"]["focal_mm"] == 25.0
     assert answer["limits"]["focal_mm"] == {"min": 1.0, "max": 2000.0, "unit": "mm"}
-    assert len(answer["rows"]) == 7
+    assert len(answer["rows"]) == 8
 
 
 def test_a_quick_study_follows_the_edit(client: TestClient) -> None:

@@ -97,7 +97,7 @@ def test_frames_pass_a_bus_that_two_programs_share(bus: tuple[can.BusABC, str]) 
 
 
 def test_noise_on_the_bus_gives_no_frames(bus: tuple[can.BusABC, str]) -> None:
-    """Datagrams that are no frames are not read, and the next frame is."""
+    """Datagrams without a frame are dropped, and the next frame is read."""
     other, url = bus
     stream = open_stream(url)
     port = int(url.rsplit(":", 1)[1])

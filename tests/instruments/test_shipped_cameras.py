@@ -282,7 +282,7 @@ def _lists(lens: dict[str, Any]) -> dict[str, Any]:
     return {key: list(value) for key, value in lens.items() if isinstance(value, tuple)}
 
 
-OF_OTHER_MAKERS = {"nos3", "sagitta"}
+OF_OTHER_MAKERS = {"nos3", "oresat", "sagitta"}
 
 
 def test_the_shipped_instruments_are_those_of_the_documents_and_of_other_makers() -> None:

@@ -62,6 +62,7 @@ def roles_of(roles: Roles) -> RolesOut:
     operations, attitude = roles.operations, roles.quantities.attitude
     return RolesOut(
         operations={operation.value: operations.require(operation).command or "" for operation in operations.names()},
+        fixed={operation.value: dict(operations.require(operation).fixed) for operation in operations.names()},
         absent={operation.value: absence(operation) for operation in Operation if not operations.has(operation)},
         quantities=list(roles.quantities.names()),
         attitude=AttitudePlaceOut.model_validate(attitude, from_attributes=True) if all(attitude.quaternion) else None,

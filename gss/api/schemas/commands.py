@@ -80,21 +80,23 @@ class FieldDefinitionOut(Out):
 
 class AttitudePlaceOut(Out):
     """Where the telemetry has the attitude: ``packet``, the names of its four components and of its outcome ("" if it has none),
-    and their meaning."""
+    and their meaning; ``cam_from_own``: quaternion from the sensor's own frame to the camera's, scalar-last."""
 
     packet: str
     quaternion: tuple[str, str, str, str]
     order: Literal["scalar_last", "scalar_first"]
     rotation: Literal["cam_from_icrs", "icrs_from_cam"]
+    cam_from_own: tuple[float, float, float, float]
     outcome: str
 
 
 class RolesOut(Out):
     """What the sensor can do and report, in standard names. ``operations``: each with its command, "" for a transfer;
-    ``absent``: those that it lacks, each with a sentence to show; ``quantities``: as ``status.mode``; ``attitude``: None if the
-    telemetry has no quaternion."""
+    ``fixed``: arguments of an operation's command that never change; ``absent``: those that it lacks, each with a sentence to
+    show; ``quantities``: as ``status.mode``; ``attitude``: None if the telemetry has no quaternion."""
 
     operations: dict[str, str]
+    fixed: dict[str, dict[str, int | float | bool | str]]
     absent: dict[str, str]
     quantities: list[str]
     attitude: AttitudePlaceOut | None

@@ -1,4 +1,4 @@
-"""``python -m gss.device.simulator``: one simulated star tracker on a pseudo-terminal or a TCP port.
+"""``python -m gss.device.simulator``: one simulated star tracker on a pseudo-terminal, a TCP port or a CAN bus.
 
 Prints one line ``READY <url>`` when the link can be opened. Standard output contains nothing else except, with
 ``--stepped``, the answers to time commands. Ends on SIGTERM or SIGINT, or when standard input closes if requested.
@@ -13,7 +13,9 @@ import signal
 import sys
 from collections.abc import Sequence
 
+from gss.device.line_address import CAN
 from gss.device.link_keys import read_link_keys
+from gss.device.simulator.can_line import CanBusLine, bus_port
 from gss.device.simulator.factory import burn_golden
 from gss.device.simulator.firmware import StarTracker
 from gss.device.simulator.machine import Identity, SimulatedDevice
@@ -32,6 +34,20 @@ from gss.instruments.package_files import SimulatorFile
 
 IDLE_S = 0.01
 BUSY_S = 0.001
+
+
+def make_line(arguments: argparse.Namespace) -> DeviceLine:
+    """Open the line: a CAN bus for an instrument on CAN, else a TCP port or a pseudo-terminal. Raises BadInput or Conflict."""
+    on_can = instrument_of(arguments).link.framing == CAN
+    if (arguments.tcp if on_can else arguments.can) is not None:
+        raise BadInput(
+            "the instrument has another line",
+            expected="--can" if on_can else "--tcp or --pty",
+            got=arguments.instrument,
+        )
+    if on_can:
+        return CanBusLine(bus_port(arguments.can or 0, arguments.state_dir))
+    return TcpLine(arguments.tcp) if arguments.tcp is not None else PtyLine(arguments.symlink)
 
 
 def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Terminal, SimulatedUnit, SimulatedClock]:
@@ -121,7 +137,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     line: DeviceLine | None = None
     try:
-        line = TcpLine(arguments.tcp) if arguments.tcp is not None else PtyLine(arguments.symlink)
+        line = make_line(arguments)
         terminal, device, clock = make_terminal(arguments, line)
     except GssError as error:
         sys.stderr.write(f"simulator: {error}\n")

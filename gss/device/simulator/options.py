@@ -103,6 +103,12 @@ def _add_line(group: argparse._ArgumentGroup) -> None:
     place = group.add_mutually_exclusive_group()
     place.add_argument("--pty", action="store_true", help="pseudo-terminal (default)")
     place.add_argument("--tcp", type=int, metavar="PORT", help="TCP port on 127.0.0.1; 0 = a free one")
+    place.add_argument(
+        "--can",
+        type=int,
+        metavar="PORT",
+        help="UDP port of the CAN bus on this machine, for an instrument on CAN; 0 = a free one (default)",
+    )
     add("--symlink", type=Path, metavar="PATH", help="name for the pseudo-terminal")
     add("--baud", type=int, help="rate of the line, 8N1; 0 = not paced (default: the instrument's)")
     add("--keys", type=Path, default=None, metavar="FILE", help="accept only packets signed with these link keys")

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from gss.device.session_events import LinkCounters, Telemetry
 from gss.domain.errors import BadInput, Conflict, LinkDown
-from gss.instruments.dictionary.definitions import CommandDefinition, Hazard
-from gss.instruments.operations import Operation
+from gss.instruments.dictionary.definitions import Hazard
+from gss.instruments.operations import Operation, StandardOperations
 from gss.instruments.package import Instrument
 from gss.operations.checks.check_findings import Case, shown
 from gss.operations.checks.direct import DirectDevice
@@ -21,25 +21,27 @@ def check_declared(device: DirectDevice, instrument: Instrument, *, write: bool)
     """Return the result of each test: identity, operations, telemetry, and noise on the line."""
     hello, operations = device.hello, instrument.roles.operations
     cases = [Case("the sensor answers", True, f"{hello.profile}, dictionary {hello.dictionary_hash[:12]}")]
-    for operation in operations.names():
-        row = operations.require(operation)
-        if row.command is not None:
-            cases.append(_check_operation(device, operation, operations.dictionary.command(row.command), write))
-    cases += _check_telemetry(device, instrument)
+    with_command = [o for o in operations.names() if operations.require(o).command is not None]
+    stop = [o for o in with_command if o is Operation.STOP_CYCLE]
+    cases += [_check_operation(device, operations, o, write) for o in with_command if o not in stop]
+    cases += _check_telemetry(device, instrument)  # while the cycle runs: some sensors report an attitude only then
+    cases += [_check_operation(device, operations, o, write) for o in stop]
     device.disturb(NOISE)
     cases.append(_after_noise(device, instrument))
     return cases
 
 
-def _check_operation(device: DirectDevice, operation: Operation, command: CommandDefinition, write: bool) -> Case:
+def _check_operation(device: DirectDevice, operations: StandardOperations, operation: Operation, write: bool) -> Case:
+    command = operations.dictionary.command(operations.command(operation))
     subject = f"{operation.value} ({command.name})"
     if command.hazard.rank >= Hazard.WARNING.rank and not write:
         return Case(subject, None, f"{command.hazard}: {command.hazard_reason}")
-    missing = [a.name for a in command.arguments if a.default is None]
+    given = operations.call(operation).arguments
+    missing = [a.name for a in command.arguments if a.default is None and a.name not in given]
     if missing:
         return Case(subject, None, f"no default for {', '.join(missing)}")
     try:
-        done = device.command(command.name, {})
+        done = device.command(command.name, given)
     except (Conflict, LinkDown, BadInput) as error:
         return Case(subject, False, str(error))
     return Case(subject, True, ", ".join(f"{name} {shown(value)}" for name, value in done.values.items()))

@@ -134,7 +134,7 @@ class FrameService:
             self._instruments.camera(profile_name)
         self._check_room("an import")
         name = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
-        imported = self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
+        imported = self.read_image(data, name)
         frame, pixels = self._add(
             imported.pixels,
             source="import",
@@ -147,6 +147,15 @@ class FrameService:
         self._bus.record("frame", "ok", f"{name} imported as frame {frame.id} by {user}", frame_id=frame.id)
         self._solve_later(frame, pixels)
         return frame
+
+    def read_image(self, data: bytes, name: str) -> ImportedFrame:
+        """Return the content of an image file. Raises BadInput naming the defect."""
+        return self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
+
+    def has_number(self, number: int) -> bool:
+        """True if a frame of the sensor with that number is stored."""
+        with self._database.unit_of_work() as session:
+            return store.has_number(session, number)
 
     def _add(self, pixels: Pixels, **values: Any) -> tuple[Frame, Pixels]:
         """Store pixels and row. Return the row, and the pixels as :meth:`pixels` would return them."""

@@ -13,7 +13,7 @@ from gss.instruments.operations import Operation
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.frames import FrameService
-from gss.operations.intake.frame_records import FrameRecords
+from gss.operations.intake.frame_records import FrameFacts, FrameRecords
 from gss.operations.intake.uploaded_images import UploadedImages
 from gss.operations.line.clock_correlation import Correlation
 from gss.operations.line.line_events import LineBatch
@@ -78,11 +78,13 @@ class FrameIntake:
         number = int(info["frame_number"])
         if not self._records.described(number, info):
             return
+        if self._link.roles.quantities.frame.number_is_time and self._frames.has_number(number):
+            return
         sent = self._images.frame_of(info)
         if sent is not None:
             self._records.stored(number, self._as_on_board(sent, number, info))
         elif self._automatic and self._link.roles.operations.has(Operation.DOWNLOAD_FRAME):
-            self._wanted = (number, int(info["slot"]))
+            self._wanted = (number, int(info.get("slot", 0)))
 
     def _as_on_board(self, sent: Frame, number: int, info: Mapping[str, Any]) -> Frame:
         """Return an uploaded frame's row with the camera, exposure and settings that the sensor uses for it. The stored row
@@ -123,13 +125,23 @@ class FrameIntake:
             if frame_id is not None:
                 event.answers.accept(lambda: {"frame_id": frame_id})
                 return
-            event.answers.accept(lambda: self._store(transfer, done.data, done.frame_number, []))
+            number = done.frame_number or _number_at_start(transfer)
+            if self._content_is_file:
+                event.answers.accept(lambda: self._store_file(transfer, done.data, number))
+            else:
+                event.answers.accept(lambda: self._store(transfer, done.data, number, []))
+
+    @property
+    def _content_is_file(self) -> bool:
+        operations = self._link.roles.operations
+        row = operations.require(Operation.DOWNLOAD_FRAME) if operations.has(Operation.DOWNLOAD_FRAME) else None
+        return row is not None and row.content == "image_file"
 
     def _part_arrived(self, event: PartArrived) -> None:
         """Store the received part of an interrupted download, once while it may continue and once when it has ended."""
         transfer, update = event.transfer, event.update
-        if transfer.frame_id is not None and update.state is TransferState.LINK_LOST:
-            return
+        if self._content_is_file or (transfer.frame_id is not None and update.state is TransferState.LINK_LOST):
+            return  # part of a file cannot be shown
         if (transfer.options.get("stored") or {}).get("sha256") == update.sha256:
             return  # nothing new: all of it is the stored frame that was offered to the device
         held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in event.held]
@@ -138,30 +150,50 @@ class FrameIntake:
     def _store(self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]) -> Later:
         """Build the row from the data known now; the writer stores the pixels."""
         hello, kind, facts = self._link.hello, transfer.kind, self._records.facts_for(transfer, number)
-        info, settings = facts.info, dict(facts.settings)
-        shape = shape_of(info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
+        shape = shape_of(facts.info, *((hello.columns, hello.rows, hello.bits) if hello else (0, 0, 0)))
         part = Part(**transfer.options["part"]) if transfer.options.get("part") else None
         picture = picture_of(kind, data, shape, part, held_bytes)
-        values = {
+        values = self._row_values(transfer, number, facts) | {
+            "bits": shape.bits,
+            "complete": picture.complete,
+            "rows_held": [list(rows) for rows in picture.rows_held],
+        }
+        values["parameters"] |= _part_of(kind, picture)
+        return self._later(kind, number, lambda: self._frames.add_from_device(picture.pixels, values))
+
+    def _store_file(self, transfer: Transfer, data: bytes, number: int) -> Later:
+        """As ``_store``, of an image file, which the writer reads."""
+        facts = self._records.facts_for(transfer, number)
+        values = self._row_values(transfer, number, facts)
+
+        def work() -> Frame:
+            image = self._frames.read_image(data, str(values["name"]))
+            return self._frames.add_from_device(image.pixels, values | {"bits": image.bits})
+
+        return self._later(transfer.kind, number, work)
+
+    def _row_values(self, transfer: Transfer, number: int, facts: FrameFacts) -> dict[str, Any]:
+        """Return the columns of a frame's row that do not depend on its pixels."""
+        hello, kind, info, settings = self._link.hello, transfer.kind, facts.info, dict(facts.settings)
+        return {
             "contact_id": self._link.contact_id or transfer.contact_id,
             "number": number or None,
             "slot": int(transfer.target),
             "name": _name(kind, number),
             "taken": self._taken(info),
-            "bits": shape.bits,
             "exposure_s": float(info["exposure_ms"]) / 1000 if "exposure_ms" in info else None,
             "profile": hello.profile if hello and kind != "thumbnail" else None,
             "mode": str(info["mode"]) if "mode" in info else None,
-            "complete": picture.complete,
-            "rows_held": [list(rows) for rows in picture.rows_held],
             "truth": facts.truth,
             "bank_sha256": settings.pop("bank_sha256", None),
-            "parameters": settings | _part_of(kind, picture),
+            "parameters": settings,
         }
+
+    def _later(self, kind: str, number: int, work: Callable[[], Frame]) -> Later:
         starts = self._records.device_starts
         return Later(
             self._writer.submit,
-            lambda: self._frames.add_from_device(picture.pixels, values),
+            work,
             lambda frame: self._stored(kind, number, frame, fresh=starts == self._records.device_starts),
         )
 
@@ -187,6 +219,12 @@ class FrameIntake:
 
 def _name(kind: str, number: int) -> str:
     return f"frame {number}" if kind == "frame" else f"{kind.replace('_', ' ')} of frame {number}"
+
+
+def _number_at_start(transfer: Transfer) -> int:
+    """Return the number of the frame that was newest when the transfer began, 0 if it was not known."""
+    facts = transfer.options.get("facts") or {}
+    return int((facts.get("info") or {}).get("frame_number", 0))
 
 
 def _stored_before(transfer: Transfer, sha256: str, frame_number: int) -> int | None:

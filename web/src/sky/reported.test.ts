@@ -4,9 +4,18 @@ import { boresight, camFromIcrs, rotationBetween } from './reported';
 describe('the attitude in telemetry', () => {
   const q = [0.1, -0.2, 0.3, 0.9];
   it('uses the declared order and direction of the quaternion', () => {
-    expect(camFromIcrs(q, 'scalar_last', 'cam_from_icrs')).toEqual(q);
-    expect(camFromIcrs([0.9, 0.1, -0.2, 0.3], 'scalar_first', 'cam_from_icrs')).toEqual(q);
-    expect(camFromIcrs([-0.1, 0.2, -0.3, 0.9], 'scalar_last', 'icrs_from_cam')).toEqual(q);
+    const same = [0, 0, 0, 1];
+    expect(camFromIcrs(q, 'scalar_last', 'cam_from_icrs', same)).toEqual(q);
+    expect(camFromIcrs([0.9, 0.1, -0.2, 0.3], 'scalar_first', 'cam_from_icrs', same)).toEqual(q);
+    expect(camFromIcrs([-0.1, 0.2, -0.3, 0.9], 'scalar_last', 'icrs_from_cam', same)).toEqual(q);
+  });
+  it('turns from the axes of the sensor to those of the camera', () => {
+    // The published example of OreSat: boresight along x, y to the left, z up in the image.
+    const published = [0.844218, 0.00786371, 0.5304, -0.0768838];
+    const pointing = boresight(camFromIcrs(published, 'scalar_first', 'cam_from_icrs', [0.5, -0.5, 0.5, 0.5]));
+    expect(pointing?.ra).toBeCloseTo(17.9868, 3);
+    expect(pointing?.dec).toBeCloseTo(63.4233, 3);
+    expect(pointing?.roll).toBeCloseTo(360 - 12.238, 3);
   });
   it('points to the pole without rotation for a quaternion of any length', () => {
     expect(boresight([0, 0, 0, 1])?.dec).toBeCloseTo(90);

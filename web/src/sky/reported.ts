@@ -1,11 +1,28 @@
 /** Attitude in a sensor's telemetry: order and direction of its quaternion as its package declares them. */
 import { apply, applyTransposed, matrixOf, raDec } from './camera';
 
-/** The quaternion cam_from_icrs, scalar-last. */
-export function camFromIcrs(components: readonly number[], order: string, rotation: string): number[] {
+/** Hamilton product of two scalar-last quaternions. */
+function product(a: readonly number[], b: readonly number[]): number[] {
+  const [ax = 0, ay = 0, az = 0, aw = 0] = a;
+  const [bx = 0, by = 0, bz = 0, bw = 0] = b;
+  return [
+    aw * bx + ax * bw + ay * bz - az * by,
+    aw * by - ax * bz + ay * bw + az * bx,
+    aw * bz + ax * by - ay * bx + az * bw,
+    aw * bw - ax * bx - ay * by - az * bz,
+  ];
+}
+
+/** The quaternion cam_from_icrs. `camFromOwn`: from the sensor's own frame to the camera's. Both are scalar-last. */
+export function camFromIcrs(
+  components: readonly number[],
+  order: string,
+  rotation: string,
+  camFromOwn: readonly number[],
+): number[] {
   const [a = 0, b = 0, c = 0, d = 0] = components;
   const [x, y, z, w] = order === 'scalar_first' ? [b, c, d, a] : [a, b, c, d];
-  return rotation === 'cam_from_icrs' ? [x, y, z, w] : [-x, -y, -z, w];
+  return product(camFromOwn, rotation === 'cam_from_icrs' ? [x, y, z, w] : [-x, -y, -z, w]);
 }
 
 /**

@@ -22,7 +22,7 @@ class TelemetryAttitude {
     if (!place) return null;
     const numbers = place.quaternion.map((name) => this.value(name));
     return numbers.length === 4 && numbers.every((n) => typeof n === 'number')
-      ? camFromIcrs(numbers as number[], place.order, place.rotation)
+      ? camFromIcrs(numbers as number[], place.order, place.rotation, place.cam_from_own)
       : null;
   });
   readonly angles = $derived(this.quaternion ? boresight(this.quaternion) : null);

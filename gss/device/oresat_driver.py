@@ -1,0 +1,300 @@
+"""The driver ``oresat``: OreSat's star tracker on CANopen, from public sources (oresat-configs, oresat-star-tracker-software). Not
+tried on a unit.
+
+Frames are records of :mod:`gss.device.can_frames`. Commands read or write one object each (:mod:`gss.device.oresat_objects`);
+attitudes are in process data objects that the sensor sends without a request. Frames of other nodes are ignored.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from gss.device.can_frames import CanFrame, CanReader
+from gss.device.driver import UnitSetup
+from gss.device.exchange_session import Answer, ExchangeSession, SensorRequest
+from gss.device.oresat_objects import (
+    EMERGENCY,
+    HEARTBEAT,
+    HEARTBEATS,
+    NODE,
+    PDO,
+    PREVIEW,
+    SDO_ANSWER,
+    SDO_REQUEST,
+    STATUS,
+    object_of,
+)
+from gss.device.protocol.codec import LITTLE, Decoded, EncodedCommand, decode, encode_command
+from gss.device.sdo_client import SdoClient, SdoResult
+from gss.device.sdo_downloads import SdoDownloads
+from gss.device.session_events import DirectionCounters, SessionEvent, Stage
+from gss.domain.errors import CorruptData
+from gss.instruments.dictionary.definitions import Value
+from gss.instruments.link_file import Poll
+
+GREETING = "READ_TIME"
+POLLS = (
+    Poll(command="READ_TIME", every_s=1.0),
+    Poll(command="READ_STATUS", every_s=1.0),
+    Poll(command="READ_LAST_CAPTURE", every_s=2.0),
+)
+PACKETS = {"READ_TIME": "clock", "READ_STATUS": "housekeeping", "READ_LAST_CAPTURE": "capture"}
+"""Packet that the content of an object is, by command; that of others is the command's return value."""
+CARD, UPDATER, ATTITUDE, DEGREES = "card", "updater", "attitude", "attitude_degrees"
+DEGREES_BYTES = 7
+"""Size of the third process data object in the older dictionary."""
+LONGEST_ERROR = 1e-3
+"""Of the length of a quaternion from 1."""
+SILENT_S = 5.0
+EMERGENCY_LAYOUT = struct.Struct("<HB5s")
+STARTED, FAULT, FAULT_OVER, OTHER_NODES = "CARD_STARTED", "EMERGENCY", "EMERGENCY_OVER", "OTHER_NODES_ONLY"
+IGNORED = "The sensor ignores a status that cannot follow its own, and returns to standby when a capture has ended."
+
+
+def open_session(setup: UnitSetup) -> OresatSession:
+    """Return the session of the driver ``oresat``."""
+    return OresatSession(setup)
+
+
+@dataclass
+class SensorClock:
+    """The sensor's clock. ``now_s``: monotonic time of the ground; ``ahead_s``: sensor's clock minus that, None while unknown."""
+
+    now_s: float = 0.0
+    ahead_s: float | None = None
+
+    def time_s(self) -> float | None:
+        """The sensor's time now; None while unknown."""
+        return None if self.ahead_s is None else self.now_s + self.ahead_s
+
+
+class OresatSession(ExchangeSession):
+    """An exchange session whose wire knows the time, because the sensor stamps nothing."""
+
+    def __init__(self, setup: UnitSetup) -> None:
+        self._clock = SensorClock()
+        client = SdoClient()
+        wire = OresatWire(setup, client, self._clock)
+        super().__init__(
+            setup, wire, POLLS, greeting=GREETING, transfers=SdoDownloads(client, {"frame": PREVIEW}, send=message)
+        )
+
+    def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
+        """Process received bytes and return the resulting events. Never raises, whatever the bytes are."""
+        self._clock.now_s = now_s
+        return super().feed(data, now_s)
+
+
+@dataclass
+class _Solve:
+    """Process data objects of one attitude that were received so far, by number."""
+
+    parts: dict[int, bytes] = field(default_factory=dict)
+
+    def take(self, number: int, data: bytes) -> None:
+        """Add a part. They follow each other, so that one out of turn belongs to another attitude."""
+        follows = number - 1 in self.parts and number not in self.parts
+        self.parts = {number: data} if number == 3 else self.parts | {number: data} if follows else {}
+
+    def whole(self, numbers: tuple[int, ...]) -> bytes | None:
+        """Return these parts together, once; None if one is missing."""
+        if any(n not in self.parts for n in numbers):
+            return None
+        data = b"".join(self.parts[n] for n in numbers)
+        self.parts = {}
+        return data
+
+
+class OresatWire:
+    """A :class:`gss.device.exchange_session.ExchangeWire`; see the module docstring."""
+
+    def __init__(self, setup: UnitSetup, client: SdoClient, clock: SensorClock) -> None:
+        self._dictionary, self._client, self._clock = setup.dictionary, client, clock
+        self._reader, self._solve = CanReader(), _Solve()
+        self._request: SensorRequest | None = None
+        self._transfer = 0
+        self._written: bytes | None = None
+        self._others: set[int] = set()
+        self._others_since_s: float | None = None
+        self._received_any = False
+        self.good = self.undecodable = self.unknown = 0
+
+    def encode(self, name: str, arguments: Mapping[str, Value]) -> EncodedCommand:
+        """Validate and encode a command. Raises BadInput, NotFound."""
+        return encode_command(self._dictionary.command(name), arguments, LITTLE)
+
+    def parts(self, request: SensorRequest) -> list[tuple[str, bytes]]:
+        """Return the first message as labelled groups."""
+        whole = self._first(SdoClient(), request)
+        labels = (("command", 1), ("index", 2), ("subindex", 1), ("data", 4))
+        groups, at = [], 0
+        for label, size in labels:
+            groups.append((label, whole[at : at + size]))
+            at += size
+        return groups
+
+    @staticmethod
+    def _first(client: SdoClient, request: SensorRequest) -> bytes:
+        (index, subindex), writes = object_of(request.order.command.name)
+        if writes:
+            return client.start_write(index, subindex, request.order.payload)
+        return client.start_read(index, subindex)
+
+    def frame(self, request: SensorRequest) -> bytes:
+        """Begin the transfer of a request and return its first frame."""
+        return message(self._first(self._client, request))
+
+    def sent(self, request: SensorRequest) -> None:
+        """Expect the answer to this request."""
+        self._request, self._written, self._transfer = request, None, self._client.number
+
+    def restart(self) -> None:
+        """Start on a newly opened line."""
+        self._reader.restart()
+        self._client.restart()
+        self._request, self._solve, self._clock.ahead_s = None, _Solve(), None
+        self._others, self._others_since_s, self._received_any = set(), None, False
+
+    def feed(self, data: bytes) -> list[Answer]:
+        """Return what the frames that ``data`` completes mean."""
+        answers = []
+        for one in self._reader.feed(data):
+            if one.extended or one.remote:
+                continue
+            try:
+                answer = self._read(one)
+            except CorruptData:
+                self.undecodable += 1
+                continue
+            if answer is not None:
+                answers.append(answer)
+        return answers
+
+    def _read(self, one: CanFrame) -> Answer | None:
+        """Return the meaning of a frame; None if it has none. Raises CorruptData."""
+        if one.id == SDO_ANSWER:
+            self._received_any = True
+            return self._answered(one.data)
+        if one.id == HEARTBEAT:
+            self._received_any = True
+            self.good += 1
+            return Answer(event=STARTED, detail="The card started.") if one.data == b"\0" else Answer()
+        if one.id in PDO:
+            self._received_any = True
+            return self._process_data(PDO[one.id], one.data)
+        if one.id == EMERGENCY:
+            return self._emergency(one.data)
+        return self._other(one) if one.id in HEARTBEATS and not self._received_any else None
+
+    def _other(self, one: CanFrame) -> Answer | None:
+        """Report once that only other nodes send, which a wrong node number or a sensor without power looks like."""
+        self._others.add(one.id & 0x7F)
+        if self._others_since_s is None:
+            self._others_since_s = self._clock.now_s
+        if not self._clock.now_s - self._others_since_s >= SILENT_S:
+            return None
+        self._others_since_s = math.inf
+        nodes = ", ".join(f"0x{node:02X}" for node in sorted(self._others))
+        detail = (
+            f"Only other nodes send on the bus ({nodes}). Check power and node number of the sensor (0x{NODE:02X})."
+        )
+        return Answer(event=OTHER_NODES, detail=detail, of_unit=False)
+
+    def _emergency(self, data: bytes) -> Answer:
+        if len(data) != EMERGENCY_LAYOUT.size:
+            raise CorruptData("an emergency of another size")
+        self.good += 1
+        code, register, more = EMERGENCY_LAYOUT.unpack(data)
+        if not code:
+            return Answer(event=FAULT_OVER, detail="The fault is over.", time_s=self._clock.time_s())
+        detail = f"Fault 0x{code:04X}, error register 0x{register:02X}, {more.hex()}."
+        return Answer(event=FAULT, detail=detail, time_s=self._clock.time_s())
+
+    # --- service data -------------------------------------------------------------------------------------------
+
+    def _answered(self, data: bytes) -> Answer | None:
+        if len(data) != 8:
+            raise CorruptData("a service data object of another size")
+        if not self._client.busy:
+            self.unknown += 1
+            return None
+        self.good += 1
+        reply = self._client.feed(data)
+        out = message(reply) if reply else b""
+        result, request = self._client.result, self._request
+        if result is None or request is None or self._transfer != self._client.number:
+            return Answer(reply=out)
+        self._client.result = None
+        return self._result(request, result, out)
+
+    def _result(self, request: SensorRequest, result: SdoResult, out: bytes) -> Answer:
+        command = request.order.command
+        if result.abort:
+            self._request = None
+            return Answer(Stage.REJECTED, reason=f"abort_{result.abort:08x}", detail=f"{result.text}.", reply=out)
+        (index, subindex), writes = object_of(command.name)
+        if writes and (index, subindex) == STATUS and self._written is None:
+            self._written, check = request.order.payload, message(self._client.start_read(index, subindex))
+            self._transfer = self._client.number
+            return Answer(reply=out + check)
+        self._request = None
+        if self._written is not None:
+            return self._verified(request, self._written, result.data)
+        if writes:
+            return Answer(Stage.COMPLETED, reply=out)
+        if command.name in PACKETS:
+            return self._packet(PACKETS[command.name], result.data, Stage.COMPLETED, out)
+        return Answer(Stage.COMPLETED, values=decode(command.returns, result.data, LITTLE).values, reply=out)
+
+    def _verified(self, request: SensorRequest, written: bytes, read: bytes) -> Answer:
+        values = decode(request.order.command.returns, read, LITTLE).values
+        if read != written:
+            status = str(next(iter(values.values()), ""))
+            return Answer(Stage.REJECTED, reason="ignored", detail=f"The sensor reports {status}. {IGNORED}")
+        return Answer(Stage.COMPLETED, values=values)
+
+    # --- process data -------------------------------------------------------------------------------------------
+
+    def _process_data(self, number: int, data: bytes) -> Answer:
+        if number in (1, 2):
+            return self._packet(CARD if number == 1 else UPDATER, data, None)
+        self._solve.take(number, data)
+        older = len(self._solve.parts.get(3, b"")) == DEGREES_BYTES
+        whole = self._solve.whole((3, 4) if older else (3, 4, 5))
+        if whole is not None:
+            return self._packet(DEGREES if older else ATTITUDE, whole, None)
+        self.good += 1
+        return Answer()
+
+    def _packet(self, name: str, content: bytes, stage: Stage | None, reply: bytes = b"") -> Answer:
+        decoded = decode(self._dictionary.packet(name).fields, content, LITTLE)
+        if name == ATTITUDE and not _is_rotation(decoded):
+            raise CorruptData("a quaternion that is not of length 1")
+        if name == "clock":
+            sensor_s = float(decoded.values["seconds"]) + float(decoded.values["microseconds"]) / 1e6
+            self._clock.ahead_s = sensor_s - self._clock.now_s
+        self.good += 1
+        return Answer(stage, packet=name, content=decoded, time_s=self._clock.time_s(), reply=reply)
+
+    @property
+    def received(self) -> DirectionCounters:
+        """Counters of what was received."""
+        r = self._reader
+        return DirectionCounters(
+            bytes=r.bytes, good=self.good, unframed=r.unframed, unknown=self.unknown, undecodable=self.undecodable
+        )
+
+
+def _is_rotation(decoded: Decoded) -> bool:
+    """True if the quaternion of an attitude that the sensor calls known has length 1."""
+    v = decoded.values
+    length = math.sqrt(sum(float(v[f"quaternion_{axis}"]) ** 2 for axis in ("real", "i", "j", "k")))
+    return v["known"] == "none" or abs(length - 1) <= LONGEST_ERROR
+
+
+def message(data: bytes) -> bytes:
+    """Return the record of a message to the server of service data."""
+    return CanFrame(SDO_REQUEST, data).record()

@@ -1,0 +1,250 @@
+"""Images of a CANopen sensor: downloads of one object each, through the client that commands use too. No I/O.
+
+The server cannot continue a transfer that broke off, so every download that is resumed starts again. While one is under way,
+commands and repeated requests wait.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NoReturn
+
+from gss.device.protocol.transfer import Compatibility
+from gss.device.sdo_client import CANCELLED, NO_DATA, TIMED_OUT, SdoClient, SdoResult
+from gss.device.session_events import Direction, Ranges, TransferDone, TransferState, TransferUpdate
+from gss.device.session_transfer import ENDED, HeldPart, Part
+from gss.domain.errors import Conflict, NotFound
+
+Object = tuple[int, int]
+SILENT_S = 0.5
+TRIES = 3
+"""Attempts at an image that arrives damaged."""
+SILENT_AGAIN_S = 4.0
+REPORT_EVERY_S = 0.5
+NO_IMAGE = "the sensor has no image: take one first"
+
+
+@dataclass
+class _Download:
+    """One download. ``held``: bytes that the last attempt received."""
+
+    id: int
+    kind: str
+    slot: int
+    state: TransferState = TransferState.QUEUED
+    reason: str = ""
+    tries: int = 0
+    data: bytes = b""
+    held: int = 0
+    size: int = 0
+    resent: int = 0
+    since_s: float = 0.0
+    due_s: float = 0.0
+    rate_bytes_s: float = 0.0
+    changed: bool = True
+
+    def to(self, state: TransferState, reason: str = "") -> None:
+        """Change the state; the next report says so."""
+        self.state, self.reason, self.changed = state, reason, True
+
+    def update(self) -> TransferUpdate:
+        """Return the state as an event. Nothing counts as stored before the end, because a part cannot be continued."""
+        done = self.state is TransferState.VERIFIED
+        left = (self.size - self.held) / self.rate_bytes_s if self.rate_bytes_s and self.size else None
+        return TransferUpdate(
+            transfer_id=self.id,
+            direction=Direction.DOWN,
+            kind=self.kind,
+            target=self.slot,
+            state=self.state,
+            reason=self.reason,
+            size=self.size,
+            chunk_size=max(1, self.size),
+            chunks=1 if self.size else 0,
+            stored=((0, 0),) if done else (),
+            stored_bytes=self.held,
+            in_flight=0,
+            resent=self.resent,
+            rate_bytes_s=self.rate_bytes_s,
+            line_share=None,
+            left_s=left,
+            sha256=hashlib.sha256(self.data).hexdigest() if done else "",
+            frame_number=0,
+            resumed=False,
+        )
+
+
+class SdoDownloads:
+    """Implements :class:`gss.device.no_transfers.ExchangeTransfers`. ``objects``: object by kind of content. ``send``: makes
+    the bytes on the line of a message to the server."""
+
+    def __init__(self, client: SdoClient, objects: dict[str, Object], send: Callable[[bytes], bytes]) -> None:
+        self._client, self._objects, self._send = client, objects, send
+        self._downloads: dict[int, _Download] = {}
+        self._next_id = 1
+        self._active: _Download | None = None
+        self._out = b""
+        self._done: list[TransferDone] = []
+        self._moved: tuple[int, float] = (-1, 0.0)
+        self._report_s = 0.0
+
+    # --- requests -----------------------------------------------------------------------------------------------
+
+    def start_download(
+        self,
+        kind: str,
+        slot: int,
+        *,
+        held: HeldPart | None = None,
+        chunk_bytes: int | None = None,
+        part: Part | None = None,
+        paused: str = "",
+    ) -> int:
+        """Queue a download. Raises Conflict for another kind of content."""
+        if kind not in self._objects or (part is not None and part != Part()):
+            raise Conflict(f"This sensor cannot send content of the kind {kind}.")
+        one = _Download(self._next_id, kind, slot)
+        if paused:
+            one.to(TransferState.PAUSED, paused)
+        self._downloads[one.id] = one
+        self._next_id += 1
+        return one.id
+
+    def start_upload(
+        self,
+        kind: str,
+        target: int,
+        data: bytes,
+        compatibility: Compatibility,
+        *,
+        chunk_bytes: int | None = None,
+        paused: str = "",
+    ) -> int:
+        """Raise Conflict."""
+        raise Conflict(f"This sensor cannot take content of the kind {kind}.")
+
+    def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
+        """Return the whole content once it is complete, nothing before."""
+        one = self._one(transfer_id)
+        return one.data, ((0, 0),) if one.data else ()
+
+    def pause(self, transfer_id: int) -> None:
+        """Stop a download. Raises Conflict if it has ended."""
+        self._stop(transfer_id, TransferState.PAUSED)
+
+    def resume(self, transfer_id: int) -> None:
+        """Start a download again. Raises Conflict if it has ended well."""
+        one = self._one(transfer_id)
+        if one.state is TransferState.VERIFIED:
+            self._refuse(one)
+        if one is not self._active:
+            one.tries = 0
+            one.to(TransferState.QUEUED)
+
+    def abort(self, transfer_id: int) -> None:
+        """End a download. Raises Conflict if it has ended."""
+        self._stop(transfer_id, TransferState.ABORTED)
+
+    def _stop(self, transfer_id: int, state: TransferState) -> None:
+        one = self._one(transfer_id)
+        if one.state in ENDED:
+            self._refuse(one)
+        if one is self._active:
+            self._active = None
+            if self._client.busy:
+                self._out += self._send(self._client.give_up(CANCELLED))
+        one.to(state)
+
+    @staticmethod
+    def _refuse(one: _Download) -> NoReturn:
+        raise Conflict("the transfer has ended", got=one.state.value)
+
+    def forget(self, transfer_id: int) -> None:
+        """Discard a download that has ended."""
+        if transfer_id in self._downloads and self._downloads[transfer_id].state in ENDED:
+            del self._downloads[transfer_id]
+
+    def update(self, transfer_id: int) -> TransferUpdate:
+        """Return the state of a download. Raises NotFound."""
+        return self._one(transfer_id).update()
+
+    def _one(self, transfer_id: int) -> _Download:
+        if transfer_id not in self._downloads:
+            raise NotFound("unknown transfer id", got=str(transfer_id))
+        return self._downloads[transfer_id]
+
+    # --- line ---------------------------------------------------------------------------------------------------
+
+    @property
+    def busy(self) -> bool:
+        """True while a download uses the client."""
+        return self._active is not None
+
+    def lose(self) -> None:
+        """Handle the loss of the line: what is under way starts again when the sensor answers."""
+        for one in self._downloads.values():
+            if one is self._active:
+                one.to(TransferState.LINK_LOST, "the line was lost; the download starts again")
+        self._active, self._out = None, b""
+
+    def begin(self, now_s: float) -> bytes:
+        """Return the first message of the next download, b"" without one. Called while the client is free."""
+        waiting = (TransferState.QUEUED, TransferState.LINK_LOST)
+        one = next((d for d in self._downloads.values() if d.state in waiting and now_s >= d.due_s), None)
+        if one is None:
+            return b""
+        self._active, self._moved, one.since_s = one, (-1, now_s), now_s
+        one.tries += 1
+        one.held = one.size = 0
+        one.to(TransferState.TRANSFERRING, one.reason)
+        return self._send(self._client.start_read(*self._objects[one.kind], block=True))
+
+    def poll(self, now_s: float) -> bytes:
+        """Return messages that continue the download under way."""
+        out, self._out, one = self._out, b"", self._active
+        if one is None:
+            return out
+        if self._client.result is not None:
+            self._finish(one, self._client.result, now_s)
+            return out
+        received = len(self._client.received)
+        if received != self._moved[0]:
+            self._moved = received, now_s
+        elif now_s - self._moved[1] >= SILENT_S:
+            self._moved = received, now_s
+            out += self._send(self._client.nudge())
+        one.held, one.size = received, self._client.size
+        one.resent = self._client.repeated
+        one.rate_bytes_s = received / (now_s - one.since_s) if now_s > one.since_s else 0.0
+        if now_s >= self._report_s:
+            self._report_s, one.changed = now_s + REPORT_EVERY_S, True
+        return out
+
+    def _finish(self, one: _Download, result: SdoResult, now_s: float) -> None:
+        self._active, self._client.result = None, None
+        if result.abort == TIMED_OUT and not result.by_server:
+            one.tries, one.due_s = 0, now_s + SILENT_AGAIN_S
+            one.to(TransferState.LINK_LOST, "the sensor is silent; the download starts again when it answers")
+        elif result.abort and not result.by_server and one.tries < TRIES:
+            one.to(TransferState.QUEUED, f"broke off, starts again: {result.text}")
+        elif result.abort == NO_DATA or not (result.abort or result.data):
+            one.to(TransferState.FAILED, NO_IMAGE)
+        elif result.abort:
+            one.to(TransferState.FAILED, result.text)
+        else:
+            one.data, one.held, one.size = result.data, len(result.data), len(result.data)
+            one.to(TransferState.VERIFIED)
+            sha256 = hashlib.sha256(one.data).hexdigest()
+            self._done.append(TransferDone(one.id, Direction.DOWN, one.kind, one.slot, 0, one.data, sha256))
+
+    def news(self) -> list[TransferUpdate | TransferDone]:
+        """Return updates since the last call."""
+        events: list[TransferUpdate | TransferDone] = []
+        for one in self._downloads.values():
+            if one.changed:
+                events.append(one.update())
+                one.changed = False
+        done, self._done = self._done, []
+        return [*events, *done]
