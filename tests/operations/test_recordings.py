@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from gss.domain.errors import BadInput, Conflict, NotFound
+from gss.operations.recordings.lanes import Lanes
 from gss.operations.recordings.live import AT_ONCE, EACH
 from gss.operations.recordings.ranges import ids_of
 from gss.services import Services
 from gss.settings import Settings
-from gss.store.models import TelemetryPacket
+from gss.store.models import Command, CommandStage, TelemetryPacket
 from gss.wiring import build
 
 START = datetime(2026, 11, 21, 18, 0, tzinfo=UTC)
@@ -37,7 +38,7 @@ def services(tmp_path_factory: pytest.TempPathFactory):
 
 def packet(k: int) -> TelemetryPacket:
     """Return one housekeeping packet."""
-    values = {"sensor_temperature_c": 20.0 + k, "stars_matched": 9}
+    values = {"sensor_temperature_c": 20.0 + k, "stars_matched": 9, "mode": "tracking"}
     moment = START + timedelta(seconds=k)
     return TelemetryPacket(packet="housekeeping", received=moment, device_time_s=float(k), request_id=0, values=values)
 
@@ -58,9 +59,30 @@ def test_a_sequence_contains_pictures_telemetry_and_sky_on_both_timelines(servic
     """Frames by number and by UTC; the catalogue's stars are static."""
     scope = services.scopes.of_frames([1, 2, 3])
     found = entities(services.recordings.write(scope), tmp_path)
-    assert {"camera/image", "sky/stars", "telemetry/sensor_temperature_c", "telemetry/stars_matched"} <= set(found)
+    assert {"camera/image", "sky/stars", "telemetry/sensor_temperature_c", "states/mode", "states/link"} <= set(found)
     assert found[""] == {"frame", "utc"}
     assert scope.start < START < scope.end
+
+
+def test_lanes_show_states_where_they_change():
+    """A lane gets one entry per change, "no packets" where packets are missing, and is empty after a command has ended."""
+    written: list[tuple[float, str, str | None]] = []
+    lanes = Lanes(lambda at, path, state: written.append(((at - START).total_seconds(), path, state)))
+    for second, mode in ((0, "tracking"), (1, "tracking"), (2, "assisted"), (12, "assisted")):
+        lanes.telemetry(START + timedelta(seconds=second), {"mode": mode, "active_bank": "a"})
+    stages = [CommandStage(stage=name, at=START + timedelta(seconds=k)) for k, name in enumerate(("sent", "accepted"))]
+    lanes.command(Command(name="TAKE_IMAGE", stages=stages, finished=START + timedelta(seconds=2)))
+    assert written == [
+        (0, "states/link", "up"),
+        (0, "states/mode", "tracking"),
+        (0, "states/bank", "a"),
+        (2, "states/mode", "assisted"),
+        (7, "states/link", "no packets"),
+        (12, "states/link", "up"),
+        (0, "states/command", "TAKE_IMAGE sent"),
+        (1, "states/command", "TAKE_IMAGE accepted"),
+        (2, "states/command", None),
+    ]
 
 
 def test_a_frame_is_recorded_with_its_neighbours(services):

@@ -28,6 +28,7 @@ def blueprint(use: Use) -> Any:
     attitude = rrb.TimeSeriesView(origin="/attitude", name="Attitude, arcseconds", plot_legend=legend)
     stars = rrb.TimeSeriesView(origin="/stars", name="Stars")
     telemetry = rrb.TimeSeriesView(origin="/telemetry", name="Telemetry")
+    states = rrb.StateTimelineView(origin="/states", name="States")
     log = rrb.TextLogView(origin="/log", name="Log")
     time = rrb.TimePanel(
         state="collapsed",
@@ -35,16 +36,16 @@ def blueprint(use: Use) -> Any:
         play_state="following" if use is Use.LIVE else "paused",
     )
     if use is Use.FRAME:
-        side = rrb.Vertical(picture, attitude, log, row_shares=[2, 1, 1])
+        side = rrb.Vertical(picture, attitude, rrb.Tabs(log, states), row_shares=[2, 1, 1])
         body: Any = rrb.Horizontal(sky, side, column_shares=[3, 2])
     elif use is Use.CAMPAIGN:
         plots = rrb.Vertical(attitude, stars, row_shares=[1, 1])
         body = rrb.Horizontal(rrb.Vertical(plots, log, row_shares=[3, 1]), rrb.Vertical(picture, sky))
     elif use is Use.CONTACT:
         above = rrb.Horizontal(picture, sky, log, column_shares=[3, 3, 2])
-        body = rrb.Vertical(above, rrb.Horizontal(telemetry, attitude, stars), row_shares=[3, 2])
+        body = rrb.Vertical(above, states, rrb.Horizontal(telemetry, attitude, stars), row_shares=[6, 2, 4])
     else:
-        side = rrb.Vertical(picture, attitude, rrb.Tabs(log, telemetry, stars), row_shares=[2, 1, 1])
+        side = rrb.Vertical(picture, attitude, rrb.Tabs(states, log, telemetry, stars), row_shares=[2, 1, 1])
         body = rrb.Horizontal(sky, side, column_shares=[3, 2])
     return rrb.Blueprint(
         body,

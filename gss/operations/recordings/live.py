@@ -13,7 +13,7 @@ from gss.operations.clock import Now
 from gss.operations.events import EventBus, Message, Subscription
 from gss.operations.recordings.blueprints import Use
 from gss.operations.recordings.recorder import Recorder
-from gss.operations.recordings.stored import PLOTTED, Recordings
+from gss.operations.recordings.stored import READ, Recordings
 from gss.store import frames
 from gss.store.engine import Database
 
@@ -74,7 +74,7 @@ class LiveRecording:
             fresh = {
                 v.name.rpartition(".")[2]: v.value for v in payload if v.packet == "housekeeping" and v.state != "stale"
             }
-            self._recorder.telemetry(self._now(), {n: fresh[n] for n in PLOTTED if n in fresh})
+            self._recorder.telemetry(self._now(), {n: fresh[n] for n in READ if n in fresh})
 
 
 class LiveRecordings:

@@ -21,6 +21,7 @@ from gss.operations.frames.frames import FrameDetail, Pixels
 from gss.operations.frames.place import Place
 from gss.operations.frames.sky import bodies
 from gss.operations.recordings.blueprints import Use, blueprint
+from gss.operations.recordings.lanes import Lanes
 from gss.store.models import Command, Event, Frame, Solution
 
 JPEG_QUALITY = 80
@@ -48,6 +49,7 @@ class Recorder:
         self._stream.send_blueprint(blueprint(use), make_active=True, make_default=True)
         self._path: list[Array] = []
         self._frame_id: int | None = None
+        self._lanes = Lanes(self._state)
         self._sky(stars)
 
     def take(self) -> bytes:
@@ -71,14 +73,16 @@ class Recorder:
         self._figures(detail)
 
     def telemetry(self, received: datetime, values: Mapping[str, Any]) -> None:
-        """Add the numbers of one packet."""
+        """Add the numbers and states of one packet."""
+        self._lanes.telemetry(received, values)
         self._at(received)
         for name, value in values.items():
             if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
                 self._stream.log(f"telemetry/{name}", self._rr.Scalars(float(value)))
 
     def command(self, row: Command) -> None:
-        """Add a command with its current result."""
+        """Add a command with its stages and its current result."""
+        self._lanes.command(row)
         self._at(row.finished or row.created)
         arguments = ", ".join(f"{k} {v}" for k, v in row.arguments.items())
         level = "ERROR" if row.result in ("rejected", "failed", "unknown") else "INFO"
@@ -100,6 +104,13 @@ class Recorder:
         if self._frame_id is not None:
             self._stream.set_time("frame", sequence=self._frame_id)
         self._stream.set_time("utc", timestamp=moment)
+
+    def _state(self, moment: datetime, path: str, state: str | None) -> None:
+        """Write the state of a lane; None ends it."""
+        import pyarrow as pa  # late, as rerun, which uses it
+
+        self._at(moment)
+        self._stream.log(path, self._rr.StateChange(state=pa.array([state], pa.string())))
 
     def _sky(self, stars: StarTable) -> None:
         rr, bright = self._rr, stars.brighter_than(SKY_MAG)

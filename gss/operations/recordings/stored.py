@@ -10,6 +10,7 @@ from heapq import merge
 from gss.domain.stars import StarTable
 from gss.operations.frames.frames import FrameService
 from gss.operations.recordings.blueprints import Use
+from gss.operations.recordings.lanes import LANES
 from gss.operations.recordings.recorder import PlaceAt, Recorder, pixels_of
 from gss.operations.recordings.scope import Scope
 from gss.store import commands, events, frames, telemetry
@@ -34,6 +35,7 @@ PLOTTED = (
     "sigma_cross_arcsec",
     "rate_deg_s",
 )
+READ = (*PLOTTED, *LANES)
 Step = tuple[datetime, int, Callable[[], None]]
 
 
@@ -74,8 +76,8 @@ class Recordings:
             sent = commands.page(session, commands.Filter(start=scope.start, end=scope.end), MOST_LINES)
         steps: list[Step] = [(e.at, 2, partial(recorder.event, e)) for e in lines]
         steps += [(c.finished or c.created, 1, partial(recorder.command, c)) for c in sent]
-        rows = list(telemetry.rows(self._database, "housekeeping", PLOTTED, scope.start, scope.end))
+        rows = list(telemetry.rows(self._database, "housekeeping", READ, scope.start, scope.end))
         for row in rows[:: -(-len(rows) // MOST_PACKETS) or 1]:
-            values = dict(zip(PLOTTED, row.values, strict=True))
+            values = dict(zip(READ, row.values, strict=True))
             steps.append((row.received, 3, partial(recorder.telemetry, row.received, values)))
         yield from sorted(steps, key=lambda s: s[:2])

@@ -36,6 +36,9 @@ describe('the order of search results', () => {
     expect(found('alarm')).not.toContain('catalogue 25');
     expect(found('sestp').length).toBeGreaterThan(0);
   });
+  it('finds nothing instead of scattered letters of a long query', () => {
+    expect(found('temperate sensors')).toEqual([]);
+  });
   it('keeps the given order for an empty query', () => {
     expect(rank('', PLACES, 2)).toEqual(PLACES.slice(0, 2));
   });

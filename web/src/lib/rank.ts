@@ -11,6 +11,9 @@ const ORDER = ['page', 'command', 'alarm', 'telemetry', 'help', 'frame', 'contac
 /** Score of a letter found inside a word; a lower score means scattered letters. */
 const RUN = 5;
 
+/** The letters of a longer query are found in almost any long text, so scattered ones mean nothing. */
+const SCATTERED_MOST = 5;
+
 /** 2: the name starts with the query or has these initials. 1: the kind or the note does. 0: scattered letters. */
 function band(query: string, place: Named, whole: number): number {
   const enough = RUN * query.replace(/\s+/g, '').length;
@@ -31,7 +34,7 @@ export function rank<T extends Named>(query: string, places: readonly T[], most:
     .map((h) => ({ ...h, band: band(query, h.place, h.score) }));
   const best = Math.max(0, ...hits.map((h) => h.band));
   return hits
-    .filter((h) => best === 0 || h.band > 0)
+    .filter((h) => h.band > 0 || (best === 0 && query.length <= SCATTERED_MOST))
     .sort((a, b) => b.band - a.band || kindOf(a.place) - kindOf(b.place) || b.score - a.score || a.i - b.i)
     .slice(0, most)
     .map((h) => h.place);

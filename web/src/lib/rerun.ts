@@ -173,6 +173,11 @@ export class Viewer {
     );
   }
 
+  /** Moves the cursor of the timeline `utc` to a time, in milliseconds. */
+  showTime(atMs: number): void {
+    this.handle.viewer_control(setTimeCursor('utc', BigInt(Math.round(atMs)) * 1_000_000n)).catch(() => undefined);
+  }
+
   close(): void {
     this.reading?.abort();
     this.handle.destroy();

@@ -44,6 +44,9 @@ class Places {
     { kind: 'page', text: 'Build a catalogue', note: 'Catalogues', run: to('/catalogues/new') },
     { kind: 'page', text: 'Design a camera', note: 'Catalogues', run: to('/catalogues/design') },
     { kind: 'page', text: 'Alarms', note: 'Telemetry, Monitor', run: to('/telemetry') },
+    { kind: 'page', text: 'Import images', note: 'Frames', run: to('/frames') },
+    { kind: 'page', text: 'Upload a catalogue', note: 'open one, then Upload', run: to('/catalogues') },
+    { kind: 'page', text: 'Notifications', note: 'Admin', run: to('/admin?show=notifications') },
     { kind: 'page', text: 'Night analyses', note: 'Calibration', run: to('/calibration?tab=analyses') },
     ...live.alarms.map((a) => ({
       kind: 'alarm',
@@ -57,6 +60,12 @@ class Places {
       text: c.name,
       note: c.purpose,
       run: to(`/commands?command=${c.name}`),
+    })),
+    ...live.commands.map((c) => ({
+      kind: 'command',
+      text: `#${c.request_id}`,
+      note: `${c.name}, ${c.result}, ${day(c.created)} ${clock(c.created)}`,
+      run: to(`/commands?id=${c.id}`),
     })),
     ...live.values.map((v) => ({
       kind: 'telemetry',
@@ -100,9 +109,11 @@ class Places {
     },
   ]);
 
-  /** The best places for a query; a number alone is first of all a frame. */
+  /** The best places for a query; a number alone is first of all a frame, and #161 a command. */
   find(query: string, most: number): Place[] {
     const text = query.trim();
+    const request = /^#\d{1,15}$/.test(text) ? this.all.filter((p) => p.text === text) : [];
+    if (request.length) return request;
     const hits = rank(text, this.all, most);
     if (!/^\d{1,15}$/.test(text)) return hits;
     const known = this.all.find((p) => p.text === `Frame ${text}`);

@@ -1,0 +1,230 @@
+"""Clicks and seconds of an operator's usual jobs, measured in a browser on a real server with a simulated sensor.
+
+``python -m tools.console_jobs --photograph FILE`` prints a table in Markdown. Clicks are mouse clicks or their keys; a field
+that is filled counts as a field. The seconds contain no time of thinking or reading.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from tools.browser import launch_options
+from tools.screenshots import two_line_elements
+
+PASSWORD = "orion over the sea"  # noqa: S105 - of a server that lives for minutes
+PATIENCE_MS = 180_000
+
+
+@dataclass
+class Server:
+    """``gss serve`` that can be killed and started again. ``link``: what it printed at its start."""
+
+    folder: Path
+    port: str = "0"
+    link: str = ""
+    process: subprocess.Popen[str] | None = None
+
+    def start(self) -> None:
+        """Start the server, at the previous port if it ran before."""
+        command = [sys.executable, "-m", "gss", "serve", "--port", self.port, "--data", str(self.folder)]
+        self.process = subprocess.Popen(
+            [*command, "--simulator", "cubestar"], stdout=subprocess.PIPE, text=True, env={**os.environ}
+        )
+        if self.process.stdout is None:
+            raise RuntimeError("no pipe to the server")
+        line = next(line for line in self.process.stdout if "http://" in line)
+        self.link = line[line.index("http://") :].split()[0]
+        self.port = self.address.rsplit(":", 1)[1]
+
+    @property
+    def address(self) -> str:
+        """Address of the console."""
+        return self.link.split("/setup#")[0].rstrip("/")
+
+    def end(self, number: signal.Signals) -> None:
+        """End the process."""
+        if self.process is not None:
+            self.process.send_signal(number)
+            self.process.wait(timeout=60)
+
+
+@dataclass
+class Job:
+    """One job in progress: counts what the operator does."""
+
+    page: Page
+    clicks: int = 0
+    fields: int = 0
+    begun_s: float = field(default_factory=time.monotonic)
+
+    def click(self, testid: str) -> None:
+        """Click a control."""
+        self.page.get_by_test_id(testid).first.click()
+        self.clicks += 1
+
+    def fill(self, testid: str, text: str) -> None:
+        """Fill a field."""
+        self.page.get_by_test_id(testid).fill(text)
+        self.fields += 1
+
+    def sees(self, testid: str, words: str) -> None:
+        """Wait until a part of the page matches a regular expression."""
+        expect(self.page.get_by_test_id(testid).first).to_contain_text(re.compile(words))
+
+    def row(self, name: str) -> str:
+        """Return the row of the table."""
+        return f"| {name} | {self.clicks} | {self.fields} | {time.monotonic() - self.begun_s:.1f} |"
+
+
+def set_up(page: Page, server: Server) -> str:
+    """From the printed link to an attitude."""
+    job = Job(page)
+    page.goto(server.link)
+    job.fill("set-up-name", "ann")
+    job.fill("new-password", PASSWORD)
+    job.fill("new-password-again", PASSWORD)
+    job.click("set-up-go")
+    job.sees("link-state", "up")
+    job.click("cmd-RUN_ITERATION")
+    job.sees("ground-ra", "°")
+    return job.row("set-up link to attitude")
+
+
+def catalogue(page: Page, server: Server) -> str:
+    """From a TLE to a confirmed catalogue on board."""
+    job = Job(page)
+    page.goto(f"{server.address}/catalogues/new")
+    job.click("step-1")
+    page.get_by_role("group", name="Orbit from").get_by_role("button", name="TLE").click()
+    job.clicks += 1
+    job.fill("build-tle", two_line_elements(datetime.now(UTC)))
+    expect(page.get_by_test_id("build")).to_be_enabled()
+    job.click("build")
+    expect(page).to_have_url(re.compile(r"/catalogues/\d+"))
+    job.click("upload-start")
+    job.sees("upload", "committed")
+    job.click("activate")
+    job.fill("hazard-name", "ACTIVATE_BANK")
+    job.click("hazard-queue")
+    job.click("confirm-bank")
+    job.sees("upload", "active and confirmed")
+    return job.row("TLE to catalogue active on board")
+
+
+def photograph(page: Page, server: Server, file: Path) -> str:
+    """From a file without a known camera to its attitude."""
+    page.goto(f"{server.address}/frames")
+    job = Job(page)
+    page.get_by_test_id("import-file").set_input_files(file)
+    job.clicks += 2  # the button, and the file in the dialog of the browser
+    job.sees("made-with", "Ground result")  # a single file opens its page
+    job.sees("solved-field", "field of view")
+    return job.row("photograph of an unknown camera to attitude, field of view and scale")
+
+
+def alarm(page: Page, server: Server) -> str:
+    """From an alarm in the header to its plot and what to do."""
+    page.goto(f"{server.address}/commands?side=training")
+    page.get_by_test_id("training-fault").select_option("overheat")
+    page.get_by_test_id("training-SIM_INJECT-value").fill("60")
+    page.get_by_test_id("training-SIM_INJECT").click()
+    page.goto(f"{server.address}/live")
+    expect(page.get_by_test_id("alarm")).to_contain_text("Sensor temperature")
+    job = Job(page)
+    job.click("alarm")
+    job.sees("alarm-detail", "Stop the cycle")
+    job.sees("alarm-detail", "SIM_INJECT")
+    return job.row("alarm to cause and remedy")
+
+
+def hand_over(browser: Browser, page: Page, server: Server) -> str:
+    """Request of another user, answered by the holder."""
+    command = [sys.executable, "-m", "gss", "user", "add", "bea", "--role", "operator", "--password-stdin"]
+    subprocess.run(
+        [*command, "--data", str(server.folder)], input=f"{PASSWORD}\n", text=True, check=True, capture_output=True
+    )
+    other = browser.new_page(base_url=server.address)
+    other.set_default_timeout(PATIENCE_MS)
+    other.goto("/live")
+    other.get_by_test_id("sign-in-name").fill("bea")
+    other.get_by_test_id("sign-in-password").fill(PASSWORD)
+    other.keyboard.press("Enter")
+    expect(other.get_by_test_id("authority")).to_contain_text("holds it")
+    job, answer = Job(other), Job(page)
+    job.click("authority-open")
+    job.fill("authority-reason", "next shift")
+    job.click("authority-request")
+    answer.click("authority-accept")
+    job.sees("authority", "you hold it")
+    job.clicks += answer.clicks
+    other.close()
+    return job.row("hand-over of command authority, both users")
+
+
+def abort_without_server(page: Page, server: Server) -> str:
+    """ABORT while the server is dead, until it is said that it was not sent; then again with the server back."""
+    page.goto(f"{server.address}/live")
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    server.end(signal.SIGKILL)
+    job = Job(page)
+    job.click("abort")
+    job.sees("abort-strip", "NOT SENT")
+    first = job.row("ABORT with the server killed, until NOT SENT")
+    server.start()
+    expect(page.get_by_test_id("link-state")).to_contain_text("up")
+    again = Job(page)
+    again.click("abort-again")
+    again.sees("abort-strip", "completed")
+    return f"{first}\n{again.row('ABORT again with the server back, until completed')}"
+
+
+@contextmanager
+def _browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        yield playwright.chromium.launch(**launch_options())
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--photograph", type=Path, help="an image of the night sky")
+    options = parser.parse_args()
+    expect.set_options(timeout=PATIENCE_MS)
+    with tempfile.TemporaryDirectory() as folder, _browser() as browser:
+        server = Server(Path(folder) / "data")
+        server.start()
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        page.set_default_timeout(PATIENCE_MS)
+        jobs: list[Callable[[], str]] = [
+            lambda: set_up(page, server),
+            lambda: catalogue(page, server),
+            lambda: alarm(page, server),
+            lambda: hand_over(browser, page, server),
+            lambda: abort_without_server(page, server),
+        ]
+        if options.photograph:
+            jobs.insert(2, lambda: photograph(page, server, options.photograph))
+        print("| job | clicks | fields | seconds |\n|---|---|---|---|")
+        try:
+            for job in jobs:
+                print(job(), flush=True)
+        finally:
+            server.end(signal.SIGINT)
+
+
+if __name__ == "__main__":
+    main()
