@@ -33,7 +33,7 @@ def register(subparsers: Commands) -> None:
     instruments.add_option(icd)
     icd.add_argument("--out", type=Path, help="file to write; standard output without it")
     icd.set_defaults(run=export_icd)
-    xtce = kinds.add_parser("xtce", help="write the telemetry layout as XTCE 1.2, for other ground software")
+    xtce = kinds.add_parser("xtce", help="write commands, telemetry and limits as XTCE 1.2, for other ground software")
     instruments.add_option(xtce)
     xtce.add_argument("--out", type=Path, help="file to write; standard output without it")
     xtce.add_argument(
@@ -100,10 +100,10 @@ def export_icd(arguments: argparse.Namespace) -> int:
 
 
 def export_xtce(arguments: argparse.Namespace) -> int:
-    """Write the telemetry layout as XTCE."""
-    from gss.device.xtce import xtce
+    """Write the dictionary as XTCE."""
+    from gss.device.xtce import xtce_of
 
-    return _write(xtce(instruments.chosen(arguments).dictionary, repeat_lists=arguments.repeat_lists), arguments.out)
+    return _write(xtce_of(instruments.chosen(arguments), repeat_lists=arguments.repeat_lists), arguments.out)
 
 
 def export_openapi(arguments: argparse.Namespace) -> int:

@@ -39,6 +39,7 @@ def register(subparsers: Commands) -> None:
     export = kinds.add_parser("export", help="write a package as a .zip file")
     export.add_argument("name", metavar="NAME")
     export.add_argument("--out", type=Path, metavar="FILE", help="default: NAME.zip")
+    export.add_argument("--xtce", action="store_true", help="with the dictionary as XTCE (dictionary.xml)")
     export.set_defaults(run=run_export)
     diff = kinds.add_parser("diff", help="compare the files of two instruments or packages")
     diff.add_argument("old", metavar="A")
@@ -132,9 +133,23 @@ def run_export(arguments: argparse.Namespace) -> int:
 
     instrument = registry(arguments.data).get(arguments.name)
     out = arguments.out or Path(f"{instrument.name}.zip")
-    out.write_bytes(write_zip(instrument.name, instrument.files))
+    files = _with_xtce(instrument) if arguments.xtce else instrument.files
+    out.write_bytes(write_zip(instrument.name, files))
     print(out)
     return 0
+
+
+def _with_xtce(instrument: Instrument) -> dict[str, bytes]:
+    """Return the files of a package with its dictionary, own or shared, as ``dictionary.xml``. The package is checked."""
+    from gss.device.xtce import xtce_of
+    from gss.instruments.package import OWN_DICTIONARY, XTCE_DICTIONARY, load_instrument
+
+    files = {name: data for name, data in instrument.files.items() if name != OWN_DICTIONARY}
+    files[XTCE_DICTIONARY] = xtce_of(instrument).encode()
+    lines = files["instrument.yaml"].decode().splitlines(keepends=True)
+    files["instrument.yaml"] = "".join(line for line in lines if not line.startswith("dictionary:")).encode()
+    load_instrument(files)
+    return files
 
 
 def run_diff(arguments: argparse.Namespace) -> int:

@@ -1,30 +1,49 @@
-"""Export the telemetry part of the dictionary as XTCE 1.2 (CCSDS 660.0-B-2), for third-party tools.
+"""Export a dictionary as XTCE 1.2 (CCSDS 660.0-B-2), for third-party tools; ``read_xtce`` reads it back.
 
-Containers from the top: ``CCSDSPacket`` (primary header), ``GSSPacket`` (secondary header), both abstract; below them
+Telemetry containers from the top: ``CCSDSPacket`` (primary header), ``GSSPacket`` (secondary header), both abstract; below them
 one container per telemetry packet and event, per transfer message, and per kind of report. Parameter names are
-``packet_field``.
+``packet_field``. Commands extend the abstract ``GSSCommand``, whose container is the header.
+
+The headers are those of the driver ``gss``. For a sensor with another driver the containers have the content of its packets
+alone, because the header is in its ``link.yaml`` or in the driver.
 
 Limitations: XTCE has no counted list of rows inside a packet that space-packet-parser can follow, so a list is exported
 as its count and the bytes of its rows, and the container ``packet_list_row`` decodes one row; with ``repeat_lists`` the
 rows are repeated as the standard defines, for tools that support it. A fixed-size text ends at its first zero byte:
-text that fills its field is valid in this protocol, but not for parsers that require the zero.
+text that fills its field is valid in this protocol, but not for parsers that require the zero. An argument of the type text or
+rest has no size that XTCE could state, and is refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 from xml.etree import ElementTree as ET
 
-from gss.device.protocol.codec import MAX_LIST, STRUCT, fixed_bytes
+from gss.device.protocol.codec import MAX_LIST, fixed_bytes
 from gss.device.protocol.packet import APID_BASE, CRC_BYTES, SECONDARY, PacketType
-from gss.instruments.dictionary.definitions import INTEGER_RANGES, Dictionary, Group, Item, Layout, TelemetryField
+from gss.device.xtce_commands import CommandWriter
+from gss.device.xtce_types import TypeWriter, add_facts, checked_name, dynamic, limit_rows, named
+from gss.domain.errors import BadInput
+from gss.instruments.dictionary import xtce_terms as terms
+from gss.instruments.dictionary.definitions import (
+    Dictionary,
+    EventDefinition,
+    Group,
+    Item,
+    Layout,
+    PacketDefinition,
+    Service,
+    TelemetryField,
+)
+from gss.instruments.dictionary.read_xtce import read_xtce
+from gss.instruments.dictionary.xtce_terms import NAMESPACE
+from gss.instruments.package import Instrument
 
-NAMESPACE = "http://www.omg.org/spec/XTCE/20180204"
 SCHEMA = "http://www.omg.org/spec/XTCE/20180204/SpaceSystem.xsd"
 INSTANCE = "http://www.w3.org/2001/XMLSchema-instance"
 ROOT, GSS = "CCSDSPacket", "GSSPacket"
-COMPLETED = "completed"
-LONGEST_TEXT = 255
+COMPLETED, DRIVER = "completed", "gss"
 PRIMARY_BITS = (
     ("VERSION", 3, "CCSDS version, 0"),
     ("TYPE", 1, "0 from the device"),
@@ -46,73 +65,145 @@ Criteria = Sequence[tuple[str, str, int]]
 """(parameter, operator, raw value); all must hold. Numbers, because some readers compare no labels of enumerations."""
 
 
-def xtce(dictionary: Dictionary, *, repeat_lists: bool = False) -> str:
-    """Return the document as XML text. ``repeat_lists``: export list rows as repeated containers instead of bytes."""
-    return _Document(dictionary, repeat_lists).text()
+def xtce_of(instrument: Instrument, *, repeat_lists: bool = False) -> str:
+    """Return the document of an instrument's dictionary, with the headers and the byte order of its line."""
+    little_endian = instrument.link.content_byte_order == "little"
+    headers = instrument.about.driver == DRIVER
+    return xtce(instrument.dictionary, headers=headers, little_endian=little_endian, repeat_lists=repeat_lists)
+
+
+def xtce(
+    dictionary: Dictionary, *, headers: bool = True, little_endian: bool = False, repeat_lists: bool = False
+) -> str:
+    """Return the document as XML text, after reading it back to an equal dictionary.
+
+    ``headers``: the packets have the headers of the driver ``gss``. ``repeat_lists``: export list rows as repeated containers
+    instead of bytes. Raises BadInput for a dictionary that XTCE cannot express.
+    """
+    draft = _Document(dictionary, headers, little_endian, repeat_lists, {}).text()
+    facts: dict[str, Any] = {"layout": layout_of_document(draft).hex(), "hash": dictionary.hash_hex}
+    if dictionary.same_layout_as:
+        facts["same_layout_as"] = sorted(h.hex() for h in dictionary.same_layout_as)
+    text = _Document(dictionary, headers, little_endian, repeat_lists, facts).text()
+    if read_xtce("the document", text.encode()).dictionary != dictionary:
+        raise BadInput("the XTCE document would not read back to an equal dictionary", got=dictionary.device_model)
+    return text
+
+
+def layout_of_document(text: str) -> bytes:
+    """Return the hash of a document's own rows, which tells whether it was edited."""
+    return read_xtce("the document", text.encode()).dictionary.hash
 
 
 class _Document:
     """XML tree under construction, with types, parameters and containers kept consistent."""
 
-    def __init__(self, dictionary: Dictionary, repeat_lists: bool) -> None:
-        self._dictionary, self._repeat = dictionary, repeat_lists
-        name = dictionary.device_model
-        attributes = {"name": name, "xmlns": NAMESPACE, "xmlns:xsi": INSTANCE}
-        attributes["xsi:schemaLocation"] = f"{NAMESPACE} {SCHEMA}"
-        self._root = ET.Element("SpaceSystem", attributes)
+    def __init__(
+        self, dictionary: Dictionary, headers: bool, little_endian: bool, repeat_lists: bool, facts: Mapping[str, Any]
+    ) -> None:
+        self._dictionary, self._headers, self._repeat = dictionary, headers, repeat_lists
+        attributes = {"xmlns": NAMESPACE, "xmlns:xsi": INSTANCE, "xsi:schemaLocation": f"{NAMESPACE} {SCHEMA}"}
+        self._root = ET.Element("SpaceSystem", attributes | {"name": checked_name(dictionary.device_model)})
         text = f"Dictionary version {dictionary.version}, SHA-256 {dictionary.hash_hex}"
         ET.SubElement(self._root, "LongDescription").text = text
+        sets = [{"name": s.name} | ({"note": s.note} if s.note else {}) for s in dictionary.limit_sets]
+        add_facts(self._root, {**facts, **({"limit_sets": sets} if sets else {})})
         ET.SubElement(self._root, "Header", version=str(dictionary.version), validationStatus="Working")
         telemetry = ET.SubElement(self._root, "TelemetryMetaData")
-        self._types = ET.SubElement(telemetry, "ParameterTypeSet")
+        self._types = TypeWriter(ET.SubElement(telemetry, "ParameterTypeSet"), "Parameter", little_endian)
         self._parameters = ET.SubElement(telemetry, "ParameterSet")
         self._containers = ET.SubElement(telemetry, "ContainerSet")
+        self._commands = CommandWriter(self._root, dictionary, headers, little_endian)
 
     def text(self) -> str:
-        self._headers()
+        """Return the document."""
+        if self._headers:
+            self._add_headers()
         for packet in self._dictionary.telemetry:
-            self._leaf(packet.name, packet.purpose, PacketType.TELEMETRY, packet.code, packet.fields)
-        event = self._dictionary.service("EVENT")
-        self._abstract("EVENT", event.purpose, PacketType.EVENT, event.fields)
-        for definition in self._dictionary.events:
-            name = f"EVENT_{definition.name}"
-            self._container(name, definition.purpose, "EVENT", [("CODE", "==", definition.code)], [], crc=True)
-        self._reports()
+            self._telemetry(packet)
         for service in self._dictionary.services:
-            if service.packet == "transfer":
-                self._leaf(service.name, service.purpose, PacketType.TRANSFER, service.code, service.fields)
+            self._service(service)
+        if not self._headers:
+            self._returns([])
+            for event in self._dictionary.events:
+                self._event(event, "")
+        self._commands.write()
+        for part in self._root.findall("TelemetryMetaData"):
+            for empty in [child for child in part if len(child) == 0]:
+                part.remove(empty)
         ET.indent(self._root, " ")
         return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(self._root, encoding="unicode") + "\n"
 
-    # --- containers ---------------------------------------------------------------------------------------------
+    # --- containers ---------------------------------------------------------------------------------------------------
 
-    def _headers(self) -> None:
-        for name, bits, purpose in (*PRIMARY_BITS, *SECONDARY_BITS, ("CRC32", 8 * CRC_BYTES, "zlib's CRC-32")):
-            self._unsigned(name, bits, purpose)
-        self._container(ROOT, "Primary header", "", [], [n for n, _, _ in PRIMARY_BITS], abstract=True)
+    def _add_headers(self) -> None:
+        for name, bits, purpose in (*PRIMARY_BITS, *SECONDARY_BITS):
+            self._types.unsigned(self._parameters, name, bits, purpose, {})
+        checksum = {terms.ROLE: terms.CHECKSUM}
+        self._types.unsigned(self._parameters, "CRC32", 8 * CRC_BYTES, "zlib's CRC-32", checksum)
+        header = {terms.ROLE: terms.HEADER}
+        names = [name for name, _, _ in PRIMARY_BITS]
+        self._container(ROOT, "Primary header", "", [], names, header, abstract=True)
         ours = [("TYPE", "==", 0), ("SEC_HDR_FLG", "==", 1), ("PKT_APID", ">", APID_BASE)]
-        names = [n for n, _, _ in SECONDARY_BITS]
-        self._container(GSS, "Secondary header", ROOT, ours, names, abstract=True)
+        names = [name for name, _, _ in SECONDARY_BITS]
+        self._container(GSS, "Secondary header", ROOT, ours, names, header, abstract=True)
 
-    def _leaf(self, name: str, purpose: str, kind: PacketType, code: int, fields: Layout) -> None:
-        where = [*_of_kind(kind), ("CODE", "==", code)]
-        self._container(name, purpose, GSS, where, self._entries(name, fields), crc=True)
+    def _telemetry(self, packet: PacketDefinition) -> None:
+        facts: dict[str, Any] = {terms.ROLE: terms.TELEMETRY, "stale_after_s": packet.stale_after_s}
+        if packet.simulator_only:
+            facts["simulator_only"] = True
+        self._leaf(packet.name, packet.purpose, PacketType.TELEMETRY, packet.code, packet.fields, facts)
 
-    def _abstract(self, name: str, purpose: str, kind: PacketType, fields: Layout) -> None:
-        self._container(name, purpose, GSS, _of_kind(kind), self._entries(name, fields), abstract=True)
+    def _service(self, service: Service) -> None:
+        facts = {terms.ROLE: terms.SERVICE, "packet": service.packet, "code": service.code}
+        if service.packet == "transfer" or not self._headers:
+            self._leaf(service.name, service.purpose, PacketType.TRANSFER, service.code, service.fields, facts)
+            return
+        kind = PacketType.EVENT if service.packet == "event" else PacketType.REPORT
+        entries = self._entries(service.name, service.fields)
+        self._container(service.name, service.purpose, GSS, _of_kind(kind), entries, facts, abstract=True)
+        if kind is PacketType.EVENT:
+            for event in self._dictionary.events:
+                self._event(event, service.name)
+        else:
+            self._reports(service)
 
-    def _reports(self) -> None:
+    def _event(self, event: EventDefinition, base: str) -> None:
+        facts: dict[str, Any] = {terms.ROLE: terms.EVENT, "severity": event.severity}
+        if event.action:
+            facts["action"] = event.action
+        facts |= {} if base else {"code": event.code}
+        where = [("CODE", "==", event.code)]
+        self._container(f"EVENT_{event.name}", event.purpose, base, where, [], facts, crc=bool(base))
+
+    def _leaf(
+        self, name: str, purpose: str, kind: PacketType, code: int, fields: Layout, facts: Mapping[str, Any]
+    ) -> None:
+        entries = self._entries(name, fields, facts.get("stale_after_s", 0.0))
+        if self._headers:
+            where = [*_of_kind(kind), ("CODE", "==", code)]
+            self._container(name, purpose, GSS, where, entries, facts, crc=True)
+        else:
+            self._container(name, purpose, "", [], entries, {**facts, "code": code})
+
+    def _reports(self, report: Service) -> None:
         """Add the report containers: a completed report ends with the returned values, others after the common fields."""
-        report = self._dictionary.service("REPORT")
-        self._abstract("REPORT", report.purpose, PacketType.REPORT, report.fields)
-        stage, on_the_way = "REPORT_stage", "A stage that is not completion"
+        stage, on_the_way = f"{report.name}_stage", "A stage that is not completion"
         item = next(field for field in report.fields if isinstance(field, Item) and field.name == "stage")
         completed = next(choice.value for choice in item.choices if choice.name == COMPLETED)
-        self._container("REPORT_of_stage", on_the_way, "REPORT", [(stage, "!=", completed)], [], crc=True)
+        facts = {terms.ROLE: terms.STAGE}
+        where = [(stage, "!=", completed)]
+        self._container(f"{report.name}_of_stage", on_the_way, report.name, where, [], facts, crc=True)
+        self._returns([(stage, "==", completed)], report.name)
+
+    def _returns(self, completed: Criteria, base: str = "") -> None:
         for command in self._dictionary.commands:
-            where = [("CODE", "==", command.code), (stage, "==", completed)]
-            entries = self._entries(command.name, command.returns)
-            self._container(f"REPORT_{command.name}", f"{command.name} is done", "REPORT", where, entries, crc=True)
+            if not base and not command.returns:
+                continue
+            where = [("CODE", "==", command.code), *completed]
+            facts = {terms.ROLE: terms.RETURNS, "command": command.name}
+            entries, name = self._entries(command.name, command.returns), f"REPORT_{command.name}"
+            self._container(name, f"{command.name} is done", base, where, entries, facts, crc=bool(base))
 
     def _container(
         self,
@@ -121,12 +212,14 @@ class _Document:
         base: str,
         criteria: Criteria,
         entries: Sequence[str | ET.Element],
+        facts: Mapping[str, Any],
         *,
         abstract: bool = False,
         crc: bool = False,
     ) -> None:
-        attributes = {"name": name, "shortDescription": purpose} | ({"abstract": "true"} if abstract else {})
-        made = ET.SubElement(self._containers, "SequenceContainer", attributes)
+        attributes = {"shortDescription": purpose} | ({"abstract": "true"} if abstract else {})
+        made = named(self._containers, "SequenceContainer", name, attributes)
+        add_facts(made, facts)
         listed = ET.SubElement(made, "EntryList")
         for entry in (*entries, *(["CRC32"] if crc else [])):
             if isinstance(entry, str):
@@ -137,13 +230,15 @@ class _Document:
             on = ET.SubElement(made, "BaseContainer", containerRef=base)
             comparisons = ET.SubElement(ET.SubElement(on, "RestrictionCriteria"), "ComparisonList")
             for parameter, operator, value in criteria:
-                facts = {"parameterRef": parameter, "comparisonOperator": operator, "value": str(value)}
-                ET.SubElement(comparisons, "Comparison", facts | {"useCalibratedValue": "false"})
+                terms_of = {"parameterRef": parameter, "comparisonOperator": operator, "value": str(value)}
+                ET.SubElement(comparisons, "Comparison", terms_of | {"useCalibratedValue": "false"})
 
-    # --- entries ------------------------------------------------------------------------------------------------
+    # --- entries ------------------------------------------------------------------------------------------------------
 
-    def _entries(self, owner: str, layout: Layout | Sequence[Item]) -> list[str | ET.Element]:
-        """Create the parameters of a layout and return their names in order."""
+    def _entries(
+        self, owner: str, layout: Layout | Sequence[Item], stale_after_s: float = 0.0
+    ) -> list[str | ET.Element]:
+        """Create the parameters of a layout and return their names in order. ``stale_after_s``: that of the packet."""
         entries: list[str | ET.Element] = []
         fixed = SECONDARY.size + CRC_BYTES
         for entry in layout:
@@ -152,107 +247,53 @@ class _Document:
                 entries += self._list(name, entry)
                 continue
             if entry.type == "text":
-                self._unsigned(f"{name}_length", 8, f"Bytes of {name}")
+                self._types.unsigned(self._parameters, f"{name}_length", 8, f"Bytes of {name}", {})
                 entries.append(f"{name}_length")
-            self._item(name, entry, fixed)
+            self._value(name, entry, fixed, stale_after_s)
             entries.append(name)
             fixed += fixed_bytes([entry])
         return entries
 
+    def _value(self, name: str, item: Item, around: int, stale_after_s: float) -> None:
+        facts = self._types.value(name, item, around)
+        if not isinstance(item, TelemetryField):
+            self._types.entry(self._parameters, name, name, {"shortDescription": item.purpose}, facts)
+            return
+        facts |= {key: text for key in ("page", "decimals", "action") if (text := getattr(item, key))}
+        if item.stale_after_s != stale_after_s:
+            facts["stale_after_s"] = item.stale_after_s
+        if item.sets:
+            facts["sets"] = {key: limit_rows(limits) for key, limits in item.sets.items()}
+        attributes = {"shortDescription": item.title if item.title != item.name else ""}
+        self._types.entry(self._parameters, name, name, attributes, facts, item.purpose)
+
     def _list(self, name: str, group: Group) -> list[str | ET.Element]:
         count = f"{name}_count"
-        self._unsigned(count, 8, f"Rows of {name}")
+        self._types.unsigned(self._parameters, count, 8 if group.count == "u8" else 16, f"Rows of {name}", {})
         row = f"{name}_row"
-        self._container(row, f"One row of {name}", "", [], self._entries(row, group.items))
+        facts: dict[str, Any] = {terms.ROLE: terms.ROW, "list": group.name}
+        facts |= {"slots": group.slots} if group.slots else {}
+        facts |= {"purpose": group.purpose} if group.purpose else {}
+        self._container(row, f"One row of {name}", "", [], self._entries(row, group.items), facts)
         if self._repeat:
             entry = ET.Element("ContainerRefEntry", containerRef=row)
             repeat = ET.SubElement(ET.SubElement(entry, "RepeatEntry"), "Count")
-            ET.SubElement(ET.SubElement(repeat, "DynamicValue"), "ParameterInstanceRef", parameterRef=count)
+            if group.slots:
+                ET.SubElement(repeat, "FixedValue").text = str(group.slots)
+            else:
+                ET.SubElement(ET.SubElement(repeat, "DynamicValue"), "ParameterInstanceRef", parameterRef=count)
             return [count, entry]
-        encoding = ET.SubElement(self._type("Binary", name), "BinaryDataEncoding")
-        _dynamic(ET.SubElement(encoding, "SizeInBits"), count, 8 * fixed_bytes(group.items), 0)
-        self._parameter(name, f"Up to {MAX_LIST} rows, each as {row}")
+        encoding = ET.SubElement(self._types.make("Binary", name), "BinaryDataEncoding")
+        size, row_bits = ET.SubElement(encoding, "SizeInBits"), 8 * fixed_bytes(group.items)
+        if group.slots:
+            ET.SubElement(size, "FixedValue").text = str(group.slots * row_bits)
+        else:
+            dynamic(size, count, row_bits, 0)
+        purpose = f"Up to {group.slots or MAX_LIST} rows, each as {row}"
+        self._types.entry(self._parameters, name, name, {"shortDescription": purpose}, {"rows": row})
         return [count, name]
-
-    def _item(self, name: str, item: Item, around: int) -> None:
-        """Add type and parameter of one value.
-
-        ``around``: size in bytes of the packet after the primary header, without this value.
-        """
-        kind = item.type
-        if kind in INTEGER_RANGES or kind in ("bool", "enum", "f32", "f64"):
-            self._number(name, item)
-        elif kind in ("bytes", "rest"):
-            encoding = ET.SubElement(self._type("Binary", name), "BinaryDataEncoding")
-            size = ET.SubElement(encoding, "SizeInBits")
-            if kind == "rest":
-                _dynamic(size, "PKT_LEN", 8, 8 - 8 * around)
-            else:
-                ET.SubElement(size, "FixedValue").text = str(8 * item.size)
-        else:
-            encoding = ET.SubElement(self._type("String", name), "StringDataEncoding", encoding="UTF-8")
-            if kind == "text":
-                variable = ET.SubElement(encoding, "Variable", maxSizeInBits=str(8 * LONGEST_TEXT))
-                _dynamic(variable, f"{name}_length", 8, 0)
-            else:
-                size = ET.SubElement(encoding, "SizeInBits")
-                ET.SubElement(ET.SubElement(size, "Fixed"), "FixedValue").text = str(8 * item.size)
-                ET.SubElement(size, "TerminationChar").text = "00"
-        self._parameter(name, item.purpose or getattr(item, "title", ""))
-
-    # --- types --------------------------------------------------------------------------------------------------
-
-    def _type(self, kind: str, name: str, unit: str = "") -> ET.Element:
-        made = ET.SubElement(self._types, f"{kind}ParameterType", name=name)
-        units = ET.SubElement(made, "UnitSet")
-        if unit:
-            ET.SubElement(units, "Unit").text = unit
-        return made
-
-    def _parameter(self, name: str, purpose: str) -> None:
-        facts = {"name": name, "parameterTypeRef": name}
-        ET.SubElement(self._parameters, "Parameter", facts | ({"shortDescription": purpose} if purpose else {}))
-
-    def _unsigned(self, name: str, bits: int, purpose: str) -> None:
-        made = self._type("Integer", name)
-        made.set("signed", "false")
-        ET.SubElement(made, "IntegerDataEncoding", sizeInBits=str(bits), encoding="unsigned")
-        self._parameter(name, purpose)
-
-    def _number(self, name: str, item: Item) -> None:
-        bits = str(8 * STRUCT[item.type].size)
-        coefficients = item.conversion.coefficients if isinstance(item, TelemetryField) else ()
-        if item.type in ("f32", "f64"):
-            made = self._type("Float", name, item.unit)
-            made.set("sizeInBits", bits)
-            encoding = ET.SubElement(made, "FloatDataEncoding", sizeInBits=bits, encoding="IEEE754_1985")
-        else:
-            kind = {"bool": "Boolean", "enum": "Enumerated"}.get(item.type, "Float" if coefficients else "Integer")
-            made = self._type(kind, name, item.unit)
-            signed = item.type.startswith("i")
-            if kind == "Integer":
-                made.set("signed", str(signed).lower())
-            elif kind == "Float":
-                made.set("sizeInBits", "64")
-            how = "twosComplement" if signed else "unsigned"
-            encoding = ET.SubElement(made, "IntegerDataEncoding", sizeInBits=bits, encoding=how)
-        if coefficients:
-            polynomial = ET.SubElement(ET.SubElement(encoding, "DefaultCalibrator"), "PolynomialCalibrator")
-            for power, c in enumerate(coefficients):
-                ET.SubElement(polynomial, "Term", coefficient=repr(float(c)), exponent=str(power))
-        if item.type == "enum":
-            listed = ET.SubElement(made, "EnumerationList")
-            for choice in item.choices:
-                ET.SubElement(listed, "Enumeration", value=str(choice.value), label=choice.name)
 
 
 def _of_kind(kind: PacketType) -> list[tuple[str, str, int]]:
     """Return the criteria of a packet type: the APID alone would do, and some readers select packets by it."""
     return [("PKT_APID", "==", APID_BASE + int(kind)), ("PACKET_TYPE", "==", int(kind))]
-
-
-def _dynamic(size: ET.Element, parameter: str, slope: int, intercept: int) -> None:
-    """Add a size in bits: slope · parameter + intercept."""
-    dynamic = ET.SubElement(size, "DynamicValue")
-    ET.SubElement(dynamic, "ParameterInstanceRef", parameterRef=parameter)
-    ET.SubElement(dynamic, "LinearAdjustment", slope=str(slope), intercept=str(intercept))

@@ -124,13 +124,21 @@ FRAMINGS = ("cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "can"
 class LinkFile(Noted):
     """``link.yaml``: the line of the unit. ``baud`` 0: not paced. ``hello_again_s``: pause between attempts to open the
     session. ``stalled_after_s``: a line that takes no bytes for this long is closed and opened again. ``protocol``: for the
-    driver ``link``; other drivers know theirs."""
+    driver ``link``; other drivers know theirs, and ``byte_order`` states that of the numbers in their packets for exports."""
 
     framing: Literal["cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "can", "none"] = "cobs"
     baud: Annotated[int, Field(ge=0, le=100_000_000)] = 115_200
     hello_again_s: Positive = 3.0
     stalled_after_s: Positive = 20.0
     protocol: Protocol | None = None
+    byte_order: ByteOrder | None = None
+
+    @property
+    def content_byte_order(self) -> str | None:
+        """Byte order of the numbers in the packets; None if only the driver knows it."""
+        if self.protocol is None:
+            return self.byte_order
+        return self.protocol.payload_byte_order or self.protocol.byte_order
 
     @field_validator("protocol")
     @classmethod
@@ -143,6 +151,8 @@ class LinkFile(Noted):
     def _delimited(self) -> Self:
         if self.protocol is None:
             return self
+        if self.byte_order is not None:
+            raise ValueError("byte_order is for drivers without a protocol; use protocol.payload_byte_order")
         p = self.protocol
         if self.framing == "sync_and_trailer" and (p.sync is None or p.trailer is None):
             raise ValueError("framing sync_and_trailer needs protocol.sync and protocol.trailer")

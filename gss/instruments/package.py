@@ -16,13 +16,14 @@ from gss.domain.sensor import Defects
 from gss.instruments.camera_file import CameraFile
 from gss.instruments.dictionary.definitions import Dictionary
 from gss.instruments.dictionary.read_dictionary import read_dictionary, shared_dictionary
+from gss.instruments.dictionary.read_xtce import dictionary_of
 from gss.instruments.marked_yaml import MarkedYaml, parse_yaml
 from gss.instruments.package_files import CatalogueFile, InstrumentFile, LinkFile, SimulatorFile
 from gss.instruments.package_source import Files, is_package_file
 from gss.instruments.quantities import Strict
 from gss.instruments.roles import Roles, default_roles, read_roles
 
-OWN_DICTIONARY, OPERATIONS = "dictionary.yaml", "operations.yaml"
+OWN_DICTIONARY, XTCE_DICTIONARY, OPERATIONS = "dictionary.yaml", "dictionary.xml", "operations.yaml"
 MOST_PROBLEMS = 20
 Model = TypeVar("Model", bound=Strict)
 
@@ -69,7 +70,7 @@ def load_instrument(files: Files, *, shipped: bool = False) -> Instrument:
     link = _optional(marked, "link.yaml", LinkFile) or LinkFile()
     catalogue = _optional(marked, "catalogue.yaml", CatalogueFile)
     simulator = _optional(marked, "simulator.yaml", SimulatorFile)
-    dictionary = _dictionary(about, marked["instrument.yaml"], files)
+    dictionary = _dictionary(about, marked["instrument.yaml"], files, link)
     return Instrument(
         about,
         _version(marked, files, dictionary),
@@ -117,18 +118,30 @@ def _short(value: object) -> str:
     return "" if isinstance(value, dict | list) else repr(value)[:80]
 
 
-def _dictionary(about: InstrumentFile, file: MarkedYaml, files: Files) -> Dictionary:
-    """Return the package's own dictionary, or the shared one that it names."""
+def _dictionary(about: InstrumentFile, file: MarkedYaml, files: Files, link: LinkFile) -> Dictionary:
+    """Return the package's own dictionary, in YAML or XTCE, or the shared one that it names."""
+    own = [name for name in (OWN_DICTIONARY, XTCE_DICTIONARY) if name in files]
+    if len(own) > 1:
+        raise BadInput(f"the package has {OWN_DICTIONARY} and {XTCE_DICTIONARY}", expected="one of the two")
     if about.dictionary is None:
-        if OWN_DICTIONARY not in files:
-            raise file.error((), f"name a shared dictionary (dictionary: gss-common) or add {OWN_DICTIONARY}")
+        if not own:
+            raise file.error(
+                (), f"name a shared dictionary (dictionary: gss-common) or add {OWN_DICTIONARY} or {XTCE_DICTIONARY}"
+            )
+        if own == [XTCE_DICTIONARY]:
+            return dictionary_of(XTCE_DICTIONARY, files[XTCE_DICTIONARY], _byte_order(about, link))
         return read_dictionary(OWN_DICTIONARY, files[OWN_DICTIONARY])
-    if OWN_DICTIONARY in files:
-        raise file.error(("dictionary",), f"the package has its own {OWN_DICTIONARY}; remove one of the two")
+    if own:
+        raise file.error(("dictionary",), f"the package has its own {own[0]}; remove one of the two")
     try:
         return shared_dictionary(about.dictionary)
     except NotFound as error:
         raise file.error(("dictionary",), error.message, about.dictionary) from None
+
+
+def _byte_order(about: InstrumentFile, link: LinkFile) -> str | None:
+    """Return the byte order of the numbers in packets; the driver ``gss`` has only one. None: the driver knows it."""
+    return "big" if about.driver == "gss" else link.content_byte_order
 
 
 def _profile(

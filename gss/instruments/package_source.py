@@ -10,10 +10,11 @@ from pathlib import Path
 
 from gss.domain.errors import BadInput, NotFound
 
-YAML_FILES = (
+PACKAGE_FILES = (
     "instrument.yaml",
     "camera.yaml",
     "dictionary.yaml",
+    "dictionary.xml",
     "operations.yaml",
     "link.yaml",
     "catalogue.yaml",
@@ -30,7 +31,7 @@ Files = Mapping[str, bytes]
 
 def is_package_file(name: str) -> bool:
     """True if a package may contain a file of that name."""
-    return name in YAML_FILES or PROCEDURE.fullmatch(name) is not None
+    return name in PACKAGE_FILES or PROCEDURE.fullmatch(name) is not None
 
 
 def read_folder(folder: Path) -> dict[str, bytes]:
@@ -134,7 +135,7 @@ def _check_names(names: Iterable[str]) -> None:
     for name in names:
         if not is_package_file(name):
             raise BadInput(
-                "a package has no such file", expected=f"{', '.join(YAML_FILES)}, procedures/*.md", got=name[:200]
+                "a package has no such file", expected=f"{', '.join(PACKAGE_FILES)}, procedures/*.md", got=name[:200]
             )
     if len(set(names)) < len(names):
         raise BadInput("a file appears twice in the package", got=next(n for n in names if names.count(n) > 1))

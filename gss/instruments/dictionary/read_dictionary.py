@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from gss.domain.errors import BadInput, NotFound
 from gss.domain.limits import PERSISTENCE_MAX, Limits, State
@@ -90,8 +90,14 @@ def read_dictionary(name: str, data: bytes) -> Dictionary:
     file = parse_yaml(name, data)
     if not isinstance(file.content, dict):
         raise file.error((), "the dictionary is empty; it needs commands, telemetry, events, services")
+    return read_content(file)
+
+
+def read_content(file: MarkedYaml, content_hash: bytes | None = None) -> Dictionary:
+    """Return the dictionary in rows; its hash is that of the rows, or the given one. Raises BadInput naming file, line and row."""
+    content = cast(Mapping[str, Any], file.content)
     try:
-        return _dictionary(file, file.content)
+        return _dictionary(file, content, content_hash)
     except WRONG_ROW as error:
         raise _placed(file, (), error) from error
 
@@ -119,7 +125,7 @@ def _placed(file: MarkedYaml, path: tuple[str | int, ...], error: Exception) -> 
     )
 
 
-def _dictionary(file: MarkedYaml, content: Mapping[str, Any]) -> Dictionary:
+def _dictionary(file: MarkedYaml, content: Mapping[str, Any], content_hash: bytes | None) -> Dictionary:
     optional = ("same_layout_as", "limit_sets", "enums")
     known_keys("dictionary", content, " ".join((*SECTIONS, *optional)))
     enums = {name: read_choices(name, rows) for name, rows in content.get("enums", {}).items()}
@@ -133,11 +139,14 @@ def _dictionary(file: MarkedYaml, content: Mapping[str, Any]) -> Dictionary:
         telemetry=_rows(file, content, "telemetry", lambda row: _packet(row, enums)),
         events=_rows(file, content, "events", _event),
         services=_rows(file, content, "services", lambda row: _service(row, enums)),
-        hash=layout_hash(content),
+        hash=content_hash if content_hash is not None else layout_hash(content),
         same_layout_as=frozenset(bytes.fromhex(str(text)) for text in content.get("same_layout_as", ())),
         limit_sets=_rows(file, content, "limit_sets", _limit_set),
     )
-    _check_whole(dictionary)
+    try:
+        _check_whole(dictionary)
+    except BadInput as error:
+        raise _placed(file, (), error) from error
     return dictionary
 
 

@@ -1,0 +1,252 @@
+"""Types, parameters and arguments of an XTCE document, from the values of a dictionary."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from gss.device.protocol.codec import STRUCT
+from gss.domain.errors import BadInput
+from gss.domain.limits import Limits
+from gss.instruments.dictionary import xtce_terms as terms
+from gss.instruments.dictionary.definitions import (
+    FLOATS,
+    INTEGER_RANGES,
+    Argument,
+    Hazard,
+    Item,
+    TelemetryField,
+    Value,
+)
+
+NAME = re.compile(r"[^./:\[\] \t\r\n]+")
+LONGEST_TEXT = 255
+
+
+def checked_name(name: str) -> str:
+    """Return the name. Raises BadInput for one that XTCE does not allow."""
+    if not NAME.fullmatch(name):
+        raise BadInput("XTCE allows no such name", expected="a name without . / : [ ] and spaces", got=name[:80])
+    return name
+
+
+def named(parent: ET.Element, tag: str, name: str, attributes: Mapping[str, str] | None = None) -> ET.Element:
+    """Add an element with a name. Raises BadInput for a name that XTCE does not allow."""
+    return ET.SubElement(parent, tag, {"name": checked_name(name), **(attributes or {})})
+
+
+def add_facts(element: ET.Element, facts: Mapping[str, Any], at: int | None = None) -> None:
+    """Add what XTCE has no element for, if there is any."""
+    if facts:
+        made = ET.Element("AncillaryDataSet")
+        entry = ET.SubElement(made, "AncillaryData", name=terms.ANCILLARY, mimeType=terms.JSON_TYPE)
+        entry.text = json.dumps(facts, ensure_ascii=False, separators=(",", ":"))
+        element.insert(len(element) if at is None else at, made)
+
+
+def dynamic(size: ET.Element, parameter: str, slope: int, intercept: int) -> None:
+    """Add a size in bits: slope · parameter + intercept."""
+    made = ET.SubElement(size, "DynamicValue")
+    ET.SubElement(made, "ParameterInstanceRef", parameterRef=parameter)
+    ET.SubElement(made, "LinearAdjustment", slope=str(slope), intercept=str(intercept))
+
+
+class TypeWriter:
+    """Writes types and the parameters or arguments that have them. ``kind``: Parameter or Argument."""
+
+    def __init__(self, types: ET.Element, kind: str, little_endian: bool) -> None:
+        self._types, self._kind, self._little = types, kind, little_endian
+
+    def unsigned(self, entries: ET.Element, name: str, bits: int, purpose: str, facts: Mapping[str, Any]) -> None:
+        """Add an unsigned integer of the header, a count or a length."""
+        made = self.make("Integer", name)
+        made.set("signed", "false")
+        self._integer_encoding(made, bits, signed=False)
+        self.entry(entries, name, name, {"shortDescription": purpose}, facts)
+
+    def make(self, kind: str, name: str, unit: str = "") -> ET.Element:
+        """Add a type with its unit."""
+        made = named(self._types, f"{kind}{self._kind}Type", name)
+        units = ET.SubElement(made, "UnitSet")
+        if unit:
+            ET.SubElement(units, "Unit").text = unit
+        return made
+
+    def entry(
+        self,
+        entries: ET.Element,
+        name: str,
+        type_name: str,
+        attributes: Mapping[str, str],
+        facts: Mapping[str, Any],
+        purpose: str = "",
+    ) -> None:
+        """Add a parameter or argument."""
+        reference = "parameterTypeRef" if self._kind == "Parameter" else "argumentTypeRef"
+        given = {key: text for key, text in attributes.items() if text or key == "initialValue"}
+        made = named(entries, self._kind, name, {reference: type_name, **given})
+        if purpose:
+            ET.SubElement(made, "LongDescription").text = purpose
+        add_facts(made, facts)
+
+    def value(self, name: str, item: Item, around: int) -> dict[str, Any]:
+        """Add the type of a value and return what it cannot express.
+
+        ``around``: size in bytes of the packet after the primary header, without this value.
+        """
+        if terms.is_utc(item.name, item.type) and item.unit == "s":
+            return self._time(name, item)
+        if item.type in INTEGER_RANGES or item.type in ("bool", "enum", *FLOATS):
+            return self._number(name, item)
+        if item.type in ("bytes", "rest"):
+            encoding = ET.SubElement(self.make("Binary", name, item.unit), "BinaryDataEncoding")
+            size = ET.SubElement(encoding, "SizeInBits")
+            if item.type == "rest":
+                dynamic(size, "PKT_LEN", 8, 8 - 8 * around)
+            else:
+                ET.SubElement(size, "FixedValue").text = str(8 * item.size)
+        else:
+            encoding = ET.SubElement(self.make("String", name, item.unit), "StringDataEncoding", encoding="UTF-8")
+            if item.type == "text":
+                variable = ET.SubElement(encoding, "Variable", maxSizeInBits=str(8 * LONGEST_TEXT))
+                dynamic(variable, f"{name}_length", 8, 0)
+            else:
+                size = ET.SubElement(encoding, "SizeInBits")
+                ET.SubElement(ET.SubElement(size, "Fixed"), "FixedValue").text = str(8 * item.size)
+                ET.SubElement(size, "TerminationChar").text = "00"
+        return _limits_of(item) | _range_of(item)
+
+    # --- numbers ------------------------------------------------------------------------------------------------------
+
+    def _time(self, name: str, item: Item) -> dict[str, Any]:
+        made = named(self._types, f"AbsoluteTime{self._kind}Type", name)
+        encoding = ET.SubElement(made, "Encoding", units="seconds")
+        self._float_encoding(encoding, item.type)
+        ET.SubElement(ET.SubElement(made, "ReferenceTime"), "Epoch").text = "UNIX"
+        return _limits_of(item) | _range_of(item)
+
+    def _number(self, name: str, item: Item) -> dict[str, Any]:
+        bits = 8 * STRUCT[item.type].size
+        coefficients = item.conversion.coefficients if isinstance(item, TelemetryField) else ()
+        kind = {"bool": "Boolean", "enum": "Enumerated"}.get(item.type, "Integer")
+        if item.type in FLOATS or (coefficients and kind == "Integer"):
+            kind = "Float"
+        made = self.make(kind, name, item.unit)
+        if item.type in FLOATS:
+            made.set("sizeInBits", str(bits))
+            encoding = self._float_encoding(made, item.type)
+        else:
+            signed = item.type.startswith("i")
+            if kind == "Integer":
+                made.set("signed", str(signed).lower())
+                made.set("sizeInBits", str(bits))
+            elif kind == "Float":
+                made.set("sizeInBits", "64")
+            encoding = self._integer_encoding(made, bits, signed)
+        if coefficients:
+            polynomial = ET.SubElement(ET.SubElement(encoding, "DefaultCalibrator"), "PolynomialCalibrator")
+            for power, c in enumerate(coefficients):
+                ET.SubElement(polynomial, "Term", coefficient=repr(float(c)), exponent=str(power))
+        if item.type == "enum":
+            listed = ET.SubElement(made, "EnumerationList")
+            for choice in item.choices:
+                note = {"shortDescription": choice.note} if choice.note else {}
+                ET.SubElement(listed, "Enumeration", value=str(choice.value), label=choice.name, **note)
+        if kind in ("Boolean", "Enumerated"):
+            return _limits_of(item) | _range_of(item) | _hazards_of(item)
+        return self._ranges(made, item, kind == "Integer")
+
+    def _integer_encoding(self, made: ET.Element, bits: int, signed: bool) -> ET.Element:
+        facts = {"sizeInBits": str(bits), "encoding": "twosComplement" if signed else "unsigned"}
+        return ET.SubElement(made, "IntegerDataEncoding", facts | self._order(bits))
+
+    def _float_encoding(self, made: ET.Element, kind: str) -> ET.Element:
+        bits = 8 * STRUCT[kind].size
+        facts = {"sizeInBits": str(bits), "encoding": "IEEE754_1985"}
+        return ET.SubElement(made, "FloatDataEncoding", facts | self._order(bits))
+
+    def _order(self, bits: int) -> dict[str, str]:
+        return {"byteOrder": terms.LITTLE_ENDIAN} if self._little and bits > 8 and bits % 8 == 0 else {}
+
+    def _ranges(self, made: ET.Element, item: Item, integer: bool) -> dict[str, Any]:
+        """Add valid range and alarms of a number and return what has no place there."""
+        if isinstance(item, Argument):
+            return _argument_range(made, item)
+        if not isinstance(item, TelemetryField):
+            return {}
+        facts: dict[str, Any] = {}
+        if item.valid is not None:
+            low, high = item.valid
+            whole = low.is_integer() and high.is_integer() and int(low) in terms.LONG and int(high) in terms.LONG
+            if integer and not whole:
+                facts["valid"] = [low, high]
+            else:
+                bounds = (int(low), int(high)) if integer else (low, high)
+                ET.SubElement(made, "ValidRange", minInclusive=repr(bounds[0]), maxInclusive=repr(bounds[1]))
+        if not item.limits.any:
+            return facts | _persistence(item)
+        alarm = ET.SubElement(made, "DefaultAlarm")
+        if item.persistence != 1:
+            alarm.attrib |= {"minViolations": str(item.persistence), "minConformance": str(item.persistence)}
+        ranges = ET.SubElement(alarm, "StaticAlarmRanges")
+        for level, tag in terms.ALARMS.items():
+            bounds = dict(zip(("minInclusive", "maxInclusive"), getattr(item.limits, level), strict=True))
+            if any(bound is not None for bound in bounds.values()):
+                ET.SubElement(ranges, tag, {key: repr(bound) for key, bound in bounds.items() if bound is not None})
+        return facts
+
+
+def _argument_range(made: ET.Element, argument: Argument) -> dict[str, Any]:
+    low, high = argument.minimum, argument.maximum
+    if low is None or high is None:
+        return _range_of(argument)
+    if argument.type in INTEGER_RANGES:
+        if (low, high) == INTEGER_RANGES[argument.type]:
+            return {}
+        if int(low) != low or int(high) != high or int(low) not in terms.LONG or int(high) not in terms.LONG:
+            return _range_of(argument)
+        low, high = int(low), int(high)
+    ranges = ET.SubElement(made, "ValidRangeSet")
+    ET.SubElement(ranges, "ValidRange", minInclusive=repr(low), maxInclusive=repr(high))
+    return {}
+
+
+def _persistence(item: TelemetryField) -> dict[str, Any]:
+    return {"persistence": item.persistence} if item.persistence != 1 else {}
+
+
+def limit_rows(limits: Limits) -> dict[str, list[float | None]]:
+    """Return the limits as keys of a row."""
+    rows = {level: list(getattr(limits, level)) for level in terms.ALARMS}
+    return {level: pair for level, pair in rows.items() if any(bound is not None for bound in pair)}
+
+
+def _limits_of(item: Item) -> dict[str, Any]:
+    """Return limits and valid range of a value whose type has no place for them."""
+    if not isinstance(item, TelemetryField):
+        return {}
+    valid = {"valid": list(item.valid)} if item.valid is not None else {}
+    return limit_rows(item.limits) | valid | _persistence(item)
+
+
+def _range_of(item: Item) -> dict[str, Any]:
+    if not isinstance(item, Argument):
+        return {}
+    return {k: v for k, v in (("min", item.minimum), ("max", item.maximum)) if v is not None}
+
+
+def _hazards_of(item: Item) -> dict[str, Any]:
+    hazards = {c.name: str(c.hazard) for c in item.choices if c.hazard is not Hazard.NONE}
+    return {"choice_hazards": hazards} if hazards else {}
+
+
+def initial_value(value: Value) -> str:
+    """Return a default as the text of ``initialValue``."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, bytes):
+        return value.hex()
+    return value if isinstance(value, str) else repr(value)

@@ -1,0 +1,258 @@
+"""Read a dictionary from XTCE 1.2 or later, as an alternative to ``dictionary.yaml``.
+
+The document becomes rows as in the YAML file, which the same code checks, so that a document that ``gss export xtce`` wrote gives
+an equal dictionary. A construct without a row is refused by its name and line; nothing is skipped. The header of the packets is
+not part of a dictionary: containers without a base, and those marked as header, are the header that ``link.yaml`` or the driver
+describes; a comparison selects the code of a packet.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from typing import Any
+
+from gss.domain.errors import BadInput
+from gss.instruments.dictionary.definitions import Dictionary
+from gss.instruments.dictionary.read_dictionary import layout_hash, read_content
+from gss.instruments.dictionary.xml_lines import Element, parse_xml
+from gss.instruments.dictionary.xtce_containers import Containers
+from gss.instruments.dictionary.xtce_terms import ANCILLARY, FAMILY, LEVELS, LITTLE_ENDIAN, OPERATORS
+from gss.instruments.dictionary.xtce_values import NAME, NAMED, Row, Values, described, facts_of
+from gss.instruments.marked_yaml import MarkedYaml, Place
+
+ACCEPT_S, COMPLETE_S = 5.0, 30.0
+"""Time limits of commands whose document has no verifiers."""
+SUBSYSTEM = "processor"
+"""Subsystem of commands whose document has none; it decides who may send them."""
+COMMAND_FACTS = (
+    "code subsystem role favourite idempotent any_dictionary simulator_only accept_s complete_s hazard_reason "
+    "precondition_texts"
+)
+ARGUMENT_FACTS = "min max choice_hazards"
+HAZARDS = {level: str(hazard) for hazard, level in LEVELS.items()} | {"normal": "none"}
+
+
+@dataclass(frozen=True)
+class XtceDictionary:
+    """A dictionary, and the byte order of its numbers: big, little, or None if it has no number of several bytes."""
+
+    dictionary: Dictionary
+    byte_order: str | None
+
+
+def read_xtce(name: str, data: bytes) -> XtceDictionary:
+    """Return the dictionary in an XTCE document. Raises BadInput naming file, line and element."""
+    root = parse_xml(name, data, FAMILY)
+    if root.tag != "SpaceSystem":
+        raise root.error("is not the root of an XTCE document", expected="SpaceSystem")
+    return _Document(root).dictionary()
+
+
+class _Document:
+    """Rows under construction, with the line of each."""
+
+    def __init__(self, root: Element) -> None:
+        self._root = root.checked(f"{NAMED} Header TelemetryMetaData CommandMetaData", f"{NAME} operationalStatus")
+        self._facts = facts_of(root, "layout hash same_layout_as limit_sets device_model")
+        self._enums: dict[str, list[Row]] = {}
+        self._orders: set[str] = set()
+        self._lines: dict[Place, int] = {(): root.line}
+        telemetry = root.child("TelemetryMetaData")
+        if telemetry is not None:
+            telemetry.checked("ParameterTypeSet ParameterSet ContainerSet")
+        values = Values(telemetry.rows("ParameterTypeSet") if telemetry else (), "Parameter", self._enums, self._orders)
+        self._containers = Containers(telemetry, values)
+
+    def dictionary(self) -> XtceDictionary:
+        """Return the checked dictionary."""
+        rows = self._containers.rows()
+        content: Row = {
+            "version": self._version(),
+            "device_model": self._facts.get("device_model", self._root.get("name")),
+            "enums": self._enums,
+            "commands": self._commands(),
+            "telemetry": rows.telemetry,
+            "events": rows.events,
+            "services": rows.services,
+        }
+        for section in ("telemetry", "events", "services"):
+            self._lines |= {(section, k): line for k, line in enumerate(rows.lines[section])}
+        for key in ("limit_sets", "same_layout_as"):
+            if key in self._facts:
+                content[key] = self._facts[key]
+        # An edited document has another layout, which the stated hash does not describe.
+        layout = layout_hash({key: value for key, value in content.items() if key != "same_layout_as"})
+        stated = self._facts.get("layout") == layout.hex()
+        if not stated:
+            content.pop("same_layout_as", None)
+        file = MarkedYaml(self._root.file, content, self._lines)
+        dictionary = read_content(file, self._stated_hash() if stated else layout)
+        orders = {"little" if order == LITTLE_ENDIAN else "big" for order in self._orders}
+        return XtceDictionary(dictionary, next(iter(orders), None))
+
+    def _stated_hash(self) -> bytes:
+        try:
+            stated = bytes.fromhex(self._facts["hash"])
+        except (KeyError, TypeError, ValueError):
+            stated = b""
+        if len(stated) != 32:
+            raise self._root.error(f"AncillaryData {ANCILLARY}: hash is not a SHA-256 in hexadecimal digits")
+        return stated
+
+    def _version(self) -> int:
+        """Return the whole part of the header's version, 1 without one."""
+        header = self._root.child("Header")
+        text = header.attributes.get("version", "") if header else ""
+        whole = text.partition(".")[0]
+        return int(whole) if whole.isdecimal() and len(whole) < 10 else 1
+
+    # --- commands -----------------------------------------------------------------------------------------------------
+
+    def _commands(self) -> list[Row]:
+        part = self._root.child("CommandMetaData")
+        if part is None:
+            return []
+        part.checked("ArgumentTypeSet MetaCommandSet")
+        self._arguments = Values(part.rows("ArgumentTypeSet"), "Argument", self._enums, self._orders)
+        commands = {command.get("name"): command for command in part.rows("MetaCommandSet")}
+        rows = []
+        for command in part.rows("MetaCommandSet"):
+            if command.tag != "MetaCommand":
+                raise command.error("is not supported in MetaCommandSet", expected="MetaCommand")
+            if command.attributes.get("abstract") in ("true", "1"):
+                if command.child("BaseMetaCommand") is not None:
+                    raise command.error("an abstract command with a base is not supported")
+                continue
+            self._lines["commands", len(rows)] = command.line
+            rows.append(self._command(command, commands))
+        return rows
+
+    def _command(self, command: Element, commands: dict[str, Element]) -> Row:
+        command.checked(
+            f"{NAMED} BaseMetaCommand ArgumentList CommandContainer TransmissionConstraintList DefaultSignificance VerifierSet",
+            f"{NAME} abstract",
+        )
+        facts = facts_of(command, COMMAND_FACTS)
+        texts = facts.pop("precondition_texts", [])
+        short, long = described(command)
+        row: Row = {"name": command.get("name"), "subsystem": SUBSYSTEM, "purpose": long or short or command.get("name")}
+        row |= {"idempotent": False, "accept_s": ACCEPT_S, "complete_s": COMPLETE_S}
+        row |= self._limits(command) | self._significance(command)
+        code = self._code(command, commands)
+        row |= ({} if code is None else {"code": code}) | facts
+        if "code" not in row:
+            raise command.error("has no code", expected="one ArgumentAssignment, or code in AncillaryData gss")
+        row["arguments"] = [self._argument(argument) for argument in command.rows("ArgumentList")]
+        self._check_order(command, [argument["name"] for argument in row["arguments"]])
+        conditions = [self._precondition(c) for c in command.rows("TransmissionConstraintList")]
+        if conditions:
+            if len(texts) != len(conditions):
+                texts = [f"{c['field']} {c['op']} {c['value']}" for c in conditions]
+            row["preconditions"] = [c | {"text": text} for c, text in zip(conditions, texts, strict=True)]
+        returns = self._containers.returns.get(row["name"])
+        return row | ({"returns": returns} if returns else {})
+
+    def _code(self, command: Element, commands: dict[str, Element]) -> int | None:
+        base = command.child("BaseMetaCommand")
+        if base is None:
+            return None
+        base.checked("ArgumentAssignmentList", "metaCommandRef")
+        parent = commands.get(base.get("metaCommandRef"))
+        if parent is None or parent.attributes.get("abstract") not in ("true", "1"):
+            raise base.error("the base is not an abstract command of this document", got=base.get("metaCommandRef")[:80])
+        assigned = list(base.rows("ArgumentAssignmentList"))
+        chosen = [a for a in assigned if a.get("argumentName") == "CODE"] or assigned
+        if len(chosen) != 1:
+            return None
+        return chosen[0].whole(chosen[0].get("argumentValue"))
+
+    def _argument(self, argument: Element) -> Row:
+        argument.checked(NAMED, f"{NAME} argumentTypeRef initialValue")
+        row, size = self._arguments.row(argument, facts_of(argument, ARGUMENT_FACTS))
+        if size is not None:
+            raise argument.error("an argument of variable size is not supported")
+        short, long = described(argument)
+        row |= {"name": argument.get("name")} | ({"purpose": long or short} if long or short else {})
+        text = argument.attributes.get("initialValue")
+        if text is not None:
+            row["default"] = self._default(argument, row["type"], text)
+        return row
+
+    def _default(self, argument: Element, kind: str, text: str) -> Any:
+        if kind == "bool":
+            if text.lower() not in ("true", "false"):
+                raise argument.error("initialValue is not a boolean", got=text[:40])
+            return text.lower() == "true"
+        return text if kind == "enum" or kind.startswith(("str", "bytes")) else argument.number(text)
+
+    def _check_order(self, command: Element, arguments: list[str]) -> None:
+        """Raise BadInput unless the container has the arguments in their order, and behind them at most the checksum."""
+        container = command.child("CommandContainer")
+        if container is None:
+            return
+        container.checked(f"{NAMED} EntryList BaseContainer", NAME)
+        names = []
+        for entry in container.need("EntryList").children:
+            if entry.tag == "ParameterRefEntry" and self._containers.is_checksum(entry.get("parameterRef")):
+                continue
+            if entry.tag != "ArgumentRefEntry":
+                raise entry.error("is not supported in the container of a command", expected="ArgumentRefEntry")
+            names.append(entry.checked("", "argumentRef").get("argumentRef"))
+        if names != arguments:
+            raise container.error("has other arguments than ArgumentList, or in another order", got=", ".join(names)[:200])
+
+    def _significance(self, command: Element) -> Row:
+        given = command.child("DefaultSignificance")
+        if given is None:
+            return {}
+        given.checked("", "consequenceLevel reasonForWarning")
+        level = given.attributes.get("consequenceLevel", "normal")
+        if level not in HAZARDS:
+            raise given.error("this level is not supported", expected=", ".join(HAZARDS), got=level[:40])
+        reason = given.attributes.get("reasonForWarning", "" if level == "normal" else f"marked {level}")
+        return {"hazard": HAZARDS[level]} | ({"hazard_reason": reason} if reason else {})
+
+    def _limits(self, command: Element) -> Row:
+        limits: Row = {}
+        for verifier in command.rows("VerifierSet"):
+            key = {"AcceptedVerifier": "accept_s", "CompleteVerifier": "complete_s"}.get(verifier.tag)
+            if key is None or key in limits:
+                raise verifier.error("is not supported", expected="one AcceptedVerifier and one CompleteVerifier")
+            window = verifier.checked("ComparisonList CheckWindow", NAME).need("CheckWindow")
+            window.checked("", "timeToStopChecking timeWindowIsRelativeTo")
+            text = window.get("timeToStopChecking")
+            try:
+                seconds = Decimal(text.removeprefix("PT").removesuffix("S"))
+            except InvalidOperation:
+                seconds = Decimal("NaN")
+            if not text.startswith("PT") or not text.endswith("S") or not 0 <= seconds < 1_000_000:
+                raise window.error("timeToStopChecking is not in seconds", expected="PT2.5S", got=text[:40])
+            limits[key] = float(seconds)
+        return limits
+
+    def _precondition(self, constraint: Element) -> Row:
+        comparison = constraint.checked("Comparison").need("Comparison")
+        comparison.checked("", "parameterRef comparisonOperator value useCalibratedValue")
+        operator = comparison.attributes.get("comparisonOperator", "==")
+        op = next((name for name, sign in OPERATORS.items() if sign == operator), None)
+        found = self._containers.housekeeping(comparison.get("parameterRef"))
+        if op is None or found is None:
+            raise comparison.error("is not a comparison of a value of the packet housekeeping")
+        text = comparison.get("value")
+        kind = found["type"]
+        value: Any = text if kind == "enum" or kind.startswith("str") else None
+        if value is None:
+            value = text.lower() == "true" if kind == "bool" else comparison.number(text)
+        return {"field": found["name"], "op": op, "value": value}
+
+
+def dictionary_of(name: str, data: bytes, byte_order: str | None) -> Dictionary:
+    """Return the dictionary of a package's document. Raises BadInput if its numbers have not the byte order of ``link.yaml``;
+    None: the driver knows it."""
+    read = read_xtce(name, data)
+    if None not in (byte_order, read.byte_order) and byte_order != read.byte_order:
+        raise BadInput(
+            f"{name} and link.yaml have different byte orders", expected=str(byte_order), got=str(read.byte_order)
+        )
+    return read.dictionary

@@ -1,0 +1,39 @@
+"""Terms of XTCE 1.2 (CCSDS 660.0-B-2) that writer and reader of dictionaries share.
+
+What XTCE has no element for is JSON in an ``AncillaryData`` of the name ``gss``; its keys are those of ``dictionary.yaml`` and
+those listed here.
+"""
+
+from __future__ import annotations
+
+from gss.instruments.dictionary.items import Hazard
+
+NAMESPACE = "http://www.omg.org/spec/XTCE/20180204"
+FAMILY = "http://www.omg.org/spec/XTCE/"
+"""Start of the namespaces of XTCE 1.2 and later."""
+ANCILLARY, JSON_TYPE = "gss", "application/json"
+ROLE = "role_of_container"
+"""Key that states what a container or parameter is; one of the values below. Without it, a container that is selected is a packet."""
+HEADER, TELEMETRY, EVENT, EVENTS, SERVICE, RETURNS, STAGE, ROW, CHECKSUM = (
+    "header",
+    "telemetry",
+    "event",
+    "events",
+    "service",
+    "returns",
+    "stage",
+    "row",
+    "checksum",
+)
+LEVELS = {Hazard.WATCH: "user1", Hazard.WARNING: "vital", Hazard.CRITICAL: "critical"}
+"""Consequence level by hazard; XTCE has two named levels, "vital" and "critical", and two for projects."""
+OPERATORS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
+ALARMS = {"watch": "WatchRange", "warning": "WarningRange", "critical": "CriticalRange"}
+LITTLE_ENDIAN, BIG_ENDIAN = "leastSignificantByteFirst", "mostSignificantByteFirst"
+LONG = range(-(1 << 63), 1 << 63)
+"""Whole numbers of XTCE's ranges (xs:long)."""
+
+
+def is_utc(name: str, kind: str) -> bool:
+    """True if a value is an absolute time: seconds since 1970-01-01 UTC, by the dictionary's rule for names."""
+    return kind == "f64" and (name == "utc_s" or name.endswith("_utc_s"))

@@ -1,0 +1,186 @@
+"""Dictionaries as XTCE: what ``gss export xtce`` writes is read back equal; what has no row is refused by name and line."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import pytest
+
+from gss.device.xtce import xtce, xtce_of
+from gss.domain.errors import BadInput
+from gss.instruments.dictionary.definitions import Dictionary
+from gss.instruments.dictionary.read_dictionary import load_dictionary, parse_dictionary
+from gss.instruments.dictionary.read_xtce import read_xtce
+from gss.instruments.package import load_instrument
+from gss.instruments.registry import shipped_registry
+
+NOS3 = shipped_registry().get("nos3")
+FOREIGN = """<?xml version="1.0"?>
+<SpaceSystem name="THERMO" xmlns="http://www.omg.org/spec/XTCE/20180204">
+ <TelemetryMetaData>
+  <ParameterTypeSet>
+   <IntegerParameterType name="U8" signed="false"><IntegerDataEncoding sizeInBits="8"/></IntegerParameterType>
+   <FloatParameterType name="Temp"><UnitSet><Unit>°C</Unit></UnitSet>
+    <IntegerDataEncoding sizeInBits="16" encoding="twosComplement"><DefaultCalibrator><PolynomialCalibrator>
+     <Term coefficient="0.1" exponent="1"/><Term coefficient="-5" exponent="0"/>
+    </PolynomialCalibrator></DefaultCalibrator></IntegerDataEncoding>
+    <DefaultAlarm><StaticAlarmRanges><WarningRange minInclusive="-20" maxInclusive="60"/></StaticAlarmRanges></DefaultAlarm>
+   </FloatParameterType>
+  </ParameterTypeSet>
+  <ParameterSet>
+   <Parameter name="Kind" parameterTypeRef="U8"/>
+   <Parameter name="Lens" parameterTypeRef="Temp" shortDescription="Lens"/>
+  </ParameterSet>
+  <ContainerSet>
+   <SequenceContainer name="Header" abstract="true"><EntryList><ParameterRefEntry parameterRef="Kind"/></EntryList>
+   </SequenceContainer>
+   <SequenceContainer name="State"><EntryList><ParameterRefEntry parameterRef="Lens"/></EntryList>
+    <BaseContainer containerRef="Header"><RestrictionCriteria><Comparison parameterRef="Kind" value="7"/></RestrictionCriteria>
+    </BaseContainer>
+   </SequenceContainer>
+  </ContainerSet>
+ </TelemetryMetaData>
+ <CommandMetaData>
+  <ArgumentTypeSet>
+   <FloatArgumentType name="Volt"><UnitSet><Unit>V</Unit></UnitSet><FloatDataEncoding sizeInBits="32"/>
+    <ValidRangeSet><ValidRange minInclusive="0" maxInclusive="5.5"/></ValidRangeSet></FloatArgumentType>
+  </ArgumentTypeSet>
+  <MetaCommandSet>
+   <MetaCommand name="Any" abstract="true"/>
+   <MetaCommand name="HEAT" shortDescription="Heat"><BaseMetaCommand metaCommandRef="Any"><ArgumentAssignmentList>
+     <ArgumentAssignment argumentName="opcode" argumentValue="3"/></ArgumentAssignmentList></BaseMetaCommand>
+    <ArgumentList><Argument name="level" argumentTypeRef="Volt" initialValue="1.5"/></ArgumentList>
+    <DefaultSignificance consequenceLevel="vital" reasonForWarning="Draws power"/>
+   </MetaCommand>
+  </MetaCommandSet>
+ </CommandMetaData>
+</SpaceSystem>
+"""
+
+
+@lru_cache(maxsize=1)
+def document() -> str:
+    return xtce_of(NOS3)
+
+
+def read(text: str) -> Dictionary:
+    return read_xtce("dictionary.xml", text.encode()).dictionary
+
+
+@pytest.mark.parametrize(("name", "order"), [("cubestar", "big"), ("nos3", "big"), ("sagitta", "little")])
+def test_the_exported_dictionary_is_read_back_equal(name: str, order: str) -> None:
+    """All rows, their order and the hash are equal, for each shipped dictionary."""
+    instrument = shipped_registry().get(name)
+    found = read_xtce("dictionary.xml", xtce_of(instrument).encode())
+    assert found.dictionary == instrument.dictionary
+    assert found.byte_order == order
+
+
+def test_repeated_rows_are_read_back_equal() -> None:
+    """A list is the same whether its rows are bytes or repeated containers; also one with a fixed number of rows."""
+    sagitta = shipped_registry().get("sagitta")
+    assert read(xtce_of(sagitta, repeat_lists=True)) == sagitta.dictionary
+
+
+def test_an_edited_document_has_another_hash() -> None:
+    """The stated hash is used only for the layout that it was stated for."""
+    changed = read(document().replace('label="solved"', 'label="valid"'))
+    assert changed.packet("attitude").values[4].choices[1].name == "valid"
+    assert changed.hash != NOS3.dictionary.hash
+    assert changed.same_layout_as == frozenset()
+
+
+def test_a_foreign_document_becomes_a_dictionary() -> None:
+    """Codes from the comparison and the assigned argument; units, calibration, alarms, ranges and significance are read."""
+    expected = parse_dictionary("""
+version: 1
+device_model: THERMO
+commands:
+  - {name: HEAT, code: 3, subsystem: processor, purpose: Heat, hazard: warning, hazard_reason: Draws power, idempotent: false,
+     accept_s: 5, complete_s: 30, arguments: [{name: level, type: f32, unit: V, min: 0, max: 5.5, default: 1.5}]}
+telemetry:
+  - {name: State, code: 7, purpose: State, stale_after_s: 0,
+     fields: [{name: Lens, title: Lens, type: i16, unit: °C, conversion: {polynomial: [-5, 0.1]}, warning: [-20, 60]}]}
+events: []
+services: []
+""")
+    found = read(FOREIGN)
+    assert (found.commands, found.telemetry) == (expected.commands, expected.telemetry)
+    assert (found.version, found.device_model) == (1, "THERMO")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("</ParameterSet>", "</ParameterSet><StreamSet/>", "line 16: StreamSet: is not supported"),
+        ('"Lens" parameterTypeRef="Temp"', '"Lens" parameterTypeRef="Nothing"', "line 15: Parameter name=Lens: unknown type"),
+        ('<Term coefficient="0.1" exponent="1"/>', "<SplinePoint/>", "line 8: SplinePoint: is not supported"),
+        ("PolynomialCalibrator>", "SplineCalibrator>", "line 7: SplineCalibrator: is not supported"),
+        ('sizeInBits="16" encoding="twosComplement"', 'sizeInBits="12"', "line 7: IntegerDataEncoding: this size"),
+        ('encoding="twosComplement"', 'encoding="BCD"', "line 7: IntegerDataEncoding: this size or encoding"),
+        ('minInclusive="-20"', 'minExclusive="-20"', "line 10: WarningRange: the attribute minExclusive is not supported"),
+        ("<WarningRange", "<SevereRange", "line 10: SevereRange: is not supported"),
+        ('parameterRef="Kind" value="7"', 'parameterRef="Kind" comparisonOperator="&gt;" value="7"', "only comparisons with =="),
+        ('parameterRef="Kind" value="7"', 'parameterRef="Kind" value="2357"', "codes must fit a byte"),
+        ('<ParameterRefEntry parameterRef="Lens"/>', "<ArrayParameterRefEntry/>", "ArrayParameterRefEntry: is not supported"),
+        ('containerRef="Header"', 'containerRef="Elsewhere"', "has an unknown base"),
+        ("</ContainerSet>", "<AggregateContainer/></ContainerSet>", "AggregateContainer: is not supported"),
+        ('consequenceLevel="vital"', 'consequenceLevel="forbidden"', "DefaultSignificance: this level is not supported"),
+        ('argumentValue="3"', 'argumentValue="0x3"', "not a whole number"),
+        ('minInclusive="0" maxInclusive="5.5"', "", "a number needs min and max"),
+        ('initialValue="1.5"', 'initialValue="9"', "default is not allowed"),
+        ("<CommandMetaData>", "<SpaceSystem/><CommandMetaData>", "SpaceSystem: is not supported in SpaceSystem"),
+        ("20180204", "../space/xtce", "THERMO"),
+        ("</SpaceSystem>", "", "not XML"),
+        ('<SpaceSystem name', '<!DOCTYPE x [<!ENTITY a "b">]><SpaceSystem name', "document types and entities"),
+    ],
+)
+def test_what_has_no_row_is_refused_by_name_and_line(old: str, new: str, message: str) -> None:
+    """Nothing of the document is skipped, no entity is expanded, and no half of it is loaded."""
+    assert old in FOREIGN
+    if message == "THERMO":
+        assert read(FOREIGN.replace(old, new)).device_model == message  # a later version in the same family of namespaces
+        return
+    with pytest.raises(BadInput) as error:
+        read(FOREIGN.replace(old, new))
+    assert message in str(error.value)
+    assert "dictionary.xml" in str(error.value)
+
+
+def test_entries_between_packet_and_header_are_refused() -> None:
+    """A container between header and packet would be lost, because a dictionary has the content of packets alone."""
+    middle = '<SequenceContainer name="Time" abstract="true"><EntryList><ParameterRefEntry parameterRef="Kind"/></EntryList>'
+    middle += '<BaseContainer containerRef="Header"/></SequenceContainer><SequenceContainer name="State">'
+    text = FOREIGN.replace('<SequenceContainer name="State">', middle).replace(
+        'containerRef="Header"><Res', 'containerRef="Time"><Res'
+    )
+    with pytest.raises(BadInput, match="SequenceContainer name=Time: entries between packet and header"):
+        read(text)
+
+
+def test_a_package_may_have_its_dictionary_as_xtce() -> None:
+    """The instrument is the same; the file and link.yaml must agree on the byte order; two dictionaries are refused."""
+    files = {k: v for k, v in NOS3.files.items() if k != "dictionary.yaml"} | {"dictionary.xml": document().encode()}
+    found = load_instrument(files)
+    assert (found.dictionary, found.version) == (NOS3.dictionary, NOS3.version)
+    little = {**files, "link.yaml": files["link.yaml"].replace(b"byte_order: big", b"byte_order: little")}
+    with pytest.raises(BadInput, match="different byte orders"):
+        load_instrument(little)
+    with pytest.raises(BadInput, match=r"has dictionary\.yaml and dictionary\.xml"):
+        load_instrument({**NOS3.files, "dictionary.xml": document().encode()})
+
+
+def test_what_xtce_cannot_express_is_not_exported() -> None:
+    """A name with a dot has no place in XTCE, and the export says so instead of writing an invalid document."""
+    text = "version: 1\ndevice_model: a.b\ncommands: []\ntelemetry: []\nevents: []\nservices: []\n"
+    with pytest.raises(BadInput, match="XTCE allows no such name"):
+        xtce(parse_dictionary(text), headers=False)
+
+
+def test_hazards_of_choices_and_limit_sets_are_kept() -> None:
+    """What XTCE has no element for is in our own data of the document."""
+    found = load_dictionary()
+    text = xtce(found)
+    assert read(text).limit_sets == found.limit_sets
+    assert '"sets":{"' in text
+    assert 'consequenceLevel="critical"' in text
