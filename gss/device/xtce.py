@@ -91,7 +91,7 @@ def xtce(
 
 
 def layout_of_document(text: str) -> bytes:
-    """Return the hash of a document's own rows, which tells whether it was edited."""
+    """Return the hash of a document's own rows; another hash in the document means that it was edited."""
     return read_xtce("the document", text.encode()).dictionary.hash
 
 

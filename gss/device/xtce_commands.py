@@ -36,7 +36,9 @@ class CommandWriter:
             self._part.remove(self._argument_types)
 
     def _base(self) -> None:
-        base = named(self._commands, "MetaCommand", BASE, {"abstract": "true", "shortDescription": "Header of commands"})
+        base = named(
+            self._commands, "MetaCommand", BASE, {"abstract": "true", "shortDescription": "Header of commands"}
+        )
         arguments = ET.SubElement(base, "ArgumentList")
         self._types.unsigned(arguments, "CODE", 8, "Code of the command", {})
         entries = ET.SubElement(named(base, "CommandContainer", BASE), "EntryList")

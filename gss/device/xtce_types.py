@@ -154,7 +154,7 @@ class TypeWriter:
             listed = ET.SubElement(made, "EnumerationList")
             for choice in item.choices:
                 note = {"shortDescription": choice.note} if choice.note else {}
-                ET.SubElement(listed, "Enumeration", value=str(choice.value), label=choice.name, **note)
+                ET.SubElement(listed, "Enumeration", {"value": str(choice.value), "label": choice.name, **note})
         if kind in ("Boolean", "Enumerated"):
             return _limits_of(item) | _range_of(item) | _hazards_of(item)
         return self._ranges(made, item, kind == "Integer")
@@ -193,9 +193,9 @@ class TypeWriter:
             alarm.attrib |= {"minViolations": str(item.persistence), "minConformance": str(item.persistence)}
         ranges = ET.SubElement(alarm, "StaticAlarmRanges")
         for level, tag in terms.ALARMS.items():
-            bounds = dict(zip(("minInclusive", "maxInclusive"), getattr(item.limits, level), strict=True))
-            if any(bound is not None for bound in bounds.values()):
-                ET.SubElement(ranges, tag, {key: repr(bound) for key, bound in bounds.items() if bound is not None})
+            ends = dict(zip(("minInclusive", "maxInclusive"), getattr(item.limits, level), strict=True))
+            if any(end is not None for end in ends.values()):
+                ET.SubElement(ranges, tag, {key: repr(end) for key, end in ends.items() if end is not None})
         return facts
 
 

@@ -113,33 +113,55 @@ services: []
     ("old", "new", "message"),
     [
         ("</ParameterSet>", "</ParameterSet><StreamSet/>", "line 16: StreamSet: is not supported"),
-        ('"Lens" parameterTypeRef="Temp"', '"Lens" parameterTypeRef="Nothing"', "line 15: Parameter name=Lens: unknown type"),
+        (
+            '"Lens" parameterTypeRef="Temp"',
+            '"Lens" parameterTypeRef="Nothing"',
+            "line 15: Parameter name=Lens: unknown type",
+        ),
         ('<Term coefficient="0.1" exponent="1"/>', "<SplinePoint/>", "line 8: SplinePoint: is not supported"),
         ("PolynomialCalibrator>", "SplineCalibrator>", "line 7: SplineCalibrator: is not supported"),
         ('sizeInBits="16" encoding="twosComplement"', 'sizeInBits="12"', "line 7: IntegerDataEncoding: this size"),
         ('encoding="twosComplement"', 'encoding="BCD"', "line 7: IntegerDataEncoding: this size or encoding"),
-        ('minInclusive="-20"', 'minExclusive="-20"', "line 10: WarningRange: the attribute minExclusive is not supported"),
+        (
+            'minInclusive="-20"',
+            'minExclusive="-20"',
+            "line 10: WarningRange: the attribute minExclusive is not supported",
+        ),
         ("<WarningRange", "<SevereRange", "line 10: SevereRange: is not supported"),
-        ('parameterRef="Kind" value="7"', 'parameterRef="Kind" comparisonOperator="&gt;" value="7"', "only comparisons with =="),
+        (
+            'parameterRef="Kind" value="7"',
+            'parameterRef="Kind" comparisonOperator="&gt;" value="7"',
+            "only comparisons with ==",
+        ),
         ('parameterRef="Kind" value="7"', 'parameterRef="Kind" value="2357"', "codes must fit a byte"),
-        ('<ParameterRefEntry parameterRef="Lens"/>', "<ArrayParameterRefEntry/>", "ArrayParameterRefEntry: is not supported"),
+        (
+            '<ParameterRefEntry parameterRef="Lens"/>',
+            "<ArrayParameterRefEntry/>",
+            "ArrayParameterRefEntry: is not supported",
+        ),
         ('containerRef="Header"', 'containerRef="Elsewhere"', "has an unknown base"),
         ("</ContainerSet>", "<AggregateContainer/></ContainerSet>", "AggregateContainer: is not supported"),
-        ('consequenceLevel="vital"', 'consequenceLevel="forbidden"', "DefaultSignificance: this level is not supported"),
+        (
+            'consequenceLevel="vital"',
+            'consequenceLevel="forbidden"',
+            "DefaultSignificance: this level is not supported",
+        ),
         ('argumentValue="3"', 'argumentValue="0x3"', "not a whole number"),
         ('minInclusive="0" maxInclusive="5.5"', "", "a number needs min and max"),
         ('initialValue="1.5"', 'initialValue="9"', "default is not allowed"),
         ("<CommandMetaData>", "<SpaceSystem/><CommandMetaData>", "SpaceSystem: is not supported in SpaceSystem"),
         ("20180204", "../space/xtce", "THERMO"),
         ("</SpaceSystem>", "", "not XML"),
-        ('<SpaceSystem name', '<!DOCTYPE x [<!ENTITY a "b">]><SpaceSystem name', "document types and entities"),
+        ("<SpaceSystem name", '<!DOCTYPE x [<!ENTITY a "b">]><SpaceSystem name', "document types and entities"),
     ],
 )
 def test_what_has_no_row_is_refused_by_name_and_line(old: str, new: str, message: str) -> None:
     """Nothing of the document is skipped, no entity is expanded, and no half of it is loaded."""
     assert old in FOREIGN
     if message == "THERMO":
-        assert read(FOREIGN.replace(old, new)).device_model == message  # a later version in the same family of namespaces
+        assert (
+            read(FOREIGN.replace(old, new)).device_model == message
+        )  # a later version in the same family of namespaces
         return
     with pytest.raises(BadInput) as error:
         read(FOREIGN.replace(old, new))
@@ -149,7 +171,9 @@ def test_what_has_no_row_is_refused_by_name_and_line(old: str, new: str, message
 
 def test_entries_between_packet_and_header_are_refused() -> None:
     """A container between header and packet would be lost, because a dictionary has the content of packets alone."""
-    middle = '<SequenceContainer name="Time" abstract="true"><EntryList><ParameterRefEntry parameterRef="Kind"/></EntryList>'
+    middle = (
+        '<SequenceContainer name="Time" abstract="true"><EntryList><ParameterRefEntry parameterRef="Kind"/></EntryList>'
+    )
     middle += '<BaseContainer containerRef="Header"/></SequenceContainer><SequenceContainer name="State">'
     text = FOREIGN.replace('<SequenceContainer name="State">', middle).replace(
         'containerRef="Header"><Res', 'containerRef="Time"><Res'

@@ -116,7 +116,7 @@ class _Document:
         part.checked("ArgumentTypeSet MetaCommandSet")
         self._arguments = Values(part.rows("ArgumentTypeSet"), "Argument", self._enums, self._orders)
         commands = {command.get("name"): command for command in part.rows("MetaCommandSet")}
-        rows = []
+        rows: list[Row] = []
         for command in part.rows("MetaCommandSet"):
             if command.tag != "MetaCommand":
                 raise command.error("is not supported in MetaCommandSet", expected="MetaCommand")
@@ -136,7 +136,11 @@ class _Document:
         facts = facts_of(command, COMMAND_FACTS)
         texts = facts.pop("precondition_texts", [])
         short, long = described(command)
-        row: Row = {"name": command.get("name"), "subsystem": SUBSYSTEM, "purpose": long or short or command.get("name")}
+        row: Row = {
+            "name": command.get("name"),
+            "subsystem": SUBSYSTEM,
+            "purpose": long or short or command.get("name"),
+        }
         row |= {"idempotent": False, "accept_s": ACCEPT_S, "complete_s": COMPLETE_S}
         row |= self._limits(command) | self._significance(command)
         code = self._code(command, commands)
@@ -160,7 +164,9 @@ class _Document:
         base.checked("ArgumentAssignmentList", "metaCommandRef")
         parent = commands.get(base.get("metaCommandRef"))
         if parent is None or parent.attributes.get("abstract") not in ("true", "1"):
-            raise base.error("the base is not an abstract command of this document", got=base.get("metaCommandRef")[:80])
+            raise base.error(
+                "the base is not an abstract command of this document", got=base.get("metaCommandRef")[:80]
+            )
         assigned = list(base.rows("ArgumentAssignmentList"))
         chosen = [a for a in assigned if a.get("argumentName") == "CODE"] or assigned
         if len(chosen) != 1:
@@ -200,7 +206,9 @@ class _Document:
                 raise entry.error("is not supported in the container of a command", expected="ArgumentRefEntry")
             names.append(entry.checked("", "argumentRef").get("argumentRef"))
         if names != arguments:
-            raise container.error("has other arguments than ArgumentList, or in another order", got=", ".join(names)[:200])
+            raise container.error(
+                "has other arguments than ArgumentList, or in another order", got=", ".join(names)[:200]
+            )
 
     def _significance(self, command: Element) -> Row:
         given = command.child("DefaultSignificance")

@@ -91,7 +91,7 @@ class Containers:
         return terms.TELEMETRY
 
     def _check_bases(self, container: Element) -> None:
-        """Raise BadInput for a base between packet and header that has content of its own."""
+        """Raise BadInput for a base between packet and header that has content."""
         name, seen = _base(container), 0
         while name:
             base = self._containers.get(name)
@@ -136,7 +136,9 @@ class Containers:
         base = container.child("BaseContainer")
         criteria = base.checked("RestrictionCriteria", "containerRef").child("RestrictionCriteria") if base else None
         if criteria is None:
-            raise container.error("has no code", expected="a Comparison in its BaseContainer, or code in AncillaryData gss")
+            raise container.error(
+                "has no code", expected="a Comparison in its BaseContainer, or code in AncillaryData gss"
+            )
         criteria.checked("Comparison ComparisonList")
         comparisons = [*criteria.all("Comparison"), *criteria.rows("ComparisonList")]
         for comparison in comparisons:
@@ -159,7 +161,6 @@ class Containers:
         """Return the values and lists of a container in their order."""
         entries = container.need("EntryList").children
         fields: list[Row] = []
-        skip: set[int] = set()
         for at, entry in enumerate(entries):
             if entry.tag == "ContainerRefEntry":
                 fields[-1:] = [self._repeated(owner, entry, fields[-1] if fields else {})]

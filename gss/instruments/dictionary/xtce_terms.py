@@ -13,7 +13,7 @@ FAMILY = "http://www.omg.org/spec/XTCE/"
 """Start of the namespaces of XTCE 1.2 and later."""
 ANCILLARY, JSON_TYPE = "gss", "application/json"
 ROLE = "role_of_container"
-"""Key that states what a container or parameter is; one of the values below. Without it, a container that is selected is a packet."""
+"""Key that states what a container or parameter is; one of the values below. Without it, a selected container is a packet."""
 HEADER, TELEMETRY, EVENT, EVENTS, SERVICE, RETURNS, STAGE, ROW, CHECKSUM = (
     "header",
     "telemetry",

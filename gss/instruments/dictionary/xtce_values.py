@@ -174,7 +174,9 @@ class Values:
         encoding = self._checked(made, "StringDataEncoding", "").need("StringDataEncoding")
         encoding.checked("SizeInBits Variable", "encoding")
         if encoding.attributes.get("encoding", "UTF-8") not in ("UTF-8", "US-ASCII"):
-            raise encoding.error("encoding is not supported", expected="UTF-8", got=encoding.attributes["encoding"][:40])
+            raise encoding.error(
+                "encoding is not supported", expected="UTF-8", got=encoding.attributes["encoding"][:40]
+            )
         variable = encoding.child("Variable")
         if variable is not None:
             row["type"] = "text"
@@ -196,9 +198,14 @@ class Values:
     def _time(self, made: Element, row: Row) -> Size | None:
         made.checked(f"{NAMED} Encoding ReferenceTime", NAME)
         encoding = made.need("Encoding").checked("FloatDataEncoding IntegerDataEncoding", "units scale offset")
-        plain = (encoding.attributes.get("units", "seconds"), float(encoding.number(encoding.attributes.get("scale", "1"))))
+        plain = (
+            encoding.attributes.get("units", "seconds"),
+            float(encoding.number(encoding.attributes.get("scale", "1"))),
+        )
         if (*plain, float(encoding.number(encoding.attributes.get("offset", "0")))) != ("seconds", 1.0, 0.0):
-            raise encoding.error("only whole units of seconds are supported", expected="units seconds, scale 1, offset 0")
+            raise encoding.error(
+                "only whole units of seconds are supported", expected="units seconds, scale 1, offset 0"
+            )
         epoch = made.need("ReferenceTime").checked("Epoch").need("Epoch")
         if epoch.text.strip() != "UNIX":
             raise epoch.error("only times since 1970-01-01 UTC are supported", expected="UNIX", got=epoch.text[:40])
@@ -232,7 +239,9 @@ class Values:
         if kind is None or (only and kind != only):
             raise encoding.error(
                 "this size or encoding is not supported",
-                expected="8 bits, unsigned" if only else "unsigned 8, 16, 32, 64 bits, or twosComplement 8, 16, 32 bits",
+                expected="8 bits, unsigned"
+                if only
+                else "unsigned 8, 16, 32, 64 bits, or twosComplement 8, 16, 32 bits",
                 got=f"{bits} bits, {encoding.attributes.get('encoding', 'unsigned')}"[:60],
             )
         row["type"] = kind
@@ -255,7 +264,9 @@ class Values:
         if calibrator is None:
             return
         if self._kind == "Argument":
-            raise calibrator.error("an argument has no calibrator here", expected="the argument in the unit of the line")
+            raise calibrator.error(
+                "an argument has no calibrator here", expected="the argument in the unit of the line"
+            )
         coefficients: dict[int, float] = {}
         polynomial = calibrator.checked("PolynomialCalibrator", "name").need("PolynomialCalibrator")
         for term in polynomial.checked("Term").children:
@@ -319,7 +330,9 @@ class Values:
         if line is None:
             return Size(parameter=reference.get("parameterRef"))
         line.checked("", "slope intercept")
-        slope, intercept = (float(line.number(line.attributes.get(k, d))) for k, d in (("slope", "1"), ("intercept", "0")))
+        slope, intercept = (
+            float(line.number(line.attributes.get(k, d))) for k, d in (("slope", "1"), ("intercept", "0"))
+        )
         if not slope.is_integer() or not intercept.is_integer():
             raise line.error("slope and intercept must be whole numbers")
         return Size(0, reference.get("parameterRef"), int(slope), int(intercept))
