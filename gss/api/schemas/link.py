@@ -83,13 +83,15 @@ class ReportedAttitudeOut(Out):
 
 
 class LinkOut(Out):
-    """Contents of the header bar. ``tried_on_hardware``: whether the instrument's package was; null: not stated."""
+    """Contents of the header bar. ``tried_on_hardware``: whether the instrument's package was; null: not stated. ``no_abort``: a
+    sentence if the sensor has no command to abort, "" if it has."""
 
     device: str
     profile: str
     firmware: str
     simulated: bool
     tried_on_hardware: bool | None
+    no_abort: str
     url: str
     connected: bool
     reason: str

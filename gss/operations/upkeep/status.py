@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
+from gss.instruments.operations import Operation, absence
 from gss.operations.clock import Now
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.events import EventBus
@@ -59,6 +60,7 @@ class Header:
     firmware: str
     simulated: bool
     tried_on_hardware: bool | None
+    no_abort: str
     url: str
     connected: bool
     reason: str
@@ -142,6 +144,7 @@ class StatusService:
             firmware=hello.firmware if hello else "",
             simulated=hello is not None and hello.simulated,
             tried_on_hardware=self._tried_on_hardware,
+            no_abort="" if self._link.roles.operations.has(Operation.ABORT) else absence(Operation.ABORT),
             url=self._link.url,
             connected=connected,
             reason=self._link.reason,

@@ -1,0 +1,132 @@
+"""Nothing crosses from one unit to another: requests of any form below a unit's address reach its own process or none."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import uvicorn
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from starlette.types import Message, Receive, Scope, Send
+
+from gss.api.units.fleet import Fleet
+from gss.api.units.unit_gateway import UnitGateway
+from gss.api.units.unit_spec import UnitSpec
+from gss.api.workers.supervisor import Supervisor
+
+NAMES = ("A", "B", "FM-1")
+
+
+@dataclass
+class UnitProcess:
+    """Stands for a unit's process on its own socket: it stores the bodies that it receives and answers with all of them."""
+
+    name: str
+    bodies: list[str] = field(default_factory=list)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        body = b""
+        while (message := await receive())["type"] == "http.request":
+            body += message.get("body", b"")
+            if not message.get("more_body"):
+                break
+        self.bodies.append(body.decode())
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-type", b"application/json")]})
+        await send({"type": "http.response.body", "body": json.dumps([self.name, self.bodies]).encode()})
+
+
+@pytest.fixture(scope="module")
+def processes() -> Iterator[tuple[dict[str, UnitProcess], Fleet]]:
+    """One process per unit on a real Unix socket, and the fleet that reaches them."""
+    with tempfile.TemporaryDirectory() as folder:
+        apps = {name: UnitProcess(name) for name in NAMES}
+        paths = {name: Path(folder) / f"{name}.socket" for name in NAMES}
+        servers = [
+            uvicorn.Server(uvicorn.Config(apps[n], uds=str(paths[n]), lifespan="off", log_level="critical"))
+            for n in NAMES
+        ]
+        threads = [threading.Thread(target=server.run, daemon=True) for server in servers]
+        for thread in threads:
+            thread.start()
+        while not all(server.started for server in servers):
+            time.sleep(0.01)
+        specs = tuple(UnitSpec(name, "cubestar", "simulator") for name in NAMES)
+        yield apps, Fleet(specs, paths, Supervisor({}, lambda _: None), time.monotonic)
+        for server in servers:
+            server.should_exit = True
+        for thread in threads:
+            thread.join(10)
+
+
+async def front(scope: Scope, receive: Receive, send: Send) -> None:
+    """The front process: accounts and pages."""
+    await send({"type": "http.response.start", "status": 404, "headers": []})
+    await send({"type": "http.response.body", "body": b'["front", []]'})
+
+
+async def ask(gateway: UnitGateway, path: str, body: str) -> Any:
+    """Send a request as its client wrote it, without any correction of the path; return the answer."""
+    sent: list[Message] = []
+    raw = path.encode("utf-8", "surrogatepass")
+    scope: Scope = {"type": "http", "method": "POST", "path": path, "raw_path": raw, "query_string": b"", "state": {}}
+    scope |= {"headers": [(b"content-length", str(len(body)).encode())], "http_version": "1.1", "scheme": "http"}
+    delivered = False
+
+    async def receive() -> Message:
+        nonlocal delivered
+        if delivered:
+            await asyncio.sleep(60)
+        delivered = True
+        return {"type": "http.request", "body": body.encode(), "more_body": False}
+
+    async def send(message: Message) -> None:
+        sent.append(message)
+
+    await gateway(scope, receive, send)
+    return sent[0]["status"], b"".join(m.get("body", b"") for m in sent)
+
+
+inner = st.sampled_from(["api/commands", "api/telemetry", "api", "live", "", "api//commands", "api/session"])
+tricks = st.sampled_from(
+    ["", "../B/api/x", "%2e%2e/B/api/x", "..%2fB/api/x", "/units/B/api/x", "units/B/api/x", "\\..\\B", "?unit=B"]
+)
+names = st.sampled_from([*NAMES, "a", "", "..", "A%2fB", "B/../A", "C"])
+requests = st.lists(st.tuples(names, inner, tricks), min_size=1, max_size=8)
+
+
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(requests)
+def test_a_request_reaches_its_own_unit_or_none(
+    processes: tuple[dict[str, UnitProcess], Fleet], wanted: list[tuple[str, str, str]]
+) -> None:
+    """However its path is written, and while requests to the other units are under way."""
+    apps, fleet = processes
+    wanted = [*wanted, *((name, "api/commands", "") for name in NAMES)]
+    gateway = UnitGateway(front, fleet)
+    for app in apps.values():
+        app.bodies.clear()
+
+    async def all_at_once() -> list[Any]:
+        calls = [
+            ask(gateway, f"/units/{name}/{path}/{trick}", f"{name} {k}") for k, (name, path, trick) in enumerate(wanted)
+        ]
+        return await asyncio.gather(*calls)
+
+    for (name, _, _), (status, content) in zip(wanted, asyncio.run(all_at_once()), strict=True):
+        if status == 200:
+            first_part = name.split("/")[0]
+            answered, bodies = json.loads(content)
+            assert answered == first_part
+            assert all(body.split("/")[0].split(" ")[0] == first_part for body in bodies)
+    for app in apps.values():
+        assert app.bodies
+        assert all(body.split("/")[0].split(" ")[0] == app.name for body in app.bodies)
