@@ -67,7 +67,9 @@ def read(text: str) -> Dictionary:
     return read_xtce("dictionary.xml", text.encode()).dictionary
 
 
-@pytest.mark.parametrize(("name", "order"), [("cubestar", "big"), ("nos3", "big"), ("sagitta", "little"), ("oresat", "little")])
+@pytest.mark.parametrize(
+    ("name", "order"), [("cubestar", "big"), ("nos3", "big"), ("sagitta", "little"), ("oresat", "little")]
+)
 def test_the_exported_dictionary_is_read_back_equal(name: str, order: str) -> None:
     """All rows, their order and the hash are equal, for each shipped dictionary."""
     instrument = shipped_registry().get(name)
