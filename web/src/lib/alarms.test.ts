@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { AlarmRow, Link } from '../api/types';
-import { byUrgency, conditions, headerAlarms, lampOfAlarms, spanAround } from './alarms';
+import { byUrgency, conditions, headerAlarms, lampOfAlarms, spanAround, subjectFirst } from './alarms';
 
 const row = (
   id: number,
@@ -75,4 +75,9 @@ describe('the span around an alarm', () => {
     });
     expect(spanAround(at, Date.parse(at) + 3_600_000).to).toBe('2026-12-01T18:05:00.000Z');
   });
+});
+
+it('the header begins with the subject of an alarm', () => {
+  expect(subjectFirst('Cleared, not acknowledged: Loss of signal')).toBe('Loss of signal, cleared, not acknowledged');
+  expect(subjectFirst('Sensor temperature above 45')).toBe('Sensor temperature above 45');
 });

@@ -59,6 +59,12 @@ export function headerAlarms(reported: readonly Condition[], rows: readonly Know
   ].sort((a, b) => rank(a.level) - rank(b.level));
 }
 
+/** "Cleared, not acknowledged: X" as "X, cleared, not acknowledged": the header may cut the end, not the subject. */
+export function subjectFirst(text: string): string {
+  const parts = /^(Cleared, not acknowledged|Acknowledged): (.+)$/.exec(text);
+  return parts ? `${parts[2]}, ${parts[1]?.toLowerCase()}` : text;
+}
+
 /** The span of an alarm's plot: five minutes before it to five minutes after it, at most until now. */
 export const AROUND_MS = 300_000;
 
