@@ -174,3 +174,30 @@ def test_the_ends_of_a_line_scatter_as_stated() -> None:
     alone = Cutout(dx, dy, 300.0 * ((dx == 0) & (dy == 0)) + rng.normal(0, 3.0, len(dx)), 9.0, 0.0)
     sharp = fit_line(alone, np.array([300.0, 0.0, 0.0, 0.0, 0.0, 1.5]), (*POINT, WIDTH))
     assert sharp is None or sharp.variance_px2 < 0.4
+
+
+def test_a_faint_long_trail_is_fitted_over_its_whole_length(stars: StarTable) -> None:
+    """Only parts of a trail near the threshold exceed it; the fitted length is that of the motion all the same."""
+    step = np.array([80.0, 30.0])
+    lengths, errors = [], []
+    for k in range(4):
+        rng = np.random.default_rng([9, k])
+        image = render(
+            stars,
+            CAMERA,
+            SENSOR,
+            attitude_at(0.0),
+            EXPOSURE_S,
+            rng,
+            rate_rad_s=RATE,
+            false_stars=drawn(np.array([190.0, 140.0]), step, 0.0, 3.5),
+        )
+        spots = find_spots(image.pixels, view_at(0.0), stars, SENSOR)
+        assert spots is not None
+        near = np.linalg.norm(spots.pixels - [190.0, 140.0], axis=1)
+        best = int(np.argmin(near))
+        lengths.append(float(np.hypot(*spots.trail_px[best])))
+        errors.append(float(near[best]))
+    true_px = EXPOSURE_S * float(np.hypot(*step))
+    assert np.median(lengths) == pytest.approx(true_px, rel=0.03)
+    assert np.median(errors) < 1.5

@@ -26,7 +26,8 @@ from validation.moving.scenes import TOP_RATE_RAD_S, Scene, TrueTrack, scene
 CAMERA = "sunsat"
 OBJECTS = 400
 MAGNITUDES = (2.5, 8.5)
-NEAR_PX = 3.0
+NEAR_PX, NEAR_SHARE = 3.0, 0.1
+"""A track is an object if the median of their distances is less than this many pixels, or than this share of the trail."""
 FEWEST_FRAMES = 3
 SNR_EDGES = (0.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 25.0, 50.0, 1e4)
 TRAIL_EDGES = (0.0, 2.0, 5.0, 10.0, 20.0, 1e4)
@@ -104,7 +105,8 @@ def _compared(
     best: tuple[float, TrueTrack | None] = (np.inf, None)
     for true in made.tracks:
         off = float(np.median(separation_rad(track.icrs, true.icrs[index]))) / pixel_rad
-        best = min(best, (off, true), key=lambda b: b[0])
+        near_px = max(NEAR_PX, NEAR_SHARE * float(np.median(true.trail_px[index])))
+        best = min(best, (off / near_px, true), key=lambda b: b[0])
     named = name_of(
         MeasuredTrack(
             track.times_s,
@@ -115,7 +117,7 @@ def _compared(
         of.catalogue,
     )
     name = "" if named is None else named.name
-    if best[1] is None or best[0] > NEAR_PX:
+    if best[1] is None or best[0] > 1:
         return _Found(-1, name, np.zeros((0, 2)), np.zeros(0), streak)
     true_icrs = best[1].icrs[index]
     error = np.einsum("nij,nj->ni", tangent(track.icrs), true_icrs - track.icrs)
@@ -178,6 +180,7 @@ def _experiment(profile: CameraProfile, results: list[_Result], trials: int, see
             "or 0.05°/s (1 σ per axis)",
             "in each sequence 8 hot pixels and 2 stars that the catalogue lacks, in each frame on average 3 pixels hit, 0.3 "
             "long particle tracks and 1 flash in the shape of a star",
+            f"a track is an object if it is within {NEAR_PX:g} px of it, or within a tenth of the trail if that is more",
             "SNR: of the light in one frame under a filter as long as the trail",
             f"one pixel is {profile.camera.pixel_rad / ARCSEC_RAD:.1f}″",
         ),

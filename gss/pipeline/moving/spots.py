@@ -26,11 +26,16 @@ from gss.pipeline.star_mask import star_mask
 from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
 
 LEAST_SNR = 5.0
-LONGER = 25.0
+LONGER, LENGTH_SIGMA = 25.0, 3.0
 """Improvement of χ² for a line over a point."""
-LENGTH_SIGMA = 3.0
 SHORTEST_LINE = 2.0
 """Length of a line in widths of the point-spread function."""
+LONG_WIDTHS = 5.0
+"""Length in widths of the point-spread function, from which a line is fitted again with longer ones."""
+PIECE_WIDTHS = 2.0
+STRETCHES = (1.0, 1.5, 2.2)
+REACH = 1.3
+"""Half width of the cut-out of a long line in lengths."""
 SHARPER = 25.0
 SHARP_SHARE = 0.6
 """A source narrower than this share of the stars' width, with that improvement of χ², did not pass the lens."""
@@ -116,11 +121,13 @@ def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor:
     light_dn = 10 ** (-0.4 * (v_mag - photometry.zero_mag))
     mask = star_mask(image.shape, at, light_dn, star_trail_px(view, at), photometry.variance_px2, noise)
     spots = []
+    free_image = np.where(mask, np.float32(np.nan), image)
     for group in pixel_groups(image, mask, noise, photometry.variance_px2):
-        fit = _fitted(image, noise, group, ceiling, sensor, photometry.variance_px2)
+        fit = _fitted((image, free_image), noise, group, ceiling, sensor, photometry.variance_px2)
         if fit is not None:
             spots.append(fit)
     floor_dn = PEAK_SIGMA * noise * np.sqrt(4 * np.pi * photometry.variance_px2)
+    spots = _without_pieces(spots, photometry.variance_px2)
     return _spots(view, spots, photometry, photometry.zero_mag - 2.5 * float(np.log10(floor_dn)))
 
 
@@ -189,9 +196,15 @@ class _Source:
 
 
 def _fitted(
-    image: NDArray[np.float32], noise: float, group: PixelGroup, ceiling: float, sensor: Sensor, variance: float
+    images: tuple[NDArray[np.float32], NDArray[np.float32]],
+    noise: float,
+    group: PixelGroup,
+    ceiling: float,
+    sensor: Sensor,
+    variance: float,
 ) -> _Source | None:
-    """Fit a group as a point and as a line; None if neither is significant."""
+    """Fit a group as a point and as a line; None if neither is significant. ``images``: the frame, and without its stars."""
+    image, free_image = images
     length = float(np.hypot(*group.trail))
     half = int(min(np.ceil(4 * np.sqrt(variance) + 0.65 * length), MOST_HALF_PX))
     cut = cut_out(image, noise, group.col, group.row, half, ceiling, sensor.gain_e_per_dn)
@@ -205,9 +218,56 @@ def _fitted(
         significant = point is None or (point.chi2 - line.chi2) / line.excess > LONGER
         if significant and line.length_px > SHORTEST_LINE * np.sqrt(variance):
             best, free = line, LINE
+            if line.length_px > LONG_WIDTHS * np.sqrt(variance):
+                cut, best = _whole_line(free_image, noise, group, line, ceiling, sensor, variance) or (cut, best)
+                half = max(half, int(np.ceil(REACH * line.length_px)))
+                longest = best.length_px + LENGTH_SIGMA * best.length_sigma_px
     if best is None or best.snr < LEAST_SNR or np.abs(best.centre_px).max() > half:
         return None
     return _Source((group.col, group.row), best, longest, _is_sharp(cut, best, free, variance))
+
+
+def _whole_line(
+    image: NDArray[np.float32],
+    noise: float,
+    group: PixelGroup,
+    line: LineFit,
+    ceiling: float,
+    sensor: Sensor,
+    variance: float,
+) -> tuple[Cutout, LineFit] | None:
+    """Fit a long line again on more pixels and from longer lines: of a faint trail only a part exceeds the threshold. The centre
+    stays relative to the group. None if no fit succeeds."""
+    half = int(min(np.ceil(4 * np.sqrt(variance) + REACH * line.length_px), MOST_HALF_PX))
+    cut = cut_out(image, noise, group.col, group.row, half, ceiling, sensor.gain_e_per_dn)
+    fits = []
+    for stretch in STRETCHES:
+        for shift in (-0.5, 0.0, 0.5) if stretch > 1 else (0.0,):
+            centre = line.centre_px + shift * (stretch - 1) * line.trail_px
+            start = np.array([stretch * line.flux_dn, *centre, *(stretch * line.trail_px), variance])
+            fit = fit_line(cut, start, LINE)
+            if fit is not None:
+                fits.append(fit)
+    return (cut, min(fits, key=lambda f: f.chi2)) if fits else None
+
+
+def _without_pieces(sources: list[_Source], variance: float) -> list[_Source]:
+    """Drop the sources that are parts of a brighter line: a faint trail exceeds the threshold in several pieces."""
+    kept: list[_Source] = []
+    margin_px = PIECE_WIDTHS * float(np.sqrt(variance))
+    for source in sorted(sources, key=lambda s: -s.fit.flux_dn):
+        place = np.array(source.pixel) + source.fit.centre_px
+        for line in kept:
+            length = line.fit.length_px
+            if length <= LONG_WIDTHS * np.sqrt(variance):
+                continue
+            off, along = place - np.array(line.pixel) - line.fit.centre_px, line.fit.trail_px / length
+            beside = abs(float(along[0] * off[1] - along[1] * off[0]))
+            if beside < margin_px and abs(float(along @ off)) < length / 2 + margin_px:
+                break
+        else:
+            kept.append(source)
+    return kept
 
 
 def _is_sharp(cut: Cutout, fit: LineFit, free: tuple[int, ...], variance: float) -> bool:
