@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
+from gss.domain.camera import Camera
 from gss.domain.errors import BadInput
 
 AVAILABLE = find_spec("numba") is not None
@@ -28,11 +29,15 @@ Rows = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class PairLoops:
-    """The loops of ``identify.pair_search``: the geometry of a list, and the search for the next pair with hypotheses."""
+class ListLoops:
+    """The loops for lists of stars. ``camera_numbers``: a camera as an array. ``detections``: see ``verify.field_of``. ``find``:
+    see ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.name_the_rest``."""
 
-    geometry: Callable[..., tuple[Array, Array, Array, Array]]
-    next_pair: Callable[..., tuple[int, NDArray[np.int16], NDArray[np.int32]]]
+    camera_numbers: Callable[[Camera], Array]
+    detections: Callable[..., int]
+    find: Callable[..., tuple[int, int, float, int, bool]]
+    find_near: Callable[..., tuple[int, int, float, int, int]]
+    finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,7 @@ class Kernels:
     ``binomial``: frame → filtered frame. ``clip``: (sorted samples, count of each row) → mean and spread. ``above``:
     (filtered frame, thresholds (tile rows, columns), side of a tile) → rows and columns. ``settle``: see ``psf.settled``.
     ``components``: (flat indices of lit pixels, frame's width) → count and label of each. ``lit``: (frame, threshold) →
-    flat indices. ``pairs``: see :class:`PairLoops`.
+    flat indices. ``lists``: see :class:`ListLoops`.
     """
 
     name: str = PLAIN
@@ -52,7 +57,7 @@ class Kernels:
     settle: Callable[..., tuple[Array, Array]] | None = None
     components: Callable[[Rows, int], tuple[int, NDArray[np.int32]]] | None = None
     lit: Callable[[NDArray[Any], float], Rows] | None = None
-    pairs: PairLoops | None = None
+    lists: ListLoops | None = None
 
 
 NUMPY = Kernels()
@@ -74,7 +79,12 @@ def kernels(fast: bool | None = None) -> Kernels:
 @lru_cache(maxsize=1)
 def _compiled() -> Kernels:
     # Imported at first use because it takes a second, which commands that solve nothing should not wait for.
-    from gss.pipeline import compiled, compiled_search
+    from gss.pipeline import compiled
+    from gss.pipeline.loops.finish import finish
+    from gss.pipeline.loops.geometry import camera_numbers
+    from gss.pipeline.loops.prior import find_near
+    from gss.pipeline.loops.proof import detections
+    from gss.pipeline.loops.search import find
 
     return Kernels(
         COMPILED,
@@ -84,5 +94,5 @@ def _compiled() -> Kernels:
         compiled.settle,
         compiled.components,
         compiled.lit,
-        PairLoops(compiled_search.geometry, compiled_search.next_pair),
+        ListLoops(camera_numbers, detections, find, find_near, finish),
     )

@@ -26,10 +26,11 @@ from gss.pipeline.identify.baselines import BaselineCandidates, Baselines, basel
 from gss.pipeline.identify.frame_figures import candidate_star_matrix, pair_match, triangle_match
 from gss.pipeline.identify.n_vertex import consistent_names, figures, match_figure
 from gss.pipeline.identify.triad_pyramid import pyramids
-from gss.pipeline.identify.uniform_density import brightest_per_field, lattice
+from gss.pipeline.identify.uniform_density import brightest_per_field
 from gss.pipeline.render import stars_near, truth_of
 from gss.pipeline.track.constant_rate import extrapolate
 from gss.pipeline.track.rate_match import mutual_nearest, rate_match
+from gss.skytables.cells import lattice
 from gss.skytables.pairs import distance_table
 from gss.skytables.sin2 import sin2_directory
 

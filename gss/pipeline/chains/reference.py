@@ -26,6 +26,7 @@ from gss.pipeline.identify.focal_census import focal_objection, plenty
 from gss.pipeline.identify.near import BoundedPrior, identify_near
 from gss.pipeline.identify.pyramid import ACCEPT, PyramidMatch, identify_lost
 from gss.pipeline.identify.verify import RADIUS_SIGMA, Evidence, FrameDetections, SkyCatalogue, field_of
+from gss.pipeline.kernels import ListLoops, kernels
 from gss.pipeline.refine import Refined, refine
 from gss.pipeline.streaks import measure_turning
 from gss.pipeline.trace import Clock, Trace
@@ -189,7 +190,7 @@ def _identify_known(
     if another:
         return replace(base, reason=another, timing_s=dict(trace.timing_s))
     with trace.stage("attitude"):
-        named = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c)
+        named = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c, fast)
     seen_both = min(len(view), evidence.predicted)
     if len(named.rows) < EXPLAINED * seen_both:
         reason = f"the best place found explains only {len(named.rows)} of {seen_both} stars"
@@ -216,11 +217,15 @@ def _name_all(
     centroids: Centroids,
     detections: Detections | None,
     velocity_c: Array | None,
+    fast: bool | None,
 ) -> Named:
     """Compute the attitude from the verified stars, then from every star that can be identified.
 
     Identification does not need aberration, which varies by at most a tenth of a pixel over a field, but the attitude does.
     """
+    loops = kernels(fast).lists
+    if loops is not None:
+        return _name_all_compiled(view, camera, stars, evidence, centroids, detections, velocity_c, loops)
     deep = _apparent(stars.deep, camera, evidence.cam_from_icrs, velocity_c)
     picked = stars.deep_row[evidence.stars]
 
@@ -235,7 +240,35 @@ def _name_all(
     start = first.cam_from_icrs
     spots = Spots(view.pixels, sigma_px, view.magnitude, detections.psf_sigma_px if detections else 1.0)
     named = name_the_rest(spots, deep, first, evidence.rows, picked, fit_to)
-    return named if named is not None else Named(evidence.rows, picked, first, np.zeros(len(picked)))
+    return named if named is not None else Named(evidence.rows, picked, first)
+
+
+def _name_all_compiled(
+    view: FrameDetections,
+    camera: Camera,
+    stars: KnownSky,
+    evidence: Evidence,
+    centroids: Centroids,
+    detections: Detections | None,
+    velocity_c: Array | None,
+    loops: ListLoops,
+) -> Named:
+    """As :func:`_name_all`, with compiled loops."""
+    turn = np.array(evidence.cam_from_icrs, float)
+    rows, which, residual_px, weight, covariance, rms_px = loops.finish(
+        loops.camera_numbers(camera),
+        view.pixels,
+        np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX),
+        view.magnitude,
+        float(detections.psf_sigma_px if detections else 1.0),
+        stars.deep.arrays,
+        np.zeros(3) if velocity_c is None else np.asarray(velocity_c, float),
+        evidence.rows.astype(np.int64),
+        stars.deep_row[evidence.stars].astype(np.int64),
+        len(evidence.rows),
+        turn,
+    )
+    return Named(rows, which, Refined(camera, turn, residual_px, weight, rms_px, covariance=covariance))
 
 
 def _expected(stars: KnownSky, camera: Camera) -> float:
@@ -288,7 +321,7 @@ def _where(
     """Identify near the hint if there is one, then over the whole sky."""
     if hint is None:
         return identify_lost(view, stars.sky, stars.pairs, camera, fast=fast), ()
-    near = identify_near(view, stars.sky, camera, hint)
+    near = identify_near(view, stars.sky, camera, hint, fast=fast)
     if near.evidence is not None:
         return near, ()
     note = f"not found near the hint ({near.reason}); the whole sky was searched"

@@ -7,7 +7,7 @@ of a chance coincidence is about 1 % or less. This does not affect the verificat
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,13 +63,11 @@ class Spots:
 
 @dataclass(frozen=True)
 class Named:
-    """Rows of the detections and the matching rows of the sky, the fit to all of them, and (m,) chance probability of each
-    match."""
+    """Rows of the detections and the matching rows of the sky, and the fit to all of them."""
 
     rows: Rows
     stars: Rows
     fit: Refined
-    chance: Array
 
 
 @dataclass(frozen=True)
@@ -97,21 +95,20 @@ def name_the_rest(spots: Spots, sky: SkyCatalogue, fit: Refined, rows: Rows, sta
     """
     proved = np.full(len(spots.pixels), -1, np.intp)
     proved[rows] = stars
-    named = Named(rows, stars, fit, np.zeros(len(rows)))
+    named = Named(rows, stars, fit)
     for _ in range(ROUNDS):
         line = flux_line(spots.magnitude[named.rows], sky.v_mag[named.stars], spots.magnitude_sigma[named.rows])
         expected = _expect(spots, sky, named.fit, line)
         excess = _excess_px(spots, named)
-        spot_rows, which, chance = _assign(spots, expected, line, max(excess, FLOOR_PX), proved, named.fit)
+        spot_rows, which = _assign(spots, expected, line, max(excess, FLOOR_PX), proved, named.fit)
         if len(spot_rows) < max(LEAST_NAMED, len(rows) // 2):
             return None
         shift2 = (expected.shift_px[which] ** 2).sum(1)
         settled = _same(spot_rows, named.rows) and _same(expected.stars[which], named.stars)
         if settled and not excess and not shift2.any():
-            named = replace(named, chance=chance)  # the current fit already used these stars with these errors
-            break
+            break  # the current fit already used these stars with these errors
         sigma = np.sqrt(spots.sigma_px[spot_rows] ** 2 + shift2 + excess**2)
-        named = Named(spot_rows, expected.stars[which], refit(spot_rows, expected.stars[which], sigma), chance)
+        named = Named(spot_rows, expected.stars[which], refit(spot_rows, expected.stars[which], sigma))
         if settled:
             break
     return named if named.fit.rms_px <= np.hypot(MAX_EXCESS_PX, float(np.median(spots.sigma_px))) else None
@@ -164,8 +161,8 @@ def _expect(spots: Spots, sky: SkyCatalogue, fit: Refined, line: FluxLine) -> _E
 
 def _assign(
     spots: Spots, expected: _Expected, line: FluxLine, extra_px: float, proved: Rows, fit: Refined
-) -> tuple[Rows, Rows, Array]:
-    """Return unambiguous (spot, expected star) pairs, spots in ascending order, and the chance probability of each."""
+) -> tuple[Rows, Rows]:
+    """Return unambiguous (spot, expected star) pairs, spots in ascending order."""
     e, s = _close(expected.pixels, spots.pixels, MAX_GATE_PX)
     moved2 = (expected.shift_px[e] ** 2).sum(1)
     variance = spots.sigma_px[s] ** 2 + expected.sigma_px[e] ** 2 + moved2 / 4 + extra_px**2
@@ -186,7 +183,7 @@ def _assign(
     rivals = np.bincount(s, minlength=len(spots.pixels))[s] + np.bincount(e, minlength=len(expected.stars))[e]
     ok = np.flatnonzero((rivals == 2) & (chance <= CHANCE))
     order = ok[np.argsort(s[ok], kind="stable")]
-    return s[order], e[order], chance[order]
+    return s[order], e[order]
 
 
 def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:

@@ -12,6 +12,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.pipeline.identify.pyramid import PyramidMatch, counted
 from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
+from gss.pipeline.kernels import ListLoops, kernels
 
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -21,6 +22,9 @@ ACCEPT = 1e-4  # less strict than without a hint, because the result must also a
 MAX_STARS = 40
 MAX_CANDIDATES = 700
 TRIES = 6
+FEW_CANDIDATES = 1  # reason code of the compiled search; other codes: no three stars agree
+FEW = "no catalogue stars near where the hint expects them"
+NO_THREE = "no three stars agree with the catalogue near the hint"
 
 
 @dataclass(frozen=True)
@@ -32,12 +36,24 @@ class BoundedPrior:
 
 
 def identify_near(
-    field: FrameDetections, sky: SkyCatalogue, camera: Camera, hint: BoundedPrior, *, accept: float = ACCEPT
+    field: FrameDetections,
+    sky: SkyCatalogue,
+    camera: Camera,
+    hint: BoundedPrior,
+    *,
+    accept: float = ACCEPT,
+    fast: bool | None = None,
 ) -> PyramidMatch:
-    """Identify with a prior attitude. Candidates are (detection, catalogue star) pairs within the radius; consistent pairs vote."""
+    """Identify with a prior attitude. Candidates are (detection, catalogue star) pairs within the radius; consistent pairs vote.
+
+    ``fast``: see :func:`gss.pipeline.kernels.kernels`.
+    """
     n = min(len(field), MAX_STARS)
     if n < 3:
         return PyramidMatch(None, 0, f"{counted(len(field))} found: at least 3 are needed near a known attitude")
+    loops = kernels(fast).lists
+    if loops is not None:
+        return _compiled(field, sky, camera, hint, n, accept, loops)
     reach = np.cos(min(camera.half_diagonal_rad + hint.radius_rad, np.pi))
     local = np.flatnonzero(sky.icrs @ hint.cam_from_icrs[2] > reach)
     expected = sky.icrs[local] @ hint.cam_from_icrs.T
@@ -46,7 +62,7 @@ def identify_near(
     if len(seen) > MAX_CANDIDATES:
         seen, reference = seen[:MAX_CANDIDATES], reference[:MAX_CANDIDATES]
     if len(seen) < 3:
-        return PyramidMatch(None, len(seen), "no catalogue stars near where the hint expects them")
+        return PyramidMatch(None, len(seen), FEW)
     agree = _agreement(field, seen, field.unit[seen], expected[reference], reference)
     hypotheses = int(agree.sum()) // 2
     best: Evidence | None = None
@@ -75,13 +91,48 @@ def identify_near(
                 best = evidence
         agree[p] = agree[:, p] = False
     if best is None:
-        return PyramidMatch(None, hypotheses, "no three stars agree with the catalogue near the hint")
-    return PyramidMatch(
-        None,
-        hypotheses,
-        f"best candidate near the hint has {len(best.rows)} of {len(field)} stars, but a false-match probability of "
-        f"{best.false_match_probability:.1e} (limit {accept:.0e})",
+        return PyramidMatch(None, hypotheses, NO_THREE)
+    return PyramidMatch(None, hypotheses, _too_weak(len(best.rows), field, best.false_match_probability, accept))
+
+
+def _too_weak(matched: int, field: FrameDetections, probability: float, accept: float) -> str:
+    return (
+        f"best candidate near the hint has {matched} of {len(field)} stars, but a false-match probability of "
+        f"{probability:.1e} (limit {accept:.0e})"
     )
+
+
+def _compiled(
+    field: FrameDetections,
+    sky: SkyCatalogue,
+    camera: Camera,
+    hint: BoundedPrior,
+    brightest: int,
+    accept: float,
+    loops: ListLoops,
+) -> PyramidMatch:
+    rows, stars, turn = np.empty(len(field), np.int64), np.empty(len(field), np.int64), np.empty((3, 3))
+    count, predicted, probability, hypotheses, reason = loops.find_near(
+        field.arrays,
+        sky.arrays,
+        loops.camera_numbers(camera),
+        np.ascontiguousarray(hint.cam_from_icrs, float),
+        float(hint.radius_rad),
+        math.cos(min(camera.half_diagonal_rad + hint.radius_rad, math.pi)),
+        brightest,
+        TOLERANCE_SIGMA,
+        MAX_CANDIDATES,
+        TRIES,
+        accept,
+        rows,
+        stars,
+        turn,
+    )
+    if count > 0:
+        return PyramidMatch(Evidence(rows[:count], stars[:count], turn, predicted, probability), hypotheses)
+    if reason:
+        return PyramidMatch(None, hypotheses, FEW if reason == FEW_CANDIDATES else NO_THREE)
+    return PyramidMatch(None, hypotheses, _too_weak(-count, field, probability, accept))
 
 
 def _agreement(field: FrameDetections, seen: Rows, unit: Array, expected: Array, reference: Rows) -> Mask:

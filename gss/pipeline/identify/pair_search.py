@@ -1,7 +1,6 @@
 """Pairs of a list, in the order of brightness, with the hypotheses that third stars support.
 
-All third stars of a pair are examined together. :class:`PairSearch` uses numpy; :class:`CompiledPairSearch` gives the same
-trials with compiled loops.
+All third stars of a pair are examined together. ``gss.pipeline.loops.search`` gives the same trials with compiled loops.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.pipeline.identify.verify import FrameDetections, SkyCatalogue
-from gss.pipeline.kernels import Kernels, PairLoops
 from gss.skytables.pairs import DistanceTable
 
 TOLERANCE_SIGMA = 3.5
@@ -23,7 +21,12 @@ ROWS_AT_ONCE = 4_000_000
 ROWS_PER_PAIR = 600  # fixed cost of one join, in rows
 COLLINEAR = 4.0
 MOST_CANDIDATES = 8
-FIRST_POOL_ROWS = 1 << 16
+FIRST_POOL_ROWS = 1 << 16  # of the compiled search
+
+
+def limits() -> tuple[int, int, int, float, int, int]:
+    """Return the limits of a search in the order that the compiled search expects."""
+    return ROWS_PER_PAIR, ROWS_AT_ONCE, MAX_JOINED_ROWS, COLLINEAR, MOST_CANDIDATES, FIRST_POOL_ROWS
 
 
 class Trial(NamedTuple):
@@ -151,66 +154,3 @@ class PairSearch:
             widest = mine[np.argmax(np.abs(seen[mine]))]
             out.append((int(a[which]), int(b[which]), int(k[widest]), int(c[widest])))
         return out
-
-
-class CompiledPairSearch:
-    """As :class:`PairSearch`, with the compiled loops ``loops``."""
-
-    def __init__(
-        self,
-        field: FrameDetections,
-        sky: SkyCatalogue,
-        table: DistanceTable,
-        n: int,
-        scale_error: float,
-        loops: PairLoops,
-    ) -> None:
-        self._loops, self._unit = loops, np.ascontiguousarray(field.unit[:n])
-        self._icrs = np.ascontiguousarray(sky.icrs)
-        self._table = (table.first, table.second, table.distance_rad)
-        sigma_rad = np.ascontiguousarray(field.sigma_rad[:n])
-        self._geometry = loops.geometry(self._unit, sigma_rad, TOLERANCE_SIGMA, scale_error)
-        offsets = np.empty((n, len(sky) + 1), np.int64)
-        self._anchors = (np.zeros(n, np.bool_), offsets, np.zeros((n, n), np.int64), np.zeros((n, n), np.int64))
-        self._state = np.array([1, 0, 0, 0, 0], np.int64)
-        self.is_too_long = False
-
-    @property
-    def hypotheses(self) -> int:
-        """Number of pointings tried."""
-        return int(self._state[2])
-
-    def run(self) -> Iterator[Trial]:
-        """Yield the trials of each pair, best supported first, until the budget is used up."""
-        pool_k, pool_c = np.empty(FIRST_POOL_ROWS, np.int16), np.empty(FIRST_POOL_ROWS, np.int32)
-        out = np.empty((MOST_CANDIDATES, 5), np.int64)
-        limits = (ROWS_PER_PAIR, ROWS_AT_ONCE, MAX_JOINED_ROWS, COLLINEAR)
-        while True:
-            count, pool_k, pool_c = self._loops.next_pair(
-                self._unit,
-                self._icrs,
-                self._table,
-                self._geometry,
-                self._anchors,
-                pool_k,
-                pool_c,
-                self._state,
-                limits,
-                out,
-            )
-            if count <= 0:
-                self.is_too_long = count < 0
-                return
-            i = int(self._state[1]) - 1
-            j = int(self._state[0]) - i
-            for first, second, third, its, _ in out[:count].tolist():
-                yield Trial((i, j, third), (first, second, its))
-
-
-def pair_search(
-    field: FrameDetections, sky: SkyCatalogue, table: DistanceTable, n: int, scale_error: float, loops: Kernels
-) -> PairSearch | CompiledPairSearch:
-    """Return the search with the selected loops over the ``n`` brightest stars of a field."""
-    if loops.pairs is None:
-        return PairSearch(field, sky, table, n, scale_error)
-    return CompiledPairSearch(field, sky, table, n, scale_error, loops.pairs)

@@ -7,14 +7,15 @@ together, and a candidate is accepted by its false-match probability instead of 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from gss.domain.camera import Camera
-from gss.pipeline.identify.pair_search import MAX_JOINED_ROWS, pair_search
+from gss.pipeline.identify import pair_search
 from gss.pipeline.identify.verify import Evidence, FrameDetections, SkyCatalogue, verify
-from gss.pipeline.kernels import kernels
+from gss.pipeline.kernels import ListLoops, kernels
 from gss.skytables.pairs import DistanceTable
 
 ACCEPT = 1e-6
@@ -49,7 +50,10 @@ def identify_lost(
     n = min(len(field), MAX_STARS)
     if n < LEAST_MATCHED:
         return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {LEAST_MATCHED} are needed without a hint")
-    search = pair_search(field, sky, table, n, scale_error, kernels(fast))
+    loops = kernels(fast).lists
+    if loops is not None:
+        return _compiled(field, sky, table, camera, n, scale_error, accept, loops)
+    search = pair_search.PairSearch(field, sky, table, n, scale_error)
     best: Evidence | None = None
     for trial in search.run():
         rows, stars = np.array(trial.rows), np.array(trial.stars)
@@ -60,8 +64,42 @@ def identify_lost(
             return PyramidMatch(evidence, search.hypotheses)
         if best is None or evidence.false_match_probability < best.false_match_probability:
             best = evidence
-    reason = _too_long(search.hypotheses, best) if search.is_too_long else _why_not(field, best, accept)
+    probability = math.nan if best is None else best.false_match_probability
+    why = (0 if best is None else len(best.rows), probability)
+    reason = _too_long(search.hypotheses, *why) if search.is_too_long else _why_not(field, *why, accept)
     return PyramidMatch(None, search.hypotheses, reason)
+
+
+def _compiled(
+    field: FrameDetections,
+    sky: SkyCatalogue,
+    table: DistanceTable,
+    camera: Camera,
+    brightest: int,
+    scale_error: float,
+    accept: float,
+    loops: ListLoops,
+) -> PyramidMatch:
+    rows, stars, turn = np.empty(len(field), np.int64), np.empty(len(field), np.int64), np.empty((3, 3))
+    count, predicted, probability, hypotheses, is_too_long = loops.find(
+        field.arrays,
+        sky.arrays,
+        (table.first, table.second, table.distance_rad),
+        loops.camera_numbers(camera),
+        brightest,
+        scale_error,
+        pair_search.TOLERANCE_SIGMA,
+        pair_search.limits(),
+        accept,
+        LEAST_MATCHED,
+        rows,
+        stars,
+        turn,
+    )
+    if count > 0:
+        return PyramidMatch(Evidence(rows[:count], stars[:count], turn, predicted, probability), hypotheses)
+    reason = _too_long(hypotheses, -count, probability) if is_too_long else _why_not(field, -count, probability, accept)
+    return PyramidMatch(None, hypotheses, reason)
 
 
 def counted(stars: int) -> str:
@@ -69,15 +107,16 @@ def counted(stars: int) -> str:
     return f"{stars} star{'' if stars == 1 else 's'}"
 
 
-def _why_not(field: FrameDetections, best: Evidence | None, accept: float) -> str:
-    if best is None:
+def _why_not(field: FrameDetections, matched: int, probability: float, accept: float) -> str:
+    """Return the reason. ``matched``: stars of the best candidate, 0 without one."""
+    if not matched:
         return f"no four of the {len(field)} stars fit the catalogue: another camera than stated, or too few catalogue stars"
     return (
-        f"best candidate has {len(best.rows)} of {len(field)} stars, but a false-match probability of "
-        f"{best.false_match_probability:.1e} (limit {accept:.0e})"
+        f"best candidate has {matched} of {len(field)} stars, but a false-match probability of "
+        f"{probability:.1e} (limit {accept:.0e})"
     )
 
 
-def _too_long(hypotheses: int, best: Evidence | None) -> str:
-    tail = "" if best is None else f"; best false-match probability {best.false_match_probability:.1e}"
-    return f"budget of {MAX_JOINED_ROWS} combinations used up after {hypotheses} hypotheses{tail}"
+def _too_long(hypotheses: int, matched: int, probability: float) -> str:
+    tail = f"; best false-match probability {probability:.1e}" if matched else ""
+    return f"budget of {pair_search.MAX_JOINED_ROWS} combinations used up after {hypotheses} hypotheses{tail}"

@@ -11,16 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from gss.domain.angles import Array
-
-GOLDEN_RAD = np.pi * (3 - 5**0.5)
-
-
-def lattice(spacing_rad: float) -> Array:
-    """(n, 3) directions distributed evenly over the sphere, about ``spacing_rad`` apart (Fibonacci spiral)."""
-    n = max(12, int(np.ceil(4 * np.pi / spacing_rad**2)))
-    z = 1 - (2 * np.arange(n) + 1) / n
-    flat, turn = np.sqrt(1 - z * z), GOLDEN_RAD * np.arange(n)
-    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+from gss.skytables.cells import lattice
 
 
 def brightest_per_field(icrs: Array, order: NDArray[np.intp], radius_rad: float, count: int) -> NDArray[np.bool_]:

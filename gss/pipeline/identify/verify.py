@@ -13,6 +13,7 @@ from gss.domain.camera import Camera
 from gss.domain.results import Centroids
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
 from gss.pipeline.small import distances2, median, turned
+from gss.skytables.cells import sky_cells
 
 RADIUS_SIGMA = 3.5
 ROUNDS = 3
@@ -20,6 +21,7 @@ COUNT_WITHIN = (1.0, 0.5)
 MAX_RADIUS_PX = 25.0
 MIN_RADIUS_PX = 0.35
 _EYE = np.eye(3)
+SkyArrays = tuple[Array, Array, tuple[Array, Array, Array, NDArray[np.int64], NDArray[np.int64]]]
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,13 @@ class SkyCatalogue:
 
     def __len__(self) -> int:
         return len(self.hip)
+
+    @cached_property
+    def arrays(self) -> SkyArrays:
+        """What the compiled loops need: directions, magnitudes and the stars by cells of the sky."""
+        cells = sky_cells(self.icrs)
+        by_cell = (cells.middle, cells.cos_extent, cells.sin_extent, cells.first, cells.star)
+        return np.ascontiguousarray(self.icrs, float), np.ascontiguousarray(self.v_mag, float), by_cell
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,23 @@ class FrameDetections:
     def typical_sigma_px(self) -> float:
         """Median position error."""
         return median(self.sigma_px) if len(self) else 0.1
+
+    @cached_property
+    def arrays(self) -> tuple[Array, Array, Array, Array, float, float]:
+        """What the compiled loops need."""
+        return (
+            self.pixels,
+            self.unit,
+            self.sigma_rad,
+            self.magnitude,
+            float(self.typical_sigma_px),
+            self.magnitude_spread,
+        )
+
+    @cached_property
+    def magnitude_spread(self) -> float:
+        """Standard deviation of the magnitudes."""
+        return float(self.magnitude.std())
 
 
 def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -> FrameDetections:
@@ -90,14 +116,14 @@ def in_view(
     sky: SkyCatalogue, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0
 ) -> tuple[NDArray[np.intp], Array]:
     """Return the rows of the sky on the detector, and their (m, 2) pixels."""
-    near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > _reach_cosine(camera))
+    near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > reach_cosine(camera))
     pixels = camera.project(sky.icrs[near] @ cam_from_icrs.T)
     inside = camera.contains(pixels, -margin_px)
     return near[inside], pixels[inside]
 
 
 @lru_cache(maxsize=64)
-def _reach_cosine(camera: Camera) -> float:
+def reach_cosine(camera: Camera) -> float:
     """Cosine of the angle beyond which nothing is on the detector; cached because the corners need a Newton iteration."""
     return float(np.cos(min(camera.half_diagonal_rad * 1.02, 1.5)))
 
@@ -146,7 +172,7 @@ def verify(
         rows, stars = m, seen[p]
         if settled:
             break  # another round would repeat this one
-    spread = float(np.hypot(sky.v_mag[seen].std(), field.magnitude.std()))
+    spread = float(np.hypot(sky.v_mag[seen].std(), field.magnitude_spread))
     brightness = brightness_tail(field.magnitude[rows], sky.v_mag[stars], spread)
     offset = _first_offset(first_seen, first, first_radius, stars, field.pixels[rows])
     tail = _tail(offset, first_radius, len(field), camera, brightness)

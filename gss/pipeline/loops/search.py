@@ -1,4 +1,5 @@
-"""Compiled search of the pairs of a list for identification without a prior attitude; equivalent to ``pair_search.PairSearch``."""
+"""Compiled search of the pairs of a list for identification without a prior attitude; equivalent to ``pair_search.PairSearch`` and
+``pyramid.identify_lost``."""
 
 # The loops have no type annotations: numba compiles them for the argument types.
 # mypy: allow-untyped-defs
@@ -8,12 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from gss.pipeline.loops import loop
+from gss.pipeline.loops.proof import verify, workspace
 
 EXHAUSTED, TOO_LONG = 0, -1
 
 
-@njit(cache=True)
+@loop
 def geometry(unit, sigma_rad, sigmas, scale_error):
     """Return distance and tolerance of each pair of (n, 3) directions, and the middle and half width of its cosines."""
     n = len(unit)
@@ -32,7 +35,7 @@ def geometry(unit, sigma_rad, sigmas, scale_error):
     return distance, tolerance, middle, half
 
 
-@njit(cache=True)
+@loop
 def _anchor(i, distance, tolerance, table_rad, first, second, start, stop, offsets, pool_k, pool_c, used):
     """Store the candidates of all pairs with star i, grouped by the catalogue star of i, from ``used`` on in the pool. Return the
     pool, which may have grown, and the end."""
@@ -70,7 +73,7 @@ def _anchor(i, distance, tolerance, table_rad, first, second, start, stop, offse
     return pool_k, pool_c, used + total
 
 
-@njit(cache=True)
+@loop
 def _join(i, j, h_first, h_second, slices, offsets, pool_k, pool_c, icrs, unit, seen, flat, middle, half, need, out):
     """Write the best supported hypotheses of the pair (i, j) to ``out``, rows of (star of i, star of j, third, its star, votes).
     Return their number."""
@@ -106,7 +109,7 @@ def _join(i, j, h_first, h_second, slices, offsets, pool_k, pool_c, icrs, unit, 
     return count
 
 
-@njit(cache=True)
+@loop
 def next_pair(unit, icrs, table, geometry_of, anchors, pool_k, pool_c, state, limits, out):
     """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG, and the pool.
 
@@ -168,3 +171,48 @@ def next_pair(unit, icrs, table, geometry_of, anchors, pool_k, pool_c, state, li
         if count:
             return count, pool_k, pool_c
     return EXHAUSTED, pool_k, pool_c
+
+
+@loop
+def find(view, sky, table, camera, brightest, scale_error, sigmas, limits, accept, least, rows, stars, turn):
+    """Examine pairs of the ``brightest`` detections, verify their hypotheses, and stop at the first whose false-match probability
+    is at most ``accept``. Write its matches and rotation.
+
+    Returns the number of matches (negative: none accepted, and the number of the best candidate), predicted stars, false-match
+    probability, hypotheses, and True if the budget was used up. ``limits``: as in :func:`next_pair`, then the most candidates
+    of a pair and the first size of the pool. ``least``: smallest number of matches.
+    """
+    unit, sigma_rad = view[1], view[2]
+    n = brightest
+    geometry_of = geometry(unit[:n], sigma_rad[:n], sigmas, scale_error)
+    count_of_stars = len(sky[0])
+    anchors = (
+        np.zeros(n, np.bool_),
+        np.empty((n, count_of_stars + 1), np.int64),
+        np.zeros((n, n), np.int64),
+        np.zeros((n, n), np.int64),
+    )
+    pool_k, pool_c = np.empty(limits[5], np.int16), np.empty(limits[5], np.int32)
+    state = np.array([1, 0, 0, 0, 0], np.int64)
+    out = np.empty((limits[4], 5), np.int64)
+    work = workspace(count_of_stars, len(unit))
+    join_limits = (limits[0], limits[1], limits[2], float(limits[3]))
+    best_count, best_predicted, best = 0, 0, 2.0
+    while True:
+        trials, pool_k, pool_c = next_pair(
+            unit[:n], sky[0], table, geometry_of, anchors, pool_k, pool_c, state, join_limits, out
+        )
+        if trials <= 0:
+            return -best_count, best_predicted, best, state[2], trials == TOO_LONG
+        i = state[1] - 1
+        j = state[0] - i
+        for t in range(trials):
+            rows[0], rows[1], rows[2] = i, j, out[t, 2]
+            stars[0], stars[1], stars[2] = out[t, 0], out[t, 1], out[t, 3]
+            count, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, float(state[2]), turn)
+            if count < least:
+                continue
+            if chance <= accept:
+                return count, predicted, chance, state[2], False
+            if chance < best:
+                best_count, best_predicted, best = count, predicted, chance

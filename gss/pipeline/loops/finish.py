@@ -1,0 +1,133 @@
+"""Compiled steps after the verification: fit, identification of the remaining detections, and the fit to all matches."""
+
+# The loops have no type annotations: numba compiles them for the argument types.
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gss.pipeline.identify.faint import (
+    BRIGHTNESS_SIGMA,
+    FLOOR_PX,
+    LEAST_NAMED,
+    MAX_EXCESS_PX,
+    ROUNDS,
+)
+from gss.pipeline.loops import loop
+from gss.pipeline.loops.fit import fit_attitude
+from gss.pipeline.loops.geometry import middle_of
+from gss.pipeline.loops.naming import (
+    aberrated,
+    assign,
+    companions,
+    excess_px,
+    expected_stars,
+    flux_line,
+    line_mag,
+)
+
+
+@loop
+def _fitted(camera, spots, sigma_px, extra2, icrs, velocity, rows, stars, count, turn):
+    """Fit the attitude to the first ``count`` matches; return residuals, weights, covariance and rms."""
+    pixels, unit, sigma = np.empty((count, 2)), np.empty((count, 3)), np.empty(count)
+    for k in range(count):
+        pixels[k] = spots[rows[k]]
+        aberrated(icrs, stars[k], velocity, unit[k])
+        sigma[k] = math.sqrt(sigma_px[rows[k]] ** 2 + extra2[k])
+    residual, weight, covariance = np.empty((count, 2)), np.empty(count), np.empty((3, 3))
+    rms = fit_attitude(camera, pixels, unit, sigma, turn, residual, weight, covariance)
+    return residual, weight, covariance, rms
+
+
+@loop
+def _line(magnitude, magnitude_sigma, v_mag, rows, stars, count):
+    m, v, s = np.empty(count), np.empty(count), np.empty(count)
+    for k in range(count):
+        m[k], v[k], s[k] = magnitude[rows[k]], v_mag[stars[k]], magnitude_sigma[rows[k]]
+    return flux_line(m, v, s)
+
+
+@loop
+def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, stars, count, turn):
+    """Fit the attitude to the ``count`` verified matches, ``rows`` and ``stars``, then to all detections that can be identified, as
+    ``faint.name_the_rest``; only to the verified ones if that fails. ``turn``: start, replaced by the fit.
+
+    Returns rows, stars, residuals, weights, covariance and rms.
+    """
+    icrs, v_mag, cells = sky
+    n = len(spots)
+    magnitude_sigma = np.empty(n)
+    for k in range(n):
+        magnitude_sigma[k] = 1.0857 * min(sigma_px[k] / psf_px, 0.5)
+    proved = np.full(n, -1, np.int64)
+    for k in range(count):
+        proved[rows[k]] = stars[k]
+    no_extra = np.zeros(count)
+    residual, weight, covariance, rms = _fitted(
+        camera, spots, sigma_px, no_extra, icrs, velocity, rows, stars, count, turn
+    )
+    first = (rows[:count].copy(), stars[:count].copy(), residual, weight, covariance, rms)
+    first_turn = turn.copy()
+    named_rows, named_stars = first[0], first[1]
+    name = np.empty(n, np.int64)
+    for _ in range(ROUNDS):
+        line = _line(magnitude, magnitude_sigma, v_mag, named_rows, named_stars, len(named_rows))
+        faintest = -math.inf
+        for k in range(n):
+            v, sigma_v = line_mag(line, magnitude[k])
+            faintest = max(faintest, v + BRIGHTNESS_SIGMA * sigma_v)
+        star, places, place_sigma, seen = expected_stars(
+            camera, icrs, v_mag, cells, velocity, turn, covariance, faintest + 1.0
+        )
+        order = np.argsort(places[:seen, 0])
+        bright, shift, share, reach = np.empty(seen), np.empty((seen, 2)), np.empty(seen), np.empty(seen)
+        companions(star, v_mag, places, order, seen, psf_px, bright, shift, share, reach)
+        excess = excess_px(residual, weight, sigma_px, named_rows, len(named_rows))
+        expected = (star, places, place_sigma, bright, shift, share, reach)
+        assign(
+            spots,
+            sigma_px,
+            magnitude,
+            magnitude_sigma,
+            expected,
+            seen,
+            order,
+            line,
+            max(excess, FLOOR_PX),
+            proved,
+            camera,
+            name,
+        )
+        matched = 0
+        for k in range(n):
+            matched += name[k] >= 0
+        if matched < max(LEAST_NAMED, count // 2):
+            turn[:] = first_turn
+            return first
+        new_rows, new_stars, extra2 = np.empty(matched, np.int64), np.empty(matched, np.int64), np.empty(matched)
+        m, moved, settled = 0, False, matched == len(named_rows)
+        for k in range(n):
+            e = name[k]
+            if e >= 0:
+                new_rows[m], new_stars[m] = k, star[e]
+                shift2 = shift[e, 0] ** 2 + shift[e, 1] ** 2
+                moved |= shift2 > 0
+                extra2[m] = shift2 + excess * excess
+                settled = settled and named_rows[m] == k and named_stars[m] == star[e]
+                m += 1
+        if settled and excess == 0.0 and not moved:
+            break  # the current fit already used these stars with these errors
+        named_rows, named_stars = new_rows, new_stars
+        residual, weight, covariance, rms = _fitted(
+            camera, spots, sigma_px, extra2, icrs, velocity, named_rows, named_stars, matched, turn
+        )
+        if settled:
+            break
+    if rms > math.sqrt(MAX_EXCESS_PX**2 + middle_of(sigma_px, n) ** 2):
+        turn[:] = first_turn
+        return first
+    return named_rows, named_stars, residual, weight, covariance, rms

@@ -1,0 +1,219 @@
+"""Compiled identification of the remaining detections; equivalent to ``identify.faint`` with a fixed camera."""
+
+# The loops have no type annotations: numba compiles them for the argument types.
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gss.pipeline.identify import faint
+from gss.pipeline.identify.flux_line import (
+    LEAST_SCATTER_MAG,
+    SCATTER_MAG,
+    SCATTER_STARS,
+    SETTLED_MAG,
+    SLOPE_SIGMA,
+)
+from gss.pipeline.identify.flux_line import ROUNDS as LINE_ROUNDS
+from gss.pipeline.loops import loop
+from gss.pipeline.loops.fit import slopes, turned_vector
+from gss.pipeline.loops.geometry import COLUMNS, REACH, ROWS, contains, middle_of, project, room_near, stars_near
+
+GATE_SIGMA, MAX_GATE_PX, FLOOR_PX = faint.GATE_SIGMA, faint.MAX_GATE_PX, faint.FLOOR_PX
+BRIGHTNESS_SIGMA, PROVED_WINDOW_MAG = faint.BRIGHTNESS_SIGMA, faint.PROVED_WINDOW_MAG
+BLEND_REACH_SIGMA, COMPARABLE, OWN_SHARE = faint.BLEND_REACH_SIGMA, faint.COMPARABLE, faint.OWN_SHARE
+UNRESOLVED_SIGMA, RESOLVED = faint.UNRESOLVED_SIGMA, faint.RESOLVED
+CHANCE, CROWDED, LEAST_NAMED, LEAST_FOR_EXCESS = faint.CHANCE, faint.CROWDED, faint.LEAST_NAMED, faint.LEAST_FOR_EXCESS
+MEDIAN_SQUARE, CHANCE_EXCESS, MAX_EXCESS_PX = faint.MEDIAN_SQUARE, faint.CHANCE_EXCESS, faint.MAX_EXCESS_PX
+
+
+@loop
+def flux_line(magnitude, v_mag, sigma):
+    """As ``flux_line.flux_line``: level, slope, middle, level_sigma, slope_sigma, scatter."""
+    n = len(magnitude)
+    middle = middle_of(magnitude, n)
+    away, photons2 = magnitude - middle, sigma * sigma
+    level, slope, scatter = middle_of(v_mag - away, n), 1.0, SCATTER_MAG
+    typical2, prior = middle_of(photons2, n), SLOPE_SIGMA**-2
+    one = lever = determinant = 1.0
+    for _ in range(LINE_ROUNDS):
+        one, cross, lever, left, right = 0.0, 0.0, prior, 0.0, (1 - slope) * prior
+        for k in range(n):
+            residual = v_mag[k] - level - slope * away[k]
+            weight = 1 / (scatter * scatter + photons2[k] + residual * residual / 4)
+            pull = weight * away[k]
+            one += weight
+            cross += pull
+            lever += pull * away[k]
+            left += weight * residual
+            right += pull * residual
+        determinant = one * lever - cross * cross
+        up, steeper = (lever * left - cross * right) / determinant, (one * right - cross * left) / determinant
+        level, slope, before = level + up, slope + steeper, scatter
+        seen = (1.4826 * middle_of(np.abs(v_mag - level - slope * away), n)) ** 2 - typical2
+        mixed = (n * max(seen, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)
+        scatter = max(math.sqrt(mixed), LEAST_SCATTER_MAG)
+        if max(abs(up), abs(steeper), abs(scatter - before)) < SETTLED_MAG:
+            break
+    return level, slope, middle, math.sqrt(lever / determinant), math.sqrt(one / determinant), scatter
+
+
+@loop
+def line_mag(line, magnitude):
+    """Return the catalogue magnitude of an instrumental one, and its standard deviation."""
+    away = magnitude - line[2]
+    drift = line[4] * away
+    return line[0] + line[1] * away, math.sqrt(line[5] * line[5] + line[3] * line[3] + drift * drift)
+
+
+@loop
+def aberrated(icrs, row, velocity, out):
+    """Write a star's apparent direction for an observer's velocity in units of c (``aberration.aberrate``)."""
+    beta2 = velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
+    if beta2 == 0.0:
+        out[:] = icrs[row]
+        return
+    inverse_gamma = math.sqrt(1 - beta2)
+    along = icrs[row, 0] * velocity[0] + icrs[row, 1] * velocity[1] + icrs[row, 2] * velocity[2]
+    factor = 1 + along / (1 + inverse_gamma)
+    for i in range(3):
+        out[i] = (inverse_gamma * icrs[row, i] + factor * velocity[i]) / (1 + along)
+
+
+@loop
+def expected_stars(camera, icrs, v_mag, cells, velocity, turn, covariance, faintest):
+    """Return the stars down to ``faintest`` on the detector, their pixels and the errors of these, and their number."""
+    below = np.searchsorted(v_mag, min(faintest, v_mag[-1]), side="right")
+    room = room_near(cells, turn[2], camera[REACH])
+    star, places, sigma = np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
+    near = stars_near(icrs, cells, turn[2], camera[REACH], below, star)
+    jacobian, unit, count = np.empty((2, 3)), np.empty(3), 0
+    for k in range(near):
+        row = star[k]
+        aberrated(icrs, row, velocity, unit)
+        x, y, z = turned_vector(turn, unit)
+        col, line = project(camera, x, y, z)
+        if not contains(camera, col, line, MAX_GATE_PX):
+            continue
+        slopes(camera, x, y, z, jacobian)
+        variance = 0.0
+        for c in range(2):
+            for i in range(3):
+                for j in range(3):
+                    variance += jacobian[c, i] * covariance[i, j] * jacobian[c, j]
+        star[count], places[count, 0], places[count, 1] = row, col, line
+        sigma[count] = math.sqrt(max(variance, 0.0) / 2)
+        count += 1
+    return star, places, sigma, count
+
+
+@loop
+def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, reach):
+    """Write the magnitude with companions, the displacement by them, the star's share of the light and the largest distance of its
+    detection. ``order``: of the places by column."""
+    widest = BLEND_REACH_SIGMA * psf_px
+    for k in range(count):
+        a = order[k]
+        own = 10 ** (-0.4 * (v_mag[star[a]] - 5))
+        light, reach[a], moved_col, moved_row = own, MAX_GATE_PX, 0.0, 0.0
+        for side in (-1, 1):
+            other = k + side
+            while 0 <= other < count and abs(places[order[other], 0] - places[a, 0]) <= widest:
+                b = order[other]
+                other += side
+                across, down = places[b, 0] - places[a, 0], places[b, 1] - places[a, 1]
+                d2 = across * across + down * down
+                if d2 > widest * widest:
+                    continue
+                theirs = 10 ** (-0.4 * (v_mag[star[b]] - 5))
+                # Light that a second Gaussian adds to the matched filter of the first; it also shifts the fitted centre.
+                overlap = theirs * math.exp(-d2 / (4 * psf_px * psf_px))
+                light += overlap
+                moved_col += overlap * across
+                moved_row += overlap * down
+                if theirs > COMPARABLE * own:
+                    apart = math.sqrt(d2)
+                    reach[a] = min(reach[a], RESOLVED * apart if apart > UNRESOLVED_SIGMA * psf_px else 0.0)
+        bright[a] = 5 - 2.5 * math.log10(light)
+        shift[a, 0], shift[a, 1] = moved_col / light, moved_row / light
+        share[a] = own / light
+
+
+@loop
+def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, line, extra_px, proved, camera, name):
+    """Write the expected star of each spot to ``name``, -1 where none is unambiguous, as ``faint._assign``."""
+    star, places, place_sigma, bright, shift, share, reach = expected
+    n = len(spots)
+    columns = np.empty(count)
+    for k in range(count):
+        columns[k] = places[order[k], 0]
+    ranked = np.sort(bright[:count])
+    rivals_of_star = np.zeros(count, np.int64)
+    most = 64
+    pair_spot, pair_star, pair_meets, pairs = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most), 0
+    rivals_of_spot, fitting_spots = np.zeros(n, np.int64), 0
+    for s in range(n):
+        v, sigma_v = line_mag(line, magnitude[s])
+        noise = math.sqrt(sigma_v * sigma_v + magnitude_sigma[s] * magnitude_sigma[s])
+        first = np.searchsorted(columns, spots[s, 0] - MAX_GATE_PX)
+        for k in range(first, count):
+            if columns[k] > spots[s, 0] + MAX_GATE_PX:
+                break
+            e = order[k]
+            across, down = spots[s, 0] - places[e, 0], spots[s, 1] - places[e, 1]
+            d2 = across * across + down * down
+            if d2 > MAX_GATE_PX * MAX_GATE_PX or d2 > reach[e] * reach[e]:
+                continue
+            moved2 = shift[e, 0] * shift[e, 0] + shift[e, 1] * shift[e, 1]
+            variance = sigma_px[s] * sigma_px[s] + place_sigma[e] * place_sigma[e] + moved2 / 4 + extra_px * extra_px
+            gate = min(GATE_SIGMA * math.sqrt(variance), MAX_GATE_PX)
+            if (across - shift[e, 0]) ** 2 + (down - shift[e, 1]) ** 2 > gate * gate:
+                continue
+            difference, window = abs(v - bright[e]), BRIGHTNESS_SIGMA * noise
+            if difference > window:
+                if proved[s] != star[e] or difference > PROVED_WINDOW_MAG:
+                    continue
+                window = PROVED_WINDOW_MAG
+            if share[e] < OWN_SHARE:
+                continue
+            among = np.searchsorted(ranked, bright[e] + window, side="right") - np.searchsorted(
+                ranked, bright[e] - window
+            )
+            meets = min(among * math.pi * gate * gate / (camera[COLUMNS] * camera[ROWS]), 1.0)
+            if pairs == most:
+                most *= 2
+                pair_spot, pair_star, pair_meets = (
+                    np.concatenate((pair_spot, pair_spot)),
+                    np.concatenate((pair_star, pair_star)),
+                    np.concatenate((pair_meets, pair_meets)),
+                )
+            pair_spot[pairs], pair_star[pairs], pair_meets[pairs] = s, e, meets
+            pairs += 1
+            fitting_spots += rivals_of_spot[s] == 0
+            rivals_of_spot[s] += 1
+            rivals_of_star[e] += 1
+    typical = middle_of(pair_meets, pairs) if pairs else 0.0
+    strangers = min(1.0, (n - fitting_spots + 1) / (n + 1) / max(1 - typical, 0.1))
+    name[:] = -1
+    for k in range(pairs):
+        s, e = pair_spot[k], pair_star[k]
+        chance = strangers * pair_meets[k] if pair_meets[k] <= CROWDED else 1.0
+        if rivals_of_spot[s] == 1 and rivals_of_star[e] == 1 and chance <= CHANCE:
+            name[s] = e
+
+
+@loop
+def excess_px(residual, weight, sigma_px, rows, count):
+    """As ``faint._excess_px``."""
+    squares, own2, good = np.empty(count), np.empty(count), 0
+    for k in range(count):
+        if weight[k] > 0:
+            squares[good] = residual[k, 0] ** 2 + residual[k, 1] ** 2
+            own2[good] = sigma_px[rows[k]] ** 2
+            good += 1
+    if good < LEAST_FOR_EXCESS:
+        return 0.0
+    return math.sqrt(max(middle_of(squares, good) / MEDIAN_SQUARE - CHANCE_EXCESS * middle_of(own2, good), 0.0))
