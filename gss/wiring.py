@@ -116,6 +116,8 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         utc_now,
         link,
         commanding.commands,
+        procedures.procedures,
+        procedures.runs,
         commanding.stacks,
         commanding.stack_runs,
         downloads,

@@ -32,7 +32,9 @@ class Mission:
         spacecraft, stations = SpacecraftService(database, bus, clock), StationService(database, bus, clock)
         self.table = PassService(spacecraft, stations, LineBudgetService(console.link, database), clock)
         none = cast(Any, None)
-        control = ItemControl(console.stacks, console.runs, none, none, none, console._permits)
+        control = ItemControl(
+            console.procedures, console.procedure_runs, console.stacks, console.runs, none, none, none, console._permits
+        )
         self.plans = PlanService(self.table, spacecraft, control, console.commands, database, bus, clock)
         self.runner = PlanRunner(self.plans, control, self.table, console.link, console.commands, bus, clock)
         if not stations.every():
@@ -42,6 +44,10 @@ class Mission:
     def stack(self, *steps: Any, name: str) -> PlanItem:
         row = self.console.stacks.create(name, "", steps, user="ann")
         return PlanItem("stack", "", 30.0, stack_id=row.id)
+
+    def procedure(self, text: str) -> PlanItem:
+        row = self.console.procedures.create(text, user="ann")
+        return PlanItem("procedure", "", 30.0, procedure_id=row.id)
 
     def plan(self, *items: PlanItem, resume: bool = False, name: str = "p") -> Any:
         first = next(p for p in self.table.coming(3).passes if p.at.rise > self.clock.at + timedelta(minutes=5))
@@ -209,3 +215,78 @@ def test_lost_authority_fails_the_plan_before_anything_is_sent(mission):
     failed = mission.until(plan, "failed")
     assert "command authority is held by eve" in failed.reason
     assert mission.sent("SET_MODE") == 0
+
+
+ERASE = """# Erase bank C
+
+## look: Is it free?
+
+```question
+Is bank C unused?
+yes: erase
+no: end
+```
+
+## erase: Erase it
+
+```command
+ERASE_BANK bank=C
+```
+
+## gone: No fault
+
+```check
+housekeeping.sensor_temperature_c > 900
+within: 60 s
+else: end
+```
+
+## never: Not reached
+
+```command
+GET_STATUS
+```
+"""
+
+
+def test_a_procedure_in_a_plan_asks_sends_and_waits_for_the_signal(mission):
+    """It waits for its answer, sends the command that was confirmed at arming, and judges no check while the signal is lost."""
+    plan = mission.plan(mission.procedure(ERASE), resume=True)
+    with pytest.raises(BadInput, match="need confirmation"):
+        mission.plans.arm(plan.id, [], user="ann")
+    mission.plans.arm(plan.id, ["ERASE_BANK"], user="ann")
+    mission.at(plan.rise + timedelta(seconds=5))
+    runs = mission.console.procedure_runs
+
+    def asked() -> bool:
+        mission.runner.tick()
+        return "waits for a person" in items_of(mission.plans.get(plan.id))[0].detail
+
+    mission.console.wait(asked)
+    run = runs.newest(1)[0]
+    assert (run.current, mission.sent("ERASE_BANK")) == ("look", 0)
+    runs.run_step(run.id, "look", user="ann", answer="yes")
+    mission.console.wait(lambda: runs.get(run.id).current == "gone" and runs.get(run.id).entries[-1]["step"] == "gone")
+    link, url = mission.console.link, mission.console.sensor.url
+    link.close()
+    mission.console.wait(lambda: not link.connected)
+    assert mission.until(plan, "paused").reason == "loss of signal"
+    mission.at(plan.set + timedelta(seconds=5))
+    waiting = mission.until(plan, "waiting")
+    runs.tick()
+    assert (runs.get(run.id).state, runs.get(run.id).current) == ("running", "gone")
+    link.open_later(url)
+    mission.console.wait(lambda: link.connected and link.hello is not None)
+    mission.at(waiting.rise + timedelta(seconds=5))
+    assert mission.until(plan, "running").state == "running"
+    assert runs.get(run.id).current == "gone"
+    mission.at(waiting.rise + timedelta(seconds=100))
+    done = mission.until(plan, "completed", "failed")
+    assert (done.state, runs.get(run.id).state) == ("completed", "completed")
+    assert (mission.sent("ERASE_BANK"), mission.sent("GET_STATUS")) == (1, 0)
+
+
+def test_a_procedure_with_an_unknown_command_cannot_be_planned(mission):
+    """The plan is rejected with the line and the command."""
+    with pytest.raises(BadInput, match=r"Line 5.*NO_SUCH"):
+        mission.plan(mission.procedure("# Wrong\n\n## a: A\n```command\nNO_SUCH\n```\n"))

@@ -145,11 +145,12 @@ class PassesOut(Out):
 
 
 class PlanItemIn(In):
-    """Item of a plan: a stack (``stack_id``), a download (``content`` with ``slot`` or ``bank``, as in a download request), or the
-    upload of a catalogue (``catalogue_id`` and ``bank``)."""
+    """Item of a plan: a procedure (``procedure_id``), a stack (``stack_id``), a download (``content`` with ``slot`` or ``bank``, as
+    in a download request), or the upload of a catalogue (``catalogue_id`` and ``bank``)."""
 
     kind: ItemKind
     estimated_s: float = Field(gt=0, le=LONGEST_ITEM_S)
+    procedure_id: Id | None = None
     stack_id: Id | None = None
     content: Literal["", "frame", "thumbnail", "star_windows", "catalogue", "triplets", "calibration", "parameters"] = (
         ""
@@ -170,17 +171,18 @@ class PlanIn(In):
 
 
 class ArmIn(In):
-    """Names that confirm hazardous commands of the plan's stacks."""
+    """Names that confirm hazardous commands of the plan's procedures and stacks."""
 
     confirm: list[str] = Field(default_factory=list, max_length=200)
 
 
 class PlanItemOut(Out):
-    """Item with its progress. ``started_id``: number of the stack run or transfer; times are ISO 8601, "" before."""
+    """Item with its progress. ``started_id``: number of the run or transfer; times are ISO 8601, "" before."""
 
     kind: ItemKind
     title: str
     estimated_s: float
+    procedure_id: int | None = None
     stack_id: int | None
     content: str
     slot: int | None

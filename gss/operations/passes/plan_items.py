@@ -1,5 +1,5 @@
-"""Items of a pass plan: a stack, a download or an upload. Each is started once, followed, paused and stopped through the service
-that owns it."""
+"""Items of a pass plan: a procedure, a stack, a download or an upload. Each is started once, followed, paused and stopped
+through the service that owns it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from gss.domain.errors import BadInput, GssError
 from gss.operations.catalogues.build_catalogue import CatalogueService
 from gss.operations.commanding.stack_runs import StackRunner
 from gss.operations.commanding.stacks import StackService
+from gss.operations.procedures.procedures import ProcedureService
+from gss.operations.procedures.runs import ProcedureRunner
 from gss.operations.transfers.downloads import Downloads, permission_of
 from gss.operations.transfers.transfers import TransferService
 
-ItemKind = Literal["stack", "download", "upload"]
+ItemKind = Literal["procedure", "stack", "download", "upload"]
 ItemState = Literal["waiting", "starting", "running", "done", "failed", "stopped", "unknown"]
 MOST_ITEMS = 50
 LONGEST_ITEM_S = 86_400.0
@@ -26,12 +28,13 @@ BROKEN = ("failed", "aborted")
 
 @dataclass(frozen=True)
 class PlanItem:
-    """``stack_id``: of a stack; ``content``: kind of a download, with its ``slot`` or ``bank``; ``catalogue_id`` and ``bank``: of
-    an upload. ``started_id``: number of the stack run or transfer. Times are ISO 8601."""
+    """``content``: kind of a download, with its ``slot`` or ``bank``; ``catalogue_id`` and ``bank``: of an upload.
+    ``started_id``: number of the run or transfer. Times are ISO 8601."""
 
     kind: ItemKind
     title: str
     estimated_s: float
+    procedure_id: int | None = None
     stack_id: int | None = None
     content: str = ""
     slot: int | None = None
@@ -47,7 +50,7 @@ class PlanItem:
         """Return the item in another state, with the time of its start or end."""
         began = now.isoformat() if state == "starting" else self.started
         ended = now.isoformat() if state in ("done", "failed", "stopped", "unknown") else ""
-        return replace(self, state=state, detail=detail or self.detail, started=began, finished=ended)
+        return replace(self, state=state, detail=detail, started=began, finished=ended)
 
 
 class ItemControl:
@@ -55,6 +58,8 @@ class ItemControl:
 
     def __init__(
         self,
+        procedures: ProcedureService,
+        procedure_runs: ProcedureRunner,
         stacks: StackService,
         runs: StackRunner,
         downloads: Downloads,
@@ -62,6 +67,7 @@ class ItemControl:
         catalogues: CatalogueService,
         permits: Callable[[str, str], None],
     ) -> None:
+        self._procedures, self._procedure_runs = procedures, procedure_runs
         self._stacks, self._runs, self._downloads = stacks, runs, downloads
         self._transfers, self._catalogues, self._permits = transfers, catalogues, permits
 
@@ -73,6 +79,10 @@ class ItemControl:
                 expected=f"above 0, to {LONGEST_ITEM_S:g} s",
                 got=f"{item.estimated_s:g}",
             )
+        if item.kind == "procedure" and item.procedure_id is not None:
+            procedure = self._procedures.get(item.procedure_id)
+            self._procedures.valid(procedure)
+            return replace(item, title=f"Procedure {procedure.name}")
         if item.kind == "stack" and item.stack_id is not None:
             return replace(item, title=f"Stack {self._stacks.get(item.stack_id).name}")
         if item.kind == "upload" and item.catalogue_id is not None and item.bank:
@@ -82,7 +92,7 @@ class ItemControl:
             return replace(item, title=f"Download {item.content.replace('_', ' ')} of {place}")
         raise BadInput(
             f"an item of kind {item.kind} is not complete",
-            expected="stack_id; or content with slot or bank; or catalogue_id with bank",
+            expected="procedure_id; or stack_id; or content with slot or bank; or catalogue_id with bank",
             got=item.kind,
         )
 
@@ -92,7 +102,9 @@ class ItemControl:
         names: dict[str, None] = {}
         for item in items:
             self.require(item, user)
-            if item.stack_id is not None:
+            if item.procedure_id is not None:
+                names |= dict.fromkeys(self._procedure_runs.confirmations(item.procedure_id, user=user))
+            elif item.stack_id is not None:
                 steps = self._stacks.get(item.stack_id).steps
                 names |= dict.fromkeys(name for name in (self._stacks.confirmation(step) for step in steps) if name)
         return list(names)
@@ -100,15 +112,20 @@ class ItemControl:
     def require(self, item: PlanItem, user: str) -> None:
         """Raise NotPermitted unless the user may do the item."""
         self._permits(user, "passes")
-        if item.stack_id is not None:
+        if item.procedure_id is not None:
+            self._permits(user, "procedures")
+            self._procedure_runs.confirmations(item.procedure_id, user=user)
+        elif item.stack_id is not None:
             self._permits(user, "stacks")
             self._stacks.check_permitted(self._stacks.get(item.stack_id).steps, user=user)
         else:
             self._permits(user, permission_of(item.content) if item.kind == "download" else "catalogues.upload")
 
     def start(self, item: PlanItem, confirm: Sequence[str], *, user: str) -> int:
-        """Start an item and return the number of its stack run or transfer. Raises GssError if it cannot start."""
+        """Start an item and return the number of its run or transfer. Raises GssError if it cannot start."""
         self.require(item, user)
+        if item.procedure_id is not None:
+            return self._procedure_runs.begin(item.procedure_id, user=user, automatic=True, confirmed=confirm).id
         if item.stack_id is not None:
             return self._runs.run(item.stack_id, confirm, user=user).id
         if item.catalogue_id is not None:
@@ -116,9 +133,11 @@ class ItemControl:
         return self._downloads.start(item.content, slot=item.slot, bank=item.bank).row.id
 
     def state(self, item: PlanItem) -> tuple[ItemState, str]:
-        """Return the state of a started item, and why it failed."""
+        """Return the state of a started item, and why it failed or what it waits for."""
         if item.started_id is None:
             return "unknown", "its start was not recorded"
+        if item.kind == "procedure":
+            return self._state_of_procedure(item.started_id)
         if item.kind == "stack":
             run = self._runs.get(item.started_id)
             if run.state in ("running", "paused"):
@@ -129,11 +148,19 @@ class ItemControl:
             return "done", ""
         return ("failed", row.reason or row.state) if row.state in BROKEN else ("running", "")
 
+    def _state_of_procedure(self, run_id: int) -> tuple[ItemState, str]:
+        row, waiting = self._procedure_runs.state(run_id)
+        if row.state == "running":
+            return "running", f"step {waiting} waits for a person on the page Procedures" if waiting else ""
+        return ("done", "") if row.state == "completed" else ("failed", row.reason or row.state)
+
     def pause(self, item: PlanItem, *, user: str) -> None:
         """Send nothing more for the item; what has ended meanwhile stays as it ended."""
         if item.started_id is not None:
             with contextlib.suppress(GssError):
-                if item.kind == "stack":
+                if item.kind == "procedure":
+                    self._procedure_runs.hold(item.started_id)
+                elif item.kind == "stack":
                     self._runs.pause(item.started_id, user=user)
                 else:
                     self._transfers.pause(item.started_id)
@@ -142,17 +169,21 @@ class ItemControl:
         """Continue a paused item. Raises GssError if it cannot continue."""
         if item.started_id is None or self.state(item)[0] != "running":
             return
-        if item.kind == "stack":
+        if item.kind == "procedure":
+            self._procedure_runs.release(item.started_id)
+        elif item.kind == "stack":
             self._runs.resume(item.started_id, user=user)
         elif self._transfers.get(item.started_id).row.state == "paused":
             self._transfers.resume(item.started_id)
 
     def stop(self, item: PlanItem, *, user: str) -> None:
-        """End a stack run; pause a transfer, whose stored chunks are kept."""
+        """End a run; pause a transfer, whose stored chunks are kept."""
         if item.started_id is None:
             return
         with contextlib.suppress(GssError):
-            if item.kind == "stack":
+            if item.kind == "procedure":
+                self._procedure_runs.stop(item.started_id, "its pass plan ended", user=user)
+            elif item.kind == "stack":
                 self._runs.stop(item.started_id, user=user)
             else:
                 self._transfers.pause(item.started_id)

@@ -8,6 +8,7 @@ Each item is stored as *starting* before it is started. An item that a restart o
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from datetime import timedelta
 
 from gss.domain.errors import Conflict, GssError
@@ -118,6 +119,9 @@ class PlanRunner:
             if item.state == "running":
                 state, detail = self._control.state(item)
                 if state == "running":
+                    if detail != item.detail:
+                        items[k] = replace(item, detail=detail)
+                        self._plans.change(row.id, items)
                     return
                 items[k] = item.at(state, self._now(), detail)
                 row = self._plans.change(row.id, items)

@@ -19,6 +19,8 @@ from gss.operations.passes.plan_runner import PlanRunner
 from gss.operations.passes.plans import PlanService
 from gss.operations.passes.spacecraft import SpacecraftService
 from gss.operations.passes.stations import StationService
+from gss.operations.procedures.procedures import ProcedureService
+from gss.operations.procedures.runs import ProcedureRunner
 from gss.operations.transfers.downloads import Downloads
 from gss.operations.transfers.transfers import TransferService
 from gss.store.engine import Database
@@ -42,6 +44,8 @@ def open_passes(
     now: Now,
     link: LinkService,
     commands: CommandService,
+    procedures: ProcedureService,
+    procedure_runs: ProcedureRunner,
     stacks: StackService,
     runs: StackRunner,
     downloads: Downloads,
@@ -52,7 +56,7 @@ def open_passes(
     """Create the services."""
     spacecraft, stations = SpacecraftService(database, bus, now), StationService(database, bus, now)
     table = PassService(spacecraft, stations, LineBudgetService(link, database), now)
-    control = ItemControl(stacks, runs, downloads, transfers, catalogues, permits)
+    control = ItemControl(procedures, procedure_runs, stacks, runs, downloads, transfers, catalogues, permits)
     plans = PlanService(table, spacecraft, control, commands, database, bus, now)
     runner = PlanRunner(plans, control, table, link, commands, bus, now)
     return Passes(spacecraft, stations, table, plans, runner, now)

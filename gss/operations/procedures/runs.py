@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import logging
 import threading
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 
 from gss.domain.errors import BadInput, Conflict, GssError
 from gss.operations.clock import Now, iso_z
-from gss.operations.commanding.command_checks import risk_of
 from gss.operations.commanding.command_record import CommandChanged
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.events import EventBus
@@ -23,7 +23,7 @@ from gss.operations.procedures.conditions import Conditions
 from gss.operations.procedures.document import ProcedureDocument, ProcedureStep, read_procedure
 from gss.operations.procedures.procedures import ProcedureService
 from gss.operations.procedures.run_record import ProcedureRecorder, StepEntry, entries_of, open_entry
-from gss.operations.procedures.validation import command_of
+from gss.operations.procedures.validation import command_of, confirmation_of
 from gss.store import procedures as store
 from gss.store.engine import Database
 from gss.store.models import Command, ProcedureRun
@@ -34,6 +34,17 @@ LOOK_EVERY_S = 0.5
 ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 UNATTENDED = ("text", "check", "command", "wait", "branch")
 """Kinds of steps that need no person."""
+
+
+@dataclass(frozen=True)
+class ActiveRun:
+    """The run that has not ended. ``confirmed``: names of hazardous commands that a user confirmed before the start.
+    ``held_since``: since when the run waits for a signal."""
+
+    id: int
+    document: ProcedureDocument
+    confirmed: frozenset[str] = frozenset()
+    held_since: datetime | None = None
 
 
 class ProcedureRunner:
@@ -53,7 +64,7 @@ class ProcedureRunner:
         self._database, self._bus, self._now = database, bus, now
         self._record = ProcedureRecorder(database, bus, now)
         self._lock, self._wake, self._stopping = threading.RLock(), threading.Event(), False
-        self._active: tuple[int, ProcedureDocument] | None = None
+        self._active: ActiveRun | None = None
         self._aborts, self._aborted_by = 0, ""
         self._thread: threading.Thread | None = None
 
@@ -65,7 +76,7 @@ class ProcedureRunner:
             row = store.running(session)
         if row is not None:
             self._aborts = self._commands.aborts
-            self._active = row.id, read_procedure(row.text)
+            self._active = ActiveRun(row.id, read_procedure(row.text))
             self._record.change(row.id, automatic=False)
             entry = open_entry(row)
             if entry is not None and entry.state == "sending":
@@ -102,25 +113,39 @@ class ProcedureRunner:
 
     # --- requests of people -------------------------------------------------------------------------------------
 
-    def begin(self, procedure_id: int, *, user: str, automatic: bool = False) -> ProcedureRun:
-        """Start a run of a valid procedure; nothing is sent yet. Raises BadInput with its first mistake, Conflict while another
-        one runs."""
+    def begin(
+        self, procedure_id: int, *, user: str, automatic: bool = False, confirmed: Sequence[str] = ()
+    ) -> ProcedureRun:
+        """Start a run of a valid procedure; nothing is sent yet. ``confirmed``: names of hazardous commands that an automatic run
+        sends without another confirmation. Raises BadInput with its first mistake, Conflict while another one runs."""
         procedure = self._procedures.get(procedure_id)
         document = self._procedures.valid(procedure)
         with self._lock:
             if self._active is not None:
                 raise Conflict(
-                    "Another procedure is running", got=f"run {self._active[0]}", hint="finish it or stop it first"
+                    "Another procedure is running", got=f"run {self._active.id}", hint="finish it or stop it first"
                 )
             self._aborts, self._aborted_by = self._commands.aborts, ""
             contact = self._link.contact_id if self._link.connected else None
             row = self._record.begin(
                 procedure, document.steps[0].id, self._link.dictionary.device_model, contact, user, automatic
             )
-            self._active = row.id, document
+            self._active = ActiveRun(row.id, document, frozenset(confirmed))
         self._bus.record("procedure", "ok", f"{user} started the procedure {row.name}", procedure_run_id=row.id)
         self._wake.set()
         return row
+
+    def confirmations(self, procedure_id: int, *, user: str) -> list[str]:
+        """Return the names that confirm the hazardous commands of a procedure. Raises NotPermitted if the user may not send one
+        of its commands, BadInput with its first mistake."""
+        operations = self._link.roles.operations
+        names: dict[str, None] = {}
+        for step in self._procedures.valid(self._procedures.get(procedure_id)).steps:
+            if step.kind == "command":
+                command, arguments = command_of(step, operations)
+                self._commands.check_permitted(user, command.name, arguments)
+                names[confirmation_of(step, operations)] = None
+        return [name for name in names if name]
 
     def run_step(
         self, run_id: int, step_id: str, *, user: str, answer: str = "", confirm: str = "", note: str = ""
@@ -156,6 +181,25 @@ class ProcedureRunner:
         self._wake.set()
         return row
 
+    def hold(self, run_id: int) -> None:
+        """Run no further step and judge no check until ``release``: the signal is lost. A command that was sent is followed."""
+        with self._lock:
+            active = self._active
+            if active is not None and active.id == run_id and active.held_since is None:
+                self._active = replace(active, held_since=self._now())
+
+    def release(self, run_id: int) -> None:
+        """Continue a run that was held; a check under way gets the time back that it was held."""
+        with self._lock:
+            active = self._active
+            if active is not None and active.id == run_id and active.held_since is not None:
+                entry = open_entry(self.get(run_id))
+                if entry is not None and entry.kind == "check" and entry.due:
+                    lost = self._now() - max(active.held_since, datetime.fromisoformat(entry.began))
+                    self._record.update(run_id, _due(entry, datetime.fromisoformat(entry.due) + lost))
+                self._active = replace(active, held_since=None)
+        self._wake.set()
+
     def stop(self, run_id: int, reason: str, *, user: str) -> ProcedureRun:
         """End the run; a command that was sent is still followed on its own."""
         with self._lock:
@@ -172,6 +216,14 @@ class ProcedureRunner:
         with self._database.unit_of_work() as session:
             return store.newest_runs(session, limit)
 
+    def state(self, run_id: int) -> tuple[ProcedureRun, str]:
+        """Return a run, and the name of its step that starts only when a person runs it; "" if none waits. Raises NotFound."""
+        with self._lock:
+            row, active = self.get(run_id), self._active
+            if active is None or active.id != run_id or open_entry(row) is not None:
+                return row, ""
+            return row, "" if row.automatic and self._needs_no_one(active.document.step(row.current)) else row.current
+
     def between(self, start: datetime, end: datetime) -> list[ProcedureRun]:
         """Return the runs that were under way in a span, oldest first."""
         with self._database.unit_of_work() as session:
@@ -179,9 +231,9 @@ class ProcedureRunner:
 
     def _document(self, run_id: int) -> ProcedureDocument:
         active = self._active
-        if active is None or active[0] != run_id:
+        if active is None or active.id != run_id:
             raise Conflict("This run has ended", got=self.get(run_id).state)
-        return active[1]
+        return active.document
 
     def _check_current(self, run_id: int, step_id: str) -> None:
         self._document(run_id)
@@ -224,8 +276,9 @@ class ProcedureRunner:
         return next((e.by for e in reversed(entries_of(row)) if e.kind != "hold"), row.user)
 
     def _check(self, run_id: int, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
-        due = self._now() + timedelta(seconds=step.seconds)
-        self._record.add(run_id, _due(entry, due) if step.seconds else entry)
+        if step.seconds:
+            entry = _due(entry, self._now() + timedelta(seconds=step.seconds))
+        self._record.add(run_id, entry)
         return self._look(run_id, step, entry)
 
     def _look(self, run_id: int, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
@@ -234,7 +287,7 @@ class ProcedureRunner:
         if result.value is True:
             self._record.close(run_id, "done", "met", values=values)
             return self._advance(run_id, step, "next")
-        if step.seconds and self._now() < datetime.fromisoformat(entry.began) + timedelta(seconds=step.seconds):
+        if entry.due and self._now() < datetime.fromisoformat(entry.due):
             return self.get(run_id)
         within = f" within {step.seconds:g} s" if step.seconds else ""
         other = any(branch.when == "else" for branch in step.branches)
@@ -339,26 +392,27 @@ class ProcedureRunner:
         with self._lock:
             self._end_if_aborted()
             while self._active is not None and not self._stopping:
-                run_id, document = self._active
+                run_id, document = self._active.id, self._active.document
                 row = self.get(run_id)
                 before, step = (row.current, len(row.entries), row.entries[-1:]), document.step(row.current)
                 entry = open_entry(row)
                 if entry is not None:
                     row = self._continue(row, step, entry)
-                elif row.automatic and self._needs_no_one(step):
-                    row = self._perform(run_id, step, row.user, "", "", "")
+                elif row.automatic and self._active.held_since is None and self._needs_no_one(step):
+                    row = self._perform(run_id, step, row.user, "", self._confirmation(step), "")
                 if (row.current, len(row.entries), row.entries[-1:]) == before:
                     return
 
     def _end_if_aborted(self) -> None:
         if self._aborted_by and self._active is not None:
-            self._finish(self._active[0], "aborted", f"ABORT by {self._aborted_by}")
+            self._finish(self._active.id, "aborted", f"ABORT by {self._aborted_by}")
         self._aborted_by = ""
 
     def _continue(self, row: ProcedureRun, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
         if entry.kind == "command":
             return self._follow(row.id, step)
-        if entry.kind == "check":
+        held = self._active is not None and self._active.held_since is not None
+        if entry.kind == "check" and not held:
             return self._look(row.id, step, entry)
         if entry.kind == "wait" and self._now() >= datetime.fromisoformat(entry.due):
             self._record.close(row.id, "done", f"waited {step.seconds:g} s")
@@ -366,11 +420,14 @@ class ProcedureRunner:
         return row
 
     def _needs_no_one(self, step: ProcedureStep) -> bool:
-        if step.kind == "command":
-            operations = self._link.roles.operations
-            command, arguments = command_of(step, operations)
-            return not risk_of(operations, command, arguments).needs_confirmation
+        if step.kind == "command" and self._active is not None:
+            name = confirmation_of(step, self._link.roles.operations)
+            return not name or name in self._active.confirmed
         return step.kind in UNATTENDED
+
+    def _confirmation(self, step: ProcedureStep) -> str:
+        """Return the text that confirms a command which was confirmed before the start; "" for any other step."""
+        return confirmation_of(step, self._link.roles.operations) if step.kind == "command" else ""
 
 
 def _due(entry: StepEntry, at: datetime) -> StepEntry:

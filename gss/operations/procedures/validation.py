@@ -9,6 +9,7 @@ from gss.domain.errors import BadInput, GssError
 from gss.domain.expressions import parse
 from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, CommandDefinition, Value
 from gss.instruments.operations import Operation, StandardOperations
+from gss.operations.commanding.command_checks import risk_of
 from gss.operations.procedures.document import END, NEXT, Mistake, ProcedureDocument, ProcedureStep, command_words
 from gss.operations.telemetry.definitions import TelemetryDefinitions
 from gss.operations.telemetry.derived import kinds_of
@@ -49,6 +50,13 @@ def command_of(step: ProcedureStep, operations: StandardOperations) -> tuple[Com
     if operations.of_command(name) is Operation.ABORT:
         raise BadInput("ABORT cannot be a step of a procedure", expected="another command")
     return command, check_arguments(command, {key: _typed(command, key, text) for key, text in given.items()})
+
+
+def confirmation_of(step: ProcedureStep, operations: StandardOperations) -> str:
+    """Return the name that confirms a step's command; "" if it needs no confirmation. Raises BadInput, NotFound."""
+    command, arguments = command_of(step, operations)
+    risk = risk_of(operations, command, arguments)
+    return risk.name if risk.needs_confirmation else ""
 
 
 def _typed(command: CommandDefinition, name: str, text: str) -> Value:

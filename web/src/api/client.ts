@@ -131,6 +131,7 @@ const commanding = {
     body(POST('/api/commands/{command_id}/withdraw', { params: { path: { command_id } } })),
   /** Sent even if its page closes immediately. */
   abort: (signal: AbortSignal) => body(POST('/api/commands/abort', { signal })),
+  procedures: () => body(GET('/api/procedures')),
   stacks: () => body(GET('/api/stacks')),
   saveStack: (stack: T.StackIn, stack_id: number | null) =>
     stack_id === null

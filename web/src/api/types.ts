@@ -42,6 +42,7 @@ export type EventRow = S['EventOut'];
 export type Contact = S['ContactOut'];
 export type Authority = S['AuthorityOut'];
 export type AlarmRow = S['AlarmRow'];
+export type StoredProcedure = S['StoredProcedureOut'];
 export type Stack = S['StackOut'];
 export type StackIn = S['StackIn'];
 export type Step = S['StepOut'];
