@@ -258,11 +258,11 @@ def test_a_procedure_in_a_plan_asks_sends_and_waits_for_the_signal(mission):
     mission.at(plan.rise + timedelta(seconds=5))
     runs = mission.console.procedure_runs
 
-    def asked() -> bool:
+    def is_waiting() -> bool:
         mission.runner.tick()
         return "waits for a person" in items_of(mission.plans.get(plan.id))[0].detail
 
-    mission.console.wait(asked)
+    mission.console.wait(is_waiting)
     run = runs.newest(1)[0]
     assert (run.current, mission.sent("ERASE_BANK")) == ("look", 0)
     runs.run_step(run.id, "look", user="ann", answer="yes")
