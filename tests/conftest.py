@@ -292,7 +292,7 @@ class SensorInMemory:
         """Advance time only after the ground has handled ``events``, because both ends share the sensor's clock."""
         self._events = events
 
-    def open(self, url: str) -> Any:
+    def open(self, url: str, baud: int = 0) -> Any:
         """Replacement for gss.device.transport.open_stream."""
         from gss.domain.errors import LinkDown
 
