@@ -93,7 +93,7 @@ def test_compiled_loops_solve_a_list_like_numpy(
             covariance = plain.attitude.covariance_rad2
             np.testing.assert_allclose(quick.attitude.quaternion, plain.attitude.quaternion, rtol=0, atol=1e-8)
             np.testing.assert_allclose(
-                quick.attitude.covariance_rad2, covariance, rtol=1e-4, atol=1e-4 * covariance[1, 1]
+                quick.attitude.covariance_rad2, covariance, rtol=1e-3, atol=1e-3 * covariance[1, 1]
             )
 
 
