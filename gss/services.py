@@ -44,6 +44,7 @@ from gss.operations.studies.analyses import AnalysisService
 from gss.operations.studies.calibrations import CalibrationService
 from gss.operations.studies.campaigns import CampaignService
 from gss.operations.studies.executor import Executor
+from gss.operations.studies.list_runs import ListRunService
 from gss.operations.studies.reprocess import ReprocessService
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.derived_history import DerivedHistory
@@ -98,6 +99,7 @@ class Services:
     procedure_runs: ProcedureRunner
     campaigns: CampaignService
     reprocessing: ReprocessService
+    list_runs: ListRunService
     executor: Executor
     contacts: ContactService
     passes: Passes

@@ -33,6 +33,7 @@ from gss.operations.studies.analyses import AnalysisService
 from gss.operations.studies.calibrations import CalibrationService
 from gss.operations.studies.campaigns import CampaignService
 from gss.operations.studies.dask_executor import make_executor
+from gss.operations.studies.list_runs import ListRunService
 from gss.operations.studies.night_frames import StoredShots
 from gss.operations.studies.reprocess import WORKERS, ReprocessService
 from gss.operations.telemetry.alarms import AlarmService
@@ -189,6 +190,9 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
             settings.solve_chain,
             frames.book,
             base.instruments,
+        ),
+        list_runs=ListRunService(
+            database, base.blobs, jobs, base.parsing, frames.book, executor, utc_now, frames.epoch_jyear
         ),
         executor=executor,
         contacts=contacts,

@@ -24,6 +24,7 @@ from gss.store.models import (
     Event,
     Frame,
     Job,
+    ListRun,
     OneTimeLink,
     SignIn,
     StarList,
@@ -50,9 +51,17 @@ def references(session: Session) -> Iterator[Reference]:
     frames = select(Frame.id, Frame.sha256, Frame.dtype, Frame.columns * Frame.rows)
     for row_id, sha256, dtype, pixels in session.execute(frames.where(Frame.pixels_removed.is_(None))):
         yield Reference(sha256, f"frame {row_id}", pixels * PIXEL_BYTES[dtype] if dtype in PIXEL_BYTES else None)
-    for model, word in ((Catalogue, "catalogue"), (DeviceTable, "table"), (StarList, "star list")):
+    for model, word in (
+        (Catalogue, "catalogue"),
+        (DeviceTable, "table"),
+        (StarList, "star list"),
+        (ListRun, "uploaded lists"),
+    ):
         for row_id, sha256, size in session.execute(select(model.id, model.sha256, model.size)):
             yield Reference(sha256, f"{word} {row_id}", size)
+    results = select(ListRun.id, ListRun.results_sha256, ListRun.results_size).where(ListRun.results_sha256 != "")
+    for row_id, sha256, size in session.execute(results):
+        yield Reference(sha256, f"results of uploaded lists {row_id}", size)
     uploads = select(Transfer.id, Transfer.options).where(Transfer.direction == "up", Transfer.state.not_in(ENDED))
     for row_id, options in session.execute(uploads):
         if options.get("content"):
@@ -67,8 +76,10 @@ def references(session: Session) -> Iterator[Reference]:
 def still_needed(session: Session, keys: Sequence[str]) -> set[str]:
     """Return those blobs of deleted frames that another row still references."""
     needed: set[str] = set()
-    for model in (Catalogue, DeviceTable, StarList):
+    for model in (Catalogue, DeviceTable, StarList, ListRun):
         needed |= set(session.scalars(select(model.sha256).where(model.sha256.in_(keys))))
+    results = select(ListRun.results_sha256).where(ListRun.results_sha256.in_(keys))
+    needed |= set(session.scalars(results))
     living = select(Frame.sha256).where(Frame.sha256.in_(keys), Frame.pixels_removed.is_(None))
     needed |= set(session.scalars(living))
     for options in session.scalars(select(Transfer.options).where(Transfer.state.not_in(ENDED))):

@@ -29,6 +29,7 @@ PAGES = [
     ("/telemetry/derived", "page-derived", "derived-form"),
     ("/procedures", "page-procedures", "procedure-new"),
     ("/frames", "page-frames", "nav-frames"),
+    ("/frames/lists", "page-lists", "lists-form"),
     ("/frames/{frame}", "page-frame", "nav-frames"),
     ("/catalogues", "page-catalogues", "catalogue-row"),
     ("/catalogues/{catalogue}", "page-builder", "sweep"),

@@ -6,6 +6,7 @@ import io
 import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,22 +97,78 @@ def _read_csv(data: bytes, name: str) -> StarLists:
     names = [part.strip() for part in head.split(",")]
     if sorted(names) != sorted(COLUMNS):
         raise BadInput(f"the first line of {name} does not name the columns", expected=EXPECTED, got=head.strip()[:200])
-    try:
-        table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2) if body.strip() else np.zeros((0, len(COLUMNS)))
-    except ValueError as error:
-        raise BadInput(f"{name} has a line without four numbers", expected=EXPECTED, got=str(error)[:200]) from None
-    if table.shape[1] != len(COLUMNS):
-        raise BadInput(f"{name} has {table.shape[1]} columns", expected=EXPECTED)
+    table = _csv_numbers(body, name)
     number, col, row, flux = (table[:, names.index(column)] for column in COLUMNS)
     whole = np.isfinite(number) & (number == np.floor(number)) & (number >= 0) & (number < MOST_LISTS)
     if not whole.all():
         bad = int(np.flatnonzero(~whole)[0])
         expected = f"the number of the list, an integer from 0 to {MOST_LISTS - 1}"
-        raise BadInput(f"line {bad + 2} of {name} has no list", expected=expected, got=f"{number[bad]:g}")
+        raise BadInput(f"line {_line_of(body, bad)} of {name} has no list", expected=expected, got=f"{number[bad]:g}")
+    invalid = _first_invalid(col, row, flux)
+    if invalid is not None:
+        line = _line_of(body, invalid.star)
+        raise BadInput(
+            f"{invalid.column} in line {line} of {name} is invalid", expected=invalid.expected, got=f"{invalid.value:g}"
+        )
     order = np.argsort(number, kind="stable")
     count = np.bincount(number.astype(np.int64)) if len(number) else np.zeros(0, np.int64)
     first = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     return StarLists(col[order], row[order], flux[order], first)
+
+
+def _csv_numbers(body: str, name: str) -> Array:
+    """Return the (n, 4) numbers below the first line. Raises BadInput with the first line that has not four numbers."""
+    if not body.strip():
+        return np.zeros((0, len(COLUMNS)))
+    try:
+        table = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2)
+        if table.shape[1] == len(COLUMNS):
+            return table
+    except ValueError:
+        pass
+    for row, (line, text) in enumerate(_data_lines(body)):
+        try:
+            values = len(np.array(text.split(","), float))
+        except ValueError:
+            values = -1
+        if values != len(COLUMNS):
+            got = f"{text.strip()[:100]!r}, data row {row + 1}"
+            raise BadInput(f"line {line} of {name} does not have four numbers", expected=EXPECTED, got=got)
+    raise BadInput(f"{name} cannot be read as numbers", expected=EXPECTED)
+
+
+def _data_lines(body: str) -> Iterator[tuple[int, str]]:
+    """Yield the line numbers and texts of the lines with data; the line above ``body`` is line 1."""
+    for line, text in enumerate(body.splitlines(), start=2):
+        text = text.partition("#")[0]
+        if text.strip():
+            yield line, text
+
+
+def _line_of(body: str, row: int) -> int:
+    """Return the line number of a data row."""
+    return next(islice(_data_lines(body), row, None))[0]
+
+
+@dataclass(frozen=True)
+class _InvalidValue:
+    """The first value outside its range: ``star`` is its index."""
+
+    column: str
+    star: int
+    value: float
+    expected: str
+
+
+def _first_invalid(col_px: Array, row_px: Array, flux: Array) -> _InvalidValue | None:
+    for column, values, low in (("col_px", col_px, -LARGEST_PX), ("row_px", row_px, -LARGEST_PX), ("flux", flux, 0.0)):
+        high = LARGEST_PX if column != "flux" else np.finfo(float).max
+        bad = np.flatnonzero(~((values >= low) & (values <= high)))
+        if len(bad):
+            star = int(bad[0])
+            expected = "0 or more" if column == "flux" else f"a position in pixels, within ±{LARGEST_PX:g}"
+            return _InvalidValue(column, star, float(values[star]), expected)
+    return None
 
 
 def _check(lists: StarLists, name: str) -> None:
@@ -136,22 +193,14 @@ def _check(lists: StarLists, name: str) -> None:
     if longest > MOST_STARS_IN_A_LIST:
         expected = f"at most {MOST_STARS_IN_A_LIST} stars in a list"
         raise BadInput(f"a list in {name} is too long", expected=expected, got=str(longest))
-    for column, values, low in (
-        ("col_px", lists.col_px, -LARGEST_PX),
-        ("row_px", lists.row_px, -LARGEST_PX),
-        ("flux", lists.flux, 0.0),
-    ):
-        high = LARGEST_PX if column != "flux" else np.finfo(float).max
-        bad = np.flatnonzero(~((values >= low) & (values <= high)))
-        if len(bad):
-            at = int(bad[0])
-            where = int(np.searchsorted(first, at, side="right")) - 1
-            expected = "0 or more" if column == "flux" else f"a position in pixels, within ±{LARGEST_PX:g}"
-            raise BadInput(
-                f"{column} of star {at - first[where]} in list {where} of {name} is invalid",
-                expected=expected,
-                got=f"{values[at]:g}",
-            )
+    invalid = _first_invalid(lists.col_px, lists.row_px, lists.flux)
+    if invalid is not None:
+        where = int(np.searchsorted(first, invalid.star, side="right")) - 1
+        raise BadInput(
+            f"{invalid.column} of star {invalid.star - first[where]} in list {where} of {name} is invalid",
+            expected=invalid.expected,
+            got=f"{invalid.value:g}",
+        )
 
 
 @dataclass(frozen=True)

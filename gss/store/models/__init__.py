@@ -17,7 +17,7 @@ from gss.store.models.link import (
     Transfer,
 )
 from gss.store.models.passes import OrbitSet, PassPlan, Station
-from gss.store.models.studies import Analysis, Calibration
+from gss.store.models.studies import Analysis, Calibration, ListRun
 
 __all__ = [
     "Alarm",
@@ -39,6 +39,7 @@ __all__ = [
     "Event",
     "Frame",
     "Job",
+    "ListRun",
     "Notification",
     "OneTimeLink",
     "OrbitSet",

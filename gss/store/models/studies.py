@@ -1,4 +1,4 @@
-"""Calibrations and analyses, kept for comparison and reuse."""
+"""Calibrations, analyses and runs of star lists, kept for comparison and reuse."""
 
 from __future__ import annotations
 
@@ -41,3 +41,25 @@ class Analysis(Base):
     tool: Mapped[str] = mapped_column(String(40))
     request: Mapped[dict[str, Any]]
     result: Mapped[dict[str, Any]]
+
+
+class ListRun(Base):
+    """Uploaded file of lists of measured stars: the file and the results are blobs. ``solved`` is None, and
+    ``results_sha256`` empty, until the job has ended."""
+
+    __tablename__ = "list_runs"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(120))
+    created: Mapped[datetime]
+    author: Mapped[str] = mapped_column(String(60))
+    tool: Mapped[str] = mapped_column(String(40))
+    camera: Mapped[str] = mapped_column(String(40))
+    no_distortion: Mapped[bool]
+    sigma_px: Mapped[float]
+    epoch_jyear: Mapped[float]
+    lists: Mapped[int]
+    size: Mapped[int]
+    sha256: Mapped[str] = mapped_column(String(64), index=True)
+    solved: Mapped[int | None]
+    results_sha256: Mapped[str] = mapped_column(String(64), default="", index=True)
+    results_size: Mapped[int] = mapped_column(default=0)

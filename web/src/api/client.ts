@@ -224,6 +224,11 @@ const catalogues = {
         bodySerializer: multipart,
       }),
     ),
+  listRuns: () => body(GET('/api/lists')),
+  listResults: (run_id: number, limit: number, offset: number) =>
+    body(GET('/api/lists/{run_id}/results', { params: { path: { run_id }, query: { limit, offset } } })),
+  solveLists: (file: File, options: { camera: string; no_distortion: boolean; sigma_px: number }) =>
+    body(POST('/api/lists', { body: { file: file as unknown as string, ...options }, bodySerializer: multipart })),
   upload: (catalogue_id: number, bank: string) =>
     body(POST('/api/catalogues/{catalogue_id}/upload', { params: { path: { catalogue_id } }, body: { bank } })),
   sky: (mag = 4.5, at?: string) => body(GET('/api/sky', { params: { query: given({ mag, at }) } })),

@@ -92,6 +92,8 @@ export type CatalogueDiff = S['CatalogueDiffOut'];
 export type ChangedStar = S['ChangedStarOut'];
 export type Timeline = S['TimelineOut'];
 export type BankStay = S['BankStayOut'];
+export type ListRun = S['ListRunOut'];
+export type ListResults = S['ListResultsOut'];
 export type StarList = S['StarListOut'];
 
 export interface Problem {

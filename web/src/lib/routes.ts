@@ -22,6 +22,7 @@ const ROUTES: readonly Route[] = [
   { path: '/telemetry', page: 'telemetry' },
   { path: '/telemetry/derived', page: 'derived' },
   { path: '/frames', page: 'frames' },
+  { path: '/frames/lists', page: 'lists' },
   { path: '/frames/:id', page: 'frame' },
   { path: '/catalogues', page: 'catalogues' },
   { path: '/catalogues/design', page: 'design' },

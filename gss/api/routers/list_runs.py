@@ -1,0 +1,95 @@
+"""Lists of measured stars: upload, solve as a job, results."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import Annotated, Any, Literal
+from urllib.parse import quote
+
+from fastapi import APIRouter, Form, Query, Response, UploadFile
+
+from gss.api import present
+from gss.api.deps import EXPORT, App, RowId, User, need
+from gss.api.guard.bodies import MAX_BODY_BYTES
+from gss.api.schemas.list_runs import ListResultOut, ListResultsOut, ListRunOut, ListRunStartedOut
+from gss.operations.frames.star_lists import SIGMA_PX
+from gss.operations.requests import request_from
+from gss.operations.studies.list_runs import ListRunRequest
+from gss.store.models import ListRun
+
+router = APIRouter(prefix="/lists", tags=["frames"])
+
+
+@router.get("")
+def list_runs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[ListRunOut]:
+    """Uploaded files of star lists, newest first."""
+    return [ListRunOut.model_validate(row) for row in app.list_runs.newest(limit)]
+
+
+@router.post("", status_code=202, dependencies=[need("frames.import")])
+def solve_lists(
+    app: App,
+    user: User,
+    file: UploadFile,
+    camera: Annotated[str, Form(max_length=40)],
+    no_distortion: Annotated[bool, Form()] = False,
+    sigma_px: Annotated[float, Form()] = SIGMA_PX,
+    epoch_jyear: Annotated[float | None, Form()] = None,
+) -> ListRunStartedOut:
+    """Solve lists of measured stars as a job. ``file``: an .npz with the arrays col_px, row_px, flux and first, or a .csv with
+    the columns list, col_px, row_px and flux."""
+    data = file.file.read(MAX_BODY_BYTES + 1)
+    values = {"camera": camera, "no_distortion": no_distortion, "sigma_px": sigma_px, "epoch_jyear": epoch_jyear}
+    run, job = app.list_runs.start(data, file.filename or "unnamed", request_from(ListRunRequest, values), user=user)
+    return ListRunStartedOut(run=ListRunOut.model_validate(run), job=present.records.job(job))
+
+
+@router.get("/{run_id}")
+def read_run(app: App, run_id: RowId) -> ListRunOut:
+    """Uploaded file of star lists."""
+    return ListRunOut.model_validate(app.list_runs.get(run_id))
+
+
+@router.get("/{run_id}/results")
+def read_results(
+    app: App,
+    run_id: RowId,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 100,
+    offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0,
+) -> ListResultsOut:
+    """Results in the order of the file. 404 until the job has ended."""
+    rows = app.list_runs.results(app.list_runs.get(run_id))
+    part = [ListResultOut.model_validate(row) for row in rows[offset : offset + limit]]
+    return ListResultsOut(total=len(rows), results=part)
+
+
+@router.get("/{run_id}/export", response_class=Response, dependencies=[EXPORT])
+def export_results(app: App, run_id: RowId, format: Literal["json", "csv"] = "json") -> Response:
+    """All results as a file."""
+    run = app.list_runs.get(run_id)
+    rows = app.list_runs.results(run)
+    content, kind = (_csv(rows), "text/csv") if format == "csv" else (_json(run, rows), "application/json")
+    name = quote(f"{run.name.rpartition('.')[0] or run.name}-results.{format}")
+    headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{name}"}
+    return Response(content, media_type=kind, headers=headers)
+
+
+def _json(run: ListRun, rows: list[dict[str, Any]]) -> str:
+    about = ListRunOut.model_validate(run).model_dump(mode="json")
+    return json.dumps(about | {"results": rows}, allow_nan=False, ensure_ascii=False)
+
+
+def _csv(rows: list[dict[str, Any]]) -> str:
+    text = io.StringIO()
+    names = [*ListResultOut.model_fields]
+    places = names.index("quaternion")
+    columns = [*names[:places], "qx", "qy", "qz", "qw", *names[places + 1 :]]
+    writer = csv.writer(text)
+    writer.writerow(columns)
+    for row in rows:
+        parts = dict(zip(("qx", "qy", "qz", "qw"), row["quaternion"] or [None] * 4, strict=True))
+        values = row | parts | {"notes": "; ".join(row["notes"])}
+        writer.writerow([values[column] for column in columns])
+    return text.getvalue()

@@ -1,0 +1,201 @@
+"""Uploaded lists of measured stars, solved as a job. The file and the results are blobs; a row names both.
+
+The lists are read twice: when they are uploaded, so that a bad file is rejected at once, and by the job, which needs only
+its stored request. Workers receive batches of lists and return results, as in reprocessing.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import Field
+
+from gss import __version__
+from gss.catalogue_tools.sources.hipparcos import EPOCH_RANGE_JYEAR
+from gss.domain.camera import Camera
+from gss.domain.errors import BadInput, NotFound
+from gss.domain.results import Outcome
+from gss.domain.words import counted
+from gss.operations.clock import Now, processor_s
+from gss.operations.frames.solver_cache import SolverCache
+from gss.operations.frames.star_lists import (
+    SIGMA_PX,
+    ListResult,
+    StarLists,
+    StarListSolver,
+    list_result,
+    read_star_lists,
+    without_distortion,
+)
+from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService
+from gss.operations.parsing.parse_processes import ParseProcesses
+from gss.operations.requests import Id, Request
+from gss.operations.studies.camera_book import CameraBook
+from gss.operations.studies.executor import Executor
+from gss.store import list_runs as store
+from gss.store.blobs import BlobStore
+from gss.store.engine import Database
+from gss.store.models import Job, ListRun
+
+KIND = "lists"
+LARGEST_BYTES = 64 << 20
+MOST_LISTS = 200_000
+BATCH = 64
+
+
+class ListRunRequest(Request):
+    """How to solve the lists of a file. ``no_distortion``: the positions are those of a lens without distortion;
+    ``sigma_px``: error of a position per axis; ``epoch_jyear``: of the star positions, None: now."""
+
+    camera: str = Field(min_length=1, max_length=40)
+    no_distortion: bool = False
+    sigma_px: float = Field(default=SIGMA_PX, gt=0, le=20)
+    epoch_jyear: float | None = Field(default=None, ge=EPOCH_RANGE_JYEAR[0], le=EPOCH_RANGE_JYEAR[1])
+
+
+@dataclass(frozen=True)
+class ListRunJob(JobRequest):
+    """The stored run to solve."""
+
+    run_id: Id
+
+
+@dataclass(frozen=True)
+class ListBatch:
+    """Lists for a worker. ``faint_limit_mag``: magnitude limit of the camera."""
+
+    lists: StarLists
+    camera: Camera
+    faint_limit_mag: float
+    sigma_px: float
+    epoch_jyear: float
+
+
+class ListRunService:
+    """Stores uploaded lists, solves them as a job and returns their results."""
+
+    def __init__(
+        self,
+        database: Database,
+        blobs: BlobStore,
+        jobs: JobService,
+        parsing: ParseProcesses,
+        book: CameraBook,
+        executor: Executor,
+        now: Now,
+        epoch_jyear: float,
+    ) -> None:
+        self._database, self._blobs, self._jobs, self._parsing = database, blobs, jobs, parsing
+        self._book, self._executor, self._now, self._epoch_jyear = book, executor, now, epoch_jyear
+        jobs.register(JobKind(KIND, ListRunJob, self._solve))
+
+    def start(self, data: bytes, filename: str, spec: ListRunRequest, *, user: str) -> tuple[ListRun, Job]:
+        """Store the file and queue its job. Raises BadInput naming file, row and reason, and NotFound for the camera."""
+        filename = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in filename)[:120]
+        if len(data) > LARGEST_BYTES:
+            raise BadInput(
+                f"{filename} is too large", expected=f"at most {LARGEST_BYTES >> 20} MiB", got=f"{len(data)} bytes"
+            )
+        self._book.profile(spec.camera)
+        lists = self._read(data, filename)
+        if len(lists) > MOST_LISTS:
+            raise BadInput(
+                f"{filename} has too many lists",
+                expected=f"at most {MOST_LISTS}",
+                got=str(len(lists)),
+                hint="use gss solve-lists, or divide the file",
+            )
+        row = ListRun(
+            name=filename,
+            created=self._now(),
+            author=user,
+            tool=f"gss {__version__}",
+            camera=spec.camera,
+            no_distortion=spec.no_distortion,
+            sigma_px=spec.sigma_px,
+            epoch_jyear=self._epoch_jyear if spec.epoch_jyear is None else spec.epoch_jyear,
+            lists=len(lists),
+            size=len(data),
+            sha256=self._blobs.put(data),
+        )
+        with self._database.unit_of_work() as session:
+            row = store.add(session, row)
+        title = f"{counted(len(lists), 'star list')} of {row.name}"
+        return row, self._jobs.begin(KIND, title, ListRunJob(row.id, user=user))
+
+    def newest(self, limit: int) -> list[ListRun]:
+        """Return the newest runs first."""
+        with self._database.unit_of_work() as session:
+            return store.newest(session, limit)
+
+    def get(self, run_id: int) -> ListRun:
+        """Return the run with that id. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            return store.get(session, run_id)
+
+    def results(self, run: ListRun) -> list[dict[str, Any]]:
+        """Return a row of values for each list. Raises NotFound if the run has not been solved."""
+        if not run.results_sha256:
+            raise NotFound(
+                "these star lists have no results",
+                got=run.name,
+                hint="wait for the job to end; after a cancelled or failed job, start it again",
+            )
+        rows: list[dict[str, Any]] = json.loads(self._blobs.get(run.results_sha256))
+        return rows
+
+    def _read(self, data: bytes, name: str) -> StarLists:
+        return self._parsing.parse(read_star_lists, data, name, classes=(StarLists,), what=name)
+
+    def _solve(self, request: ListRunJob, run: JobRun) -> dict[str, Any]:
+        row = self.get(request.run_id)
+        profile = self._book.profile(row.camera)
+        camera = without_distortion(profile.camera) if row.no_distortion else profile.camera
+        lists = self._read(self._blobs.get(row.sha256), row.name)
+        settings = (camera, profile.sensor.faint_limit_mag, row.sigma_px, row.epoch_jyear)
+        rows: list[dict[str, Any]] = []
+        solved = 0
+
+        def report(_share: float = 0.0) -> None:
+            run.progress(len(rows), len(lists), f"{len(rows)} of {len(lists)} lists, {solved} solved")
+
+        report()
+        batches = (ListBatch(part, *settings) for part in _batches(lists))
+        with closing(self._executor.in_order(solve_batch, batches, report)) as done:
+            for results in done:
+                rows += [result_row(len(rows) + k, result) for k, result in enumerate(results)]
+                solved += sum(result.outcome is Outcome.SOLVED for result in results)
+                report()
+        content = json.dumps(rows, allow_nan=False, ensure_ascii=False).encode()
+        key = self._blobs.put(content)
+        with self._database.unit_of_work() as session:
+            store.finish(session, row.id, solved=solved, sha256=key, size=len(content))
+        return {"list_run_id": row.id, "lists": len(rows), "solved": solved}
+
+
+def _batches(lists: StarLists) -> Iterator[StarLists]:
+    for start in range(0, len(lists), BATCH):
+        offsets = lists.first[start : start + BATCH + 1]
+        stars = slice(int(offsets[0]), int(offsets[-1]))
+        yield StarLists(lists.col_px[stars], lists.row_px[stars], lists.flux[stars], offsets - offsets[0])
+
+
+_cache = SolverCache()
+"""Star positions and pair tables that a worker keeps between batches."""
+
+
+def solve_batch(batch: ListBatch, _report_share: Callable[[float], None]) -> list[ListResult]:
+    """Solve the lists of a batch for an executor."""
+    solver = StarListSolver(batch.camera, batch.faint_limit_mag, batch.epoch_jyear, _cache, processor_s)
+    return [list_result(*answer) for answer in solver.solve(batch.lists, batch.sigma_px)]
+
+
+def result_row(index: int, result: ListResult) -> dict[str, Any]:
+    """Return the result of a list in the units of users, with its number in the file."""
+    angles = [math.degrees(a) for a in result.ra_dec_roll_rad] if result.quaternion is not None else [None] * 3
+    return {"list": index} | dict(zip(("ra_deg", "dec_deg", "roll_deg"), angles, strict=True)) | result.as_json()

@@ -1,0 +1,35 @@
+"""Uploaded lists of measured stars and their results."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import ListRun
+
+
+def add(session: Session, row: ListRun) -> ListRun:
+    """Store a run and give it its id."""
+    session.add(row)
+    session.flush()
+    return row
+
+
+def get(session: Session, run_id: int) -> ListRun:
+    """Return the run with that id; NotFound if there is none."""
+    row = session.get(ListRun, run_id)
+    if row is None:
+        raise NotFound("no such run of star lists", got=str(run_id), hint="upload the file first")
+    return row
+
+
+def finish(session: Session, run_id: int, *, solved: int, sha256: str, size: int) -> None:
+    """Store the results of a run."""
+    row = get(session, run_id)
+    row.solved, row.results_sha256, row.results_size = solved, sha256, size
+
+
+def newest(session: Session, limit: int) -> list[ListRun]:
+    """Return the newest runs first."""
+    return list(session.scalars(select(ListRun).order_by(ListRun.id.desc()).limit(limit)))
