@@ -54,7 +54,7 @@ class _Document:
 
     def __init__(self, root: Element) -> None:
         self._root = root.checked(f"{NAMED} Header TelemetryMetaData CommandMetaData", f"{NAME} operationalStatus")
-        self._facts = facts_of(root, "layout hash same_layout_as limit_sets device_model")
+        self._facts = facts_of(root, "layout hash same_layout_as limit_sets")
         self._enums: dict[str, list[Row]] = {}
         self._orders: set[str] = set()
         self._lines: dict[Place, int] = {(): root.line}
@@ -63,13 +63,17 @@ class _Document:
             telemetry.checked("ParameterTypeSet ParameterSet ContainerSet")
         values = Values(telemetry.rows("ParameterTypeSet") if telemetry else (), "Parameter", self._enums, self._orders)
         self._containers = Containers(telemetry, values)
+        self._command_part = part = root.child("CommandMetaData")
+        if part is not None:
+            part.checked("ArgumentTypeSet MetaCommandSet")
+        self._arguments = Values(part.rows("ArgumentTypeSet") if part else (), "Argument", self._enums, self._orders)
 
     def dictionary(self) -> XtceDictionary:
         """Return the checked dictionary."""
         rows = self._containers.rows()
         content: Row = {
             "version": self._version(),
-            "device_model": self._facts.get("device_model", self._root.get("name")),
+            "device_model": self._root.get("name"),
             "enums": self._enums,
             "commands": self._commands(),
             "telemetry": rows.telemetry,
@@ -110,11 +114,9 @@ class _Document:
     # --- commands -----------------------------------------------------------------------------------------------------
 
     def _commands(self) -> list[Row]:
-        part = self._root.child("CommandMetaData")
+        part = self._command_part
         if part is None:
             return []
-        part.checked("ArgumentTypeSet MetaCommandSet")
-        self._arguments = Values(part.rows("ArgumentTypeSet"), "Argument", self._enums, self._orders)
         commands = {command.get("name"): command for command in part.rows("MetaCommandSet")}
         rows: list[Row] = []
         for command in part.rows("MetaCommandSet"):

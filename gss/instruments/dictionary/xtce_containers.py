@@ -49,13 +49,13 @@ class Containers:
         for name, container in self._containers.items():
             container.checked(f"{NAMED} EntryList BaseContainer", f"{NAME} abstract")
             role = self._role(name, container, inner)
-            if role in (terms.TELEMETRY, terms.EVENT, terms.SERVICE, terms.EVENTS, terms.RETURNS):
+            if role in (terms.TELEMETRY, terms.EVENT, terms.SERVICE, terms.RETURNS):
                 self._check_bases(container)
             if role == terms.TELEMETRY:
                 row = self._telemetry(name, container)
                 rows.telemetry.append(row)
                 rows.lines["telemetry"].append(container.line)
-            elif role in (terms.SERVICE, terms.EVENTS):
+            elif role == terms.SERVICE:
                 rows.services.append(self._service(name, container))
                 rows.lines["services"].append(container.line)
             elif role == terms.EVENT:
@@ -99,7 +99,7 @@ class Containers:
             if base is None or seen > 20:
                 raise container.error("has an unknown base, or its bases form a circle", got=name[:80])
             above = _base(base)
-            marked = self._facts[name].get(terms.ROLE) in (terms.HEADER, terms.SERVICE, terms.EVENTS)
+            marked = self._facts[name].get(terms.ROLE) in (terms.HEADER, terms.SERVICE)
             if above and base.need("EntryList").children and not marked:
                 raise base.error(
                     "entries between packet and header are not supported",

@@ -13,18 +13,9 @@ FAMILY = "http://www.omg.org/spec/XTCE/"
 """Start of the namespaces of XTCE 1.2 and later."""
 ANCILLARY, JSON_TYPE = "gss", "application/json"
 ROLE = "role_of_container"
-"""Key that states what a container or parameter is; one of the values below. Without it, a selected container is a packet."""
-HEADER, TELEMETRY, EVENT, EVENTS, SERVICE, RETURNS, STAGE, ROW, CHECKSUM = (
-    "header",
-    "telemetry",
-    "event",
-    "events",
-    "service",
-    "returns",
-    "stage",
-    "row",
-    "checksum",
-)
+"""Key that states what a container or parameter is, by one of the values below. Without it, a selected container is a packet."""
+HEADER, TELEMETRY, EVENT, SERVICE = "header", "telemetry", "event", "service"
+RETURNS, STAGE, ROW, CHECKSUM = "returns", "stage", "row", "checksum"
 LEVELS = {Hazard.WATCH: "user1", Hazard.WARNING: "vital", Hazard.CRITICAL: "critical"}
 """Consequence level by hazard; XTCE has two named levels, "vital" and "critical", and two for projects."""
 OPERATORS = {"eq": "==", "ne": "!=", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
