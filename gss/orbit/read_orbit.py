@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Literal
 
 from gss.domain.errors import BadInput
@@ -48,6 +50,24 @@ def read_orbit(text: str) -> ReadOrbit:
         name, orbit = read_oem(words)
         return ReadOrbit("oem", "OEM KVN", name[:LONGEST_NAME], words + "\n", orbit)
     return _tle("TLE", words)
+
+
+def read_orbits(text: str) -> list[Trajectory]:
+    """Read an orbit file, or several two-line element sets one after another. Raises BadInput."""
+    lines = [line.rstrip() for line in text.lstrip("\ufeff").splitlines() if line.strip()]
+    ends = [k for k, line in enumerate(lines) if line.startswith("2 ")]
+    if len(ends) < 2 or not lines[ends[0] - 1].startswith("1 "):
+        return [read_orbit(text).orbit]
+    if len(text) > LARGEST_CHARACTERS:
+        raise BadInput("the file of element sets is too large", expected=f"at most {LARGEST_CHARACTERS} characters")
+    starts = [0, *(k + 1 for k in ends[:-1])]
+    return [TleTrajectory.of("\n".join(lines[a : b + 1])) for a, b in zip(starts, ends, strict=True)]
+
+
+def orbit_covering(orbits: Sequence[Trajectory], moment: datetime) -> Trajectory | None:
+    """Return the orbit that is defined at a time and whose epoch is nearest to it, None without any."""
+    covering = [o for o in orbits if o.start <= moment <= o.end]
+    return min(covering, key=lambda o: abs(o.epoch - moment), default=None)
 
 
 def stored_orbit(kind: OrbitKind, text: str) -> Trajectory:

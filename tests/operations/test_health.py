@@ -16,14 +16,15 @@ from gss.domain.errors import BadInput, NotFound
 from gss.domain.rotation import matrix_from_quaternion, random_quaternion
 from gss.instruments.registry import shipped_camera
 from gss.operations.frames.observer import observer_at
-from gss.operations.studies.analysis_requests import FrameAnalysis, HealthRequest
+from gss.operations.studies.analysis_requests import HealthRequest
 from gss.operations.studies.calibration_sheet import calibration_sheet
 from gss.operations.studies.health import orbit_within, places_below
-from gss.orbit.read_orbit import read_orbit
+from gss.orbit.read_orbit import read_orbits
 from gss.pipeline.readout import HotPixel
 from gss.pipeline.render import render
 from gss.services import Services
 from gss.settings import Settings
+from gss.store import studies as store
 from gss.store.models import Analysis, Job
 from gss.wiring import build
 
@@ -38,6 +39,8 @@ CAMERA = shipped_camera("cubestar")
 TLE = """GSS TEST
 1 90001U 26001A   26060.00000000  .00000000  00000-0  00000-0 0  9993
 2 90001  97.5000   0.0000 0001000   0.0000   0.0000 15.22000000    15"""
+
+LATER = TLE.replace("26060.0", "26079.0")
 
 
 def _frames(services: Services) -> list[int]:
@@ -82,6 +85,7 @@ def _done(services: Services, job: Job) -> Analysis:
     return services.analyses.get(int(now.result["analysis_id"]))
 
 
+@pytest.mark.timeout(400)
 def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -> None:
     """The report states the drift and the onset; the proposed calibration carries the focal length of the end and the pixel."""
     services = build(Settings(data=tmp_path))
@@ -103,6 +107,7 @@ def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -
         made = services.calibrations.from_health(row.id, user="engineer")
         expected = CAMERA.camera.focal_col_px * (1 - FOCAL_SHRINKS)
         assert made.values["focal_col_px"] == pytest.approx(expected, abs=0.15)
+        assert [s.title for s in calibration_sheet(made).sections] == ["Health of the sensor", "Bad pixels"]
         assert calibration_sheet(made).sections[0].tables[0].rows[0][0] == "focal length"
         services.calibrations.use(made.id, user="engineer")
         used = services.calibrations.book.profile("cubestar")
@@ -112,8 +117,9 @@ def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -
         _, notes = services.analyses._solver.cleaned(frame.pixels(), used, frame.exposure_s)
         assert notes == ("2 bad pixels replaced by their neighbours",)
 
-        other = FrameAnalysis(kind="spatial", profile="cubestar", frame_ids=ids[:3])
-        spatial = _done(services, services.analyses.start(other, user="engineer"))
+        spatial = Analysis(kind="spatial", title="", created=START, author="", tool="", request={}, result={})
+        with services.database.unit_of_work() as session:
+            store.add_analysis(session, spatial)
         with pytest.raises(BadInput, match="proposes no calibration"):
             services.calibrations.from_health(spatial.id, user="engineer")
         with pytest.raises(NotFound, match="no table of pixels"):
@@ -126,9 +132,13 @@ def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -
 
 def test_the_place_is_below_the_orbit_while_it_is_defined() -> None:
     """Latitudes stay within the inclination; a time long before the elements has no place."""
-    places = places_below(orbit_within(read_orbit(TLE).orbit))
+    places = places_below(orbit_within(read_orbits(TLE)))
     times = START.timestamp() + np.linspace(0, 6000, 120)
     lat, lon = places(times).T
     assert np.degrees(np.abs(lat).max()) == pytest.approx(82.5, abs=2.5)
     assert np.ptp(lon) > 1.0
     assert np.isnan(places(times[:1] - 400 * 86_400)).all()
+    both = read_orbits(f"{TLE}\n{LATER}\n")
+    assert [o.epoch.day for o in both] == [1, 20]
+    assert np.isfinite(places_below(orbit_within(both))(times[:1] + 70 * 86_400)).all()
+    assert np.isnan(places(times[:1] + 70 * 86_400)).all()

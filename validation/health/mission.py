@@ -75,6 +75,10 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
         (
             "Damaged pixels are found if their dark current exceeds the least of a warm pixel, which is stated above their row.",
             "Particles beside stars, and those of less charge than the threshold, are not counted.",
+            "Levels outside their interval are mostly those of annealing pixels whose decay is not significant: they are called "
+            "steady, and their level is that of a mean over the decay. Intervals of the others hold.",
+            "Five of a hundred intervals miss the true value by chance; the trends share their samples, so that misses come "
+            "together.",
         ),
         (
             Curve(

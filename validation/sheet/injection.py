@@ -35,6 +35,9 @@ THERMAL_RAD_K = (2 * ARCSEC_RAD, -2 * ARCSEC_RAD, 4 * ARCSEC_RAD)
 DATE_S = 0.05
 RESPONSE_SIGMA = 0.08
 READ_NOISE = 6.0
+COVERED = 10
+SIZES = {"1": (1.0, ""), "share": (0.01, "%")}
+"""Size and sign of the unit in which a figure is written."""
 SPEED_C = 1e-4
 TOP_RATE_RAD_S = float(np.radians(0.4))
 WARM_K = 10.0
@@ -46,6 +49,8 @@ MAIN = {
     "temporal-noise": "x",
     "aberration": "remaining share",
     "date": "date error",
+    "acquisition": "none",
+    "tracking": "loss per frame",
 }
 """Figure of each row that is compared."""
 
@@ -53,13 +58,16 @@ MAIN = {
 @dataclass(frozen=True)
 class _Case:
     """One injected error: ``row`` that must find it, "" for none; ``injected``: its size in the unit of the figure,
-    None if it follows from the frames."""
+    None if it follows from the frames; ``covered``: one frame in this number shows no star; ``beside``: rows that the
+    error must move as well."""
 
     title: str
     row: str
     unit: RenderedUnit
     injected: float | None = None
     corrected: bool = True
+    covered: int = 0
+    beside: tuple[str, ...] = ()
 
 
 def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
@@ -93,6 +101,8 @@ def injection(stars: StarTable, trials: int, seed: int, progress: Progress) -> E
         (
             "The injected size of the field error is taken at the stars that the attitudes use, that of the noise from the "
             "scatter of the attitude errors at rest.",
+            "A lens error turns the attitude by an amount that depends on the stars in the field, so it also moves rows that "
+            "compare attitudes; the others move none.",
             "A spread of the pixels' response has no size in pixels of position: its row is only compared with the unit "
             "without error.",
         ),
@@ -117,6 +127,11 @@ def _cases(stars: StarTable) -> list[_Case]:
         _Case("read-out noise", "temporal-noise", replace(unit, sensor=noisy)),
         _Case("aberration not corrected", "aberration", unit, 1.0, corrected=False),
         _Case("late time stamps", "date", replace(unit, date_s=DATE_S), DATE_S),
+        _Case("every tenth frame covered", "acquisition", unit, 1 / COVERED, covered=COVERED, beside=("tracking",)),
+        # Of ten frames nine are solved, and one of these is followed by the covered one.
+        _Case(
+            "every tenth frame covered", "tracking", unit, 1 / (COVERED - 1), covered=COVERED, beside=("acquisition",)
+        ),
     ]
 
 
@@ -145,7 +160,11 @@ def _observations(
     n = len(moments)
     moments = [_surrounded(m, 2 * np.pi * k / n) for k, m in enumerate(moments)]
 
+    covered = {m.time_s for k, m in enumerate(moments) if case.covered and k % case.covered == case.covered - 1}
+
     def solve(pixels: NDArray[Any], at: Moment) -> SolveResult:
+        if at.time_s in covered:
+            pixels = np.full_like(pixels, int(np.median(pixels)))
         velocity = np.array(at.velocity_c) if case.corrected else None
         return reference.solve_known(pixels, CAMERA, case.unit.sensor, sky, velocity_c=velocity, exposure_s=EXPOSURE_S)
 
@@ -166,7 +185,7 @@ def _row(case: _Case, sheet: PerformanceSheet, calm: PerformanceSheet, seen: lis
     moved = [
         key
         for key, name in MAIN.items()
-        if key != case.row and not _meet(_figure(sheet, key, name), _figure(calm, key, name))
+        if key not in (case.row, *case.beside) and not _meet(_figure(sheet, key, name), _figure(calm, key, name))
     ]
     beside = ", ".join(moved) or "none"
     if not case.row:
@@ -179,8 +198,7 @@ def _row(case: _Case, sheet: PerformanceSheet, calm: PerformanceSheet, seen: lis
         injected = _scatter_rad(seen)
     if case.row == "field-of-view":
         injected = _star_error_px(case.unit.camera, seen)
-    size = ARCSEC_RAD if found.unit.startswith("rad") else 1.0
-    unit = "″" if size != 1.0 else {"1": ""}.get(found.unit, found.unit)
+    size, unit = (ARCSEC_RAD, "″") if found.unit.startswith("rad") else SIZES.get(found.unit, (1.0, found.unit))
     inside = None if injected is None else "yes" if found.low <= injected <= found.high else "no"
     if injected is None:
         inside = "moved" if not _meet(found, _figure(calm, case.row, MAIN[case.row])) else "not moved"

@@ -47,12 +47,12 @@ class DarkFrames:
         return self.keep_pattern(pattern_of(dark, even))
 
     def keep_pattern(self, pattern: DarkPattern) -> dict[str, Any]:
-        """Store a map. Return its entry for the calibration's result."""
+        """Store a map. Return its entry for the calibration's result; the picture is None if the map only has bad pixels."""
         return {
             "key": self._blobs.put(as_bytes(pattern)),
             "bad": len(pattern.bad),
             "exposure_s": pattern.exposure_s,
-            "picture": picture_of(pattern.pattern_dn),
+            "picture": picture_of(pattern.pattern_dn) if pattern.pattern_dn.any() else None,
         }
 
     def pattern(self, key: str) -> DarkPattern:

@@ -17,6 +17,8 @@ from gss.store.engine import Database
 from gss.store.models import OrbitSet
 
 HISTORY = 20
+MOST_EARLIER, NEAREST = 1000, 5
+"""Imported orbits that are considered for a time in the past, and how many of them are read."""
 DAY = timedelta(days=1)
 WATCH_DAYS, WARNING_DAYS, REFUSED_DAYS = 3.0, 7.0, 14.0
 """Age of a TLE in a low orbit: after three days times are off by about a second, after two weeks by up to a minute."""
@@ -68,11 +70,17 @@ class SpacecraftService:
         return orbit
 
     def orbit_at(self, moment: datetime) -> tuple[str, Trajectory] | None:
-        """Return name and orbit of the spacecraft if the orbit is defined at that time, for the place of a frame; else None."""
-        current_orbit = self.current()
-        if current_orbit is None or not current_orbit.orbit.start <= moment <= current_orbit.orbit.end:
-            return None
-        return current_orbit.row.spacecraft, current_orbit.orbit
+        """Return name and orbit of the spacecraft if an imported orbit is defined at that time, for the place of a frame; else
+        None. The one in use comes first, then those with the nearest epoch."""
+        rows = self.history(MOST_EARLIER)
+        earlier = sorted(rows[1:], key=lambda row: abs(row.epoch - moment))[:NEAREST]
+        for row in (*rows[:1], *earlier):
+            orbit = (
+                self._orbit(row) if row is rows[0] else stored_orbit("tle" if row.kind == "tle" else "oem", row.text)
+            )
+            if orbit.start <= moment <= orbit.end:
+                return row.spacecraft, orbit
+        return None
 
     def history(self, limit: int = HISTORY) -> list[OrbitSet]:
         """Return the newest orbits first."""

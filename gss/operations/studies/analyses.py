@@ -202,8 +202,8 @@ class AnalysisService:
             named = self._orbit_at(datetime.fromtimestamp(at_s, UTC))
             return None if named is None else named[1]
 
-        given = request.trajectory
-        orbit = stored if given is None else orbit_within(given)
+        given = request.trajectories
+        orbit = orbit_within(given) if given else stored
         profile = self._book.profile(request.profile)
         run = run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(0.5 * s, t))
         status = self._book.status_of(request.profile)

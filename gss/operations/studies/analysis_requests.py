@@ -16,7 +16,7 @@ from gss.operations.requests import Id, Request
 from gss.operations.studies.analyse import check_kind
 from gss.operations.studies.moving_objects import CameraPlace, place_of
 from gss.orbit.objects import MOST_CHARACTERS, read_objects
-from gss.orbit.read_orbit import LARGEST_CHARACTERS, read_orbit
+from gss.orbit.read_orbit import LARGEST_CHARACTERS, read_orbits
 from gss.orbit.trajectory import Trajectory
 
 MOST_FRAMES = 5000
@@ -139,8 +139,8 @@ class MovingRequest(Request):
 
 
 class HealthRequest(Request):
-    """Health of a sensor from ordinary frames of a mission. ``orbit``: TLE, OMM or OEM of the spacecraft; without it, the imported
-    orbits where they cover the frames."""
+    """Health of a sensor from ordinary frames of a mission. ``orbit``: TLE, OMM or OEM of the spacecraft, or the element sets
+    of the whole mission; without it, the imported orbits where they cover the frames."""
 
     kind: Literal["health"]
     profile: str = Field(max_length=40)
@@ -150,15 +150,15 @@ class HealthRequest(Request):
     title: str = Field(default="", max_length=120)
 
     @property
-    def trajectory(self) -> Trajectory | None:
-        """Orbit of the spacecraft, None if it is not given."""
-        return read_orbit(self.orbit).orbit if self.orbit else None
+    def trajectories(self) -> list[Trajectory]:
+        """Orbits of the spacecraft, empty if none is given."""
+        return read_orbits(self.orbit) if self.orbit else []
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
         check_chain(self.chain)
         check_different(self.frame_ids)
-        _ = self.trajectory
+        _ = self.trajectories
         return self
 
 

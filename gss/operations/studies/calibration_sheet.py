@@ -255,9 +255,12 @@ def _dark_frame(d: Any) -> list[Section]:
     if not isinstance(d, Mapping):
         return [Section("Dark frame", "The active dark frame was applied to the frames.")]
     p = d["picture"]
+    replaced = Fact("pixels replaced", number(d["bad"]), "", "hot, noisy or dead: the median of their neighbours")
+    if p is None:
+        return [Section("Bad pixels", "No dark frame is subtracted.", [replaced])]
     facts = [
         Fact("exposure", number(d["exposure_s"], 3), "s", "the pattern is subtracted from frames within 20 % of it"),
-        Fact("pixels replaced", number(d["bad"]), "", "hot, noisy or dead: the median of their neighbours"),
+        replaced,
     ]
     words = f"black {number(p['low_dn'], 3)} DN, white {number(p['high_dn'], 3)} DN or more, against the typical pixel"
     return [Section("Dark frame", "", facts, [Picture("Median dark frame", p["png"], words)])]

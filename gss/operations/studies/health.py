@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -16,6 +16,7 @@ from gss.operations.studies.analyse import DEEPER_MAG, AnalysisResult, AnalysisR
 from gss.operations.studies.health_sheet import health_report
 from gss.operations.studies.night_frames import ProgressCallback, seen_stars
 from gss.operations.studies.sheet_frames import temperature_near
+from gss.orbit.read_orbit import orbit_covering
 from gss.orbit.trajectory import Trajectory, earth_fixed_km
 from gss.pipeline.calibration.record import as_record
 from gss.pipeline.health.frame_figures import HealthFrame
@@ -50,14 +51,9 @@ def places_below(orbit_at: Callable[[float], Trajectory | None]) -> GroundPlaces
     return places
 
 
-def orbit_within(given: Trajectory | None) -> Callable[[float], Trajectory | None]:
-    """Return the given orbit at the Unix times for which it is defined."""
-
-    def orbit(at_s: float) -> Trajectory | None:
-        covered = given is not None and given.start <= datetime.fromtimestamp(at_s, UTC) <= given.end
-        return given if covered else None
-
-    return orbit
+def orbit_within(given: Sequence[Trajectory]) -> Callable[[float], Trajectory | None]:
+    """Return the nearest of the given orbits at the Unix times for which one is defined."""
+    return lambda at_s: orbit_covering(given, datetime.fromtimestamp(at_s, UTC))
 
 
 def sensor_health(solver: Solver, run: AnalysisRun, beside: Surroundings, progress: ProgressCallback) -> AnalysisResult:

@@ -250,7 +250,7 @@ def world_of_hits(health: MissionHealth) -> WorldMap:
         [maybe(line) for line in mean],
         "hits per frame",
         COASTS,
-        "white: no frame; coasts are coarse",
+        "cells without a frame are empty; coasts are coarse",
     )
 
 

@@ -44,6 +44,14 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
     made += [
         Note(f"not proposed: {reason}", "Calibrate from star frames.", code="lens") for reason in proposal.left_out
     ]
+    if not np.isfinite(health.temperature_c).any():
+        made.append(
+            Note(
+                "the temperature is unknown: its changes look like jumps of the lens, and like growth or annealing of pixels",
+                "Give the temperatures of the frames.",
+                code="temperature",
+            )
+        )
     if not np.isfinite(health.place_rad).any():
         made.append(
             Note("the map of radiation hits is empty", "Give the orbit of the spacecraft.", code="place"),
