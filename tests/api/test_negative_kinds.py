@@ -23,6 +23,7 @@ STARTED_AT = {
     "design": "/api/design/run",
     "calibration": "/api/calibrations",
     "analysis": "/api/analyses",
+    "lists": "/api/lists",
     "derive": "/api/telemetry/derived/{name}/recompute",
     "backup": "/api/admin/backups",
     "retention": "/api/admin/retention/run",
