@@ -71,9 +71,10 @@ class SpacecraftService:
 
     def orbit_at(self, moment: datetime) -> tuple[str, Trajectory] | None:
         """Return name and orbit of the spacecraft if an imported orbit is defined at that time, for the place of a frame; else
-        None. The one in use comes first, then those with the nearest epoch."""
+        None. The one in use comes first, then those of the same spacecraft with the nearest epoch."""
         rows = self.history(MOST_EARLIER)
-        earlier = sorted(rows[1:], key=lambda row: abs(row.epoch - moment))[:NEAREST]
+        same = [row for row in rows[1:] if row.spacecraft == rows[0].spacecraft]
+        earlier = sorted(same, key=lambda row: abs(row.epoch - moment))[:NEAREST]
         for row in (*rows[:1], *earlier):
             orbit = (
                 self._orbit(row) if row is rows[0] else stored_orbit("tle" if row.kind == "tle" else "oem", row.text)

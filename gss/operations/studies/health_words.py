@@ -26,7 +26,12 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
             continue
         if leaves.outside:
             made.append(
-                Note(f"{f.name} is outside its tolerance", "Upload the proposed calibration.", True, "tolerance")
+                Note(
+                    f"{f.name} is outside its tolerance",
+                    "Compare it with the proposed calibration, which may not contain it; check the focus if it is the width.",
+                    True,
+                    "tolerance",
+                )
             )
         elif (leaves.time_s.value - end_s) / DAY_S <= SOON_DAYS:
             made.append(
