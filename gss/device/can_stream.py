@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import time
 
 import can
 from can.interfaces.slcan import slcanBus
@@ -21,7 +22,8 @@ BUS_ERRORS = (can.CanError, OSError)
 DAMAGED = (ValueError, TypeError)
 """What python-can raises for text of a serial adapter that is not a frame."""
 THIS_MACHINE = 0
-"""Hop limit of a bus that processes on this machine share: its frames do not leave the machine."""
+"""Hop limit of a bus that processes on this machine share: frames sent to it do not leave the machine. Other hosts of the
+network can still send to the group."""
 HINTS = {
     SOCKETCAN: "set the interface up: ip link set can0 up type can bitrate 1000000",
     SLCAN: "check the adapter and its port",
@@ -49,12 +51,15 @@ class CanStream:
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
         """Return records that are available or first arrive within ``timeout_s``; b"" if none do. At least one record, though
         ``max_bytes`` may be smaller. Raises LinkDown if the bus is lost."""
-        records, wait_s = b"", timeout_s
+        records, end_s = b"", time.monotonic() + timeout_s
         while not records or len(records) + RECORD.size <= max_bytes:
-            record = self._receive(wait_s)
+            left_s = end_s - time.monotonic()
+            record = self._receive(0.0 if records else max(0.0, left_s))
             if record is None:
                 break
-            records, wait_s = records + record, 0.0
+            records += record
+            if left_s <= 0:  # frames of another kind alone must not hold the line
+                break
         return records
 
     def _receive(self, timeout_s: float) -> bytes | None:

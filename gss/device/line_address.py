@@ -51,8 +51,8 @@ class LineAddress:
 
     @property
     def is_local(self) -> bool:
-        """True if nothing leaves this machine: a device, or a CAN bus of it."""
-        return self.is_device or self.scheme == CAN
+        """True for a device or a CAN bus of this machine. A multicast group is not: other hosts can send to it."""
+        return self.is_device or (self.scheme == CAN and self.interface != UDP_MULTICAST)
 
 
 def parse_line_address(text: str) -> LineAddress:

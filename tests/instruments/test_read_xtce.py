@@ -58,6 +58,20 @@ FOREIGN = """<?xml version="1.0"?>
 """
 
 
+LOOP = """<SequenceContainer name="Loop"><EntryList><ParameterRefEntry parameterRef="Kind"/><ContainerRefEntry containerRef="Loop">
+<RepeatEntry><Count><DynamicValue><ParameterInstanceRef parameterRef="Kind"/></DynamicValue></Count></RepeatEntry>
+</ContainerRefEntry></EntryList></SequenceContainer><SequenceContainer name="State"><EntryList>
+<ParameterRefEntry parameterRef="Kind"/><ContainerRefEntry containerRef="Loop"><RepeatEntry><Count><DynamicValue>
+<ParameterInstanceRef parameterRef="Kind"/></DynamicValue></Count></RepeatEntry></ContainerRefEntry>"""
+MINUTES = """<VerifierSet><AcceptedVerifier><ComparisonList/><CheckWindow timeToStopChecking="PT1M30S"/></AcceptedVerifier>
+</VerifierSet></MetaCommand>"""
+
+
+def ours(facts: str) -> str:
+    """Return the element with our own data."""
+    return f'<AncillaryDataSet><AncillaryData name="gss">{facts}</AncillaryData></AncillaryDataSet>'
+
+
 @lru_cache(maxsize=1)
 def document() -> str:
     return xtce_of(NOS3)
@@ -153,6 +167,10 @@ services: []
         ('initialValue="1.5"', 'initialValue="9"', "default is not allowed"),
         ("<CommandMetaData>", "<SpaceSystem/><CommandMetaData>", "SpaceSystem: is not supported in SpaceSystem"),
         ("org/spec/XTCE/20180204", "org/space/xtce", "line 2: SpaceSystem is not in a supported namespace"),
+        ('name="State">', 'name="State">' + ours('{"role_of_container": "headr"}'), "unknown role of a container"),
+        ('"Lens"/>\n  </P', '"Lens">' + ours('{"rows": []}') + "</Parameter>\n  </P", "a value has a wrong type"),
+        ('<SequenceContainer name="State"><EntryList>', LOOP, "a list inside a list is not supported"),
+        ("</MetaCommand>\n  </Meta", f"{MINUTES}\n  </Meta", "timeToStopChecking is not in seconds"),
         ("</SpaceSystem>", "", "not XML"),
         ("<SpaceSystem name", '<!DOCTYPE x [<!ENTITY a "b">]><SpaceSystem name', "document types and entities"),
     ],

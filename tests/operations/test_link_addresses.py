@@ -24,7 +24,7 @@ LIST = "serial-server.lab, 10.0.5.0/24, fd00::/8"
         ("zmq://127.0.0.1:5555", True),
         ("can://socketcan/can0", True),
         ("can://slcan/dev/ttyACM0", True),
-        ("can://udp_multicast/239.74.163.2:43113", True),
+        ("can://udp_multicast/239.74.163.2:43113", False),
         ("zmq://10.0.6.1:5555", False),
         ("socket://10.0.6.1:7000", False),
         ("socket://192.168.1.1:22", False),

@@ -286,6 +286,23 @@ def test_a_procedure_in_a_plan_asks_sends_and_waits_for_the_signal(mission):
     assert (mission.sent("ERASE_BANK"), mission.sent("GET_STATUS")) == (1, 0)
 
 
+@pytest.mark.parametrize("kind", ["procedure", "stack"])
+def test_what_was_changed_after_arming_is_not_run(mission, kind):
+    """An edited procedure or stack fails the plan; nothing of either text is sent."""
+    console, before = mission.console, "# Look\n\n## a: A\n\n```command\nGET_STATUS\n```\n"
+    item = mission.procedure(before) if kind == "procedure" else mission.stack(STATUS, name="a")
+    plan = mission.plan(item)
+    mission.plans.arm(plan.id, [], user="ann")
+    if kind == "procedure":
+        console.procedures.change(item.procedure_id, before.replace("GET_STATUS", "STOP_CYCLE"), user="bob")
+    else:
+        console.stacks.change(item.stack_id, "a", "", [STANDBY], user="bob")
+    mission.at(plan.rise + timedelta(seconds=5))
+    failed = mission.until(plan, "failed", "completed")
+    assert (failed.state, "was changed after the plan was armed" in failed.reason) == ("failed", True)
+    assert not any(mission.sent(name) for name in ("GET_STATUS", "STOP_CYCLE", "SET_MODE"))
+
+
 def test_a_procedure_with_an_unknown_command_cannot_be_planned(mission):
     """The plan is rejected with the line and the command."""
     with pytest.raises(BadInput, match=r"Line 5.*NO_SUCH"):

@@ -14,7 +14,7 @@ from typing import Any
 
 from gss.domain.errors import BadInput
 from gss.instruments.dictionary.definitions import Dictionary
-from gss.instruments.dictionary.read_dictionary import layout_hash, read_content
+from gss.instruments.dictionary.read_dictionary import WRONG_ROW, layout_hash, read_content
 from gss.instruments.dictionary.xml_lines import Element, parse_xml
 from gss.instruments.dictionary.xtce_containers import Containers
 from gss.instruments.dictionary.xtce_terms import ANCILLARY, FAMILY, LEVELS, LITTLE_ENDIAN, OPERATORS
@@ -46,7 +46,10 @@ def read_xtce(name: str, data: bytes) -> XtceDictionary:
     root = parse_xml(name, data, FAMILY)
     if root.tag != "SpaceSystem":
         raise root.error("is not the root of an XTCE document", expected="SpaceSystem")
-    return _Document(root).dictionary()
+    try:
+        return _Document(root).dictionary()
+    except (*WRONG_ROW, ArithmeticError) as error:
+        raise root.error("a value has a wrong type", got=f"{type(error).__name__}: {error}"[:200]) from error
 
 
 class _Document:
@@ -235,8 +238,8 @@ class _Document:
             try:
                 seconds = Decimal(text.removeprefix("PT").removesuffix("S"))
             except InvalidOperation:
-                seconds = Decimal("NaN")
-            if not text.startswith("PT") or not text.endswith("S") or not 0 <= seconds < 1_000_000:
+                seconds = Decimal(-1)
+            if seconds.is_nan() or not (text.startswith("PT") and text.endswith("S") and 0 <= seconds < 1_000_000):
                 raise window.error("timeToStopChecking is not in seconds", expected="PT2.5S", got=text[:40])
             limits[key] = float(seconds)
         return limits

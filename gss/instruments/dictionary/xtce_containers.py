@@ -14,6 +14,8 @@ CONTAINER_FACTS = (
 FIELD_FACTS = f"{terms.ROLE} page decimals stale_after_s persistence sets action watch warning critical valid rows"
 ROOM_OF_TEXT = 8
 EQUAL = "=="
+INNER_LIST = "a list inside a list is not supported"
+ROLES = (terms.HEADER, terms.TELEMETRY, terms.EVENT, terms.SERVICE, terms.RETURNS, terms.STAGE, terms.ROW)
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,8 @@ class Containers:
     def _role(self, name: str, container: Element, inner: set[str]) -> str:
         stated = self._facts[name].get(terms.ROLE)
         if stated is not None:
+            if stated not in ROLES:
+                raise container.error("unknown role of a container", expected=", ".join(ROLES), got=str(stated)[:40])
             return str(stated)
         if name in inner:
             return terms.ROW
@@ -157,11 +161,13 @@ class Containers:
 
     # --- fields -------------------------------------------------------------------------------------------------------
 
-    def _fields(self, owner: str, container: Element, *, telemetry: bool) -> list[Row]:
-        """Return the values and lists of a container in their order."""
+    def _fields(self, owner: str, container: Element, *, telemetry: bool, is_row: bool = False) -> list[Row]:
+        """Return the values and lists of a container in their order. ``is_row``: of a row of a list, which holds values only."""
         entries = container.need("EntryList").children
         fields: list[Row] = []
         for at, entry in enumerate(entries):
+            if entry.tag == "ContainerRefEntry" and is_row:
+                raise entry.error(INNER_LIST)
             if entry.tag == "ContainerRefEntry":
                 fields[-1:] = [self._repeated(owner, entry, fields[-1] if fields else {})]
                 continue
@@ -177,6 +183,8 @@ class Containers:
             row, size = self._values.row(parameter, facts)
             row["name"] = parameter.get("name").removeprefix(f"{owner}_")
             self._describe(parameter, row, telemetry)
+            if rows is not None and is_row:
+                raise entry.error(INNER_LIST)
             if rows is not None:
                 self._drop_count(entry, fields, size.parameter if size else "", owner)
                 row = self._list(parameter, row["name"], str(rows), fields.pop())
@@ -222,7 +230,10 @@ class Containers:
         if container is None:
             raise parameter.error(f"unknown container of rows {row_name}"[:120])
         facts = self._facts[row_name]
-        row: Row = {"name": facts.get("list", name), "list": self._fields(row_name, container, telemetry=False)}
+        row: Row = {
+            "name": facts.get("list", name),
+            "list": self._fields(row_name, container, telemetry=False, is_row=True),
+        }
         return row | {"count": count["type"]} | {k: facts[k] for k in ("slots", "purpose") if k in facts}
 
     def _repeated(self, owner: str, entry: Element, count: Row) -> Row:
@@ -241,7 +252,10 @@ class Containers:
         self._drop_count(entry, [count] if count else [], reference, owner)
         facts = self._facts[name]
         plain = name.removeprefix(f"{owner}_").removesuffix("_row")
-        row: Row = {"name": facts.get("list", plain), "list": self._fields(name, container, telemetry=False)}
+        row: Row = {
+            "name": facts.get("list", plain),
+            "list": self._fields(name, container, telemetry=False, is_row=True),
+        }
         if fixed is not None:
             row["slots"] = fixed.whole(fixed.text.strip())
         return row | {"count": count["type"]} | {k: facts[k] for k in ("purpose",) if k in facts}

@@ -4,12 +4,14 @@ through the service that owns it."""
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Literal
 
-from gss.domain.errors import BadInput, GssError
+from gss.domain.errors import BadInput, Conflict, GssError
 from gss.operations.catalogues.build_catalogue import CatalogueService
 from gss.operations.commanding.stack_runs import StackRunner
 from gss.operations.commanding.stacks import StackService
@@ -29,7 +31,8 @@ BROKEN = ("failed", "aborted")
 @dataclass(frozen=True)
 class PlanItem:
     """``content``: kind of a download, with its ``slot`` or ``bank``; ``catalogue_id`` and ``bank``: of an upload.
-    ``started_id``: number of the run or transfer. Times are ISO 8601."""
+    ``reviewed_sha256``: of the procedure or stack as it was when the plan was armed. ``started_id``: number of the run or
+    transfer. Times are ISO 8601."""
 
     kind: ItemKind
     title: str
@@ -40,6 +43,7 @@ class PlanItem:
     slot: int | None = None
     bank: str | None = None
     catalogue_id: int | None = None
+    reviewed_sha256: str = ""
     state: ItemState = "waiting"
     started_id: int | None = None
     detail: str = ""
@@ -109,6 +113,20 @@ class ItemControl:
                 names |= dict.fromkeys(name for name in (self._stacks.confirmation(step) for step in steps) if name)
         return list(names)
 
+    def reviewed(self, item: PlanItem) -> PlanItem:
+        """Return the item with the hash of what the user reviews by arming the plan; only this is run."""
+        return replace(item, reviewed_sha256=self._hash(item))
+
+    def _hash(self, item: PlanItem) -> str:
+        """Return the SHA-256 of the procedure's text or the stack's steps; "" for a transfer, whose content has its own."""
+        if item.procedure_id is not None:
+            content = self._procedures.get(item.procedure_id).text
+        elif item.stack_id is not None:
+            content = json.dumps(self._stacks.get(item.stack_id).steps, sort_keys=True)
+        else:
+            return ""
+        return hashlib.sha256(content.encode()).hexdigest()
+
     def require(self, item: PlanItem, user: str) -> None:
         """Raise NotPermitted unless the user may do the item."""
         self._permits(user, "passes")
@@ -122,8 +140,14 @@ class ItemControl:
             self._permits(user, permission_of(item.content) if item.kind == "download" else "catalogues.upload")
 
     def start(self, item: PlanItem, confirm: Sequence[str], *, user: str) -> int:
-        """Start an item and return the number of its run or transfer. Raises GssError if it cannot start."""
+        """Start an item and return the number of its run or transfer. Raises Conflict if its procedure or stack is not the one
+        that was armed, and GssError if it cannot start."""
         self.require(item, user)
+        if item.reviewed_sha256 != self._hash(item):
+            raise Conflict(
+                f"{item.title} was changed after the plan was armed",
+                hint="Review it, then make and arm a new plan.",
+            )
         if item.procedure_id is not None:
             return self._procedure_runs.begin(item.procedure_id, user=user, automatic=True, confirmed=confirm).id
         if item.stack_id is not None:

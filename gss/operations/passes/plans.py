@@ -117,6 +117,7 @@ class PlanService:
         row = self.get(plan_id)
         if row.state != "draft":
             raise Conflict("only a draft can be armed", expected="draft", got=row.state, hint="Make a new plan.")
+        items = [self._control.reviewed(item) for item in items_of(row)]
         missing = [name for name in self.to_confirm(row, user=user) if name not in confirm]
         problems = self.problems(row)
         if problems:
@@ -124,7 +125,7 @@ class PlanService:
         if missing:
             raise BadInput("the plan has commands that need confirmation", expected=f"typed: {', '.join(missing)}")
         self._commands.require_user(user)
-        row = self.change(plan_id, state="armed", armed_by=user, armed=self._now(), confirm=list(confirm))
+        row = self.change(plan_id, items, state="armed", armed_by=user, armed=self._now(), confirm=list(confirm))
         self._bus.record("pass", "watch", f"{user} armed the plan {row.name} for {row.rise:%Y-%m-%d %H:%M:%S} UTC")
         return row
 
