@@ -68,6 +68,7 @@ $(VENV)/.run-installed: constraints.txt pyproject.toml
 	@echo "installing what running needs, about a minute, once …"
 	@$(INSTALL) constraints.txt
 	@$(PIP) install --no-compile --no-deps --no-build-isolation -e .
+	@$(BIN)/python -m tools.slim
 	@touch $@
 
 $(VENV)/.test-installed: $(VENV)/.run-installed constraints-dev.txt

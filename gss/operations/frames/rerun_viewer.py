@@ -1,24 +1,30 @@
 """The Rerun viewer's web files, extracted from the installed SDK so that page and recordings always match in version.
 
-The SDK embeds the viewer in its program and serves it from there. We start that program once, on loopback and in a separate
-process group, copy the three files, and stop it. The cache is named after the SDK's version.
+The SDK's library embeds the viewer and can serve it. We let a separate Python process serve it once on loopback, copy the
+three files, and stop it. The cache is named after the SDK's version.
 """
 
 from __future__ import annotations
 
 import gzip
 import importlib.metadata
-import importlib.util
 import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
 
 from gss.domain.errors import GssError, NotFound
 
+SERVE = """
+import sys, time, rerun
+rerun.init("viewer")
+rerun.serve_web_viewer(web_port=int(sys.argv[1]), open_browser=False)
+time.sleep(120)
+"""
 FILES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
 START_WAIT_S = 20.0
 POLL_S = 0.1
@@ -43,12 +49,13 @@ class RerunViewer:
 
 
 def _extract(folder: Path) -> None:
-    program = _program()
     folder.mkdir(parents=True, exist_ok=True)
-    web_port, data_port = _free_port(), _free_port()
-    arguments = ["--serve-web", "--bind", "127.0.0.1", "--port", str(data_port), "--web-viewer-port", str(web_port)]
-    process = subprocess.Popen(  # noqa: S603 (the SDK's own program with our own arguments)
-        [str(program), *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    web_port = _free_port()
+    process = subprocess.Popen(  # noqa: S603 (this Python with our own text)
+        [sys.executable, "-c", SERVE, str(web_port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
     try:
         for name in FILES:
@@ -59,18 +66,6 @@ def _extract(folder: Path) -> None:
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-
-
-def _program() -> Path:
-    spec = importlib.util.find_spec("rerun_cli")
-    program = Path(spec.origin).parent / "rerun" if spec and spec.origin else None
-    if program is None or not program.exists():
-        raise GssError(
-            "the Rerun viewer is not installed",
-            expected="the program inside the rerun-sdk wheel",
-            hint="pip install rerun-sdk",
-        )
-    return program
 
 
 def _fetch(url: str, process: subprocess.Popen[bytes]) -> bytes:

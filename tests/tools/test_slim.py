@@ -1,0 +1,18 @@
+"""What ``make run`` removes from its environment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tools.slim import unneeded
+
+
+def test_the_program_and_test_suites_are_unneeded_and_imported_files_are_not(tmp_path: Path) -> None:
+    for name in ("rerun_cli/rerun", "scipy/stats/tests/test_a.py", "astropy/wcs/tests/test_b.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    for name in ("astropy/tests/helper.py", "rerun/__init__.py", "other/tests/test_c.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    found = {path.relative_to(tmp_path).as_posix() for path in unneeded(tmp_path)}
+    assert found == {"rerun_cli/rerun", "scipy/stats/tests", "astropy/wcs/tests"}
