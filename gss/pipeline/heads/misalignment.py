@@ -1,0 +1,134 @@
+"""Misalignment of one head relative to another and its drift, by a Kalman filter over their differences.
+
+State: rotation vector of the misalignment and its rate of change, in body axes. The second head's true mounting is
+exp([m]×)·(its nominal mounting), if the first head's mounting is right. Both walk at random, slowly, so that the estimate
+follows a change of temperature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.errors import BadInput
+from gss.domain.rotation import turn_between
+from gss.pipeline.track.cameras_together import BodyAttitude
+
+HOUR_S = 3600.0
+GATE_CHI2 = 30.7
+"""A difference beyond this (probability 1e-6 with three degrees of freedom) is not used."""
+JUMPED_AFTER = 5
+"""As many in a row mean that the mounting changed suddenly: the filter starts again."""
+
+
+@dataclass(frozen=True)
+class DriftModel:
+    """What is assumed before and between measurements. ``drift_sigma_rad_s``: usual size of a drift; ``walk_rad2_s``: variance
+    that the misalignment gains per second beside the drift; ``drift_walk_rad2_s3``: variance that the drift gains."""
+
+    drift_sigma_rad_s: float = 600 * ARCSEC_RAD / HOUR_S
+    walk_rad2_s: float = (1 * ARCSEC_RAD) ** 2 / HOUR_S
+    drift_walk_rad2_s3: float = (3 * ARCSEC_RAD / HOUR_S) ** 2 / HOUR_S
+
+
+USUAL_DRIFT = DriftModel()
+
+
+@dataclass(frozen=True)
+class Misalignment:
+    """Estimate at ``time_s``. ``state`` (6,): misalignment (rad) and drift (rad/s); ``covariance`` (6, 6). ``samples``: used since
+    the last start; ``rejected``: differences in a row that did not fit; ``restarts``: sudden changes of the mounting. A first
+    difference beyond the stated uncertainty of the mounting does not count."""
+
+    time_s: float
+    state: Array
+    covariance: Array
+    samples: int = 0
+    rejected: int = 0
+    restarts: int = 0
+
+    @property
+    def vector_rad(self) -> Array:
+        """(3,) misalignment."""
+        return self.state[:3]
+
+    @property
+    def drift_rad_s(self) -> Array:
+        """(3,) drift."""
+        return self.state[3:]
+
+    @property
+    def sigma_rad(self) -> Array:
+        """(3,) standard deviation of the misalignment, without the uncertainty that the clocks cause."""
+        return np.sqrt(np.diag(self.covariance)[:3])
+
+    @property
+    def drift_sigma_rad_s(self) -> Array:
+        """(3,) standard deviation of the drift."""
+        return np.sqrt(np.diag(self.covariance)[3:])
+
+
+def started(time_s: float, mounting_rad2: Array, model: DriftModel = USUAL_DRIFT) -> Misalignment:
+    """Return the estimate before the first difference. ``mounting_rad2`` (3, 3): uncertainty of both mountings."""
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = mounting_rad2
+    covariance[3:, 3:] = np.eye(3) * model.drift_sigma_rad_s**2
+    return Misalignment(time_s, np.zeros(6), covariance)
+
+
+def predicted(estimate: Misalignment, time_s: float, model: DriftModel = USUAL_DRIFT) -> Misalignment:
+    """Return the estimate at a later time. Raises BadInput for an earlier one."""
+    dt = time_s - estimate.time_s
+    if dt < 0:
+        raise BadInput(
+            "the difference is older than the estimate", expected=f"≥ {estimate.time_s:.3f} s", got=f"{time_s:.3f} s"
+        )
+    step, one = np.eye(6), np.eye(3)
+    step[:3, 3:] = dt * one
+    walk = np.block(
+        [
+            [
+                (model.walk_rad2_s * dt + model.drift_walk_rad2_s3 * dt**3 / 3) * one,
+                model.drift_walk_rad2_s3 * dt**2 / 2 * one,
+            ],
+            [model.drift_walk_rad2_s3 * dt**2 / 2 * one, model.drift_walk_rad2_s3 * dt * one],
+        ]
+    )
+    covariance = step @ estimate.covariance @ step.T + walk
+    return replace(estimate, time_s=time_s, state=step @ estimate.state, covariance=covariance)
+
+
+def updated(
+    estimate: Misalignment,
+    time_s: float,
+    first: BodyAttitude,
+    second: BodyAttitude,
+    timing_rad2: Array,
+    model: DriftModel = USUAL_DRIFT,
+) -> Misalignment:
+    """Return the estimate after one more difference. ``first``, ``second``: attitudes of the body by the two heads at ``time_s``,
+    with their nominal mountings; ``timing_rad2`` (3, 3): uncertainty that the clocks cause and that does not average out."""
+    before = predicted(estimate, time_s, model)
+    measured = turn_between(second.quaternion[None], first.quaternion[None])[0]
+    noise = first.covariance_rad2 + second.covariance_rad2
+    off = measured - before.state[:3]
+    expected = before.covariance[:3, :3] + noise
+    if float(off @ np.linalg.solve(expected + timing_rad2, off)) > GATE_CHI2:
+        if before.rejected + 1 < JUMPED_AFTER:
+            return replace(before, rejected=before.rejected + 1)
+        fresh = started(time_s, noise, model)
+        return replace(
+            fresh,
+            state=np.concatenate([measured, np.zeros(3)]),
+            samples=1,
+            restarts=before.restarts + (1 if before.samples else 0),
+        )
+    gain = np.linalg.solve(expected, before.covariance[:3]).T
+    keep = np.eye(6)
+    keep[:, :3] -= gain
+    # Joseph's form stays symmetric and positive.
+    covariance = keep @ before.covariance @ keep.T + gain @ noise @ gain.T
+    state = before.state + gain @ off
+    return replace(before, state=state, covariance=covariance, samples=before.samples + 1, rejected=0)

@@ -1,0 +1,90 @@
+"""Attitudes of several heads at one time, from attitudes that were measured at different times.
+
+Between or shortly after two attitudes of the same head, the body is assumed to turn at a constant rate. With a single attitude
+the rate is unknown; the result is then used only if a largest rate is stated, with an uncertainty that covers it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.rotation import turn_between, turned
+from gss.pipeline.track.cameras_together import BodyAttitude
+
+LONGEST_STEP_S = 30.0
+"""Two attitudes that are further apart say nothing about the rate between them."""
+FURTHEST_AHEAD = 1.0
+"""An attitude is extrapolated by at most this multiple of the time between the two before it."""
+
+
+@dataclass(frozen=True)
+class MeasuredAttitude:
+    """One attitude of a head at ``time_s``. ``time_sigma_s``: uncertainty of that time, mostly common to the head's attitudes."""
+
+    time_s: float
+    time_sigma_s: float
+    attitude: BodyAttitude
+
+
+@dataclass(frozen=True)
+class AttitudeAt:
+    """Attitude of a head at a requested time. ``rate_rad_s`` (3,): angular velocity in the body frame, None if unknown.
+    ``timing_rad2`` (3, 3): covariance that results from the uncertain clock; it is not part of that of the attitude, because it
+    does not average out."""
+
+    attitude: BodyAttitude
+    rate_rad_s: Array | None
+    timing_rad2: Array
+
+    @property
+    def whole(self) -> BodyAttitude:
+        """The attitude with the covariance of all causes."""
+        return BodyAttitude(self.attitude.quaternion, self.attitude.covariance_rad2 + self.timing_rad2)
+
+
+def attitude_at(
+    series: Sequence[MeasuredAttitude], time_s: float, tolerance_s: float, largest_rate_rad_s: float | None
+) -> AttitudeAt | None:
+    """Return the head's attitude at a time, from its attitudes in order of time; None if none is within ``tolerance_s`` or the
+    change since then is unknown. ``largest_rate_rad_s``: of the body; None: not stated."""
+    near = min(series, key=lambda one: abs(one.time_s - time_s), default=None)
+    if near is None or abs(near.time_s - time_s) > tolerance_s:
+        return None
+    pair = _around(series, time_s)
+    if pair is not None:
+        return _along(*pair, time_s, near.time_sigma_s)
+    off_s = time_s - near.time_s
+    if largest_rate_rad_s is None:
+        if off_s or near.time_sigma_s:
+            return None
+        largest_rate_rad_s = 0.0
+    # The direction of the rate is unknown, so each axis may have all of it.
+    moved = BodyAttitude(
+        near.attitude.quaternion, near.attitude.covariance_rad2 + (largest_rate_rad_s * off_s) ** 2 * np.eye(3)
+    )
+    return AttitudeAt(moved, None, (largest_rate_rad_s * near.time_sigma_s) ** 2 * np.eye(3))
+
+
+def _around(series: Sequence[MeasuredAttitude], time_s: float) -> tuple[MeasuredAttitude, MeasuredAttitude] | None:
+    """Return the two attitudes between which the time is, or the last two before or first two after it, if they are close."""
+    if len(series) < 2:
+        return None
+    second = next((k for k, one in enumerate(series) if one.time_s >= time_s), len(series) - 1)
+    first, last = series[max(second, 1) - 1], series[max(second, 1)]
+    step_s = last.time_s - first.time_s
+    outside_s = max(first.time_s - time_s, time_s - last.time_s, 0.0)
+    return (first, last) if 0 < step_s <= LONGEST_STEP_S and outside_s <= FURTHEST_AHEAD * step_s else None
+
+
+def _along(first: MeasuredAttitude, last: MeasuredAttitude, time_s: float, sigma_s: float) -> AttitudeAt:
+    step_s = last.time_s - first.time_s
+    part = (time_s - first.time_s) / step_s
+    turn = turn_between(first.attitude.quaternion[None], last.attitude.quaternion[None])[0]
+    rate = -turn / step_s
+    covariance = (1 - part) ** 2 * first.attitude.covariance_rad2 + part**2 * last.attitude.covariance_rad2
+    there = BodyAttitude(turned(first.attitude.quaternion, part * turn), covariance)
+    return AttitudeAt(there, rate, sigma_s**2 * np.outer(rate, rate))
