@@ -93,7 +93,7 @@ def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient)
 
 
 def test_reprocessing_with_changed_constants_is_compared_by_itself(client: TestClient) -> None:
-    """Results with changed constants do not count as those of the chain, and are a row of their own in the comparison."""
+    """Results with changed constants do not count as those of the chain, and have a separate row in the comparison."""
     body = {"chain": "oersted", "frame_ids": [1, 2], "profile": "cubestar", "options": {"min_area_px": "3"}}
     job = finished(client, client.post("/api/campaigns/reprocess", json=body).json())
     assert (job["state"], job["done"]) == ("done", 2), job

@@ -56,7 +56,7 @@ def test_an_instrument_that_is_not_installed_is_refused(registry: Registry) -> N
 
 @pytest.mark.parametrize("given", [{"device": "/dev/tty1"}, {"simulator": "aim"}, {"workers": 2}])
 def test_options_for_a_single_unit_do_not_go_with_several(given: dict[str, object]) -> None:
-    """A line of its own, or workers, belong to a server of one unit."""
+    """A separate line and API workers are options of a server with one unit."""
     with pytest.raises(GssError, match="cannot be used with --unit"):
         check_combination(Settings.model_validate(given))
     check_combination(Settings())

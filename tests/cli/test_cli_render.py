@@ -1,4 +1,4 @@
-"""``gss render`` makes images that the chains solve at the pointing asked for."""
+"""``gss render`` makes images that the chains solve at the requested pointing."""
 
 from __future__ import annotations
 

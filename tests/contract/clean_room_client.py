@@ -306,8 +306,8 @@ class CleanRoomClient:
                         status()
                         since = 0
                 elif packet.code == self.icd.sections["STATUS_REQUEST"].code:
-                    asked = get(self.icd.sections["STATUS_REQUEST"].tables["fields"], packet.payload)[0]
-                    serial = max(serial, asked["serial"])
+                    request = get(self.icd.sections["STATUS_REQUEST"].tables["fields"], packet.payload)[0]
+                    serial = max(serial, request["serial"])
                     status()
         status()
         self.message("CLOSE", request_id, session=session)

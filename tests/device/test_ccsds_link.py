@@ -119,7 +119,7 @@ def test_packets_over_udp_reach_the_session(session: Driver) -> None:
 
 
 def test_an_absent_far_end_is_a_silent_line() -> None:
-    """UDP has no connection: writing and reading go on until the other end starts."""
+    """UDP has no connection: writing and reading continue until the other end starts."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]

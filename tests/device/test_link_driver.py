@@ -183,11 +183,11 @@ def test_a_request_without_response_ends_unknown_and_the_next_one_leaves() -> No
 
 @settings(deadline=None)
 @given(st.lists(st.binary(max_size=40), max_size=12), st.booleans())
-def test_no_bytes_make_the_session_fail(pieces: list[bytes], asked: bool) -> None:
-    """Whatever is received, with and without a request under way."""
+def test_no_bytes_make_the_session_fail(pieces: list[bytes], pending: bool) -> None:
+    """Random bytes do not end the session, with and without a pending request."""
     for link, dictionary, name in ((NSP, NSP_DICTIONARY, "PING"), (PREFIXED, PREFIXED_DICTIONARY, "GET")):
         session = session_of(link, dictionary)
-        if asked:
+        if pending:
             session.submit(session.encode(name, {}))
             session.poll(0.0)
         for k, piece in enumerate(pieces):

@@ -167,7 +167,7 @@ def test_the_ground_repeats_both_requests_and_gets_the_attitude(nos3: Instrument
 
 
 def test_a_fast_unit_repeats_its_last_values_as_invalid(nos3: Instrument) -> None:
-    """The numbers alone do not tell; the flag does."""
+    """Only the validity flag marks repeated values; the numbers look valid."""
     session, unit = open_driver(nos3), unit_of(nos3, rate_rad_s=0.1)
     session.link_up(0.0)
     packets = [e for e in talk(session, unit, 3.0) if isinstance(e, Telemetry) and e.packet == "attitude"]

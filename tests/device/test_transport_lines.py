@@ -137,8 +137,8 @@ def test_an_opening_whose_thread_cannot_start_frees_its_place(serve: Serve) -> N
 def test_a_terminal_has_one_owner_and_can_disappear_and_return(tmp_path: Path) -> None:
     """The second opening is a Conflict during the first; a missing port is LinkDown, then NotFound.
 
-    The port has a name of its own, as an adapter has: the system gives the terminal's number to the next process that
-    opens one.
+    The port has a separate name, as an adapter has, because the system reuses the terminal's number for the next
+    process that opens a terminal.
     """
     master, slave = os.openpty()
     tty.setraw(slave)

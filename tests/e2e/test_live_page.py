@@ -180,7 +180,7 @@ def test_filters_of_the_frame_list_are_addresses(frame_on_show):
 
 
 def test_a_frame_without_stars_keeps_the_last_attitude_with_its_age(frame_on_show, served, solved_frame):
-    """The attitude of telemetry stands above; the newest frame's missing solution is named with its number."""
+    """The page shows the attitude of telemetry and states that the newest frame, with its number, has no solution."""
     page = frame_on_show
     expect(page.get_by_test_id("reported-ra")).to_have_text(re.compile(r"RA \d"))
     held = page.get_by_test_id("ground-ra").inner_text()

@@ -216,7 +216,7 @@ def _ask(route: str, operation: Any, mode: GenerationMode, session: Any, peers: 
         case.validate_response(response, checks=[check for check in HELD if check not in NOT_HELD.get(route, [])])
         assert response.status_code in (*range(500), 503), "a defect"
         assert response.status_code != 401 or operation.path in WITHOUT_SESSION, (
-            "asked without a session: nothing was tried"
+            "the request had no session, so nothing was tested"
         )
 
     holds()

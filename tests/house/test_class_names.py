@@ -1,5 +1,5 @@
-"""A class name occurs once in gss and validation, so that a reader knows which class is meant. ``gss.client`` is left out: it
-stands alone, and its records have the names of what the server stores."""
+"""A class name occurs once in gss and validation, so that a reader knows which class is meant. ``gss.client`` is left
+out: it is a separate package for scripts, and its records have the names of the server's records."""
 
 from __future__ import annotations
 

@@ -245,7 +245,7 @@ def test_impossible_searches_are_refused(more: dict[str, Any], words: str) -> No
         ({"frame_ids": [1, 1]}, "frames cannot be used"),
         ({"frame_ids": [1], "other_ids": [2]}, "second head"),
         ({"frame_ids": [1], "mounting": [0.5, 0.0, 0.0, 0.0]}, "unit quaternion"),
-        ({"frame_ids": [1], "chain": "nobody's"}, "unknown chain"),
+        ({"frame_ids": [1], "chain": "no-such-chain"}, "unknown chain"),
     ],
 )
 def test_impossible_sheets_are_refused(more: dict[str, Any], words: str) -> None:

@@ -165,7 +165,7 @@ def test_invalid_definitions_are_refused(ground: Ground) -> None:
 
 
 def test_a_deleted_parameter_leaves_the_page_and_keeps_its_history(ground: Ground, database: Any, bus: Any) -> None:
-    """Defining it again shows the history; another server process reads the definition when it is asked for it."""
+    """Defining it again shows the history; another server process reads the definition on request."""
     other = TelemetryService(DICTIONARY, database, bus, ground.clock, lambda: None, lambda: True)
     ground.derived.add(request(), user="ann")
     ground.receive(supply_3v3_v=3.0, current_imager_ma=100)

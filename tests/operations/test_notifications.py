@@ -46,7 +46,7 @@ class Mailbox:
                 while line := self.rfile.readline():
                     word = line[:4].upper()
                     if word == b"DATA":
-                        self.wfile.write(b"354 go on\r\n")
+                        self.wfile.write(b"354 send data\r\n")
                         letters.append("".join(iter(lambda: self.rfile.readline().decode(), ".\r\n")))
                     answer = b"421 no" if word == b"QUIT" else b"550 gone" if b"TO:<gone@" in line else b"250 ok"
                     self.wfile.write(answer + b"\r\n")

@@ -236,7 +236,7 @@ def test_one_procedure_runs_at_a_time(console: Any) -> None:
 
 
 def test_a_run_continues_after_a_restart_and_sends_nothing_twice(console: Any, make_console: Any, clock: Any) -> None:
-    """A wait goes on; a command whose result was lost is unknown and is retried with the same id."""
+    """A wait continues; a command whose result was lost is unknown and is retried with the same id."""
     text = procedure(("status", fence("command", "GET_STATUS")), ("pause", fence("wait", "30 s")), ("last", "x"))
     run = begin(console, text)
     step(console, run, "status")

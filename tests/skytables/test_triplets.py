@@ -100,7 +100,7 @@ def test_sizes_are_near_the_documents() -> None:
 
 
 def test_every_star_measured_within_the_uncertainty_is_found() -> None:
-    """With any set of detected maybe stars and position errors up to 3′, each star is a candidate of its own feature."""
+    """With any set of detected maybe stars and position errors up to 3′, each star is among the candidates of its feature."""
     stars = load_stars(faintest_mag(4.5, 0.25))
     rng = np.random.default_rng(4)
     certain = stars.v_mag <= certain_mag(4.5, 0.25)

@@ -227,7 +227,7 @@ def test_damaged_lines_of_the_anchor_file_are_skipped(audit, anchors):
 
 
 def test_a_row_is_stored_while_its_anchor_cannot_be_written(audit, anchors):
-    """The log has more rows than the file: that is no contradiction."""
+    """A log with more rows than the anchor file is accepted."""
     aside = anchors.path.rename(anchors.path.with_suffix(".aside"))
     anchors.path.symlink_to("/dev/full")
     audit.record("ann", "x.y", "z", "done")

@@ -75,7 +75,7 @@ def test_any_content_reads_back(tmp_path: Path, data: bytes) -> None:
 
 
 def test_noise_is_stored_plain() -> None:
-    """Content without redundancy is not wrapped, and a header with impossible sizes is no compressed form."""
+    """Content without redundancy is not wrapped, and bytes with impossible sizes in the header are not read as compressed."""
     random = np.random.default_rng(1).bytes(100_000)
     assert compressed(random) is None
     assert decompressed(random) is None

@@ -88,7 +88,7 @@ def test_a_killed_unit_comes_back_and_the_others_notice_nothing(units: Units) ->
 
 
 def _attitude_arrives(units: Units) -> None:
-    """NOS3 sends its attitude when asked; the fleet shows it with its age."""
+    """NOS3 sends its attitude on request; the fleet page shows it with its age."""
     with units.http("EM-2") as http:
         http.post("/commands", json={"name": "ENABLE", "arguments": {}, "confirm": ""})
     seen = units.console.wait("an attitude", lambda: units.fleet()["EM-2"]["link"]["attitude"], LONG_S)
@@ -97,7 +97,7 @@ def _attitude_arrives(units: Units) -> None:
 
 
 def _wrong_names_and_strangers_are_refused(units: Units) -> None:
-    """A wrong name in an address is answered with the names that exist; nobody enters without an account."""
+    """The response to an unknown unit lists the known units; a request without an account is rejected."""
     with units.http("FM9") as http:
         answer = http.get("/link")
         assert answer.status_code == 404
