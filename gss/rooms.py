@@ -16,7 +16,7 @@ from gss.instruments.package import Instrument
 from gss.instruments.registry import Registry
 from gss.operations.accounts.accounts import AccountService
 from gss.operations.accounts.audit import AuditService
-from gss.operations.clock import monotonic_s, stopwatch_s, utc_now, utc_us
+from gss.operations.clock import Clock, monotonic_s, stopwatch_s, utc_now, utc_us
 from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.commanding import CommandService
@@ -40,7 +40,7 @@ from gss.operations.intake.sensor_knowledge import SensorKnowledge
 from gss.operations.intake.uploaded_images import UploadedImages
 from gss.operations.jobs import JobService
 from gss.operations.line.dispatcher import Dispatcher, LineEventQueue, Subscriber
-from gss.operations.line.link import LinkService
+from gss.operations.line.link import LinkService, OpenLine
 from gss.operations.line.raw_capture import Retention
 from gss.operations.metrics import Metrics, StreamCounts
 from gss.operations.parsing.parse_processes import ParseProcesses
@@ -81,9 +81,10 @@ from gss.store.engine import Database, migrate, open_engine
 
 @dataclass(frozen=True)
 class BaseServices:
-    """What every room needs. ``unit``: instrument of the unit on the line."""
+    """What every room needs. ``clock``: mission time; ``unit``: instrument of the unit on the line."""
 
     settings: Settings
+    clock: Clock
     database: Database
     blobs: BlobStore
     bus: EventBus
@@ -165,14 +166,14 @@ class Frames:
     replay: ReplayService
 
 
-def open_base(settings: Settings, *, ready: bool) -> BaseServices:
+def open_base(settings: Settings, clock: Clock, *, ready: bool) -> BaseServices:
     """Open the stores and create what every room needs."""
     own_folder(settings.data)
     if not ready:
         migrate(settings.database_url)
     database = Database(open_engine(settings.database_url))
     blobs = BlobStore(settings.blobs_url)
-    bus = EventBus(database, utc_now)
+    bus = EventBus(database, clock.now)
     trust = ClockTrust(database, bus, utc_now, timedelta(days=settings.retention_pause_days))
     if not ready:
         trust.start()
@@ -181,11 +182,11 @@ def open_base(settings: Settings, *, ready: bool) -> BaseServices:
     parsing, stars = ParseProcesses(), load_stars()
     instruments = Registry(settings.instruments_folder)
     unit = instruments.get(settings.unit_instrument)
-    return BaseServices(settings, database, blobs, bus, trust, disk, jobs, parsing, stars, instruments, unit)
+    return BaseServices(settings, clock, database, blobs, bus, trust, disk, jobs, parsing, stars, instruments, unit)
 
 
-def open_link(base: BaseServices, events: LineEventQueue) -> LinkService:
-    """Create the link, which owns the port."""
+def open_link(base: BaseServices, events: LineEventQueue, open_line: OpenLine | None) -> LinkService:
+    """Create the link, which owns the port. ``open_line``: None for real ports."""
     settings = base.settings
     retention = Retention(settings.capture_file_mb << 20, settings.capture_keep_mb << 20)
     signer = packet_signer(Path(settings.link_keys), utc_us) if settings.link_keys else None
@@ -195,63 +196,66 @@ def open_link(base: BaseServices, events: LineEventQueue) -> LinkService:
         base.database,
         base.bus,
         base.captures,
-        utc_now,
-        monotonic_s,
+        base.clock.now,
+        base.clock.monotonic_s,
         events,
         open_driver(base.unit, settings.framing, signer),
         retention,
         base.unit.link,
         base.version_of,
         settings.device if settings.simulator else "",
+        open_line,
     )
 
 
 def open_commanding(base: BaseServices, link: LinkService, accounts: AccountService) -> Commanding:
     """Create the room that sends commands."""
-    database, bus = base.database, base.bus
-    authority = AuthorityService(database, bus, utc_now)
+    database, bus, now = base.database, base.bus, base.clock.now
+    authority = AuthorityService(database, bus, now)
     journal = AbortJournal(base.settings.data / "aborts.jsonl")
-    commands = CommandService(link, database, bus, utc_now, authority, accounts.require, journal)
-    stacks = StackService(link, commands, database, utc_now)
-    runs = StackRunner(stacks, link, commands, database, bus, utc_now, monotonic_s)
-    return Commanding(authority, commands, ScheduleService(link, commands, bus, utc_now), stacks, runs)
+    commands = CommandService(link, database, bus, now, authority, accounts.require, journal)
+    stacks = StackService(link, commands, database, now)
+    runs = StackRunner(stacks, link, commands, database, bus, now, base.clock.monotonic_s)
+    return Commanding(authority, commands, ScheduleService(link, commands, bus, now), stacks, runs)
 
 
 def open_procedures(
     base: BaseServices, link: LinkService, commands: CommandService, telemetry: TelemetryService
 ) -> Procedures:
     """Create the room that runs procedures."""
-    procedures = ProcedureService(link, base.unit, telemetry.derived, base.database, utc_now)
+    procedures = ProcedureService(link, base.unit, telemetry.derived, base.database, base.clock.now)
     conditions = Conditions(telemetry)
     return Procedures(
-        procedures, ProcedureRunner(procedures, conditions, link, commands, base.database, base.bus, utc_now)
+        procedures, ProcedureRunner(procedures, conditions, link, commands, base.database, base.bus, base.clock.now)
     )
 
 
 def open_transfers(base: BaseServices, link: LinkService, schedule: ScheduleService) -> Transfers:
     """Create the room that moves content to and from the device."""
     database, blobs, bus, stars = base.database, base.blobs, base.bus, base.stars
+    now = base.clock.now
     writer, parts = Writer(monotonic_s, bus), PartStore(base.settings.data / "parts")
-    progress = TransferProgress(link, database, bus, utc_now, parts, writer)
-    transfers = TransferService(link, database, bus, utc_now, blobs, parts, writer, progress, base.disk.check)
+    progress = TransferProgress(link, database, bus, now, parts, writer)
+    transfers = TransferService(link, database, bus, now, blobs, parts, writer, progress, base.disk.check)
     flash = FlashBanks(link)
-    tables = DeviceTableService(link, flash, transfers, database, blobs, bus, stars, utc_now, base.instruments)
-    banks = BankService(flash, database, blobs, bus, stars, utc_now, base.instruments)
+    tables = DeviceTableService(link, flash, transfers, database, blobs, bus, stars, now, base.instruments)
+    banks = BankService(flash, database, blobs, bus, stars, now, base.instruments)
     planners = [uploads(transfers, database), activations(schedule, base.unit.roles.operations)]
-    history = BankHistoryService(link, database, utc_now, planners)
+    history = BankHistoryService(link, database, now, planners)
     return Transfers(writer, progress, transfers, flash, tables, banks, history)
 
 
 def open_frames(base: BaseServices, transfers: Transfers) -> Frames:
     """Create the room that stores and solves frames."""
-    database, blobs, epoch_jyear = base.database, base.blobs, jyear_of(utc_now())
-    book, darks = CameraBook(database, base.instruments, utc_now), DarkFrames(blobs)
+    database, blobs, now = base.database, base.blobs, base.clock.now
+    epoch_jyear = jyear_of(now())
+    book, darks = CameraBook(database, base.instruments, now), DarkFrames(blobs)
     cache = SolverCache(base.stars, folder=base.settings.data / "figures")
     solver = Solver(book.profile, cache, stopwatch_s, epoch_jyear=epoch_jyear, dark=darks.pattern)
     # Judged and drawn with the stars where they are now: at the catalogue's epoch a star at the frame's edge may lie outside.
     epoch_stars, chain = cache.stars(epoch_jyear), base.settings.solve_chain
     frames = FrameService(
-        database, blobs, base.bus, solver, epoch_stars, utc_now, chain, base.parsing, base.disk.check, base.instruments
+        database, blobs, base.bus, solver, epoch_stars, now, chain, base.parsing, base.disk.check, base.instruments
     )
     replay = ReplayService(frames, transfers.banks, transfers.tables, base.instruments, stopwatch_s)
     return Frames(book, darks, solver, epoch_jyear, frames, replay)
@@ -279,7 +283,7 @@ def open_intake(
         transfers.writer,
         commanding.schedule.clock,
         bus,
-        utc_now,
+        base.clock.now,
         automatic=base.settings.auto_download,
     )
     result_intake = ResultIntake(base.unit.roles.quantities, records, transfers.banks, knowledge, base.stars)
@@ -331,8 +335,8 @@ def open_upkeep(
         watch,
         dispatcher,
         streams,
-        utc_now,
-        monotonic_s,
+        base.clock.now,
+        base.clock.monotonic_s,
     )
     metrics = Metrics([health.samples, writer.samples, dispatcher.samples])
     return Upkeep(database, disk, removal, backups, check, health, metrics, clocks, trust, pages, watch)
@@ -352,11 +356,12 @@ def open_status(
     place: PlaceService,
 ) -> StatusService:
     """Create the service that runs once a second and publishes the header."""
+    now = base.clock.now
     tickers = [
         clocks.tick,
         alarms.tick,
-        ExpiryWatch(transfers.bank_history, alarms, utc_now, base.settings.catalogue_watch_days).tick,
-        MarginWatch(attitude, place.at, alarms, utc_now).tick,
+        ExpiryWatch(transfers.bank_history, alarms, now, base.settings.catalogue_watch_days).tick,
+        MarginWatch(attitude, place.at, alarms, now).tick,
         link.watch,
         DiskWatch(base.disk, alarms, link, telemetry).tick,
         RetentionWatch(base.trust, removal, alarms).tick,
@@ -365,4 +370,4 @@ def open_status(
         passes.runner.tick,
     ]
     tried = base.unit.about.tried_on_hardware
-    return StatusService(link, transfers.banks, alarms, base.bus, utc_now, authority, attitude, tried, tickers)
+    return StatusService(link, transfers.banks, alarms, base.bus, now, authority, attitude, tried, tickers)

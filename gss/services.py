@@ -13,6 +13,7 @@ from gss.operations.accounts.audit_intents import AuditIntents
 from gss.operations.catalogues.build_catalogue import CatalogueService
 from gss.operations.catalogues.design import DesignService
 from gss.operations.catalogues.star_lists import StarListService
+from gss.operations.clock import Clock
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_history import CommandHistory
 from gss.operations.commanding.commanding import CommandService
@@ -63,9 +64,10 @@ from gss.store.engine import Database
 
 @dataclass
 class Services:
-    """Everything a router may ask for."""
+    """Everything a router may ask for. ``clock``: mission time."""
 
     settings: Settings
+    clock: Clock
     instruments: Registry
     packages: InstrumentService
     stars: StarTable
@@ -129,8 +131,8 @@ class Services:
         self.transfers.start()
         self.commands.start()
         self.stack_runs.start()
-        self.passes.runner.start()
         self.procedure_runs.start()
+        self.passes.runner.start()
         self.alarms.start()
         self.notifications.start()
         self.upkeep.retention.start()

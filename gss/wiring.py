@@ -10,7 +10,7 @@ from gss.operations.accounts.audit_intents import AuditIntents
 from gss.operations.catalogues.build_catalogue import CatalogueService
 from gss.operations.catalogues.design import DesignService
 from gss.operations.catalogues.star_lists import StarListService
-from gss.operations.clock import monotonic_s, utc_now
+from gss.operations.clock import MACHINE_CLOCK, Clock, monotonic_s, utc_now
 from gss.operations.commanding.command_history import CommandHistory
 from gss.operations.contacts.contacts import ContactService
 from gss.operations.contacts.replay_capture import CaptureReplay
@@ -21,6 +21,7 @@ from gss.operations.intake.uploaded_images import UploadedImages
 from gss.operations.line.capture_packing import CapturePacking
 from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
 from gss.operations.line.line_capture import CaptureSync
+from gss.operations.line.link import OpenLine
 from gss.operations.metrics import StreamCounts
 from gss.operations.notifications.notifications import NotificationService
 from gss.operations.notifications.rules_file import read_rules
@@ -48,29 +49,32 @@ from gss.settings import Settings
 from gss.store.engine import Database, open_engine
 
 
-def build(settings: Settings, *, ready: bool = False) -> Services:
+def build(
+    settings: Settings, *, ready: bool = False, clock: Clock = MACHINE_CLOCK, open_line: OpenLine | None = None
+) -> Services:
     """Create and connect all services without starting them. The database schema is upgraded unless ``ready`` is true: API
-    workers use the schema that the link process has upgraded."""
-    base = rooms.open_base(settings, ready=ready)
+    workers use the schema that the link process has upgraded. ``clock``: mission time. ``open_line``: opens every line instead
+    of the real ports."""
+    base, now = rooms.open_base(settings, clock, ready=ready), clock.now
     database, bus, jobs, stars = base.database, base.bus, base.jobs, base.stars
-    events = LineEventQueue(utc_now, monotonic_s)
-    link = rooms.open_link(base, events)
+    events = LineEventQueue(now, clock.monotonic_s)
+    link = rooms.open_link(base, events, open_line)
     shared = Database(open_engine(settings.accounts)) if settings.accounts else database
     accounts = open_accounts(shared, settings, utc_now, monotonic_s)
     audit = AuditService(database, utc_now, AnchorFile(settings.audit_anchor_file))
     commanding = rooms.open_commanding(base, link, accounts)
     telemetry = TelemetryService(
-        base.dictionary, database, bus, utc_now, lambda: link.contact_id, base.disk.has_room_for_rows
+        base.dictionary, database, bus, now, lambda: link.contact_id, base.disk.has_room_for_rows
     )
-    attitude = LastAttitude(base.unit.roles.quantities.attitude, monotonic_s)
+    attitude = LastAttitude(base.unit.roles.quantities.attitude, clock.monotonic_s)
     procedures = rooms.open_procedures(base, link, commanding.commands, telemetry)
-    alarms = AlarmService(telemetry.derived, telemetry, link, database, bus, utc_now)
+    alarms = AlarmService(telemetry.derived, telemetry, link, database, bus, now)
     transfers = rooms.open_transfers(base, link, commanding.schedule)
     frames = rooms.open_frames(base, transfers)
     images = UploadedImages(link, commanding.commands, transfers.transfers, frames.frames, bus)
     share = settings.retention_share_percent / 100
     removal = RetentionService(database, base.blobs, jobs, bus, link, base.upkeep_lock, utc_now, base.trust, share)
-    contacts = ContactService(link, alarms, database, bus, base.captures, utc_now, removal.removed_before)
+    contacts = ContactService(link, alarms, database, bus, base.captures, now, removal.removed_before)
     dispatcher = Dispatcher(
         events,
         bus,
@@ -96,7 +100,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
             CapturePacking(link.capture, monotonic_s),
         ],
     )
-    star_lists = StarListService(database, base.blobs, utc_now, base.parsing, base.instruments)
+    star_lists = StarListService(database, base.blobs, now, base.parsing, base.instruments)
     catalogues = CatalogueService(
         database,
         base.blobs,
@@ -106,7 +110,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         link,
         star_lists,
         stars,
-        utc_now,
+        now,
         base.instruments,
         base.unit.name,
     )
@@ -114,7 +118,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     passes = open_passes(
         database,
         bus,
-        utc_now,
+        now,
         link,
         commanding.commands,
         procedures.procedures,
@@ -126,7 +130,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         catalogues,
         accounts.require,
     )
-    shots, now = StoredShots(database, frames.frames), utc_now
+    shots = StoredShots(database, frames.frames)
     executor = make_executor(settings.cluster, WORKERS)
     place = PlaceService(
         base.unit.roles.operations,
@@ -137,15 +141,16 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
     )
     recordings = Recordings(database, frames.frames, stars, place.at)
     streams = StreamCounts()
-    clocks = ClockWatch(bus, utc_now, monotonic_s, [alarms.clock_jumped, commanding.schedule.clock_jumped])
+    clocks = ClockWatch(bus, now, clock.monotonic_s, [alarms.clock_jumped, commanding.schedule.clock_jumped])
     upkeep = rooms.open_upkeep(
         base, link, telemetry, frames.frames, transfers.writer, removal, clocks, dispatcher, streams, alarms, audit
     )
     notifications = NotificationService(
-        read_rules(settings.notifications), alarms, bus, database, utc_now, Sender(settings.notifications_private).send
+        read_rules(settings.notifications), alarms, bus, database, now, Sender(settings.notifications_private).send
     )
     return Services(
         settings=settings,
+        clock=clock,
         instruments=base.instruments,
         packages=InstrumentService(base.instruments, base.unit, database, base.parsing, link, bus),
         stars=stars,
@@ -153,7 +158,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         link=link,
         commands=commanding.commands,
         telemetry=telemetry,
-        derived_history=DerivedHistory(telemetry.derived, database, jobs, utc_now),
+        derived_history=DerivedHistory(telemetry.derived, database, jobs, now),
         transfers=transfers.transfers,
         frames=frames.frames,
         banks=transfers.banks,
@@ -184,7 +189,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
             database,
             settings.blobs_url,
             jobs,
-            utc_now,
+            now,
             frames.epoch_jyear,
             executor,
             settings.solve_chain,
@@ -192,7 +197,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
             base.instruments,
         ),
         list_runs=ListRunService(
-            database, base.blobs, jobs, base.parsing, frames.book, executor, utc_now, frames.epoch_jyear
+            database, base.blobs, jobs, base.parsing, frames.book, executor, now, frames.epoch_jyear
         ),
         executor=executor,
         contacts=contacts,
@@ -223,7 +228,7 @@ def build(settings: Settings, *, ready: bool = False) -> Services:
         streams=streams,
         parsing=base.parsing,
         place=place,
-        scopes=Scopes(database, utc_now),
+        scopes=Scopes(database, now),
         recordings=recordings,
-        live_recordings=LiveRecordings(recordings, database, bus, utc_now),
+        live_recordings=LiveRecordings(recordings, database, bus, now),
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from gss.cli.input_files import TEXT_BYTES, read_file
 from gss.cli.instruments import CAMERA_HELP, camera, registry
 from gss.cli.night import add_observer, shots_of, show_progress, write_report
 from gss.domain.errors import BadInput
+from gss.operations.clock import utc_now
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -71,7 +71,7 @@ def run(a: argparse.Namespace) -> int:
         objects=request.objects,
         place=request.place,
         top_rate_rad_s=request.top_rate_rad_s,
-        created=datetime.now(UTC),
+        created=utc_now(),
         progress=show_progress,
     )
     whole = json.dumps(made.figures, ensure_ascii=False, allow_nan=False)

@@ -16,6 +16,7 @@ from gss.cli.input_files import read_limited
 from gss.cli.instruments import CAMERA_HELP, camera, registry
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
+from gss.operations.clock import utc_now
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -113,7 +114,7 @@ def give_calibration(
         profile=profile.name if profile else "foreign",
         kind=calibration.kind,
         name=name,
-        created=datetime.now(UTC),
+        created=utc_now(),
         author="",
         tool="",
         request={},
@@ -214,7 +215,7 @@ def write_report(
         makers: dict[str, Callable[[], bytes]] = {
             ".json": whole.encode,
             ".html": lambda: as_html(report).encode(),
-            ".pdf": lambda: as_pdf(report, datetime.now(UTC)),
+            ".pdf": lambda: as_pdf(report, utc_now()),
             **(more or {}),
         }
         if a.out.suffix not in makers:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, registry
 from gss.cli.solve import angles, attitude, julian_year
 from gss.domain.errors import BadInput
+from gss.operations.clock import utc_now
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.false_stars,
             not arguments.no_noise,
             arguments.seed,
-            julian_year(datetime.now(UTC)) if arguments.epoch is None else arguments.epoch,
+            julian_year(utc_now()) if arguments.epoch is None else arguments.epoch,
         ),
     )
     arguments.out.write_bytes(png(drawn.pixels))

@@ -1,9 +1,15 @@
-"""The server's two clocks. Code that needs the time receives one as an argument, so that tests control it."""
+"""The server's clocks. Code that needs the time receives one as an argument, so that tests and rehearsals control it.
+
+*Mission time* is one :class:`Clock`, given to the wiring: passes, procedures, telemetry, contacts, commands and protocol timers
+depend on it only. A rehearsal replaces it by a clock that runs faster. *Machine time* is always that of this computer: accounts,
+tokens, the audit log, jobs, backups, retention and watchdogs of threads.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 Now = Callable[[], datetime]
@@ -36,6 +42,18 @@ stopwatch_s: Monotonic = time.perf_counter
 
 processor_s: Monotonic = time.thread_time
 """Processor time of the calling thread, in seconds."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Mission time, in UTC and as monotonic seconds. Both run at one rate."""
+
+    now: Now
+    monotonic_s: Monotonic
+
+
+MACHINE_CLOCK = Clock(utc_now, monotonic_s)
+"""Mission time of a server: that of the machine."""
 
 
 def after_jump(moment: datetime, now: datetime, jump_s: float) -> datetime:

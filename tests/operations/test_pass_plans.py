@@ -15,6 +15,7 @@ from gss.operations.passes.plan_runner import PlanRunner
 from gss.operations.passes.plans import PlanService, items_of
 from gss.operations.passes.spacecraft import SpacecraftService
 from gss.operations.passes.stations import StationService
+from gss.operations.procedures.run_record import is_intact
 from gss.orbit.station import GroundStation
 from gss.store import commands as store
 
@@ -307,3 +308,35 @@ def test_a_procedure_with_an_unknown_command_cannot_be_planned(mission):
     """The plan is rejected with the line and the command."""
     with pytest.raises(BadInput, match=r"Line 5.*NO_SUCH"):
         mission.plan(mission.procedure("# Wrong\n\n## a: A\n```command\nNO_SUCH\n```\n"))
+
+
+def test_after_a_restart_the_procedure_of_a_plan_is_interrupted_and_a_person_resumes_it(
+    mission, make_console, database, bus, clock
+):
+    """The run has its reason and blocks no other procedure; resumed, it continues in its step and sends nothing twice."""
+    text = "# Look\n\n## ask: Ask\n\n```command\nGET_STATUS\n```\n\n## pause: Pause\n\n```wait\n1 h\n```\n"
+    plan = mission.plan(mission.procedure(text))
+    mission.plans.arm(plan.id, [], user="ann")
+    mission.at(plan.rise + timedelta(seconds=5))
+    mission.until(plan, "running")
+    run = mission.console.procedure_runs.newest(1)[0]
+    mission.console.wait(lambda: mission.console.procedure_runs.get(run.id).current == "pause")
+    again = Mission(make_console(), database, bus, clock, "")
+    again.runner.start()
+    runs, stopped = again.console.procedure_runs, again.plans.get(plan.id)
+    left = runs.get(run.id)
+    assert (stopped.state, left.state, left.current, is_intact(left)) == ("stopped", "interrupted", "pause", True)
+    assert "resume it" in items_of(stopped)[0].detail
+    with pytest.raises(Conflict, match="has ended"):
+        runs.run_step(run.id, "pause", user="ann")
+    other = runs.begin(again.console.procedures.create("# B\n\n## a: A\n", user="ann").id, user="ann")
+    with pytest.raises(Conflict, match="Another procedure"):
+        runs.resume(run.id, user="ann")
+    runs.stop(other.id, "", user="ann")
+    assert runs.resume(run.id, user="ann").current == "pause"
+    again.console.wait(lambda: runs.get(run.id).current == "pause")
+    runs.skip(run.id, "pause", "long enough", user="ann")
+    done = runs.get(run.id)
+    assert (done.state, is_intact(done), again.sent("GET_STATUS")) == ("completed", True, 1)
+    with pytest.raises(Conflict, match="Only an interrupted run"):
+        runs.resume(run.id, user="ann")

@@ -10,7 +10,6 @@ from fastapi import APIRouter, Query
 from gss.api import present
 from gss.api.deps import App, AuditNote, RowId, User, need
 from gss.api.schemas.alarms import AlarmRow, NoteIn, ShelveIn
-from gss.operations.clock import utc_now
 from gss.services import Services
 
 router = APIRouter(prefix="/alarms", tags=["alarms"])
@@ -40,7 +39,7 @@ def acknowledge(app: App, user: User, alarm_id: RowId, body: NoteIn, audit_note:
 def shelve(app: App, user: User, alarm_id: RowId, body: ShelveIn, audit_note: AuditNote) -> AlarmRow:
     """Hide an alarm for a limited time."""
     audit_note(_named(app, alarm_id), f"for {body.minutes:g} min", body.note)
-    until = utc_now() + timedelta(minutes=body.minutes)
+    until = app.clock.now() + timedelta(minutes=body.minutes)
     return present.alarms.alarm(app.alarms.shelve(alarm_id, until, user=user, note=body.note))
 
 

@@ -28,7 +28,6 @@ from gss.api.schemas.transfers import TransferOut
 from gss.catalogue_tools.sources.star_list_mapping import ListMapping
 from gss.domain.errors import BadInput
 from gss.operations.catalogues.catalogue_request import CatalogueRequest
-from gss.operations.clock import utc_now
 from gss.operations.report.html import as_html
 from gss.operations.report.parts import Report
 from gss.operations.report.pdf import as_pdf
@@ -94,7 +93,7 @@ def timeline(
     end: Moment | None = None,
 ) -> TimelineOut:
     """Past, current and planned catalogues in each bank of a device; by default of the device that responded last."""
-    now = utc_now()
+    now = app.clock.now()
     history = app.bank_history.timeline(start or now - PAST, end or now + FUTURE, device)
     return present.catalogues.timeline(history, now, app.settings.catalogue_watch_days)
 

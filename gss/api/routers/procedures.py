@@ -121,6 +121,13 @@ def set_automatic(
     return _detail(app, app.procedure_runs.set_automatic(run_id, body.automatic, user=user))
 
 
+@router.post("/procedure-runs/{run_id}/resume", dependencies=[NEED])
+def resume_procedure(app: App, run_id: RowId, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
+    """Continue a run that a restart of the server interrupted during its pass plan; a person runs its current step."""
+    audit_note(app.procedure_runs.get(run_id).name)
+    return _detail(app, app.procedure_runs.resume(run_id, user=user))
+
+
 @router.post("/procedure-runs/{run_id}/stop", dependencies=[need(STOP)])
 def stop_procedure(app: App, run_id: RowId, body: ReasonIn, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
     """End a run and freeze its record. A command that was sent is still followed on its own."""

@@ -13,7 +13,6 @@ from gss.api.schemas.sky import BodyOut, ChainOptionOut, ChartStarOut, FigureOut
 from gss.catalogue_tools.onboard import FORMATS
 from gss.catalogue_tools.sources.constellations import FAINTEST_JOINED_MAG, figures
 from gss.domain.angles import ra_dec_from_unit
-from gss.operations.clock import utc_now
 from gss.operations.frames.place import EARTH_EXCLUSION_RAD
 from gss.operations.frames.sky import bodies
 from gss.operations.frames.solve import CHAINS, options_of
@@ -24,7 +23,7 @@ router = APIRouter(tags=["sky"])
 @router.get("/sky")
 def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Moment | None = None) -> SkyOut:
     """Stars to a magnitude limit, Sun, Moon and, if the camera's position is known, the Earth; now or at a given time."""
-    now = at or utc_now()
+    now = at or app.clock.now()
     bright = app.stars.brighter_than(mag)
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(bright.icrs))
     stars = [

@@ -145,7 +145,7 @@ class ProcedureRunOut(Out):
     instrument: str
     contact_id: int | None
     automatic: bool
-    state: Literal["running", "completed", "stopped", "aborted"]
+    state: Literal["running", "completed", "stopped", "aborted", "interrupted"]
     current: str
     entries: list[ProcedureEntryOut]
     reason: str

@@ -33,6 +33,9 @@ READ_WAIT_S = 0.01
 RETRY_S = 2.0
 REOPEN_S = 0.5
 
+OpenLine = Callable[[str, int], ByteStream]
+"""Opens the line at an address with a bit rate. Raises BadInput, Conflict or LinkDown."""
+
 
 class LinkService:
     """Opens a port, keeps it open, and feeds the host session.
@@ -42,7 +45,7 @@ class LinkService:
 
     ``session``: with the unit on the line, from its driver; by default that of the driver ``gss``. ``rules``: times of the line;
     a reader that has not completed a cycle for ``rules.stalled_after_s`` hangs. ``version_of`` and
-    ``own_simulator``: see :class:`ContactLog`.
+    ``own_simulator``: see :class:`ContactLog`. ``open_line``: opens every address instead of the real ports.
     """
 
     def __init__(
@@ -60,6 +63,7 @@ class LinkService:
         rules: LinkFile | None = None,
         version_of: Callable[[str], str | None] = shipped_version,
         own_simulator: str = "",
+        open_line: OpenLine | None = None,
     ) -> None:
         self._rules = rules or LinkFile()
         self.dictionary, self.roles = dictionary, roles
@@ -77,6 +81,7 @@ class LinkService:
         self._next_contact_id = 1
         self._wake = threading.Event()
         self._stopping = False
+        self._open_line = open_line
         self._stream: ByteStream | None = None
         self._round_s = monotonic_s()
         self._reopen = False
@@ -241,7 +246,7 @@ class LinkService:
             self._pause(REOPEN_S)
 
     def _opened(self, url: str) -> ByteStream:
-        return open_stream(url, self._rules.baud or DEFAULT_BAUD)
+        return (self._open_line or open_stream)(url, self._rules.baud or DEFAULT_BAUD)
 
     def _pause(self, seconds: float) -> None:
         self._wake.wait(seconds)

@@ -200,6 +200,14 @@ class ItemControl:
         elif self._transfers.get(item.started_id).row.state == "paused":
             self._transfers.resume(item.started_id)
 
+    def interrupt(self, item: PlanItem, reason: str) -> str:
+        """End the procedure run that a restart of the server found in progress, so that a person can resume it and another
+        procedure can start. Return what to do about the item."""
+        if item.kind != "procedure" or item.started_id is None:
+            return ""
+        self._procedure_runs.interrupt(item.started_id, reason)
+        return f"run {item.started_id} was interrupted; resume it on the page Procedures"
+
     def stop(self, item: PlanItem, *, user: str) -> None:
         """End a run; pause a transfer, whose stored chunks are kept."""
         if item.started_id is None:

@@ -26,6 +26,7 @@ SIGNAL_S = 5.0
 EARLY = timedelta(minutes=2)
 """A signal this long before the predicted rise belongs to the pass: predictions and horizons are not exact."""
 NEXT_DAYS = 7.0
+IN_PROGRESS = ("starting", "running")
 RESTARTED = "the server restarted while an item was in progress; check the unit and make a new plan"
 
 
@@ -51,9 +52,15 @@ class PlanRunner:
         """Stop plans with an item in progress when the last server ended; armed and waiting plans remain."""
         for row in self._plans.active():
             items = items_of(row)
-            if any(item.state in ("starting", "running") for item in items):
-                items = [i.at("unknown", self._now()) if i.state in ("starting", "running") else i for i in items]
+            if any(item.state in IN_PROGRESS for item in items):
+                items = [self._left(item) if item.state in IN_PROGRESS else item for item in items]
                 self._end(row, items, "stopped", RESTARTED)
+
+    def _left(self, item: PlanItem) -> PlanItem:
+        """Return an item that the last server left in progress."""
+        return item.at(
+            "unknown", self._now(), self._control.interrupt(item, "the server restarted during its pass plan")
+        )
 
     def stop(self, plan_id: int, *, user: str, reason: str = "") -> PassPlan:
         """Stop a plan: nothing more of it is sent. Raises Conflict if it is not active."""

@@ -17,6 +17,8 @@ from gss.store.engine import Database
 from gss.store.models import Procedure, ProcedureRun
 
 EntryState = Literal["sending", "running", "done", "failed", "skipped"]
+INTERRUPTED = "interrupted"
+"""State of a run that ended without a person's decision and can be resumed in its current step."""
 FORMAT, VERSION = "gss-procedure-record", 1
 
 
@@ -153,7 +155,8 @@ class ProcedureRecorder:
         with self._database.unit_of_work() as session:
             row = store.get_run(session, run_id)
             at = self._now()
-            row.state, row.reason, row.finished, row.current = state, reason, at, ""
+            row.state, row.reason, row.finished = state, reason, at
+            row.current = row.current if state == INTERRUPTED else ""
             row.automatic = False
             row.entries = [self._ended(entry, at, reason) for entry in row.entries]
             session.flush()
@@ -163,6 +166,10 @@ class ProcedureRecorder:
         words = f"Procedure {row.name}: {state}" + (f", {reason}" if reason else "")
         self._bus.record("procedure", severity, f"{words}; record {row.sha256[:12]}", procedure_run_id=row.id)
         return row
+
+    def reopen(self, run_id: int) -> ProcedureRun:
+        """Continue an interrupted run; its record is frozen again at its end."""
+        return self.change(run_id, state=store.RUNNING, reason="", finished=None, sha256="")
 
     @staticmethod
     def _ended(entry: dict[str, Any], at: datetime, reason: str) -> dict[str, Any]:

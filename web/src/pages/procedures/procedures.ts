@@ -35,6 +35,7 @@ export const requests = {
     body(POST('/api/procedure-runs/{run_id}/skip', { ...of(run_id), body: { step, reason } })),
   automatic: (run_id: number, automatic: boolean) =>
     body(POST('/api/procedure-runs/{run_id}/automatic', { ...of(run_id), body: { automatic } })),
+  resume: (run_id: number) => body(POST('/api/procedure-runs/{run_id}/resume', of(run_id))),
   stop: (run_id: number, reason: string) =>
     body(POST('/api/procedure-runs/{run_id}/stop', { ...of(run_id), body: { reason } })),
 };

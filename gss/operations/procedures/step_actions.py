@@ -1,0 +1,224 @@
+"""Performs the steps of a run: each entry is stored before its step acts, and a condition that cannot be evaluated fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+
+from gss.domain.errors import BadInput, Conflict, GssError
+from gss.operations.clock import Now, iso_z
+from gss.operations.commanding.commanding import CommandService
+from gss.operations.events import EventBus
+from gss.operations.line.link import LinkService
+from gss.operations.procedures.conditions import Conditions, Values
+from gss.operations.procedures.document import ProcedureDocument, ProcedureStep
+from gss.operations.procedures.run_record import ProcedureRecorder, StepEntry, entries_of, open_entry
+from gss.operations.procedures.validation import command_of, confirmation_of
+from gss.store.models import Command, ProcedureRun
+
+SOURCE = "procedure"
+ENDED = ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
+UNATTENDED = ("text", "check", "command", "wait", "branch")
+"""Kinds of steps that need no person."""
+
+
+@dataclass(frozen=True)
+class ActiveRun:
+    """The run that has not ended. ``confirmed``: names of hazardous commands that a user confirmed before the start. ``aborts``:
+    number of ABORTs when it started; it sends nothing after a later one. ``held_since``: since when it waits for a signal."""
+
+    id: int
+    document: ProcedureDocument
+    aborts: int
+    confirmed: frozenset[str] = frozenset()
+    held_since: datetime | None = None
+
+
+@dataclass(frozen=True)
+class StepRequest:
+    """Who runs a step, and what the person entered."""
+
+    user: str
+    answer: str = ""
+    confirm: str = ""
+    note: str = ""
+
+
+class StepActions:
+    """Performs steps of the active run. Each method returns the run's row, which has ended if there is no further step."""
+
+    def __init__(
+        self,
+        conditions: Conditions,
+        link: LinkService,
+        commands: CommandService,
+        record: ProcedureRecorder,
+        bus: EventBus,
+        now: Now,
+    ) -> None:
+        self._conditions, self._link, self._commands = conditions, link, commands
+        self._record, self._bus, self._now = record, bus, now
+
+    def needs_no_one(self, run: ActiveRun, step: ProcedureStep) -> bool:
+        """True if the step can run without a person."""
+        if step.kind == "command":
+            name = self.confirmation(step)
+            return not name or name in run.confirmed
+        return step.kind in UNATTENDED
+
+    def confirmation(self, step: ProcedureStep) -> str:
+        """Return the name that confirms a step's command; "" for any other step."""
+        return confirmation_of(step, self._link.roles.operations) if step.kind == "command" else ""
+
+    def perform(self, run: ActiveRun, step: ProcedureStep, request: StepRequest) -> ProcedureRun:
+        """Run a step. Raises Conflict, BadInput, NotPermitted."""
+        began = iso_z(self._now())
+        entry = StepEntry(step.id, step.title, step.kind, "running", request.user, began, note=request.note)
+        if step.kind == "command":
+            return self._send(run, step, entry, request.confirm)
+        if step.kind == "check":
+            return self._check(run, step, entry)
+        if step.kind == "branch":
+            return self._branch(run, step, entry)
+        if step.kind == "wait":
+            return self._record.add(run.id, _due(entry, self._now() + timedelta(seconds=step.seconds)))
+        if step.kind == "question":
+            if request.answer not in [branch.when for branch in step.branches]:
+                expected = " | ".join(branch.when for branch in step.branches)
+                raise BadInput("The question needs one of its answers", expected=expected, got=request.answer[:80])
+        elif step.kind == "hold" and request.user == self._first_person(run.id):
+            raise Conflict("A second person must confirm this step", expected=f"another user than {request.user}")
+        self._record.add(run.id, entry)
+        self._record.close(run.id, "done", request.answer)
+        return self.advance(run, step, step.target(request.answer) if step.kind == "question" else "next")
+
+    def _first_person(self, run_id: int) -> str:
+        """Return who ran the last step other than a hold point; the person who started the run if there is none."""
+        row = self._record.get(run_id)
+        return next((e.by for e in reversed(entries_of(row)) if e.kind != "hold"), row.user)
+
+    def _check(self, run: ActiveRun, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
+        if step.seconds:
+            entry = _due(entry, self._now() + timedelta(seconds=step.seconds))
+        self._record.add(run.id, entry)
+        return self._look(run, step, entry)
+
+    def _look(self, run: ActiveRun, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
+        """Evaluate a check that is under way; end it if it is met or its time is over."""
+        result, values = self._conditions.evaluate(step.words, self._now())
+        if result.value is True:
+            self._record.close(run.id, "done", "met", values=values)
+            return self.advance(run, step, "next")
+        if entry.due and self._now() < datetime.fromisoformat(entry.due):
+            return self._record.get(run.id)
+        within = f" within {step.seconds:g} s" if step.seconds else ""
+        other = any(branch.when == "else" for branch in step.branches)
+        if result.value is False and other:
+            self._record.close(run.id, "done", f"not met{within}: continued at {step.target('else')}", values=values)
+            return self.advance(run, step, step.target("else"))
+        why = f"not met{within}" if result.value is False else f"unknown{within}: {result.reason}"
+        return self._fail(run.id, f"The check is {why}.", values)
+
+    def _branch(self, run: ActiveRun, step: ProcedureStep, entry: StepEntry) -> ProcedureRun:
+        self._record.add(run.id, entry)
+        used: Values = {}
+        for branch in step.branches[:-1]:
+            result, values = self._conditions.evaluate(branch.when.removeprefix("if "), self._now())
+            used |= values
+            if result.value is None:
+                return self._fail(run.id, f"The condition “{branch.when}” is unknown: {result.reason}.", used)
+            if result.value is True:
+                self._record.close(run.id, "done", f"{branch.when}: continued at {branch.target}", values=used)
+                return self.advance(run, step, branch.target)
+        self._record.close(run.id, "done", f"else: continued at {step.branches[-1].target}", values=used)
+        return self.advance(run, step, step.branches[-1].target)
+
+    def _send(self, run: ActiveRun, step: ProcedureStep, entry: StepEntry, confirm: str) -> ProcedureRun:
+        """Send a step's command. The entry is stored first: a server that dies now looks the command up after its start."""
+        command, arguments = command_of(step, self._link.roles.operations)
+        earlier = self._earlier(run.id, step)
+        if earlier is not None and earlier.result == "completed":
+            self._record.add(run.id, with_command(entry, earlier))
+            return self._follow(run, step)
+        self._record.add(run.id, _sending(entry))
+        try:
+            if earlier is not None:
+                row = self._commands.retry(earlier.id, user=entry.by)
+            else:
+                row = self._commands.send(
+                    command.name, arguments, confirm=confirm, user=entry.by, source=SOURCE, aborts=run.aborts
+                )
+        except GssError as error:
+            self._fail(run.id, f"The command was not sent: {error}")
+            raise
+        return self._record.update(run.id, with_command(entry, row))
+
+    def _earlier(self, run_id: int, step: ProcedureStep) -> Command | None:
+        """Return the step's command of the failed attempt just before, if it may have run: unknown, or completed late."""
+        entries = entries_of(self._record.get(run_id))
+        if not entries or entries[-1].step != step.id or entries[-1].command_id is None:
+            return None
+        row = self._commands.get(entries[-1].command_id)
+        return row if row.result in ("unknown", "completed") else None
+
+    def _follow(self, run: ActiveRun, step: ProcedureStep) -> ProcedureRun:
+        """End a command's step when the command has ended."""
+        entry = open_entry(self._record.get(run.id))
+        if entry is None or entry.command_id is None:
+            return self._record.get(run.id)
+        row = self._commands.get(entry.command_id)
+        if row.result not in ENDED:
+            return self._record.get(run.id)
+        if row.result == "completed":
+            self._record.close(run.id, "done", "completed")
+            return self.advance(run, step, "next")
+        detail = f": {row.detail}" if row.detail else ""
+        return self._fail(run.id, f"The command ended {row.result}{detail}")
+
+    def _fail(self, run_id: int, detail: str, values: Values | None = None) -> ProcedureRun:
+        """End the step as failed and wait for a person, who runs it again, skips it, or stops the run."""
+        self._record.close(run_id, "failed", detail, values=values)
+        row = self._record.change(run_id, automatic=False)
+        self._bus.record(
+            "procedure", "warning", f"Procedure {row.name}, step {row.current}: {detail}", procedure_run_id=run_id
+        )
+        return row
+
+    def advance(self, run: ActiveRun, step: ProcedureStep, target: str) -> ProcedureRun:
+        """Continue at the target of a step; the run is completed behind the last one."""
+        following = run.document.after(step, target)
+        return (
+            self._record.freeze(run.id, "completed", "") if following is None else self._record.move(run.id, following)
+        )
+
+    def go_on(self, run: ActiveRun, row: ProcedureRun, entry: StepEntry) -> ProcedureRun:
+        """Follow the step under way; end it if it is done."""
+        step = run.document.step(row.current)
+        if entry.kind == "command":
+            return self._follow(run, step)
+        if entry.kind == "check" and run.held_since is None:
+            return self._look(run, step, entry)
+        if entry.kind == "wait" and self._now() >= datetime.fromisoformat(entry.due):
+            self._record.close(run.id, "done", f"waited {step.seconds:g} s")
+            return self.advance(run, step, "next")
+        return row
+
+    def give_back(self, run: ActiveRun) -> None:
+        """Extend a check under way by the time for which the run was held."""
+        entry = open_entry(self._record.get(run.id))
+        if run.held_since is not None and entry is not None and entry.kind == "check" and entry.due:
+            lost = self._now() - max(run.held_since, datetime.fromisoformat(entry.began))
+            self._record.update(run.id, _due(entry, datetime.fromisoformat(entry.due) + lost))
+
+
+def _due(entry: StepEntry, at: datetime) -> StepEntry:
+    return replace(entry, due=iso_z(at))
+
+
+def _sending(entry: StepEntry) -> StepEntry:
+    return replace(entry, state="sending")
+
+
+def with_command(entry: StepEntry, row: Command) -> StepEntry:
+    """Return the entry of a step whose command was queued."""
+    return replace(entry, state="running", command_id=row.id)
