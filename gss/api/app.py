@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import anyio.to_thread
-from fastapi import APIRouter, FastAPI
+from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 
 from gss import __version__
@@ -121,7 +121,6 @@ def create_app(
     if behind is not None:
         app.add_middleware(Gateway, link=behind)
     security.install(app)
-    api = APIRouter(prefix="/api")
     for module in (
         session,
         users,
@@ -160,11 +159,8 @@ def create_app(
         upkeep,
         stream,
     ):
-        api.include_router(module.router)
-    app.include_router(api)
-    app.include_router(upkeep.root)
-    app.include_router(help.router)
-    # FastAPI keeps what it prepares for the application's routes, not for the router's.
+        app.router.routes.extend(module.router.routes)
+    app.router.routes.extend(upkeep.root.routes + help.router.routes)
     route_table.check_routes(app.router)
     app.add_middleware(Counting, metrics=services.upkeep.metrics, kinds=kinds_of(app))
     _serve_pages(app, pages)

@@ -3,6 +3,7 @@ in the server's log."""
 
 from __future__ import annotations
 
+import http
 import logging
 import math
 import uuid
@@ -49,8 +50,10 @@ STATUS: tuple[tuple[type[GssError], int], ...] = (
     (Busy, 503),
 )
 PROBLEMS: dict[int | str, dict[str, Any]] = {
-    code: {"model": ProblemOut} for code in (400, 401, 403, 404, 409, 411, 413, 422, 429, 503)
+    code: {"description": http.HTTPStatus(code).phrase} for code in (400, 401, 403, 404, 409, 411, 413, 422, 429, 503)
 }
+"""The error responses of every route. Their schema is added by ``describe``, because the framework would prepare a
+model of each code for each route."""
 
 
 def describe(app: FastAPI) -> None:
@@ -66,6 +69,8 @@ def describe(app: FastAPI) -> None:
                 answers.update(
                     {code: {**response, "content": body} for code, response in answers.items() if int(code) >= 400}
                 )
+            schemas = made()["components"]["schemas"]
+            schemas["ProblemOut"] = ProblemOut.model_json_schema(mode="serialization")
             made()["x-roles"] = {role: sorted(granted) for role, granted in ROLES.items()}
         return made()
 

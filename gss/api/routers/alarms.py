@@ -5,14 +5,15 @@ from __future__ import annotations
 from datetime import timedelta
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, RowId, User, need
 from gss.api.schemas.alarms import AlarmRow, NoteIn, ShelveIn
 from gss.services import Services
 
-router = APIRouter(prefix="/alarms", tags=["alarms"])
+router = api_router("alarms", "/alarms")
 
 
 @router.get("")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.schemas.analyses import AnalysisDetailOut, AnalysisOut
 from gss.api.schemas.calibrations import CalibrationDetailOut
@@ -18,7 +19,7 @@ from gss.operations.studies.analyses import EXPORTS
 from gss.operations.studies.analysis_requests import AnalysisRequest
 from gss.store.models import Analysis
 
-router = APIRouter(prefix="/analyses", tags=["analyses"])
+router = api_router("analyses", "/analyses")
 
 
 @router.get("")

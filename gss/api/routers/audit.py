@@ -6,17 +6,18 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import Depends, Query
 from fastapi.responses import StreamingResponse
 from pydantic import BeforeValidator
 
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, Moment, need
 from gss.api.schemas.accounts import AuditRowOut, AuditVerdictOut
 from gss.api.schemas.base import LARGEST_ID
 from gss.operations.accounts.audit import FORMATS
 from gss.store.audit import AuditFilter
 
-router = APIRouter(prefix="/audit", tags=["audit"])
+router = api_router("audit", "/audit")
 ADMIN = need("admin.audit")
 DATE = len("2026-01-01")
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, User, need
 from gss.api.schemas.authority import AuthorityNoteIn, AuthorityOfferIn, AuthorityOut, BreakIn
 
-router = APIRouter(tags=["authority"])
+router = api_router("authority")
 
 
 @router.get("/authority")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.calibrations import (
     CalibrationDetailOut,
@@ -21,7 +22,7 @@ from gss.operations.studies.calibration_requests import Wanted
 from gss.services import Services
 from gss.store.models import Calibration
 
-router = APIRouter(prefix="/calibrations", tags=["calibrations"])
+router = api_router("calibrations", "/calibrations")
 Identity = Annotated[int, Query(ge=1, le=2**31 - 1)]
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Annotated, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, User, need
 from gss.api.schemas.campaigns import ChainFailureOut, ChainPairIn, ChainRecordOut, ChainReportOut, ExperimentOut
 from gss.api.schemas.jobs import JobOut
@@ -23,7 +24,7 @@ from gss.operations.studies.chain_report import ChainReport
 from gss.operations.studies.reprocess import ReprocessRequest
 from gss.store.frames import ChainKey
 
-router = APIRouter(prefix="/campaigns", tags=["campaigns"])
+router = api_router("campaigns", "/campaigns")
 
 
 @router.get("/experiments")

@@ -6,11 +6,12 @@ import json
 from datetime import timedelta
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Form, Query, Response, UploadFile
+from fastapi import Form, Query, Response, UploadFile
 from fastapi.responses import HTMLResponse
 from pydantic import ValidationError
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, Moment, RowId, User, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.present.catalogue_sheet import catalogue_sheet
@@ -33,7 +34,7 @@ from gss.operations.report.parts import Report
 from gss.operations.report.pdf import as_pdf
 from gss.store.models import Catalogue
 
-router = APIRouter(prefix="/catalogues", tags=["catalogues"])
+router = api_router("catalogues", "/catalogues")
 PAST, FUTURE = timedelta(days=60), timedelta(days=60)
 Kind = Literal[
     "image",

@@ -8,10 +8,11 @@ from collections.abc import Iterator
 from itertools import chain
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import Depends, Query
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, ContactId, Moment, RowId, User, need
 from gss.api.schemas.commands import AbortOut, CheckOut, CommandIn, CommandOut, DictionaryOut, FacetsOut, ResolveIn
 from gss.api.urgent import at_once
@@ -21,7 +22,7 @@ from gss.services import Services
 from gss.store.models import Command
 
 RECORD_WITHIN_S = 0.3
-router = APIRouter(tags=["commands"])
+router = api_router("commands")
 Limit = Annotated[int, Query(ge=1, le=1000)]
 Words = Annotated[list[str], Query(max_length=60)]
 Word = Annotated[str, Query(max_length=60)]

@@ -5,10 +5,11 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from fastapi.responses import HTMLResponse, Response, StreamingResponse
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.files.cached import BLOCK_BYTES, file_of_now
 from gss.api.present.contact_sheet import contact_sheet
@@ -28,7 +29,7 @@ from gss.operations.line.capture_files import PACKED, plain_blocks, plain_name
 from gss.operations.report.html import as_html
 from gss.operations.report.pdf import as_pdf
 
-router = APIRouter(tags=["contacts"])
+router = api_router("contacts")
 Offset = Annotated[int, Query(ge=0, le=LARGEST_ID)]
 
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, User, need
 from gss.api.schemas.jobs import JobOut
 from gss.api.schemas.telemetry import DerivedIn, DerivedOut, ExpressionIn, SpanIn, TrialOut
 from gss.domain.limits import Limits, Range
 from gss.operations.telemetry.derived import DerivedRequest
 
-router = APIRouter(prefix="/telemetry/derived", tags=["telemetry"])
+router = api_router("telemetry", "/telemetry/derived")
 
 
 @router.get("")

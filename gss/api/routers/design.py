@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, User, need
 from gss.api.schemas.design import DesignCameraOut, DesignCamerasOut, DesignOut, FieldLimitOut, TradeRowOut
 from gss.api.schemas.jobs import JobOut
@@ -12,7 +11,7 @@ from gss.catalogue_tools.design.camera import DesignCamera
 from gss.operations.catalogues.design import DesignQuestion
 from gss.operations.catalogues.design_record import camera_of, field_limits, row_of
 
-router = APIRouter(prefix="/design", tags=["design"])
+router = api_router("design", "/design")
 
 
 @router.get("/cameras")

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, Moment
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.events import EventOut
 
-router = APIRouter(tags=["events"])
+router = api_router("events")
 
 
 @router.get("/events")

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fastapi import APIRouter, Request
+from fastapi import Request
 
+from gss.api.api_router import api_router
 from gss.api.schemas.fleet import FleetOut, FleetUnitOut
 
 if TYPE_CHECKING:  # it loads the HTTP client, which a server with one unit does not need
     from gss.api.units.fleet import Fleet, UnitState
 
-router = APIRouter(tags=["fleet"])
+router = api_router("fleet")
 CURRENT_WITHIN_S = 5.0
 """A unit reports once a second."""
 

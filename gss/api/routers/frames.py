@@ -6,9 +6,10 @@ import math
 from typing import Annotated, Literal
 
 import numpy as np
-from fastapi import APIRouter, Form, Query, Request, Response, UploadFile
+from fastapi import Form, Query, Request, Response, UploadFile
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, ContactId, CurrentUser, Moment, RowId, User, need
 from gss.api.files.cached import revalidated
 from gss.api.guard.bodies import MAX_BODY_BYTES
@@ -34,7 +35,7 @@ from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
 from gss.operations.frames.solve import SolveRequest
 from gss.store.models import Frame
 
-router = APIRouter(prefix="/frames", tags=["frames"])
+router = api_router("frames", "/frames")
 
 
 @router.get("")

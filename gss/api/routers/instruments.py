@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Response, UploadFile
+from fastapi import Path, Query, Response, UploadFile
 from fastapi.responses import HTMLResponse
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, User, need
 from gss.api.present.help_page import single_page
 from gss.api.schemas.instruments import (
@@ -20,7 +21,7 @@ from gss.api.schemas.instruments import (
 from gss.domain.errors import NotFound
 from gss.instruments.package_source import MOST_ZIP_BYTES
 
-router = APIRouter(prefix="/instruments", tags=["instruments"])
+router = api_router("instruments", "/instruments")
 Name = Annotated[str, Path(max_length=40)]
 Version = Annotated[str, Query(max_length=64, pattern="^[0-9a-f]*$")]
 Reference = Annotated[str, Query(max_length=120)]

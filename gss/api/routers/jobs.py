@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, need
 from gss.api.schemas.jobs import JobOut
 from gss.operations.jobs import permission_of, started_by
 
-router = APIRouter(prefix="/jobs", tags=["jobs"])
+router = api_router("jobs", "/jobs")
 
 
 @router.get("")

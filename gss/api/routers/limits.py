@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, User, need
 from gss.api.schemas.telemetry import LimitIn, LimitOut, LimitSetIn, LimitsOut
 from gss.domain.limits import Limits, Range
 from gss.operations.telemetry.limit_book import Rule, words
 
-router = APIRouter(prefix="/telemetry/limits", tags=["telemetry"])
+router = api_router("telemetry", "/telemetry/limits")
 
 
 @router.get("")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import Depends, Request
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import NO_SIGN_IN, App, AuditNote, CurrentUser, User, need
 from gss.api.one_at_a_time import OneAtATime
 from gss.api.schemas.link import CountersOut, LinkOpenIn, LinkOut
@@ -14,7 +15,7 @@ from gss.device.line_address import LineAddress, parse_line_address
 from gss.operations.line.addresses import is_allowed, not_allowed
 from gss.services import Services
 
-router = APIRouter(tags=["link"])
+router = api_router("link")
 
 
 @router.get("/health", dependencies=[need(NO_SIGN_IN)])

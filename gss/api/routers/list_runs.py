@@ -8,9 +8,10 @@ import json
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Form, Query, Response, UploadFile
+from fastapi import Form, Query, Response, UploadFile
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.list_runs import ListResultOut, ListResultsOut, ListRunOut, ListRunStartedOut
@@ -19,7 +20,7 @@ from gss.operations.requests import request_from
 from gss.operations.studies.list_runs import ListRunRequest
 from gss.store.models import ListRun
 
-router = APIRouter(prefix="/lists", tags=["frames"])
+router = api_router("frames", "/lists")
 
 
 @router.get("")

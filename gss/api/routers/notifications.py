@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, User, need
 from gss.api.schemas.notifications import NotificationOut, NotificationsOut, RuleOut, TargetOut, TestIn
 from gss.store.models import Notification
 
-router = APIRouter(prefix="/notifications", tags=["notifications"])
+router = api_router("notifications", "/notifications")
 NEWEST = 200
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from datetime import UTC
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, RowId, User, need
 from gss.api.schemas.passes import ArmIn, PlanIn, PlanItemIn, PlanOut
 from gss.domain.errors import GssError
@@ -16,7 +17,7 @@ from gss.operations.passes.plan_items import PlanItem
 from gss.services import Services
 from gss.store.models import PassPlan
 
-router = APIRouter(tags=["passes"])
+router = api_router("passes")
 Limit = Annotated[int, Query(ge=1, le=200)]
 
 

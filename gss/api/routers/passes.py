@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from fastapi.responses import JSONResponse, PlainTextResponse, Response
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, ContactId, RowId, User, need
 from gss.api.schemas.passes import OrbitIn, PassesOut, SpacecraftOut, StationIn, StationOut
 from gss.operations.passes.orbit_export import LONGEST_DAYS, oem_file, omm_fields
@@ -16,7 +17,7 @@ from gss.operations.passes.pass_calendar import calendar
 from gss.operations.passes.pass_table import MOST_DAYS
 from gss.orbit.station import GroundStation
 
-router = APIRouter(tags=["passes"])
+router = api_router("passes")
 Days = Annotated[float, Query(gt=0, le=MOST_DAYS, allow_inf_nan=False)]
 OemDays = Annotated[float, Query(gt=0, le=LONGEST_DAYS, allow_inf_nan=False)]
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.procedures import (
     AutomaticIn,
@@ -26,7 +27,7 @@ from gss.operations.procedures.run_record import record_bytes
 from gss.services import Services
 from gss.store.models import ProcedureRun
 
-router = APIRouter(tags=["procedures"])
+router = api_router("procedures")
 Limit = Annotated[int, Query(ge=1, le=200)]
 NEED = need("procedures")
 

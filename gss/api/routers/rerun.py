@@ -8,10 +8,11 @@ import struct
 from collections.abc import AsyncIterator, Callable
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import Query, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette import types as asgi
 
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, CurrentUser, identity_still_valid
 from gss.api.schemas.base import LARGEST_ID
 from gss.domain.errors import BadInput
@@ -19,7 +20,7 @@ from gss.operations.recordings.ranges import ids_of
 from gss.operations.recordings.scope import Scope
 from gss.services import Services
 
-router = APIRouter(prefix="/rerun", tags=["rerun"])
+router = api_router("rerun", "/rerun")
 TYPES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm", "favicon.ico": "image/x-icon"}
 RRD = "application/x-rerun"
 PIECES = "application/x-gss-rrd-pieces"

@@ -5,15 +5,16 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Annotated
 
-from fastapi import APIRouter, Path
+from fastapi import Path
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, User, need
 from gss.api.schemas.commands import CommandOut
 from gss.api.schemas.schedule import ScheduleCheckIn, ScheduleCheckOut, ScheduleIn, ScheduleOut
 from gss.operations.clock import iso_z
 
-router = APIRouter(tags=["schedule"])
+router = api_router("schedule")
 ScheduleId = Annotated[int, Path(ge=1, le=2**32 - 1)]
 
 

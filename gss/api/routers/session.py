@@ -7,8 +7,9 @@ import functools
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 
+from gss.api.api_router import api_router
 from gss.api.deps import NO_SIGN_IN, App, CurrentUser, need, who_of
 from gss.api.guard.credentials import COOKIE, DEVICE_COOKIE, device_key, session_key
 from gss.api.schemas.accounts import LinkCheckBody, PasswordBody, PasswordLinkBody, SessionOut, SetUpBody, SignInBody
@@ -18,7 +19,7 @@ from gss.operations.accounts.attempts import BY_ADDRESS, Brake
 from gss.operations.accounts.sign_in import DEVICE_LASTS, NewSession
 from gss.services import Services
 
-router = APIRouter(tags=["session"])
+router = api_router("session")
 OPEN = need(NO_SIGN_IN)
 SELF = need("view")
 

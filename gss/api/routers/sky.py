@@ -6,8 +6,9 @@ import math
 from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Path, Query
+from fastapi import Path, Query
 
+from gss.api.api_router import api_router
 from gss.api.deps import App, Moment
 from gss.api.schemas.sky import BodyOut, ChainOptionOut, ChartStarOut, FigureOut, ProfileOut, SkyOut
 from gss.catalogue_tools.onboard import FORMATS
@@ -17,7 +18,7 @@ from gss.operations.frames.place import EARTH_EXCLUSION_RAD
 from gss.operations.frames.sky import bodies
 from gss.operations.frames.solve import CHAINS, options_of
 
-router = APIRouter(tags=["sky"])
+router = api_router("sky")
 
 
 @router.get("/sky")

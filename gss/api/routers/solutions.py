@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, RowId
 from gss.api.schemas.frames import SolutionDetailOut
 
-router = APIRouter(tags=["solutions"])
+router = api_router("solutions")
 
 
 @router.get("/solutions/{solution_id}")

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.stacks import (
     GoOnIn,
@@ -24,7 +25,7 @@ from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.stacks import StackCheck
 from gss.services import Services
 
-router = APIRouter(tags=["stacks"])
+router = api_router("stacks")
 Limit = Annotated[int, Query(ge=1, le=200)]
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query, Response
+from fastapi import Query, Response
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.tables import (
     OnBoardTableOut,
@@ -18,7 +19,7 @@ from gss.api.schemas.tables import (
 )
 from gss.api.schemas.transfers import TransferOut
 
-router = APIRouter(prefix="/tables", tags=["tables"])
+router = api_router("tables", "/tables")
 Kind = Literal["", "triplets", "calibration", "parameters", "star_list", "distance_table"]
 
 

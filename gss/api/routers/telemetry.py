@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from fastapi.responses import StreamingResponse
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, ContactId, Moment
 from gss.api.schemas.base import LARGEST_ID
 from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, PacketOut
 from gss.operations.telemetry.telemetry_export import FORMATS, export
 
-router = APIRouter(prefix="/telemetry", tags=["telemetry"])
+router = api_router("telemetry", "/telemetry")
 
 
 Fields = Annotated[list[str], Query(min_length=1, max_length=20)]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, need
 from gss.api.schemas.accounts import NewTokenOut, TokenIn, TokenOut
 
-router = APIRouter(prefix="/tokens", tags=["tokens"])
+router = api_router("tokens", "/tokens")
 ADMIN = need("admin.tokens")
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, need
 from gss.api.schemas.transfers import TransferIn, TransferOut
 from gss.device.session import Part
@@ -14,7 +15,7 @@ from gss.operations.accounts.permissions import STOP
 from gss.operations.transfers.downloads import permission_of
 from gss.store.models import Transfer
 
-router = APIRouter(prefix="/transfers", tags=["transfers"])
+router = api_router("transfers", "/transfers")
 
 
 @router.get("")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from fastapi.responses import PlainTextResponse, StreamingResponse
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.frames import FrameOut
 from gss.api.schemas.jobs import JobOut
@@ -30,8 +31,8 @@ from gss.operations.upkeep.manifest import Manifest
 from gss.operations.upkeep.removal import Confirmed
 from gss.operations.upkeep.retention import Policy
 
-router = APIRouter(tags=["upkeep"])
-root = APIRouter(tags=["upkeep"])
+router = api_router("upkeep")
+root = api_router("upkeep", root="")
 
 
 @router.get("/admin/health", dependencies=[need("admin.health")])

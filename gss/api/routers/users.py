@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
-
+from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, User, need
 from gss.api.schemas.accounts import LinkedUserOut, SignInOut, UserChangeIn, UserIn, UserOut
 from gss.operations.accounts.users import Link
 from gss.store import models
 
-router = APIRouter(tags=["users"])
+router = api_router("users")
 ADMIN = need("admin.users")
 
 

@@ -7,10 +7,11 @@ import re
 from collections.abc import Callable
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import Header, Request, Response
 from starlette.types import Receive, Scope, Send
 
 from gss.api import present
+from gss.api.api_router import api_router
 from gss.api.deps import App, identity_still_valid, who_of
 from gss.api.errors import problem
 from gss.api.stream.broadcast import Broadcaster, Listener, unnumbered, wire
@@ -18,7 +19,7 @@ from gss.api.stream.topics import StreamTopics
 from gss.domain.errors import RateLimited
 from gss.services import Services
 
-router = APIRouter(tags=["stream"])
+router = api_router("stream")
 TOPICS = "Server-sent events. The event name is the topic; the data is its property of StreamTopics."
 PAGE = 500
 PAGES = 20
