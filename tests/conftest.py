@@ -246,7 +246,7 @@ def _database(where: Any) -> Iterator[Any]:
     from gss.store.engine import Database, migrate, open_engine
 
     if not isinstance(where, str | Path | Settings):  # services
-        yield where.database
+        yield where.base.database
         return
     settings = where if isinstance(where, Settings) else None
     if settings is None and isinstance(where, Path):

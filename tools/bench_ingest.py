@@ -61,14 +61,14 @@ def recorded_line(count: int) -> list[bytes]:
 
 def _measured(frames: list[bytes], count: int, per_s: float) -> dict[str, Value]:
     from gss.settings import Settings
-    from gss.wiring import build
+    from gss.wiring.build import build
 
     with tempfile.TemporaryDirectory() as folder, socket.create_server(("127.0.0.1", 0)) as door:
         services = build(Settings(data=Path(folder), device=f"socket://127.0.0.1:{door.getsockname()[1]}"))
         services.start()
         try:
             line, _ = door.accept()
-            while not services.link.connected:  # data received earlier belongs to no contact and is discarded
+            while not services.line.link.connected:  # data received earlier belongs to no contact and is discarded
                 time.sleep(0.01)
             time.sleep(0.5)
             sender = threading.Thread(target=_send, args=(line, frames, per_s), daemon=True)
@@ -104,8 +104,8 @@ def _wait(services: Any, count: int) -> int:
     stored = 0
     while stored < count and time.perf_counter() < deadline_s:
         time.sleep(0.02)
-        with services.database.unit_of_work() as session:
+        with services.base.database.unit_of_work() as session:
             stored = int(session.scalar(text("select coalesce(max(id), 0) from telemetry_packets")) or 0)
-    with services.database.unit_of_work() as session:
+    with services.base.database.unit_of_work() as session:
         row_count = session.scalar(text("select count(*) from telemetry_packets where packet != 'ground_line'"))
     return int(row_count or 0)

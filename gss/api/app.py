@@ -60,7 +60,7 @@ from gss.api.routers import fleet as fleet_router
 from gss.api.stream import route as stream
 from gss.api.stream.broadcast import Broadcaster, Presenter, first_state
 from gss.api.workers.gateway import Gateway, relayed
-from gss.services import Services
+from gss.wiring.services import Services
 
 if TYPE_CHECKING:
     from gss.api.units.fleet import Fleet
@@ -82,13 +82,15 @@ def create_app(
     """Return the application for connected services; its lifespan starts and stops them. ``behind``: build the
     application of an API worker of that link process; its services only read. ``fleet``: build
     the application of the front process of these units."""
-    state = None if behind else lambda: first_state(services.status)
-    broadcaster = Broadcaster(services.streams, state, services.settings.streams_each, services.settings.streams_most)
+    state = None if behind else lambda: first_state(services.upkeep.status)
+    broadcaster = Broadcaster(
+        services.upkeep.streams, state, services.base.settings.streams_each, services.base.settings.streams_most
+    )
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         await anyio.to_thread.run_sync(services.start)
-        presenter = Presenter(services.bus, broadcaster, services.stopping)
+        presenter = Presenter(services.base.bus, broadcaster, services.stopping)
         presenter.start(asyncio.get_running_loop())
         async with fleet.running() if fleet is not None else nullcontext():
             yield
@@ -99,7 +101,7 @@ def create_app(
     async def reading(_app: FastAPI) -> AsyncIterator[None]:
         async with relayed(cast("LinkProcessClient", behind), broadcaster):
             yield
-        services.database.close()
+        services.base.database.close()
 
     app = FastAPI(
         title="GSS",

@@ -15,7 +15,7 @@ from gss.api.schemas.base import LARGEST_ID
 from gss.domain.errors import NotSignedIn
 from gss.operations.accounts import identity
 from gss.operations.accounts.permissions import require
-from gss.services import Services
+from gss.wiring.services import Services
 
 # --- caller -------------------------------------------------------------------------------------------------------
 
@@ -29,7 +29,7 @@ def who_of(scope: Scope) -> identity.CallerIdentity | None:
 def identity_still_valid(services: Services, who: identity.CallerIdentity) -> str:
     """Return the reason why the caller's identity is no longer valid, or "" if it still is. Reads the database; streams
     call it every few seconds."""
-    return services.accounts.ended_reason(who)
+    return services.accounts.accounts.ended_reason(who)
 
 
 def _signed_in(request: Request) -> identity.CallerIdentity:

@@ -40,7 +40,7 @@ def with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
 @contextlib.contextmanager
 def desk(arguments: argparse.Namespace) -> Iterator[AccountAdministration]:
     """Open the store, creating it if needed: the first user may be created before the first start of the server."""
-    from gss.operations.accounts.accounts import open_accounts
+    from gss.operations.accounts.accounts import open_account_service
     from gss.operations.accounts.audit import AuditService
     from gss.operations.accounts.audit_anchor import AnchorFile
     from gss.operations.clock import monotonic_s, utc_now
@@ -54,7 +54,7 @@ def desk(arguments: argparse.Namespace) -> Iterator[AccountAdministration]:
     migrate(settings.database_url)
     database = Database(open_engine(settings.database_url))
     try:
-        accounts = open_accounts(database, settings, utc_now, monotonic_s)
+        accounts = open_account_service(database, settings, utc_now, monotonic_s)
         audit = AuditService(database, utc_now, AnchorFile(settings.audit_anchor_file))
         audit.begin_anchors()
         yield AccountAdministration(accounts, audit, settings, f"shell:{_user()}"[:60])

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from gss.catalogue_tools.build import BuiltCatalogue
     from gss.cli import Subparsers
     from gss.operations.report.parts import Report
-    from gss.services import Services
+    from gss.wiring.services import Services
 
 NEED = 3
 SPAN = timedelta(days=60)
@@ -189,8 +189,10 @@ def run_timeline(arguments: argparse.Namespace) -> int:
     from gss.operations.clock import utc_now
 
     services, now = _services(arguments), utc_now()
-    bank_timeline = services.bank_history.timeline(now - timedelta(days=arguments.days), now + SPAN, arguments.device)
-    history = timeline(bank_timeline, now, services.settings.catalogue_watch_days)
+    bank_timeline = services.transfers.bank_history.timeline(
+        now - timedelta(days=arguments.days), now + SPAN, arguments.device
+    )
+    history = timeline(bank_timeline, now, services.base.settings.catalogue_watch_days)
     if arguments.json:
         print(history.model_dump_json(indent=1))
         return 0
@@ -227,8 +229,8 @@ def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, BuildManife
     """Return image, manifest and, from the store, the report. Image and manifest are checked against each other."""
     if which.isdigit() and not Path(which).exists():
         services = _services(arguments)
-        row = services.catalogues.get(int(which))
-        return services.catalogues.image(row.id), manifest_of(row.manifest), row.report
+        row = services.catalogues.catalogues.get(int(which))
+        return services.catalogues.catalogues.image(row.id), manifest_of(row.manifest), row.report
     path = Path(which)
     paper = path.with_name(path.name + ".json")
     image = _bytes(path)

@@ -63,10 +63,10 @@ def export_solutions(arguments: argparse.Namespace) -> int:
     """Write the solutions as a table."""
     from gss.operations.frames import solution_export
     from gss.settings import Settings
-    from gss.wiring import build
+    from gss.wiring.build import build
 
     services = build(Settings(**({"data": arguments.data} if arguments.data else {})))
-    data = solution_export.export_solutions(services.database, arguments.format, arguments.chain)
+    data = solution_export.export_solutions(services.base.database, arguments.format, arguments.chain)
     arguments.out.write_bytes(data)
     print(f"{arguments.out}: {len(data)} bytes")
     return 0
@@ -81,11 +81,11 @@ def export_fits(arguments: argparse.Namespace) -> int:
     services, written = services_of(arguments), 0
     arguments.out.mkdir(parents=True, exist_ok=True)
     for frame_id in ids_of(arguments.frames):
-        detail = services.frames.detail(frame_id)
+        detail = services.frames.frames.detail(frame_id)
         if not detail.frame.complete:
             print(f"frame {frame_id} has missing rows and was skipped", file=sys.stderr)
             continue
-        data = fits_file(services.frames.pixels(detail.frame), detail.frame, detail.ground)
+        data = fits_file(services.frames.frames.pixels(detail.frame), detail.frame, detail.ground)
         (arguments.out / f"frame-{frame_id}.fits").write_bytes(data)
         written += 1
     print(f"{arguments.out}: {written} files")
@@ -113,7 +113,7 @@ def export_openapi(arguments: argparse.Namespace) -> int:
 
     from gss.api.app import create_app
     from gss.settings import Settings
-    from gss.wiring import build
+    from gss.wiring.build import build
 
     with tempfile.TemporaryDirectory() as folder:
         app = create_app(build(Settings(data=Path(folder))))

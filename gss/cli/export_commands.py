@@ -34,19 +34,23 @@ def register(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None
 def export_commands(arguments: argparse.Namespace) -> int:
     """Write the matching commands."""
     from gss.settings import Settings
-    from gss.wiring import build
+    from gss.wiring.build import build
 
     wanted = filter_of(arguments)
     services = build(Settings(**({"data": arguments.data} if arguments.data else {})))
     try:
-        pieces = services.history.csv(wanted) if arguments.format == "csv" else services.history.json(wanted)
+        pieces = (
+            services.commanding.history.csv(wanted)
+            if arguments.format == "csv"
+            else services.commanding.history.json(wanted)
+        )
         if arguments.out is None:
             sys.stdout.writelines(pieces)
         else:
             with arguments.out.open("w", encoding="utf-8", newline="") as file:
                 file.writelines(pieces)
     finally:
-        services.database.close()
+        services.base.database.close()
     return 0
 
 

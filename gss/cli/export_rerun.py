@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.operations.recordings.ranges import ids_of
 
     services = services_of(arguments)
-    scopes = services.scopes
+    scopes = services.recordings.scopes
     if arguments.frames is not None:
         scope = scopes.of_frames(ids_of(arguments.frames))
     elif arguments.contact is not None:
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         scope = scopes.of_analysis(arguments.analysis)
     else:
         scope = scopes.of_campaign(arguments.campaign)
-    data = services.recordings.write(scope)
+    data = services.recordings.stored.write(scope)
     arguments.out.write_bytes(data)
     print(f"{arguments.out}: {len(data)} bytes, {len(scope.frame_ids)} frames")
     return 0

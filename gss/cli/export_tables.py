@@ -37,7 +37,9 @@ def export(arguments: argparse.Namespace) -> int:
         if sys.stderr.isatty():
             print(f"… {folder}", file=sys.stderr, flush=True)
 
-    dictionary = services.telemetry.archive.dictionary
-    made = export_parquet(services.database, dictionary, arguments.out, arguments.first, arguments.last, show_folder)
+    dictionary = services.telemetry.telemetry.archive.dictionary
+    made = export_parquet(
+        services.base.database, dictionary, arguments.out, arguments.first, arguments.last, show_folder
+    )
     print(f"{arguments.out}: {made.files} files, {made.rows} rows, {made.bytes} bytes")
     return 0

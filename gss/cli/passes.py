@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from gss.api.schemas.passes import MaskPoint, SpacecraftOut
     from gss.cli import Commands
-    from gss.services import Services
     from gss.store.models import Station
+    from gss.wiring.services import Services
 
 
 def register(subparsers: Commands) -> None:
@@ -170,7 +170,7 @@ def _services(arguments: argparse.Namespace) -> Services:
 
 
 def _record(services: Services, action: str, target: str, detail: str = "") -> None:
-    services.audit.record(_user(), f"shell.{action}", target, "done", detail, role="shell")
+    services.accounts.audit.record(_user(), f"shell.{action}", target, "done", detail, role="shell")
 
 
 def _user() -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     from gss.api.schemas.contacts import RecordOut
-    from gss.services import Services
+    from gss.wiring.services import Services
 
     Kinds = argparse._SubParsersAction[argparse.ArgumentParser]
 
@@ -56,13 +56,16 @@ def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:
     return parser
 
 
-def services_of(arguments: argparse.Namespace) -> Services:
-    """Return the store's services without starting them, so that a running server is not disturbed."""
+def services_of(arguments: argparse.Namespace, backups: Path | None = None) -> Services:
+    """Return the store's services without starting them, so that a running server is not disturbed. ``backups``: their folder,
+    if it is not as set."""
     from gss.domain.errors import NotFound
     from gss.settings import Settings
-    from gss.wiring import build
+    from gss.wiring.build import build
 
     settings = Settings(**({"data": arguments.data} if arguments.data else {}))
+    if backups is not None:
+        settings = settings.model_copy(update={"backups": str(backups.resolve())})
     if not settings.data.is_dir():
         raise NotFound("there is no such data folder", got=str(settings.data), hint="--data, or GSS_DATA")
     return build(settings)
@@ -86,14 +89,16 @@ def export_telemetry(arguments: argparse.Namespace) -> int:
 
     services = services_of(arguments)
     if arguments.contact is not None:
-        detail = services.contacts.detail(arguments.contact)
+        detail = services.contacts.contacts.detail(arguments.contact)
         start, end = detail.row.started, detail.end
     elif arguments.start and arguments.end:
         start, end = moment(arguments.start), moment(arguments.end)
     else:
         raise BadInput("no time span given", expected="--from and --to, or --contact")
     keys = [key.strip() for key in arguments.fields.split(",") if key.strip()]
-    pieces = export(services.telemetry.archive, keys, start, end, form=arguments.form, file_format=arguments.format)
+    pieces = export(
+        services.telemetry.telemetry.archive, keys, start, end, form=arguments.form, file_format=arguments.format
+    )
     if arguments.out is None:
         _write(sys.stdout.buffer, pieces)
         return 0
@@ -120,8 +125,10 @@ def export_report(arguments: argparse.Namespace) -> int:
     from gss.operations.report.pdf import as_pdf
 
     services = services_of(arguments)
-    made = contact_report(services.contacts, services.telemetry.archive, services.database, arguments.contact)
-    contact_data = report(made, services.procedure_runs.between(made.detail.row.started, made.detail.end))
+    made = contact_report(
+        services.contacts.contacts, services.telemetry.telemetry.archive, services.base.database, arguments.contact
+    )
+    contact_data = report(made, services.procedures.runs.between(made.detail.row.started, made.detail.end))
     if arguments.format == "pdf":
         data = as_pdf(contact_sheet(contact_data), contact_data.contact.ended or contact_data.contact.started)
     elif arguments.format == "html":
@@ -143,9 +150,9 @@ def check_record(arguments: argparse.Namespace) -> int:
     if arguments.contact is not None:
         ids = [arguments.contact]
     else:
-        newest = [contact.id for contact, *_ in services.contacts.newest(1_000_000 if arguments.all else 1)]
+        newest = [contact.id for contact, *_ in services.contacts.contacts.newest(1_000_000 if arguments.all else 1)]
         ids = sorted(newest)
-    checks = [record(contact_id, services.contacts.record(contact_id)) for contact_id in ids]
+    checks = [record(contact_id, services.contacts.contacts.record(contact_id)) for contact_id in ids]
     unexplained = sum(check.unexplained for check in checks)
     if arguments.json:
         facts = {

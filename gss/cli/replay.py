@@ -67,7 +67,7 @@ def replay_frame(arguments: argparse.Namespace) -> int:
     from gss.api.present.frames import frame_replay
     from gss.cli.records import services_of
 
-    replayed = frame_replay(arguments.frame, services_of(arguments).replay.again(arguments.frame))
+    replayed = frame_replay(arguments.frame, services_of(arguments).frames.replay.again(arguments.frame))
     if arguments.json:
         print(replayed.model_dump_json(indent=1))
     else:

@@ -93,17 +93,17 @@ def _serve(
     from gss.api.connections.limited_listener import LimitedListener
     from gss.api.serving import greeting, open_connections, uvicorn_options
     from gss.api.stopping import StoppableServer, StopSignals, begin_stop
-    from gss.wiring import build
+    from gss.wiring.build import build
 
     connections = open_connections(settings)
     services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
     if sensor is not None:
-        sensor.watch(partial(services.bus.record, "link", "warning"))
-        services.frames.warm(settings.simulator)
+        sensor.watch(partial(services.base.bus.record, "link", "warning"))
+        services.frames.frames.warm(settings.simulator)
 
     app = create_app(services) if not units else None
     port, signals = listener.getsockname()[1], StopSignals()
-    print(greeting(settings, port, services.accounts.users.set_up_link()), flush=True)
+    print(greeting(settings, port, services.accounts.accounts.users.set_up_link()), flush=True)
     if app is None:
         from gss.api.units.front import serve_units
 

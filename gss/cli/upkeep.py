@@ -124,15 +124,15 @@ def backup(arguments: argparse.Namespace) -> int:
     """Make a backup and print its location."""
     from gss.cli.records import services_of
 
-    services = services_of(arguments)
-    service = services.upkeep.backups if arguments.to is None else services.upkeep.backups.at(arguments.to.resolve())
-    services.upkeep.disk.check("a backup", service.needed_bytes())
+    services = services_of(arguments, arguments.to)
+    service = services.upkeep.backups
+    services.base.disk.check("a backup", service.needed_bytes())
     made = service.make(_show_progress)
     removed = service.prune(arguments.keep, made.name) if arguments.keep else []
-    doubt = services.upkeep.trust.state().doubt
+    doubt = services.base.trust.state().doubt
     if arguments.keep and doubt:
         print(f"old backups were not removed: the server's clock is {doubt} (gss retention)", file=sys.stderr)
-    services.database.close()
+    services.base.database.close()
     if arguments.json:
         facts = {"name": made.name, "folder": str(service.folder / made.name), "bytes": made.total_bytes}
         print(json.dumps(facts | {"files": len(made.blobs), "removed": removed}))
@@ -180,18 +180,18 @@ def retention(arguments: argparse.Namespace) -> int:
 
     services = services_of(arguments)
     if arguments.confirm_clock:
-        services.upkeep.trust.confirm(services.upkeep.trust.state().now, user="the shell")
-    clock, waiting = services.upkeep.trust.state(), services.upkeep.retention.waiting()
-    policy, forecast = services.upkeep.retention.policy(), services.upkeep.forecast()
+        services.base.trust.confirm(services.base.trust.state().now, user="the shell")
+    clock, waiting = services.base.trust.state(), services.upkeep.retention.waiting()
+    policy, forecast = services.upkeep.retention.policy(), services.upkeep.forecast.now()
     removal = services.upkeep.retention.preview(policy)
     facts = {"policy": asdict(policy), "forecast": asdict(forecast), "clock": asdict(clock), "preview": asdict(removal)}
     if arguments.now:
-        with folder_lock(services.settings.data):
+        with folder_lock(services.base.settings.data):
             confirmed = confirmation(removal) if arguments.confirm else None
             job = services.upkeep.retention.run(user="the shell", confirmed=confirmed)
-            services.jobs.finish()
-            facts["removed"] = services.jobs.get(job.id).result.get("removed", {})
-    services.database.close()
+            services.base.jobs.finish()
+            facts["removed"] = services.base.jobs.get(job.id).result.get("removed", {})
+    services.base.database.close()
     if arguments.json:
         print(json.dumps(facts, default=str))
         return 0

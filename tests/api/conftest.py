@@ -12,9 +12,9 @@ from fastapi.testclient import TestClient
 
 from gss.api.app import create_app
 from gss.operations.accounts.permissions import ROLES
-from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 
 @pytest.fixture(scope="session")
@@ -49,7 +49,7 @@ def app_of(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., F
             settings = Settings(data=tmp_path_factory.mktemp("data"), password_memory_kib=8, password_passes=1)
             services = build(settings)
             for name, (role, password) in people.items():
-                services.accounts.users.add(name, role, by="test", password=password)
+                services.accounts.accounts.users.add(name, role, by="test", password=password)
             app = create_app(services)
             running.enter_context(TestClient(app))
             return app

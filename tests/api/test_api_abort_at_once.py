@@ -65,8 +65,8 @@ def test_abort_of_a_token_waits_for_no_write(app: FastAPI) -> None:
     not wait for the lock (SQLite gives up after 5 s).
     """
     services = app.state.services
-    made = services.accounts.tokens.add("night run", "operator", 1, by="test")
-    with services.database.unit_of_work() as session:
+    made = services.accounts.accounts.tokens.add("night run", "operator", 1, by="test")
+    with services.base.database.unit_of_work() as session:
         used = session.get_one(ApiToken, made.row.id).last_used = utc_now() - timedelta(minutes=2)
 
     async def run(release: Callable[[], None]) -> tuple[int, float]:
@@ -77,10 +77,10 @@ def test_abort_of_a_token_waits_for_no_write(app: FastAPI) -> None:
         await rest
         return status, took_s
 
-    with closing(sqlite3.connect(services.settings.data / "gss.db", isolation_level=None)) as other:
+    with closing(sqlite3.connect(services.base.settings.data / "gss.db", isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         status, took_s = asyncio.run(run(lambda: other.execute("ROLLBACK")))
     assert status == 409  # the link is down
     assert took_s < 3
-    with services.database.unit_of_work() as session:
+    with services.base.database.unit_of_work() as session:
         assert session.get_one(ApiToken, made.row.id).last_used == used

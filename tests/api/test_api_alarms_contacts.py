@@ -15,7 +15,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 TEMPERATURE = "housekeeping.sensor_temperature_c"
 
@@ -55,7 +55,7 @@ def room(sensor_in_memory, tmp_path, client_of) -> Iterator[AlarmClient]:
     sensor.PAUSE_S = 0.002  # five times real time: staleness uses the wall clock
     services = build(Settings(data=tmp_path / "data"))
     with client_of(services) as client:
-        services.link.open_later(sensor.url)
+        services.line.link.open_later(sensor.url)
         room = AlarmClient(client, sensor)
         room.wait(lambda: room.get("/link")["device"] != "no device")
         room.wait(lambda: next(v for v in room.get("/telemetry/latest")["values"])["state"] != "never")

@@ -27,9 +27,9 @@ from gss.instruments.registry import shipped_camera
 from gss.operations.jobs import Cancelled
 from gss.operations.studies.reprocess import ReprocessRequest
 from gss.pipeline.render import render
-from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 FRAMES = 12
 
@@ -42,11 +42,11 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
     for k in range(FRAMES):
         pose = cam_from_icrs(rng.uniform(0, 6.28), np.arcsin(rng.uniform(-1, 1)), rng.uniform(0, 6.28))
         drawn = render(stars, known.camera, known.sensor, pose, 0.25, rng)
-        services.frames._add(
+        services.frames.frames._add(
             drawn.pixels,
             source="import",
             name=f"rendered {k}",
-            taken=services.frames._now(),
+            taken=services.frames.frames._now(),
             bits=8,
             exposure_s=0.25,
             profile="cubestar",
@@ -133,15 +133,15 @@ def test_the_report_of_a_chain_explains_its_failures_against_another(client: Tes
 def test_a_cancelled_job_keeps_complete_results_only(services: Services) -> None:
     """Cancelling at the first reported result leaves the results of the first batch, and the others for the next start."""
     wanted = ReprocessRequest(chain="reference")
-    tasks = services.reprocessing.tasks(wanted)
+    tasks = services.studies.reprocessing.tasks(wanted)
 
     def cancel(done: int, _total: int, _text: str) -> None:
         if done:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        services.reprocessing.work(wanted, tasks, cancel)
-    left = services.reprocessing.tasks(wanted)
+        services.studies.reprocessing.work(wanted, tasks, cancel)
+    left = services.studies.reprocessing.tasks(wanted)
     assert 0 < len(left) < len(tasks)
 
 
@@ -149,7 +149,7 @@ def test_a_killed_worker_costs_only_its_batch(services: Services, monkeypatch: p
     """If all workers die, only their batches in progress are rerun, once. Repeated deaths end the job."""
     monkeypatch.setattr("gss.operations.studies.reprocess.BATCH", 1)
     wanted = ReprocessRequest(chain="far_mst", profile="cubestar")
-    tasks = services.reprocessing.tasks(wanted)
+    tasks = services.studies.reprocessing.tasks(wanted)
 
     killed: list[int] = []
 
@@ -158,15 +158,15 @@ def test_a_killed_worker_costs_only_its_batch(services: Services, monkeypatch: p
             killed.append(child.pid or 0)
             os.kill(child.pid or 0, signal.SIGKILL)
 
-    assert services.reprocessing.work(wanted, tasks, kill_once)["frames"] == len(tasks)
+    assert services.studies.reprocessing.work(wanted, tasks, kill_once)["frames"] == len(tasks)
     assert killed
-    assert services.reprocessing.tasks(wanted) == []
+    assert services.studies.reprocessing.tasks(wanted) == []
     for task in tasks:
-        assert [s.chain for s in services.frames.detail(task.frame_id).solutions].count("far_mst") == 1
+        assert [s.chain for s in services.frames.frames.detail(task.frame_id).solutions].count("far_mst") == 1
 
     with (
         pytest.raises(GssError, match="crashed repeatedly"),
-        closing(services.executor.in_order(end_the_worker, [9])) as results,
+        closing(services.studies.executor.in_order(end_the_worker, [9])) as results,
     ):
         list(results)
 
@@ -240,18 +240,20 @@ def test_results_are_exported_as_csv_and_parquet(client: TestClient, services: S
     assert rows[0]["ra_deg"] == pytest.approx(mine["attitude"]["ra_deg"], abs=1e-9)
     assert client.get("/api/campaigns/solutions?format=xlsx").status_code == 422
     out = tmp_path / "all.parquet"
-    assert main(["export", "solutions", "--out", str(out), "--data", str(services.settings.data)]) == 0
+    assert main(["export", "solutions", "--out", str(out), "--data", str(services.base.settings.data)]) == 0
     assert pq.read_table(out).num_rows >= len(rows)
 
 
 def test_frames_with_missing_pixels_have_a_result(client: TestClient, services: Services) -> None:
     """A frame without stored pixels gives "none" with the reason, the others are solved, and its page still opens."""
-    row = services.frames.get(1)
-    tasks = services.reprocessing.tasks(ReprocessRequest(chain="cubestar", frame_ids=[1, 2], again=True))
+    row = services.frames.frames.get(1)
+    tasks = services.studies.reprocessing.tasks(ReprocessRequest(chain="cubestar", frame_ids=[1, 2], again=True))
     broken = [type(t)(**{**vars(t), "sha256": "0" * 64}) if t.frame_id == row.id else t for t in tasks]
-    out = services.reprocessing.work(ReprocessRequest(chain="cubestar", frame_ids=[1, 2]), broken, lambda *_: None)
+    out = services.studies.reprocessing.work(
+        ReprocessRequest(chain="cubestar", frame_ids=[1, 2]), broken, lambda *_: None
+    )
     assert out["frames"] == 2
-    newest = services.frames.detail(1).solutions[0]
+    newest = services.frames.frames.detail(1).solutions[0]
     assert newest.outcome == "none"
     assert "missing" in newest.reason
     assert client.get("/api/frames/1").status_code == 200

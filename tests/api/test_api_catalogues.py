@@ -304,7 +304,7 @@ def test_banks_by_date(client: TestClient, pair: Any) -> None:
     empty = client.get("/api/catalogues/timeline")
     assert (empty.status_code, empty.json()["message"]) == (404, "no banks recorded")
     now = datetime.now(UTC)
-    with client.app.state.services.database.unit_of_work() as session:  # type: ignore[attr-defined]
+    with client.app.state.services.base.database.unit_of_work() as session:  # type: ignore[attr-defined]
         facts = {"profile": "cubestar", "firmware": "1", "simulated": True, "dictionary_hash": "0"}
         device = devices.remember(session, now, name="FM2", **facts)  # type: ignore[arg-type]
         row = BankHistory(device_id=device.id, bank="B", state="active", sha256=pair[0]["sha256"])

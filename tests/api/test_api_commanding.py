@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
+from gss.operations.clock import Clock
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 pytestmark = pytest.mark.timeout(120)
 ENDED = ("completed", "rejected", "failed", "unknown", "withdrawn")
@@ -53,22 +54,20 @@ class ConsoleClient:
 
 
 @pytest.fixture
-def make_console(
-    tmp_path, sensor_in_memory, monkeypatch, signed_in, client_of
-) -> Iterator[Callable[..., ConsoleClient]]:
+def make_console(tmp_path, sensor_in_memory, signed_in, client_of) -> Iterator[Callable[..., ConsoleClient]]:
     """Factory of servers on sensors; each console's link is open and its sensor has identified itself."""
     clients: list[TestClient] = []
 
     def make(**identity: Any) -> ConsoleClient:
         sensor = sensor_in_memory(**identity)
         start = datetime.now(UTC)
-        for module in ("gss.wiring", "gss.rooms"):
-            monkeypatch.setattr(f"{module}.monotonic_s", sensor.monotonic_s)
-            monkeypatch.setattr(f"{module}.utc_now", lambda: start + timedelta(seconds=sensor.now_s))
-        services = build(Settings(data=tmp_path / "data"))
+        services = build(
+            Settings(data=tmp_path / "data"),
+            clock=Clock(lambda: start + timedelta(seconds=sensor.now_s), sensor.monotonic_s),
+        )
         client = client_of(services)
         clients.append(client.__enter__())
-        services.link.open_later(sensor.url)
+        services.line.link.open_later(sensor.url)
         console = ConsoleClient(client, services, sensor, signed_in)
         console.wait(lambda: console.request("GET", "/link")["dictionary_match"])
         console.wait(lambda: console.request("GET", "/schedule")["told"])
@@ -216,7 +215,7 @@ def test_a_stack_is_stored_tried_run_and_followed(console):
     draft = console.request("POST", "/stacks/check", json={"steps": steps})
     assert [step["size"] for step in draft["steps"]] == [step["size"] for step in check["steps"]]
     assert "POWER" in console.request("POST", f"/stacks/{stack['id']}/run", 400, json={"confirm": []})["expected"]
-    subscription = console.services.bus.subscribe(lambda: None)
+    subscription = console.services.base.bus.subscribe(lambda: None)
     run = console.request("POST", f"/stacks/{stack['id']}/run", 201, json={"confirm": ["POWER"]})
     run = console.wait(
         lambda: next((r for r in [console.request("GET", f"/stack-runs/{run['id']}")] if r["finished"]), None)
@@ -250,7 +249,7 @@ def test_a_command_is_scheduled_listed_and_cancelled(console):
     """The time in UTC with its uncertainty; the device's schedule as text."""
     clock = console.wait(lambda: console.request("GET", "/schedule")["clock"])
     assert clock["uncertainty_s"] < 1
-    at = (console.services.link._now() + timedelta(seconds=300)).isoformat()
+    at = (console.services.line.link._now() + timedelta(seconds=300)).isoformat()
     body = {"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 44}, "at": at}
     check = console.request("POST", "/schedule/check", json=body)
     assert (check["problems"], check["hazard"]) == ([], "watch")

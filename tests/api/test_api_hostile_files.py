@@ -83,7 +83,7 @@ def test_a_comment_of_blanks_is_read(admin: TestClient, hostile: ModuleType) -> 
 
 def test_uploads_beyond_the_limit_are_rejected(app: FastAPI, admin: TestClient) -> None:
     """With every parser in use, an upload gets 503 with the time to retry, and ABORT works."""
-    places = app.state.services.parsing._places
+    places = app.state.services.base.parsing._places
     count = ParsingQueue().at_once + ParsingQueue().waiting
     taken = [places.acquire(blocking=False) for _ in range(count)]
     try:
@@ -104,7 +104,7 @@ def test_a_frame_is_unchanged_by_the_child_process(app: FastAPI, admin: TestClie
     Image.fromarray(pixels).save(file, "PNG")
     reply = send(admin, "a.png", file.getvalue())
     assert reply.status_code == 201, reply.text
-    frames = app.state.services.frames
+    frames = app.state.services.frames.frames
     assert (frames.pixels(frames.get(reply.json()["id"])) == pixels).all()
 
 

@@ -16,7 +16,7 @@ from gss.instruments.registry import SHIPPED
 from gss.operations.clock import utc_now
 from gss.settings import Settings
 from gss.store.models import Catalogue, Contact, Frame
-from gss.wiring import build
+from gss.wiring.build import build
 
 CUBESTAR = read_package_files(SHIPPED / "cubestar")
 

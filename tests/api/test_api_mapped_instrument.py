@@ -14,9 +14,9 @@ from gss.instruments.dictionary.definitions import Value
 from gss.instruments.package_source import read_package_files, write_folder
 from gss.instruments.registry import SHIPPED
 from gss.operations.line.line_events import LineBatch
-from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 SHARED = SHIPPED.parent / "dictionary"
 NOW = datetime(2026, 11, 22, 12, tzinfo=UTC)
@@ -72,21 +72,21 @@ def report(packet: str, values: dict[str, Value]) -> LineBatch:
 
 def test_a_schedule_uses_the_instrument_s_command_and_arguments(services: Services) -> None:
     """The plan has the mapped argument names, and its risk that of the carried command under its own name."""
-    plan = services.schedule.plan("RESTART", {}, at=None, at_device_s=2000.0)
+    plan = services.commanding.schedule.plan("RESTART", {}, at=None, at_device_s=2000.0)
     assert plan.problems == ()
     assert set(plan.order) == {"due_s", "command_code", "length", "content"}
     assert plan.risk.name == "RESTART"
     assert any("restarts unattended" in warning for warning in plan.warnings)
-    assert services.schedule.command() == "RUN_LATER"
-    nested = services.schedule.plan("RUN_LATER", {}, at=None, at_device_s=2000.0)
+    assert services.commanding.schedule.command() == "RUN_LATER"
+    nested = services.commanding.schedule.plan("RUN_LATER", {}, at=None, at_device_s=2000.0)
     assert nested.problems[0] == "schedule commands cannot be scheduled"
 
 
 def test_a_report_is_read_by_its_mapped_fields(services: Services) -> None:
     """Schedule entries and bank reports of the instrument's own packets reach the services."""
     values: dict[str, Value] = {"entry": 7, "due_s": 2000.0, "command_code": 3, "length": 0, "content": bytes(64)}
-    services.schedule.handle(report("schedule_entry", values | {"state": "waiting", "reason": "none"}))
-    (entry,) = services.schedule.state().entries
+    services.commanding.schedule.handle(report("schedule_entry", values | {"state": "waiting", "reason": "none"}))
+    (entry,) = services.commanding.schedule.state().entries
     assert (entry.schedule_id, entry.at_device_s, entry.command) == (7, 2000.0, "RESTART")
     bank: dict[str, Value] = {
         "bank": "B",
@@ -97,19 +97,19 @@ def test_a_report_is_read_by_its_mapped_fields(services: Services) -> None:
         "pairs": 0,
     }
     services.dispatcher._dispatch(report("store_report", bank))
-    assert [view.bank for view in services.banks.views()] == ["B"]
+    assert [view.bank for view in services.transfers.banks.views()] == ["B"]
 
 
 def test_an_operation_that_is_absent_is_refused_with_its_sentence(services: Services) -> None:
     """Downloads of images and ABORT, which the instrument does not have, are refused before anything is sent."""
     for kind in ("frame", "thumbnail"):
         with pytest.raises(Conflict) as caught:
-            services.downloads.start(kind, slot=0)
+            services.frames.downloads.start(kind, slot=0)
         assert caught.value.message == "This sensor cannot download images."
     with pytest.raises(Conflict, match="the line is down"):
-        services.downloads.start("star_windows", slot=0)
+        services.frames.downloads.start("star_windows", slot=0)
     with pytest.raises(Conflict) as caught:
-        services.commands.abort(user="anna", source="abort")
+        services.commanding.commands.abort(user="anna", source="abort")
     assert caught.value.message == "This sensor has no command to abort."
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from gss.domain.errors import BadInput
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 FILE = """
 targets:

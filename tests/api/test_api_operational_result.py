@@ -18,9 +18,9 @@ from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.frames import cam_from_icrs
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.render import render
-from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 CHAIN = "oersted"
 PHOTOGRAPH = 4
@@ -149,10 +149,10 @@ def test_an_invalid_selection_is_rejected(client: TestClient) -> None:
 
 def test_a_frame_without_a_result_gets_it_from_a_campaign(client: TestClient, services: Services) -> None:
     """The configured chain with the frame's camera fills an empty place; another chain or another camera does not."""
-    row = services.frames.get(1)
+    row = services.frames.frames.get(1)
     skipped = {"source": "import", "name": "skipped", "profile": "cubestar"}
     known = {name: getattr(row, name) for name in ("bits", "exposure_s", "taken")}
-    frame, _ = services.frames._add(services.frames.pixels(row), **skipped, **known)
+    frame, _ = services.frames.frames._add(services.frames.frames.pixels(row), **skipped, **known)
     ran(client, client.post("/api/campaigns/reprocess", json={"chain": CHAIN, "frame_ids": [frame.id]}))
     assert client.post(f"/api/frames/{frame.id}/solve", json={"blind": True}).status_code == 201
     assert client.get(f"/api/frames/{frame.id}").json()["ground"] is None

@@ -11,7 +11,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 TleOf = Callable[[float], str]
 STATION = {

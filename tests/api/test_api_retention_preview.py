@@ -17,7 +17,7 @@ def test_a_preview_counts_and_changes_nothing(client):
     assert {harmless.json()[name] for name in ("frames", "frames_bytes", "packets", "to_thin", "events")} == {0}
     assert harmless.json()["unusual"] == ""
     app = client.app.state.services
-    app.bus.record("test", "ok", "a line to count")
+    app.base.bus.record("test", "ok", "a line to count")
     preview = client.post("/api/admin/retention/preview", json={"events_days": 1e-9, "keep_frames": 0}).json()
     assert preview["events"] >= 1
     assert client.get("/api/admin/retention").json()["events_days"] == before["events_days"] == 0
@@ -36,8 +36,8 @@ def test_only_an_admin_confirms_the_clock(client, client_of):
     confirms, and it is audited.
     """
     app = client.app.state.services
-    now = app.upkeep.trust.state().now
-    app.upkeep.trust._keep(now - timedelta(days=3652), "test")
+    now = app.base.trust.state().now
+    app.base.trust._keep(now - timedelta(days=3652), "test")
     found = client.get("/api/admin/retention").json()["clock"]
     assert "3652 days ahead" in found["doubt"]
     refused = client.post("/api/admin/retention/run")
@@ -57,8 +57,8 @@ def test_only_an_admin_confirms_the_clock(client, client_of):
 def test_an_unusual_removal_needs_the_confirmed_preview(client):
     """Thousands of events older than the policy: 409 without the preview, a job with its figures."""
     app = client.app.state.services
-    old = app.upkeep.trust.state().now - timedelta(days=40)
-    with app.database.unit_of_work() as session:
+    old = app.base.trust.state().now - timedelta(days=40)
+    with app.base.database.unit_of_work() as session:
         first = session.scalar(select(func.min(Event.seq)))
         session.add_all(
             Event(seq=first - k, at=old, kind="t", severity="ok", text="old", data={}) for k in range(1, 2101)
@@ -73,5 +73,5 @@ def test_an_unusual_removal_needs_the_confirmed_preview(client):
     assert (fewer.status_code, "more data would be removed" in fewer.json()["message"]) == (409, True), fewer.text
     job = client.post("/api/admin/retention/run", json={"confirmed": confirmed})
     assert job.status_code == 202, job.text
-    app.jobs.finish()
+    app.base.jobs.finish()
     assert client.get(f"/api/jobs/{job.json()['id']}").json()["result"]["removed"]["events"] == 2100

@@ -9,8 +9,8 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from gss.operations.accounts.users import UserService
-from gss.services import Services
 from gss.store.audit import AuditFilter
+from gss.wiring.services import Services
 
 PASSWORD = "capella over the roof"
 CHECK = "/api/password-links/check"
@@ -20,7 +20,7 @@ CHECK = "/api/password-links/check"
 def services(app: FastAPI) -> Services:
     """A server whose rate limits are unused."""
     services: Services = app.state.services
-    services.accounts.attempts._failures.clear()
+    services.accounts.accounts.attempts._failures.clear()
     return services
 
 
@@ -33,18 +33,18 @@ def anonymous(app: FastAPI, services: Services) -> TestClient:
 
 def link_of(services: Services, name: str) -> str:
     """Return a new password link of a new user."""
-    return services.accounts.users.password_link(
-        services.accounts.users.add(name, "viewer", by="test").id, by="test"
+    return services.accounts.accounts.users.password_link(
+        services.accounts.accounts.users.add(name, "viewer", by="test").id, by="test"
     ).key
 
 
 def test_checking_a_link_is_unlimited_and_does_not_use_it(services: Services, anonymous: TestClient) -> None:
     """Checking changes nothing, writes no row, and does not count as a failed attempt."""
     token = link_of(services, "fresh")
-    rows = len(services.audit.page(AuditFilter(), 500))
+    rows = len(services.accounts.audit.page(AuditFilter(), 500))
     looks = [anonymous.post(CHECK, json={"kind": "password", "token": token}).status_code for _ in range(40)]
     assert looks == [204] * 40
-    assert len(services.audit.page(AuditFilter(), 500)) == rows
+    assert len(services.accounts.audit.page(AuditFilter(), 500)) == rows
     body = {"token": token, "password": PASSWORD}
     assert anonymous.post("/api/password-links", json=body).json()["name"] == "fresh"
 
@@ -53,8 +53,8 @@ def test_an_invalid_link_is_rejected_with_the_message_of_its_use(services: Servi
     """Used, for another purpose, replaced by a newer one, guessed: the response does not say which."""
     used, other = link_of(services, "used"), link_of(services, "other")
     anonymous.post("/api/password-links", json={"token": used, "password": PASSWORD})
-    services.accounts.users.password_link(
-        next(u.id for u in services.accounts.users.every() if u.name == "other"), by="test"
+    services.accounts.accounts.users.password_link(
+        next(u.id for u in services.accounts.accounts.users.every() if u.name == "other"), by="test"
     )
     response = anonymous.post("/api/password-links", json={"token": used, "password": PASSWORD})
     tries = [("password", used), ("password", other), ("setup", other), ("password", "guess"), ("setup", "guess")]
@@ -75,7 +75,7 @@ def test_guesses_share_the_rate_limit_of_the_use(services: Services, anonymous: 
 def test_a_setup_link_is_valid_until_the_first_user_exists(app_of: Callable[..., FastAPI]) -> None:
     """The printed link of an empty server; afterwards the same link is rejected though its hour has not ended."""
     app = app_of({})
-    users: UserService = app.state.services.accounts.users
+    users: UserService = app.state.services.accounts.accounts.users
     anonymous = TestClient(app, base_url="http://localhost", headers={"X-GSS": "1"})
     link = users.set_up_link()
     assert link is not None

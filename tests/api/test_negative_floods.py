@@ -13,8 +13,8 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from gss.operations.accounts.passwords import AT_ONCE, MOST_WAITING
-from gss.services import Services
 from gss.store.audit import AuditFilter
+from gss.wiring.services import Services
 
 PASSWORD = "orion over the sea"
 MARK = {"X-GSS": "1"}
@@ -30,7 +30,7 @@ def app(app_of: Callable[..., FastAPI]) -> FastAPI:
 def services(app: FastAPI) -> Services:
     """Its services."""
     services: Services = app.state.services
-    services.accounts.attempts._failures.clear()
+    services.accounts.accounts.attempts._failures.clear()
     return services
 
 
@@ -44,9 +44,9 @@ def browser(app: FastAPI, address: str, headers: dict[str, str] | None = None) -
 
 def program(app: FastAPI, services: Services, name: str, role: str, scopes: list[str]) -> TestClient:
     """Return a client with a token that expires after a day."""
-    owner = services.accounts.users.named("Élodie")
+    owner = services.accounts.accounts.users.named("Élodie")
     assert owner is not None
-    made = services.accounts.tokens.add(name, role, 1, by="test", owner_id=owner.id, scopes=scopes)
+    made = services.accounts.accounts.tokens.add(name, role, 1, by="test", owner_id=owner.id, scopes=scopes)
     return browser(app, "10.1.0.1", {"Authorization": f"Bearer {made.key}"})
 
 
@@ -57,7 +57,7 @@ def sign_in(client: TestClient, name: str, password: str) -> Any:
 
 def test_abort_does_not_wait_for_sign_ins_and_too_many_are_rejected(app: FastAPI, services: Services) -> None:
     """With every hashing slot in use, ABORT is answered and one more sign-in gets 429 at once."""
-    go, turns = threading.Event(), services.accounts.passwords.turns
+    go, turns = threading.Event(), services.accounts.accounts.passwords.turns
     held = [turns.take(lambda: go.wait(30)) for _ in range(AT_ONCE + MOST_WAITING)]
     try:
         client = program(app, services, "stop only", "viewer", ["stop"])
@@ -107,14 +107,14 @@ def test_failed_sign_ins_are_one_audit_row_a_minute(app: FastAPI, services: Serv
     codes = [sign_in(stranger, name, "wrong").status_code for name in ["vic", "unknown user", *["vic"] * 6]]
     assert codes[0] == 401
     assert codes[-1] == 429
-    rows = services.audit.page(AuditFilter(action="session.sign_in"), 100)
+    rows = services.accounts.audit.page(AuditFilter(action="session.sign_in"), 100)
     assert [row.who for row in rows if row.address == "10.1.0.5"] == ["vic"]
 
 
 def test_a_limited_token_creates_nothing_with_more_permissions_or_longer_life(app: FastAPI, services: Services) -> None:
     """No user, link, role or token beyond its own permissions, and none that outlives it."""
     narrow = program(app, services, "narrow", "admin", ["admin.users", "admin.tokens", "view", "metrics", "stop"])
-    admin, vic = services.accounts.users.named("Élodie"), services.accounts.users.named("vic")
+    admin, vic = services.accounts.accounts.users.named("Élodie"), services.accounts.accounts.users.named("vic")
     assert admin is not None
     assert vic is not None
     refused = [

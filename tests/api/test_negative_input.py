@@ -52,7 +52,7 @@ def test_no_name_in_an_address_leaves_its_folder(client: TestClient, where: str,
 @pytest.mark.parametrize("name", [*TRAVERSALS[:5], SCRIPT, "a\r\nX-Evil: 1", "\u202egnp.exe", "x" * 5000])
 def test_the_name_of_an_uploaded_file_is_only_text(client: TestClient, name: str) -> None:
     """It is stored and shown, shortened and without control characters; the name on disk is a hash."""
-    folder: Path = client.app.state.services.settings.data  # type: ignore[attr-defined]
+    folder: Path = client.app.state.services.base.settings.data  # type: ignore[attr-defined]
     before = {path.name for path in folder.parent.iterdir()}
     reply = client.post("/api/frames/import", files={"file": (name, b"not an image", "image/png")})
     assert reply.status_code in (400, 409, 413, 422), reply.text
@@ -86,7 +86,7 @@ def test_a_script_in_a_note_stays_text(client: TestClient) -> None:
 def test_a_script_in_the_log_stays_text(client: TestClient) -> None:
     """A typed reason is stored unchanged in the events, and no page contains it as markup."""
     services = client.app.state.services  # type: ignore[attr-defined]
-    services.bus.record("device", "watch", SCRIPT)
+    services.base.bus.record("device", "watch", SCRIPT)
     reply = client.get("/api/events", params={"limit": 1000})
     assert SCRIPT in [event["text"] for event in reply.json()]
     assert reply.headers["content-type"] == "application/json"

@@ -33,7 +33,7 @@ STARTED_AT = {
 
 def stored(app: FastAPI, row: Any) -> int:
     """Store a row unchanged and return its id."""
-    with app.state.services.database.unit_of_work() as session:
+    with app.state.services.base.database.unit_of_work() as session:
         session.add(row)
         session.flush()
         return int(row.id)
@@ -55,7 +55,7 @@ def test_restarting_a_job_needs_the_permission_of_its_kind(app: FastAPI, clients
     """Starting, restarting and cancelling need the same permission; an unknown kind needs an admin."""
     needs = declared(app)
     assert {kind: needs[path] for kind, path in STARTED_AT.items()} == PERMISSIONS
-    assert set(app.state.services.jobs._kinds) <= set(PERMISSIONS)
+    assert set(app.state.services.base.jobs._kinds) <= set(PERMISSIONS)
     tried = 0
     for kind in (*PERMISSIONS, "unheard of"):
         ended, running = a_job(app, kind, "done"), a_job(app, kind, "running")

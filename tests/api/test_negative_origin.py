@@ -22,7 +22,7 @@ from gss.operations.accounts.users import Link
 from gss.operations.clock import utc_now
 from gss.settings import Settings
 from gss.store.audit import AuditFilter
-from gss.wiring import build
+from gss.wiring.build import build
 
 PROXY = {"behind_proxy": True, "public_names": "gss.example.org", "trusted_proxies": "192.0.2.7,10.0.0.0/8"}
 
@@ -88,7 +88,7 @@ def test_a_foreign_page_changes_nothing_even_with_cookie_and_token(
     assert browser(app).post("/api/authority/take", headers=headers | foreign).status_code == 403
     reply = browser(app).post("/api/session", json={"name": "x", "password": "y"}, headers={"X-GSS": "1"} | foreign)
     assert reply.status_code == 403
-    assert app.state.services.authority.holder() is None
+    assert app.state.services.commanding.authority.holder() is None
 
 
 def test_a_plain_form_of_another_site_is_rejected(app: FastAPI, headers: dict[str, str]) -> None:
@@ -123,9 +123,9 @@ def test_a_client_cannot_write_another_address_into_the_record(app: FastAPI, hea
             client.post("/api/session", json={"name": "unknown", "password": "guess"}, headers=spoofed).status_code
         )
     assert codes[-1] == 429
-    rows = app.state.services.audit.page(AuditFilter(action="session.sign_in"), 20)
+    rows = app.state.services.accounts.audit.page(AuditFilter(action="session.sign_in"), 20)
     assert {row.address for row in rows} == {"203.0.113.9"}
-    app.state.services.accounts.attempts._failures.clear()
+    app.state.services.accounts.accounts.attempts._failures.clear()
 
 
 def test_behind_a_proxy_only_the_proxy_is_accepted(proxied: FastAPI) -> None:
@@ -157,7 +157,7 @@ def test_behind_a_proxy_the_last_untrusted_address_of_the_list_is_the_caller(pro
         body = {"name": "unknown", "password": "guess"}
         reply = browser(proxied, peer="192.0.2.7").post("/api/session", json=body, headers=spoofed)
         assert reply.status_code == 401
-        assert proxied.state.services.audit.page(AuditFilter(), 1)[0].address == address
+        assert proxied.state.services.accounts.audit.page(AuditFilter(), 1)[0].address == address
 
 
 def test_of_several_forwarded_lines_the_last_one_counts() -> None:
@@ -176,7 +176,7 @@ def test_of_several_forwarded_lines_the_last_one_counts() -> None:
 
 def test_with_tls_cookies_are_secure_and_browsers_stay_with_it(proxied: FastAPI) -> None:
     """Secure cookie and HSTS behind a proxy (and with TLS files: the same switch), not on plain loopback."""
-    users = proxied.state.services.accounts.users
+    users = proxied.state.services.accounts.accounts.users
     link = users.password_link(users.add("ann", "admin", by="test").id, by="test")
     head = {"X-Forwarded-Proto": "https", "Host": "gss.example.org", "X-GSS": "1"}
     body = {"token": link.key, "password": "orion over the sea"}
@@ -268,7 +268,7 @@ def test_a_stream_ends_with_the_session_that_opened_it(
     revoked.
     """
     monkeypatch.setattr(stream, "RECHECK_S", 0.02)
-    accounts = app.state.services.accounts
+    accounts = app.state.services.accounts.accounts
     name = f"listener {how}"
     headers = signed_in(app.state.services, "operator", name)
     token = accounts.tokens.add(name, "viewer", 1, by="test")

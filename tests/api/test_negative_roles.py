@@ -129,7 +129,7 @@ def test_a_viewer_may_read_everything_else(app: FastAPI, clients: dict[str, Test
 
 def test_no_user_raises_his_own_permissions(app: FastAPI, clients: dict[str, TestClient]) -> None:
     """Not by his own row, a new user, a token, or an unexpected field."""
-    users = app.state.services.accounts.users
+    users = app.state.services.accounts.accounts.users
     for role in ROLES:
         if role == "admin":
             continue
@@ -150,7 +150,7 @@ def test_no_user_raises_his_own_permissions(app: FastAPI, clients: dict[str, Tes
 
 def test_the_last_admin_stays(app: FastAPI, clients: dict[str, TestClient]) -> None:
     """The last admin can be removed neither by mistake nor on purpose."""
-    own = app.state.services.accounts.users.named("the admin")
+    own = app.state.services.accounts.accounts.users.named("the admin")
     for change in ({"role": "viewer"}, {"enabled": False}):
         reply = clients["admin"].put(f"/api/users/{own.id}", json=change)
         assert (reply.status_code, "last admin" in reply.json()["message"]) == (409, True)
@@ -202,11 +202,11 @@ def test_an_inner_command_needs_its_permission(app: FastAPI, clients: dict[str, 
     """SCHEDULE needs the permission of its inner command, and every group's if that cannot be read."""
     services = app.state.services
     scopes = ["view", "schedule", "command.processor", "command.imager"]
-    token = services.accounts.tokens.add("narrow", "operator", 1, by="test", scopes=scopes)
+    token = services.accounts.accounts.tokens.add("narrow", "operator", 1, by="test", scopes=scopes)
     narrow = TestClient(app, base_url="http://localhost", headers={"Authorization": f"Bearer {token.key}"})
-    codes = {c.name: c.code for c in services.link.dictionary.commands}
+    codes = {c.name: c.code for c in services.line.link.dictionary.commands}
     fields = {"at_s": 1000.0, "length": 0, "payload": ""}
-    names = [argument.name for argument in services.link.dictionary.command("SCHEDULE").arguments]
+    names = [argument.name for argument in services.line.link.dictionary.command("SCHEDULE").arguments]
     assert set(fields) | {"command_code"} <= set(names)
     plain = {"schedule_id": 1} if "schedule_id" in names else {}
     for code, allowed in ((codes["LIST_FRAMES"], True), (codes["LIST_BANKS"], False), (60000, False)):
@@ -222,7 +222,7 @@ def test_a_stack_with_one_forbidden_command_is_rejected_completely(
     steps = [{"command": "GET_STATUS"}, {"command": "LIST_BANKS"}]
     row = clients["operator"].post("/api/stacks", json={"name": "mixed", "note": "", "steps": steps}).json()
     scopes = ["view", "stacks", "command.link"]
-    token = services.accounts.tokens.add("status only", "operator", 1, by="test", scopes=scopes)
+    token = services.accounts.accounts.tokens.add("status only", "operator", 1, by="test", scopes=scopes)
     narrow = TestClient(app, base_url="http://localhost", headers={"Authorization": f"Bearer {token.key}"})
     reply = narrow.post(f"/api/stacks/{row['id']}/run", json={"confirm": []})
     assert (reply.status_code, "command.catalogue" in reply.json()["message"]) == (403, True)

@@ -38,7 +38,7 @@ def names(permission: str, scope: str) -> bool:
 
 def scoped(app: FastAPI, name: str, *scopes: str) -> TestClient:
     """Return a program with an admin's token, limited to ``scopes``."""
-    token = app.state.services.accounts.tokens.add(name, "admin", 1, by="test", scopes=scopes)
+    token = app.state.services.accounts.accounts.tokens.add(name, "admin", 1, by="test", scopes=scopes)
     headers = {"Authorization": f"Bearer {token.key}"}
     return TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)
 

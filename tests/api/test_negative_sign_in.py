@@ -15,9 +15,9 @@ from fastapi.testclient import TestClient
 
 from gss.api.app import create_app
 from gss.domain.limits import State
-from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 PASSWORD = "orion over the sea"
 
@@ -38,7 +38,7 @@ def services(app: FastAPI) -> Services:
 @pytest.fixture
 def anonymous(app: FastAPI, services: Services, address: str) -> TestClient:
     """A browser without a session at an address that no other test uses."""
-    services.accounts.attempts._failures.clear()
+    services.accounts.accounts.attempts._failures.clear()
     return TestClient(
         app,
         base_url="http://localhost",
@@ -70,7 +70,7 @@ def newest(services: Services, action: str) -> Any:
     """Return the newest audit row of an action."""
     from gss.store.audit import AuditFilter
 
-    return services.audit.page(AuditFilter(action=action), 1)[0]
+    return services.accounts.audit.page(AuditFilter(action=action), 1)[0]
 
 
 def test_the_cookie_is_inaccessible_to_scripts_and_other_sites(anonymous: TestClient) -> None:
@@ -108,7 +108,7 @@ def test_no_response_log_or_row_contains_a_password(services: Services, anonymou
             anonymous.get("/api/audit?limit=200"),
         ]
     assert [a.status_code for a in answers] == [401, 401, 422, 422, 403, 400, 200, 200]
-    everything = caplog.text + "".join(a.text for a in answers) + "".join(services.audit.export("jsonl"))
+    everything = caplog.text + "".join(a.text for a in answers) + "".join(services.accounts.audit.export("jsonl"))
     assert not [secret for secret in secrets if secret in everything]
     assert newest(services, "session.sign_in").who == "ann"
     assert "$argon2" not in everything
@@ -118,10 +118,10 @@ def test_an_unknown_name_is_answered_like_a_wrong_password(services: Services, a
     """Same status, same text, one hash computed: the response does not reveal which accounts exist."""
     answers = []
     for name in ("ann", "another user"):
-        before = services.accounts.passwords.verified
+        before = services.accounts.accounts.passwords.verified
         reply = anonymous.post("/api/session", json={"name": name, "password": "not this one"})
         body = reply.json() | {"id": ""}
-        answers.append((reply.status_code, body, services.accounts.passwords.verified - before))
+        answers.append((reply.status_code, body, services.accounts.accounts.passwords.verified - before))
     assert answers[0] == answers[1]
     assert answers[0][2] == 1
 
@@ -145,10 +145,10 @@ def test_a_planted_session_is_invalid(services: Services, anonymous: TestClient)
     sign_in(anonymous)
     first = anonymous.cookies.get("gss_session", domain="localhost.local")
     assert first != "planted-key"
-    assert services.accounts.who_has_cookie("planted-key") is None
+    assert services.accounts.accounts.who_has_cookie("planted-key") is None
     anonymous.headers["X-GSS"] = "1"
     sign_in(anonymous, "vic", PASSWORD + " vic")
-    assert services.accounts.who_has_cookie(first) is None
+    assert services.accounts.accounts.who_has_cookie(first) is None
 
 
 def test_signing_out_ends_the_session_permanently(services: Services, anonymous: TestClient) -> None:
@@ -156,7 +156,7 @@ def test_signing_out_ends_the_session_permanently(services: Services, anonymous:
     sign_in(anonymous)
     key = anonymous.cookies["gss_session"]
     assert anonymous.delete("/api/session").status_code == 204
-    assert services.accounts.who_has_cookie(key) is None
+    assert services.accounts.accounts.who_has_cookie(key) is None
     anonymous.cookies.set("gss_session", key)
     assert anonymous.get("/api/link").json()["message"] == "the session has ended"
 
@@ -183,16 +183,16 @@ def test_a_password_change_ends_every_other_session_and_renews_ones_own(
     services: Services, anonymous: TestClient
 ) -> None:
     """New cookie, new CSRF token; the old ones and unused links are invalid everywhere."""
-    user = services.accounts.users.add("pat", "operator", by="test", password=PASSWORD)
-    elsewhere = services.accounts.sessions.begin(user.id, address="other desk")
-    link = services.accounts.users.password_link(user.id, by="test")
+    user = services.accounts.accounts.users.add("pat", "operator", by="test", password=PASSWORD)
+    elsewhere = services.accounts.accounts.sessions.begin(user.id, address="other desk")
+    link = services.accounts.accounts.users.password_link(user.id, by="test")
     before = sign_in(anonymous, "pat")
     key = anonymous.cookies["gss_session"]
     reply = anonymous.put("/api/session/password", json={"old": PASSWORD, "new": "vega above the hills"})
     assert reply.status_code == 200
     assert reply.json()["csrf"] != before["csrf"]
-    assert services.accounts.who_has_cookie(elsewhere.key) is None
-    assert services.accounts.who_has_cookie(key) is None
+    assert services.accounts.accounts.who_has_cookie(elsewhere.key) is None
+    assert services.accounts.accounts.who_has_cookie(key) is None
     assert anonymous.get("/api/session").json()["name"] == "pat"
     body = {"token": link.key, "password": "another good one"}
     assert anonymous.post("/api/password-links", json=body).status_code == 403
@@ -200,10 +200,10 @@ def test_a_password_change_ends_every_other_session_and_renews_ones_own(
 
 def test_a_disabled_user_is_signed_out_at_once(services: Services, anonymous: TestClient) -> None:
     """During a session, and at the next sign-in."""
-    user = services.accounts.users.add("off", "operator", by="test", password=PASSWORD)
+    user = services.accounts.accounts.users.add("off", "operator", by="test", password=PASSWORD)
     sign_in(anonymous, "off")
     assert anonymous.get("/api/link").status_code == 200
-    services.accounts.users.change(user.id, enabled=False)
+    services.accounts.accounts.users.change(user.id, enabled=False)
     assert anonymous.get("/api/link").status_code == 401
     assert anonymous.post("/api/session", json={"name": "off", "password": PASSWORD}).status_code == 401
 
@@ -212,9 +212,9 @@ def test_links_are_used_once_and_not_guessed(services: Services, anonymous: Test
     """A user's first password is set with a link; the second use, a guess and a setup link after the first user are
     rejected alike.
     """
-    user = services.accounts.users.add("new", "viewer", by="test")
+    user = services.accounts.accounts.users.add("new", "viewer", by="test")
     assert anonymous.post("/api/session", json={"name": "new", "password": ""}).status_code == 422
-    link = services.accounts.users.password_link(user.id, by="test")
+    link = services.accounts.accounts.users.password_link(user.id, by="test")
     body = {"token": link.key, "password": "cassiopeia upside down"}
     refused = [
         anonymous.post("/api/password-links", json=body | {"token": "guess"}),
@@ -237,16 +237,16 @@ def test_the_first_admin_is_created_with_the_printed_link_only(tmp_path: Path) -
         assert client.get("/api/link").status_code == 401
         for name, password in (("admin", "admin"), ("operator-1", "operator-1"), ("root", "password")):
             assert client.post("/api/session", json={"name": name, "password": password}).status_code == 401
-        link = services.accounts.users.set_up_link()
+        link = services.accounts.accounts.users.set_up_link()
         assert link is not None
         body = {"token": "guess", "name": "ann", "password": PASSWORD}
         codes = {client.post("/api/setup", json=body | {"token": f"guess {k}"}).status_code for k in range(20)}
         assert codes == {403, 429}
-        services.accounts.attempts.forget("link testclient")
+        services.accounts.accounts.attempts.forget("link testclient")
         made = client.post("/api/setup", json=body | {"token": link.key}).json()
         assert (made["name"], made["role"]) == ("ann", "admin")
         assert client.post("/api/setup", json=body | {"token": link.key, "name": "eve"}).status_code == 403
-        assert [user.name for user in services.accounts.users.every()] == ["ann"]
+        assert [user.name for user in services.accounts.accounts.users.every()] == ["ann"]
 
 
 @pytest.mark.parametrize("key", ["", "gss_", "gss_guess", "x" * 5000, "gss_\x7f"])
@@ -260,7 +260,7 @@ def test_a_token_needs_no_csrf_token_and_has_its_role_only(services: Services, a
     """A program makes changes with its token; scopes apply; a revoked token is invalid at once; it cannot set passwords
     or raise its permissions.
     """
-    made = services.accounts.tokens.add("night run", "engineer", 1, by="test")
+    made = services.accounts.accounts.tokens.add("night run", "engineer", 1, by="test")
     headers = {"Authorization": f"Bearer {made.key}"}
     del anonymous.headers["X-GSS"]
     assert anonymous.post("/api/authority/take", headers=headers).json()["holder"] == "token:night run"
@@ -268,12 +268,12 @@ def test_a_token_needs_no_csrf_token_and_has_its_role_only(services: Services, a
     assert anonymous.post("/api/link/close", headers=headers).status_code == 403
     change = {"old": PASSWORD, "new": "a new good secret"}
     assert anonymous.put("/api/session/password", headers=headers, json=change).status_code == 409
-    narrow = services.accounts.tokens.add("narrow", "admin", 1, by="test", scopes=["admin.tokens"])
+    narrow = services.accounts.accounts.tokens.add("narrow", "admin", 1, by="test", scopes=["admin.tokens"])
     tight = {"Authorization": f"Bearer {narrow.key}"}
     assert anonymous.get("/api/link", headers=tight).status_code == 403
     wider = anonymous.post("/api/tokens", headers=tight, json={"name": "wider", "role": "admin", "days": 1})
     assert wider.status_code == 403
-    services.accounts.tokens.revoke(made.row.id)
+    services.accounts.accounts.tokens.revoke(made.row.id)
     assert anonymous.get("/api/link", headers=headers).status_code == 401
 
 
@@ -283,7 +283,7 @@ def test_a_token_is_shown_once(services: Services, anonymous: TestClient) -> Non
     key = anonymous.post("/api/tokens", json={"name": "once", "role": "viewer", "days": 1}).json()["key"]
     after = anonymous.get("/api/tokens").text + anonymous.get("/api/audit?limit=50").text
     assert key not in after
-    assert key not in "".join(services.audit.export("jsonl"))
+    assert key not in "".join(services.accounts.audit.export("jsonl"))
 
 
 def test_the_audit_log_records_actions_without_secrets(services: Services, anonymous: TestClient) -> None:
@@ -304,7 +304,7 @@ def test_the_audit_log_records_actions_without_secrets(services: Services, anony
     assert newest(services, "upkeep.choose_retention").detail == "frames_days from 0 to 30"
     anonymous.post("/api/authority/break", json={"reason": "pass begins"})
     assert newest(services, "authority.break_authority").detail.startswith("of no user, pass begins: ")
-    assert made["link"].split("#")[1] not in "".join(services.audit.export("jsonl"))
+    assert made["link"].split("#")[1] not in "".join(services.accounts.audit.export("jsonl"))
 
 
 def test_the_audit_log_records_old_and_new_values(services: Services, anonymous: TestClient) -> None:
@@ -320,11 +320,11 @@ def test_the_audit_log_records_old_and_new_values(services: Services, anonymous:
     assert said.startswith(
         "housekeeping.sensor_temperature_c from watch … 30, warning … 40, critical … 50, 2 samples to "
     )
-    before, other = services.telemetry.limits.chosen, services.telemetry.limits.sets[-1][0]
+    before, other = services.telemetry.telemetry.limits.chosen, services.telemetry.telemetry.limits.sets[-1][0]
     anonymous.put("/api/telemetry/limits/set", json={"name": other, "note": "bench"})
     assert newest(services, "limits.choose_set").detail == f"from {before} to {other} bench"
-    services.alarms.watch(("link", "test"), State.WARNING, 1.0, "a test", "")
-    (alarm,) = services.alarms.opened()
+    services.telemetry.alarms.watch(("link", "test"), State.WARNING, 1.0, "a test", "")
+    (alarm,) = services.telemetry.alarms.opened()
     anonymous.post(f"/api/alarms/{alarm.row.id}/shelve", json={"minutes": 10, "note": "known"})
     assert newest(services, "alarms.shelve").detail.endswith("raised; for 10 min known")
     anonymous.post(f"/api/alarms/{alarm.row.id}/unshelve", json={"note": "again"})
@@ -357,16 +357,16 @@ def test_every_change_denial_and_export_is_audited(services: Services, anonymous
     """User, action, address and result; reads are not; unauthenticated requests are counted instead of written each
     time.
     """
-    rows_before = services.audit.verify().rows
+    rows_before = services.accounts.audit.verify().rows
     for _ in range(30):
         anonymous.get("/api/link")
-    assert services.audit.verify().rows == rows_before + 1
+    assert services.accounts.audit.verify().rows == rows_before + 1
     sign_in(anonymous, "vic", PASSWORD + " vic")
     row = newest(services, "session.sign_in")
     assert (row.who, row.result, row.address) == ("vic", "done", address)
-    rows = services.audit.verify().rows
+    rows = services.accounts.audit.verify().rows
     assert anonymous.get("/api/link").status_code == 200
-    assert services.audit.verify().rows == rows
+    assert services.accounts.audit.verify().rows == rows
     assert anonymous.post("/api/link/close").status_code == 403
     denied = newest(services, "link.close_link")
     assert (denied.who, denied.role, denied.result) == ("vic", "viewer", "denied")
@@ -375,7 +375,7 @@ def test_every_change_denial_and_export_is_audited(services: Services, anonymous
     assert newest(services, "commands.export_commands").result == "done"
     assert anonymous.post("/api/commands/abort").status_code == 409
     assert (newest(services, "commands.abort").result, newest(services, "commands.abort").who) == ("failed", "vic")
-    assert services.audit.verify().problem == ""
+    assert services.accounts.audit.verify().problem == ""
 
 
 def test_the_record_cannot_be_changed_over_the_network(anonymous: TestClient) -> None:
@@ -411,7 +411,7 @@ def test_filters_of_the_audit_log_are_values_never_sql(
     assert "argon2" not in reply.text
     if "until" not in query and reply.status_code == 200:
         assert reply.json() == []
-    assert services.audit.verify().problem == ""
+    assert services.accounts.audit.verify().problem == ""
 
 
 def test_no_page_stores_a_secret_accessible_to_scripts(root: Path) -> None:
@@ -436,8 +436,8 @@ def test_json_of_the_session_has_the_fields_that_pages_read(anonymous: TestClien
 
 def test_the_audit_log_names_what_a_revocation_withdrew(services: Services, anonymous: TestClient) -> None:
     """The users that were disabled and the number of links; the list of users shows the reason."""
-    ann = services.accounts.users.named("ann")
-    made = services.accounts.tokens.add("robot", "admin", 1, by="ann", owner_id=ann.id)
+    ann = services.accounts.accounts.users.named("ann")
+    made = services.accounts.accounts.tokens.add("robot", "admin", 1, by="ann", owner_id=ann.id)
     robot = {"Authorization": f"Bearer {made.key}"}
     assert anonymous.post("/api/users", headers=robot, json={"name": "made", "role": "viewer"}).status_code == 201
     sign_in(anonymous)

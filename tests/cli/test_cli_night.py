@@ -19,7 +19,7 @@ from gss.operations.frames.solver_cache import SolverCache
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 KNOWN = shipped_camera("cubestar")
 TRUE = replace(
@@ -103,7 +103,7 @@ def test_stored_frames_go_out_as_fits_and_say_what_their_sky_is_without(
         0.25,
         np.random.default_rng(1),
     )
-    services.frames._add(
+    services.frames.frames._add(
         image.pixels,
         source="device",
         taken=datetime(2026, 7, 1, tzinfo=UTC),
@@ -112,8 +112,8 @@ def test_stored_frames_go_out_as_fits_and_say_what_their_sky_is_without(
         profile="cubestar",
         truth=[float(v) for v in image.truth.quaternion],
     )
-    services.frames.stop()
-    services.database.close()
+    services.frames.frames.stop()
+    services.base.database.close()
     folder = tmp_path / "out"
     assert main(["export", "fits", "--frames", "1", "--out", str(folder), "--data", str(tmp_path / "store")]) == 0
     capsys.readouterr()

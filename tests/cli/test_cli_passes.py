@@ -13,7 +13,7 @@ from gss.operations.accounts.audit import AuditFilter
 from gss.orbit.oem import oem_of
 from gss.orbit.read_orbit import read_orbit
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 TLE = """ISS (ZARYA)
 1 25544U 98067A   19343.69339541  .00001764  00000-0  38792-4 0  9991
@@ -59,7 +59,7 @@ def test_orbit_station_and_passes_without_a_browser(tmp_path: Path, capsys: pyte
     assert (tmp_path / "passes.ics").read_text().count("BEGIN:VEVENT") == len(table["passes"])
     assert main(["passes", "delete-station", "Stellenbosch", *data]) == 0
     services = build(Settings(data=tmp_path))
-    actions = [row.action for row in services.audit.page(AuditFilter(), 10, None)]
+    actions = [row.action for row in services.accounts.audit.page(AuditFilter(), 10, None)]
     assert services.passes.stations.every() == []
     assert actions == ["shell.station_delete", "shell.station_add", "shell.orbit_import"]
 

@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 
 from gss.api.app import create_app
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 from tests.contract.rfc2217_line import Rfc2217Server
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ from gss.device.line_address import parse_line_address
 from gss.domain.errors import BadInput
 from gss.operations.jobs import JobRequest
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 EXAMPLES = int(os.environ.get("GSS_FUZZ_EXAMPLES", "4"))
 SEED = int(os.environ.get("GSS_FUZZ_SEED", "1"))
@@ -83,11 +83,11 @@ def server(tmp_path_factory: pytest.TempPathFactory, signed_in: SignIn) -> Itera
 
     with TestClient(app, base_url=ADDRESS) as client, get_client(requests_only) as session:
         furnish(client, signed_in(services))
-        services.jobs.begin("check-store", "hold", JobRequest(), lambda _run: {"held": release.wait()})
+        services.base.jobs.begin("check-store", "hold", JobRequest(), lambda _run: {"held": release.wait()})
         try:
             yield services, schemathesis.openapi.from_dict(app.openapi()), session
         finally:
-            services.jobs._pool.shutdown(wait=False, cancel_futures=True)
+            services.base.jobs._pool.shutdown(wait=False, cancel_futures=True)
             release.set()
 
 
@@ -191,7 +191,7 @@ def test_a_route_answers_any_input_as_it_declares(
             Unsatisfiable
         ):  # a route without input, or with unrestricted text, has no invalid input
             _ask(route, operation, mode, session, peers)
-    services.link.close()
+    services.line.link.close()
 
 
 def _ask(route: str, operation: Any, mode: GenerationMode, session: Any, peers: tuple[str, str]) -> None:

@@ -13,7 +13,7 @@ from gss.api.app import create_app
 from gss.api.stream.topics import OF_THE_STREAM, PRESENT
 from gss.operations.accounts.permissions import ROLES
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 from tools.build_web import GENERATED, generate, interface_hash, source_hash
 
 

@@ -20,10 +20,10 @@ from gss.instruments.registry import shipped_camera
 from gss.operations.studies.analysis_requests import FrameAnalysis, MovingRequest, SheetRequest, TelemetryAnalysis
 from gss.pipeline.analysis.steady import SIDEREAL_RAD_S
 from gss.pipeline.render import render
-from gss.services import Services
 from gss.settings import Settings
 from gss.store.models import Analysis, Contact, Job, TelemetryPacket
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 NIGHT = datetime(2026, 12, 1, 20, tzinfo=UTC)
 FRAMES, STEP_S = 12, 5.0
@@ -42,19 +42,19 @@ class AnalysisServer:
     def made(self, job: Job) -> Analysis:
         """Return the analysis of a job that completed."""
         end = time.monotonic() + 600
-        while (now := self.services.jobs.get(job.id)).state in ("queued", "running"):
+        while (now := self.services.base.jobs.get(job.id)).state in ("queued", "running"):
             assert time.monotonic() < end
             time.sleep(0.05)
         assert now.state == "done", now.text
-        return self.services.analyses.get(int(now.result["analysis_id"]))
+        return self.services.studies.analyses.get(int(now.result["analysis_id"]))
 
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AnalysisServer]:
     """A camera fixed to the Earth, twelve frames at each of two exposures."""
     services = build(Settings(data=Path(tmp_path_factory.mktemp("roof"))))
-    services.jobs.start()
-    stars, rng = propagate(services.stars, 2027.0), np.random.default_rng(7)
+    services.base.jobs.start()
+    stars, rng = propagate(services.base.stars, 2027.0), np.random.default_rng(7)
 
     def take(exposure_s: float, start_s: float) -> tuple[int, ...]:
         ids = []
@@ -63,7 +63,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AnalysisServer]
             attitude = cam_from_icrs(1.4 + SIDEREAL_RAD_S * at_s, 0.1, 0.6)
             rate = attitude @ np.array([0.0, 0.0, SIDEREAL_RAD_S])
             image = render(stars, CAMERA.camera, CAMERA.sensor, attitude, exposure_s, rng, rate_rad_s=rate)
-            frame, _ = services.frames._add(
+            frame, _ = services.frames.frames._add(
                 image.pixels,
                 source="import",
                 taken=NIGHT + timedelta(seconds=at_s),
@@ -75,9 +75,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AnalysisServer]
         return tuple(ids)
 
     yield AnalysisServer(services, take(0.25, 0.0), take(0.1, 100.0))
-    services.jobs.stop()
-    services.frames.stop()
-    services.database.close()
+    services.base.jobs.stop()
+    services.frames.frames.stop()
+    services.base.database.close()
 
 
 def of_frames(kind: Any, ids: tuple[int, ...], *, profile: str = "cubestar", **more: Any) -> FrameAnalysis:
@@ -87,7 +87,9 @@ def of_frames(kind: Any, ids: tuple[int, ...], *, profile: str = "cubestar", **m
 
 def test_the_earth_fixed_test_measures_the_earths_rotation(server: AnalysisServer) -> None:
     """The rate is sidereal, the scatter arcseconds, and the report contains text, plots and tables."""
-    job = server.services.analyses.start(of_frames("earth-fixed", server.fixed, title="roof"), user="engineer-1")
+    job = server.services.studies.analyses.start(
+        of_frames("earth-fixed", server.fixed, title="roof"), user="engineer-1"
+    )
     row = server.made(job)
     figures = row.result["figures"]
     assert np.linalg.norm(figures["rate_icrs_rad_s"]) == pytest.approx(SIDEREAL_RAD_S, rel=0.05)
@@ -95,14 +97,14 @@ def test_the_earth_fixed_test_measures_the_earths_rotation(server: AnalysisServe
     assert figures["body"][0]["sigma_rad"] < 5e-5
     titles = [s["title"] for s in row.result["report"]["sections"]]
     assert titles == ["Steadiness", "As right ascension, declination, rotation", "Over time", "Distribution"]
-    assert b"Earth-fixed test" in server.services.analyses.export(row.id, "html")
-    assert server.services.analyses.export(row.id, "pdf").startswith(b"%PDF")
-    assert json.loads(server.services.analyses.export(row.id, "json"))["figures"] == figures
+    assert b"Earth-fixed test" in server.services.studies.analyses.export(row.id, "html")
+    assert server.services.studies.analyses.export(row.id, "pdf").startswith(b"%PDF")
+    assert json.loads(server.services.studies.analyses.export(row.id, "json"))["figures"] == figures
 
 
 def test_a_slew_at_the_sidereal_rate_and_a_wrong_one(server: AnalysisServer) -> None:
     """The Earth's rotation as a slew of 0.004178°/s agrees; half that rate is reported as doubtful."""
-    start = server.services.analyses.start
+    start = server.services.studies.analyses.start
     right = server.made(start(of_frames("slew", server.fixed, commanded_deg_s=np.degrees(SIDEREAL_RAD_S)), user="x"))
     assert right.result["figures"]["mean_speed_rad_s"] == pytest.approx(SIDEREAL_RAD_S, rel=0.05)
     wrong = server.made(
@@ -113,7 +115,7 @@ def test_a_slew_at_the_sidereal_rate_and_a_wrong_one(server: AnalysisServer) -> 
 
 def test_sensitivity_noise_and_spatial_error(server: AnalysisServer) -> None:
     """The limit is close to the camera's, noise is reported for two exposures, and residuals are mapped."""
-    start = server.services.analyses.start
+    start = server.services.studies.analyses.start
     limit = server.made(start(of_frames("sensitivity", server.fixed), user="x"))
     figures = limit.result["figures"]
     assert CAMERA.sensor.faint_limit_mag < figures["mag_90"] < figures["mag_50"] < 6.5
@@ -129,14 +131,14 @@ def test_two_cameras_and_the_replicas_chain(server: AnalysisServer) -> None:
     wanted = of_frames(
         "two-cameras", server.fixed, chain="cubestar", other_profile="cubestar", other_ids=list(server.fixed)
     )
-    row = server.made(server.services.analyses.start(wanted, user="x"))
+    row = server.made(server.services.studies.analyses.start(wanted, user="x"))
     assert abs(row.result["figures"]["second_from_first"][3]) == pytest.approx(1)
 
 
 def test_telemetry_alone_is_enough(server: AnalysisServer) -> None:
     """Attitude packets of a contact give noise and availability; a contact without packets is rejected."""
     rng = np.random.default_rng(2)
-    with server.services.database.unit_of_work() as session:
+    with server.services.base.database.unit_of_work() as session:
         contact = Contact(url="test", started=NIGHT, ended=NIGHT + timedelta(seconds=300))
         empty = Contact(url="test", started=NIGHT, ended=NIGHT + timedelta(seconds=300))
         session.add_all([contact, empty])
@@ -163,10 +165,12 @@ def test_telemetry_alone_is_enough(server: AnalysisServer) -> None:
                     values=values,
                 )
             )
-    row = server.made(server.services.analyses.start(TelemetryAnalysis(kind="telemetry", contact=contact.id), user="x"))
+    row = server.made(
+        server.services.studies.analyses.start(TelemetryAnalysis(kind="telemetry", contact=contact.id), user="x")
+    )
     assert row.result["figures"]["noise_rad"] == pytest.approx([5e-5] * 3, rel=0.2)
     assert row.result["figures"]["availability"] == pytest.approx(0.98)
-    job = server.services.analyses.start(TelemetryAnalysis(kind="telemetry", contact=empty.id), user="x")
+    job = server.services.studies.analyses.start(TelemetryAnalysis(kind="telemetry", contact=empty.id), user="x")
     with pytest.raises(AssertionError, match="no attitudes"):
         server.made(job)
 
@@ -175,7 +179,7 @@ def test_impossible_analyses_are_rejected(server: AnalysisServer) -> None:
     """Wrong kinds, missing rates, unknown frames and cameras at once; a camera that did not take these frames in the
     job.
     """
-    service = server.services.analyses
+    service = server.services.studies.analyses
     for wrong in (
         lambda: of_frames("slew", server.fixed),
         lambda: of_frames("two-cameras", server.fixed),
@@ -196,7 +200,7 @@ def test_impossible_analyses_are_rejected(server: AnalysisServer) -> None:
 def test_a_performance_sheet_of_a_night_states_what_it_lacks(server: AnalysisServer) -> None:
     """The rows that these frames can give have intervals; the others say what they need. Exports have the same rows."""
     wanted = SheetRequest(kind="sheet", profile="cubestar", frame_ids=list(server.fixed), title="unit 1")
-    row = server.made(server.services.analyses.start(wanted, user="engineer-1"))
+    row = server.made(server.services.studies.analyses.start(wanted, user="engineer-1"))
     rows = {r["key"]: r for r in row.result["figures"]["rows"]}
     assert rows["acquisition"]["measured"]
     assert rows["acquisition"]["figures"][0]["value"] == 100
@@ -204,20 +208,20 @@ def test_a_performance_sheet_of_a_night_states_what_it_lacks(server: AnalysisSer
     assert "second head" in rows["bias"]["needs"]
     assert all(r["needs"] for r in rows.values() if not r["measured"])
     assert row.result["figures"]["source"] == "frames"
-    assert server.services.analyses.export(row.id, "pdf").startswith(b"%PDF")
-    assert b"Thermo-elastic error" in server.services.analyses.export(row.id, "html")
+    assert server.services.studies.analyses.export(row.id, "pdf").startswith(b"%PDF")
+    assert b"Thermo-elastic error" in server.services.studies.analyses.export(row.id, "html")
 
 
 def test_a_night_without_satellites_has_no_moving_objects(server: AnalysisServer) -> None:
     """Nothing is invented; the TDM has a header only, and other analyses have none."""
     wanted = MovingRequest(kind="moving", profile="cubestar", frame_ids=list(server.fixed), site=[48.0, 11.0, 500.0])
-    row = server.made(server.services.analyses.start(wanted, user="x"))
+    row = server.made(server.services.studies.analyses.start(wanted, user="x"))
     assert row.result["figures"]["tracks"] == []
     assert row.result["figures"]["used"] == FRAMES
-    assert server.services.analyses.export(row.id, "tdm").startswith(b"CCSDS_TDM_VERS = 2.0")
-    other = server.made(server.services.analyses.start(of_frames("spatial", server.fixed), user="x"))
+    assert server.services.studies.analyses.export(row.id, "tdm").startswith(b"CCSDS_TDM_VERS = 2.0")
+    other = server.made(server.services.studies.analyses.start(of_frames("spatial", server.fixed), user="x"))
     with pytest.raises(NotFound, match="no tracking data"):
-        server.services.analyses.export(other.id, "tdm")
+        server.services.studies.analyses.export(other.id, "tdm")
 
 
 @pytest.mark.parametrize(

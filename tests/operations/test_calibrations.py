@@ -28,10 +28,10 @@ from gss.operations.studies.calibration_requests import BenchCentre, DetectorCal
 from gss.operations.studies.calibration_sheet import calibration_sheet
 from gss.operations.studies.camera_book import CameraBook
 from gss.pipeline.render import render
-from gss.services import Services
 from gss.settings import Settings
 from gss.store.models import Job
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 NIGHT = datetime(2026, 12, 1, 20, tzinfo=UTC)
 FRAMES = 8
@@ -61,7 +61,7 @@ class Night:
         """Return the job after its end."""
         end = time.monotonic() + 600
         while time.monotonic() < end:
-            now = self.services.jobs.get(job.id)
+            now = self.services.base.jobs.get(job.id)
             if now.state not in ("queued", "running"):
                 return now
             time.sleep(0.05)
@@ -72,14 +72,14 @@ class Night:
 def night(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Night]:
     """Ten frames of stars through the real camera, five darks, three pairs of flats."""
     services = build(Settings(data=Path(tmp_path_factory.mktemp("night"))))
-    services.jobs.start()
+    services.base.jobs.start()
     rng = np.random.default_rng(5)
-    stars = propagate(services.stars, 2027.0)
+    stars = propagate(services.base.stars, 2027.0)
     sensor = replace(DOCUMENTED.sensor, zero_point_e_s=DOCUMENTED.sensor.zero_point_e_s * 0.8)
     attitudes, ids = [], []
 
     def keep(pixels: np.ndarray, k: int) -> int:
-        frame, _ = services.frames._add(
+        frame, _ = services.frames.frames._add(
             pixels,
             source="import",
             taken=NIGHT + timedelta(seconds=60 * k),
@@ -100,9 +100,9 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Night]:
     darks = tuple(keep(as_frame(level(2.0) + hot), 20 + k) for k in range(5))
     flats = tuple((keep(as_frame(level(m)), 30), keep(as_frame(level(m)), 31)) for m in (20.0, 60.0, 120.0))
     yield Night(services, tuple(ids), darks, flats, attitudes)
-    services.jobs.stop()
-    services.frames.stop()
-    services.database.close()
+    services.base.jobs.stop()
+    services.frames.frames.stop()
+    services.base.database.close()
 
 
 def from_stars(ids: tuple[int, ...], *, profile: str = "cubestar", **more: Any) -> StarCalibration:
@@ -120,7 +120,7 @@ def from_darks(ids: tuple[int, ...], flats: tuple[tuple[int, int], ...] = ()) ->
 def calibrated(night: Night) -> int:
     """Id of a calibration of all star frames."""
     wanted = from_stars(night.frames, name="roof", note="first light")
-    job = night.done(night.services.calibrations.start(wanted, user="engineer-1"))
+    job = night.done(night.services.studies.calibrations.start(wanted, user="engineer-1"))
     assert job.state == "done", job.text
     return int(job.result["calibration_id"])
 
@@ -129,7 +129,7 @@ def test_a_camera_is_calibrated_from_its_own_frames(night: Night, calibrated: in
     """Focal length, centre and photometry of the unit are measured from frames that were solved with the documented
     camera.
     """
-    row = night.services.calibrations.get(calibrated)
+    row = night.services.studies.calibrations.get(calibrated)
     assert row.kind == "stars"
     assert row.author == "engineer-1"
     assert abs(row.values["focal_col_px"] / TRUE.focal_col_px - 1) < 4e-4
@@ -143,25 +143,25 @@ def test_the_selected_calibration_is_used_for_reruns_and_reported(night: Night, 
     selected again.
     """
     services = night.services
-    before = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
-    services.calibrations.use(calibrated, user="engineer-1")
-    after = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
+    before = services.frames.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
+    services.studies.calibrations.use(calibrated, user="engineer-1")
+    after = services.frames.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
     assert after.rms_px < 0.6 * before.rms_px
     assert f"camera: calibration {calibrated}" in after.notes
-    assert CameraBook(services.database, services.instruments, lambda: NIGHT).in_use("cubestar") == calibrated
-    services.calibrations.use_documented("cubestar", user="engineer-1")
-    again = services.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
+    assert CameraBook(services.base.database, services.base.instruments, lambda: NIGHT).in_use("cubestar") == calibrated
+    services.studies.calibrations.use_documented("cubestar", user="engineer-1")
+    again = services.frames.frames.solve(night.frames[0], SolveRequest(profile="cubestar"))
     assert again.rms_px == pytest.approx(before.rms_px)
     with pytest.raises(NotFound):
-        services.calibrations.use_documented("cubestar", user="engineer-1")
+        services.studies.calibrations.use_documented("cubestar", user="engineer-1")
 
 
 def test_versions_are_compared_over_the_detector(night: Night, calibrated: int) -> None:
     """A second version from fewer frames differs by less than a pixel, and the changed values are listed."""
     services = night.services
     wanted = from_stars(night.frames[:6], photometry=False, psf=False)
-    job = night.done(services.calibrations.start(wanted, user="engineer-1"))
-    found = services.calibrations.compare(calibrated, int(job.result["calibration_id"]))
+    job = night.done(services.studies.calibrations.start(wanted, user="engineer-1"))
+    found = services.studies.calibrations.compare(calibrated, int(job.result["calibration_id"]))
     assert 0 < found.geometry.rms_px < 1.0
     assert "focal_col_px" in found.changed
     assert "columns" not in found.changed
@@ -170,19 +170,21 @@ def test_versions_are_compared_over_the_detector(night: Night, calibrated: int) 
 def test_a_calibration_becomes_a_table_once(night: Night, calibrated: int) -> None:
     """The sensor's table contains the calibration's values; a second request returns the same table."""
     services = night.services
-    table = services.calibrations.table(calibrated, user="engineer-1")
+    table = services.studies.calibrations.table(calibrated, user="engineer-1")
     assert table.kind == "calibration"
-    assert table.content["focal_col_px"] == pytest.approx(services.calibrations.get(calibrated).values["focal_col_px"])
-    assert services.calibrations.table(calibrated, user="engineer-1").id == table.id
+    assert table.content["focal_col_px"] == pytest.approx(
+        services.studies.calibrations.get(calibrated).values["focal_col_px"]
+    )
+    assert services.studies.calibrations.table(calibrated, user="engineer-1").id == table.id
 
 
 def test_dark_frames_and_flats_calibrate_the_detector(night: Night) -> None:
     """Five electrons per number, and the hot pixel at its position."""
     services = night.services
     wanted = from_darks(night.darks, night.flats)
-    job = night.done(services.calibrations.start(wanted, user="engineer-1"))
+    job = night.done(services.studies.calibrations.start(wanted, user="engineer-1"))
     assert job.state == "done", job.text
-    row = services.calibrations.get(int(job.result["calibration_id"]))
+    row = services.studies.calibrations.get(int(job.result["calibration_id"]))
     assert row.values["gain_e_per_dn"] == pytest.approx(5.0, rel=0.03)
     assert row.result["dark"]["hot"][0] == [200, 100]
     assert calibration_sheet(row).sections
@@ -190,7 +192,7 @@ def test_dark_frames_and_flats_calibrate_the_detector(night: Night) -> None:
 
 def test_exports_are_readable_by_other_software(night: Night, calibrated: int) -> None:
     """JSON contains everything, ECSV is a table for astropy, HTML and PDF are the report."""
-    row = night.services.calibrations.get(calibrated)
+    row = night.services.studies.calibrations.get(calibrated)
     content = json.loads(export_calibration(row, "json"))
     assert content["result"]["geometry"]["parameters"]
     text = export_calibration(row, "ecsv").decode()
@@ -208,20 +210,20 @@ def test_a_camera_without_a_profile_is_calibrated_blind(night: Night) -> None:
     wanted = from_stars(
         night.frames[:5], profile="", photometry=False, psf=False, fov_deg=float(np.degrees(TRUE.fov_rad[0]))
     )
-    job = night.done(services.calibrations.start(wanted, user="engineer-1"))
+    job = night.done(services.studies.calibrations.start(wanted, user="engineer-1"))
     assert job.state == "done", job.text
-    row = services.calibrations.get(int(job.result["calibration_id"]))
-    found: Camera = services.calibrations.camera(row.id)
+    row = services.studies.calibrations.get(int(job.result["calibration_id"]))
+    found: Camera = services.studies.calibrations.camera(row.id)
     assert abs(found.focal_col_px / TRUE.focal_col_px - 1) < 2e-3
     with pytest.raises(BadInput, match="no profile"):
-        services.calibrations.table(row.id, user="engineer-1")
+        services.studies.calibrations.table(row.id, user="engineer-1")
     with pytest.raises(BadInput, match="no profile"):
-        services.calibrations.use(row.id, user="engineer-1")
+        services.studies.calibrations.use(row.id, user="engineer-1")
 
 
 def test_unusable_input_is_rejected_before_it_is_queued(night: Night) -> None:
     """Unknown frames, cameras and models, and too few darks are rejected at once; a frame without stars fails the job."""
-    service = night.services.calibrations
+    service = night.services.studies.calibrations
     for wrong in (
         lambda: from_stars(()),
         lambda: from_stars(night.frames, models=["fisheye"]),
@@ -245,7 +247,7 @@ def test_a_measured_centre_constrains_the_camera_where_stars_do_not(night: Night
     angle = np.arange(36) * 2 * np.pi / 36
     dots = np.column_stack([TRUE.centre_col_px + 8 * np.cos(angle), TRUE.centre_row_px + 8 * np.sin(angle)])
     job = night.done(
-        services.calibrations.start(
+        services.studies.calibrations.start(
             BenchCentre(kind="bench-centre", profile="cubestar", dots_px=dots.tolist()), user="x"
         )
     )
@@ -253,8 +255,8 @@ def test_a_measured_centre_constrains_the_camera_where_stars_do_not(night: Night
 
     def error_px(priors: list[int]) -> float:
         wanted = from_stars(night.frames[:2], models=["brown-2"], photometry=False, psf=False, prior_ids=priors)
-        made = night.done(services.calibrations.start(wanted, user="x"))
-        camera = services.calibrations.camera(int(made.result["calibration_id"]))
+        made = night.done(services.studies.calibrations.start(wanted, user="x"))
+        camera = services.studies.calibrations.camera(int(made.result["calibration_id"]))
         return float(np.hypot(camera.centre_col_px - TRUE.centre_col_px, camera.centre_row_px - TRUE.centre_row_px))
 
     free, held = error_px([]), error_px([known])

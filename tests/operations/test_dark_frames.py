@@ -24,10 +24,10 @@ from gss.operations.studies.calibration_sheet import calibration_sheet
 from gss.operations.studies.reprocess_worker import BatchSettings, Task, run_batch
 from gss.pipeline.chip import make_chip
 from gss.pipeline.render import render
-from gss.services import Services
 from gss.settings import Settings
 from gss.store.models import Calibration, Job
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 SUNSAT = shipped_camera("sunsat")
 WARM = 16.0
@@ -41,10 +41,10 @@ class Warm:
 
     def __init__(self, folder: Path) -> None:
         self.services: Services = build(Settings(data=folder))
-        self.services.jobs.start()
+        self.services.base.jobs.start()
         rng = np.random.default_rng(4)
         chip = make_chip(SUNSAT.defects, SUNSAT.sensor, SUNSAT.camera, 3)
-        stars = self.services.stars.brighter_than(7.0)
+        stars = self.services.base.stars.brighter_than(7.0)
         exposure_s = SUNSAT.sensor.exposure_s
         capped = replace(SUNSAT.sensor, background_e_s=0.0)
 
@@ -58,7 +58,7 @@ class Warm:
         self.frames = tuple(self.keep(image(SUNSAT.sensor, stars, a), 20 + k) for k, a in enumerate(self.attitudes))
 
     def keep(self, pixels: np.ndarray, k: int) -> int:
-        frame, _ = self.services.frames._add(
+        frame, _ = self.services.frames.frames._add(
             pixels,
             source="device",
             taken=NIGHT + timedelta(seconds=10 * k),
@@ -70,18 +70,18 @@ class Warm:
         return frame.id
 
     def calibrate(self, wanted: DetectorCalibration | StarCalibration) -> Calibration:
-        job: Job = self.services.calibrations.start(wanted, user="engineer-1")
+        job: Job = self.services.studies.calibrations.start(wanted, user="engineer-1")
         end = time.monotonic() + 600
-        while (now := self.services.jobs.get(job.id)).state in ("queued", "running") and time.monotonic() < end:
+        while (now := self.services.base.jobs.get(job.id)).state in ("queued", "running") and time.monotonic() < end:
             time.sleep(0.02)
         assert now.state == "done", now.text
-        return self.services.calibrations.get(int(now.result["calibration_id"]))
+        return self.services.studies.calibrations.get(int(now.result["calibration_id"]))
 
     def spots(self, chain: str = "reference") -> tuple[int, list[str]]:
         """Return the number of stars matched in all frames, and the notes of the last result."""
         matched, notes = 0, []
         for frame_id in self.frames:
-            row = self.services.frames.solve(
+            row = self.services.frames.frames.solve(
                 frame_id, SolveRequest(chain=chain, profile="sunsat", exposure_s=SUNSAT.sensor.exposure_s)
             )
             matched, notes = matched + row.matched, list(row.notes)
@@ -93,9 +93,9 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Warm]:
     """A server with one warm detector, shared by the tests of this file."""
     made = Warm(Path(tmp_path_factory.mktemp("warm")))
     yield made
-    made.services.jobs.stop()
-    made.services.frames.stop()
-    made.services.database.close()
+    made.services.base.jobs.stop()
+    made.services.frames.frames.stop()
+    made.services.base.database.close()
 
 
 @pytest.fixture(scope="module")
@@ -107,8 +107,10 @@ def detector(warm: Warm) -> Calibration:
 def test_the_median_dark_frame_is_stored_and_shown(warm: Warm, detector: Calibration) -> None:
     """A map with a resolution of 0.01 DN in the store, and a picture in the report, the PDF and the page."""
     kept = detector.result["dark_frame"]
-    pattern = warm.services.calibrations._darks.pattern(kept["key"])
-    stacked = np.median([warm.services.frames.pixels(warm.services.frames.get(i)) for i in warm.darks], axis=0)
+    pattern = warm.services.studies.calibrations._darks.pattern(kept["key"])
+    stacked = np.median(
+        [warm.services.frames.frames.pixels(warm.services.frames.frames.get(i)) for i in warm.darks], axis=0
+    )
     assert np.allclose(pattern.pattern_dn, stacked - np.median(stacked), atol=0.02)
     assert len(pattern.bad) == kept["bad"] > 0
     drawings = [d for s in calibration_sheet(detector).sections for d in s.drawings]
@@ -129,25 +131,27 @@ def test_reruns_detect_more_stars_without_the_pattern_and_report_it(warm: Warm, 
     before, notes = warm.spots()
     system, _ = warm.spots("sunsat")
     assert not any("dark frame" in n for n in notes)
-    services.calibrations.use(detector.id, user="engineer-1")
+    services.studies.calibrations.use(detector.id, user="engineer-1")
     try:
         after, notes = warm.spots()
         assert after > 1.5 * before
         assert any(n.startswith("dark frame subtracted, ") for n in notes)
         assert warm.spots("sunsat")[0] == system
-        frame = services.frames.get(warm.frames[0])
-        known = replace(services.calibrations.book.profile("sunsat"), sensor=SUNSAT.sensor)
-        order = BatchSettings(services.settings.blobs_url, 2026.5, "reference", {"sunsat": known}, {"sunsat": known})
+        frame = services.frames.frames.get(warm.frames[0])
+        known = replace(services.studies.calibrations.book.profile("sunsat"), sensor=SUNSAT.sensor)
+        order = BatchSettings(
+            services.base.settings.blobs_url, 2026.5, "reference", {"sunsat": known}, {"sunsat": known}
+        )
         task = Task(frame.id, frame.sha256, frame.dtype, frame.rows, frame.columns, "sunsat", None)
         assert any("dark frame subtracted" in n for n in run_batch(order, [task])[0]["notes"])
     finally:
-        services.calibrations.use_documented("sunsat", user="engineer-1")
+        services.studies.calibrations.use_documented("sunsat", user="engineer-1")
     assert warm.spots()[0] == before
 
 
 def test_a_calibration_from_stars_inherits_the_dark_frame(warm: Warm, detector: Calibration) -> None:
     """The new camera keeps the detector's dark frame when it is used."""
-    service = warm.services.calibrations
+    service = warm.services.studies.calibrations
     wanted = StarCalibration(
         kind="stars", frame_ids=list(warm.frames), profile="sunsat", models=["radial-tilt"], photometry=False, psf=False
     )

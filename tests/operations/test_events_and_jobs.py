@@ -16,7 +16,7 @@ from gss.settings import Settings
 from gss.store import jobs as store
 from gss.store.engine import Database, open_engine
 from gss.store.models import Job
-from gss.wiring import build
+from gss.wiring.build import build
 
 
 def test_recorded_events_reach_every_subscriber_with_their_number(bus):
@@ -249,20 +249,20 @@ def test_an_announced_stop_marks_jobs_before_the_threads_end(tmp_path):
         run.progress(1, 2, "one")
         return {}
 
-    job_id = begin(services.jobs, compute, "experiments")
+    job_id = begin(services.base.jobs, compute, "experiments")
     try:
         assert running.wait(10)
         services.announce_stop()
         for _ in range(2000):
-            if services.jobs.get(job_id).state == "queued":
+            if services.base.jobs.get(job_id).state == "queued":
                 break
             threading.Event().wait(0.005)
-        assert services.jobs.get(job_id).state == "queued"
+        assert services.base.jobs.get(job_id).state == "queued"
         services.announce_stop()
     finally:
         release.set()
         services.stop()
-    assert services.jobs.get(job_id).state == "queued"
+    assert services.base.jobs.get(job_id).state == "queued"
 
 
 def test_an_interrupted_service_starts_no_job_and_stores_one_that_finished(jobs, database):

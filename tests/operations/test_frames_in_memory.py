@@ -12,10 +12,10 @@ import pytest
 
 from gss.instruments.registry import shipped_camera
 from gss.operations.frames import frames as frames_module
-from gss.services import Services
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 CAMERA = shipped_camera("cubestar").camera
 
@@ -24,8 +24,8 @@ CAMERA = shipped_camera("cubestar").camera
 def services(tmp_path: Path) -> Iterator[Services]:
     services = build(Settings(data=tmp_path))
     yield services
-    services.frames.stop()
-    services.database.close()
+    services.frames.frames.stop()
+    services.base.database.close()
 
 
 @pytest.fixture
@@ -45,19 +45,19 @@ def reads(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def arrived(services: Services) -> Any:
     """Store a dark frame from the device and wait until the solver thread has processed it."""
     facts = {"taken": datetime.now(UTC), "bits": 8, "profile": "cubestar", "number": 1}
-    frame = services.frames.add_from_device(np.zeros((CAMERA.rows, CAMERA.columns), np.uint8), facts)
-    services.frames._pool.submit(int).result()
+    frame = services.frames.frames.add_from_device(np.zeros((CAMERA.rows, CAMERA.columns), np.uint8), facts)
+    services.frames.frames._pool.submit(int).result()
     return frame
 
 
 def test_a_frame_is_solved_from_memory(services: Services, reads: list[str]) -> None:
     """The pixels are stored and the frame has a solution, but its bytes were not read back."""
     frame = arrived(services)
-    ground = services.frames.detail(frame.id).ground
+    ground = services.frames.frames.detail(frame.id).ground
     assert ground is not None
     assert ground.outcome == "none"
     assert reads == []
-    assert services.frames.pixels(frame).shape == (CAMERA.rows, CAMERA.columns)
+    assert services.frames.frames.pixels(frame).shape == (CAMERA.rows, CAMERA.columns)
 
 
 def test_pixels_beyond_the_memory_limit_are_read_back(
@@ -66,5 +66,5 @@ def test_pixels_beyond_the_memory_limit_are_read_back(
     """A frame that arrives while the queue is full is solved too, from the store."""
     monkeypatch.setattr(frames_module, "MOST_PIXEL_BYTES", 0)
     frame = arrived(services)
-    assert services.frames.detail(frame.id).ground is not None
+    assert services.frames.frames.detail(frame.id).ground is not None
     assert reads == [frame.sha256]

@@ -22,11 +22,11 @@ from gss.operations.studies.health import orbit_within, places_below
 from gss.orbit.read_orbit import read_orbits
 from gss.pipeline.readout import HotPixel
 from gss.pipeline.render import render
-from gss.services import Services
 from gss.settings import Settings
 from gss.store import studies as store
 from gss.store.models import Analysis, Job
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 START = datetime(2026, 3, 1, tzinfo=UTC)
 FRAMES, DAYS = 30, 160.0
@@ -54,9 +54,9 @@ def _frames(services: Services) -> list[int]:
             focal_col_px=CAMERA.camera.focal_col_px * shrunk,
             focal_row_px=CAMERA.camera.focal_row_px * shrunk,
         )
-        icrs: Array = aberrate(services.stars.icrs, np.array(observer_at(taken).velocity_c))
+        icrs: Array = aberrate(services.base.stars.icrs, np.array(observer_at(taken).velocity_c))
         image = render(
-            replace(services.stars, icrs=icrs),
+            replace(services.base.stars, icrs=icrs),
             lens,
             CAMERA.sensor,
             matrix_from_quaternion(random_quaternion(rng)),
@@ -64,7 +64,7 @@ def _frames(services: Services) -> list[int]:
             rng,
             hot_pixels=[WARM, FULL] if k >= WARM_FROM else [],
         )
-        frame, _ = services.frames._add(
+        frame, _ = services.frames.frames._add(
             image.pixels,
             source="import",
             taken=taken,
@@ -78,22 +78,22 @@ def _frames(services: Services) -> list[int]:
 
 def _done(services: Services, job: Job) -> Analysis:
     end = time.monotonic() + 600
-    while (now := services.jobs.get(job.id)).state in ("queued", "running"):
+    while (now := services.base.jobs.get(job.id)).state in ("queued", "running"):
         assert time.monotonic() < end
         time.sleep(0.05)
     assert now.state == "done", now.text
-    return services.analyses.get(int(now.result["analysis_id"]))
+    return services.studies.analyses.get(int(now.result["analysis_id"]))
 
 
 @pytest.mark.timeout(400)
 def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -> None:
     """The report states the drift and the onset; the proposed calibration carries the focal length of the end and the pixel."""
     services = build(Settings(data=tmp_path))
-    services.jobs.start()
+    services.base.jobs.start()
     try:
         ids = _frames(services)
         request = HealthRequest(kind="health", profile="cubestar", frame_ids=ids, orbit=TLE)
-        row = _done(services, services.analyses.start(request, user="engineer"))
+        row = _done(services, services.studies.analyses.start(request, user="engineer"))
         titles = [s["title"] for s in row.result["report"]["sections"]]
         assert titles[:3] == ["Summary", "Trends", "Warm pixels"]
         assert "tolerance" in {n["code"] for n in row.result["report"]["notes"]}
@@ -101,33 +101,33 @@ def test_a_drifting_lens_and_a_warm_pixel_become_a_calibration(tmp_path: Path) -
         assert {(p["col"], p["row"]) for p in pixels} == {(WARM.col, WARM.row), (FULL.col, FULL.row)}
         onset = START + timedelta(days=DAYS * (WARM_FROM - 0.5) / FRAMES)
         assert all(p["onset_s"]["low"] <= onset.timestamp() <= p["onset_s"]["high"] for p in pixels)
-        assert services.analyses.export(row.id, "pdf").startswith(b"%PDF")
-        assert b"\n300,200," in services.analyses.export(row.id, "csv")
+        assert services.studies.analyses.export(row.id, "pdf").startswith(b"%PDF")
+        assert b"\n300,200," in services.studies.analyses.export(row.id, "csv")
 
-        made = services.calibrations.from_health(row.id, user="engineer")
+        made = services.studies.calibrations.from_health(row.id, user="engineer")
         expected = CAMERA.camera.focal_col_px * (1 - FOCAL_SHRINKS)
         assert made.values["focal_col_px"] == pytest.approx(expected, abs=0.15)
         assert [s.title for s in calibration_sheet(made).sections] == ["Health of the sensor", "Bad pixels"]
         assert calibration_sheet(made).sections[0].tables[0].rows[0][0] == "focal length"
-        services.calibrations.use(made.id, user="engineer")
-        used = services.calibrations.book.profile("cubestar")
+        services.studies.calibrations.use(made.id, user="engineer")
+        used = services.studies.calibrations.book.profile("cubestar")
         assert used.camera.focal_col_px == made.values["focal_col_px"]
-        assert services.calibrations.table(made.id, user="engineer").kind == "calibration"
-        frame = services.analyses._shots.of(ids[-1:])[0]
-        _, notes = services.analyses._solver.cleaned(frame.pixels(), used, frame.exposure_s)
+        assert services.studies.calibrations.table(made.id, user="engineer").kind == "calibration"
+        frame = services.studies.analyses._shots.of(ids[-1:])[0]
+        _, notes = services.studies.analyses._solver.cleaned(frame.pixels(), used, frame.exposure_s)
         assert notes == ("2 bad pixels replaced by their neighbours",)
 
         spatial = Analysis(kind="spatial", title="", created=START, author="", tool="", request={}, result={})
-        with services.database.unit_of_work() as session:
+        with services.base.database.unit_of_work() as session:
             store.add_analysis(session, spatial)
         with pytest.raises(BadInput, match="proposes no calibration"):
-            services.calibrations.from_health(spatial.id, user="engineer")
+            services.studies.calibrations.from_health(spatial.id, user="engineer")
         with pytest.raises(NotFound, match="no table of pixels"):
-            services.analyses.export(spatial.id, "csv")
+            services.studies.analyses.export(spatial.id, "csv")
     finally:
-        services.jobs.stop()
-        services.frames.stop()
-        services.database.close()
+        services.base.jobs.stop()
+        services.frames.frames.stop()
+        services.base.database.close()
 
 
 def test_the_place_is_below_the_orbit_while_it_is_defined() -> None:

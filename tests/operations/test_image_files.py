@@ -14,9 +14,9 @@ import pytest
 
 from gss.domain.frames import cam_from_icrs
 from gss.domain.rotation import matrix_from_quaternion
-from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 pytestmark = pytest.mark.timeout(240)
 TRUE = cam_from_icrs(*np.radians([84.0, 5.0, 30.0]))
@@ -51,11 +51,11 @@ def wait_for(ready: Callable[[], Any]) -> Any:
 
 def test_a_preview_is_downloaded_parsed_stored_and_solved_once(services: Services, bus: str) -> None:
     """The attitude on the ground is that of the motion; the same image is not downloaded again on a line that was reopened."""
-    wait_for(lambda: services.link.connected and services.link.hello)
-    link, capture = services.link, {"status": "capture"}
+    wait_for(lambda: services.line.link.connected and services.line.link.hello)
+    link, capture = services.line.link, {"status": "capture"}
     with link.lock:
         link.session.submit(link.session.encode("SET_STATUS", capture))
-    _, rows = wait_for(lambda: (page := services.frames.page(10, 0))[0] and page[1][0][1] and page)
+    _, rows = wait_for(lambda: (page := services.frames.frames.page(10, 0))[0] and page[1][0][1] and page)
     frame, solution = rows[0]
     assert (frame.columns, frame.rows, frame.bits, frame.profile, frame.complete) == (640, 480, 8, "oresat", True)
     assert solution.outcome == "solved"
@@ -66,6 +66,6 @@ def test_a_preview_is_downloaded_parsed_stored_and_solved_once(services: Service
     wait_for(lambda: link.contact_id != contact and link.connected and link.hello)
     with link.lock:
         link.session.submit(link.session.encode("SET_STATUS", capture))
-    total, rows = wait_for(lambda: (page := services.frames.page(10, 0))[0] > 1 and page)
+    total, rows = wait_for(lambda: (page := services.frames.frames.page(10, 0))[0] > 1 and page)
     assert total == 2
     assert rows[0][0].number > rows[1][0].number == frame.number

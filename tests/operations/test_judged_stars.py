@@ -17,7 +17,7 @@ from gss.instruments.registry import shipped_camera
 from gss.operations.frames.scoring import truth_on
 from gss.operations.frames.solution_rows import solution_values
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 CAMERA = shipped_camera("cubestar").camera
 FAST_HIP = 104214
@@ -60,9 +60,9 @@ def test_a_star_that_entered_the_frame_by_proper_motion_is_no_false_match(
     assert solution_values(result, then, shipped_camera("cubestar"), quaternion)["verdict"] == "wrong"
 
     services = build(Settings(data=tmp_path))
-    monkeypatch.setattr(services.frames, "_solve_later", lambda *_: None)
+    monkeypatch.setattr(services.frames.frames, "_solve_later", lambda *_: None)
     pixels = np.zeros((CAMERA.rows, CAMERA.columns), np.uint8)
     facts = {"taken": datetime.now(UTC), "bits": 8, "profile": "cubestar", "number": 1, "truth": quaternion}
-    frame = services.frames.add_from_device(pixels, facts)
-    assert services.frames.keep_replay(frame, result, "equal").verdict == "correct"
-    services.database.close()
+    frame = services.frames.frames.add_from_device(pixels, facts)
+    assert services.frames.frames.keep_replay(frame, result, "equal").verdict == "correct"
+    services.base.database.close()

@@ -12,10 +12,10 @@ from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.operations.recordings.lanes import Lanes
 from gss.operations.recordings.live import AT_ONCE, EACH
 from gss.operations.recordings.ranges import ids_of
-from gss.services import Services
 from gss.settings import Settings
 from gss.store.models import Command, CommandStage, TelemetryPacket
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 START = datetime(2026, 11, 21, 18, 0, tzinfo=UTC)
 
@@ -29,8 +29,8 @@ def services(tmp_path_factory: pytest.TempPathFactory):
     pixels = np.random.default_rng(1).integers(8, 14, (64, 128)).astype(np.uint8)
     for k in range(4):
         values = {"taken": START + timedelta(seconds=k), "bits": 8, "profile": None, "mode": "tracking"}
-        made.frames.add_from_device(pixels, values)
-    with made.database.unit_of_work() as session:
+        made.frames.frames.add_from_device(pixels, values)
+    with made.base.database.unit_of_work() as session:
         session.add_all(packet(k) for k in range(4))
     yield made
     made.stop()
@@ -57,8 +57,8 @@ def entities(data: bytes, tmp_path: Path) -> dict[str, set[str]]:
 
 def test_a_sequence_contains_pictures_telemetry_and_sky_on_both_timelines(services, tmp_path):
     """Frames by number and by UTC; the catalogue's stars are static."""
-    scope = services.scopes.of_frames([1, 2, 3])
-    found = entities(services.recordings.write(scope), tmp_path)
+    scope = services.recordings.scopes.of_frames([1, 2, 3])
+    found = entities(services.recordings.stored.write(scope), tmp_path)
     assert {"camera/image", "sky/stars", "telemetry/sensor_temperature_c", "states/mode", "states/link"} <= set(found)
     assert found[""] == {"frame", "utc"}
     assert scope.start < START < scope.end
@@ -87,30 +87,30 @@ def test_lanes_show_states_where_they_change():
 
 def test_a_frame_is_recorded_with_its_neighbours(services):
     """The page's frame with those before and after it, if there are any."""
-    assert services.scopes.around(2, 1).frame_ids == (1, 2, 3)
-    assert services.scopes.around(4, 12).frame_ids == (1, 2, 3, 4)
+    assert services.recordings.scopes.around(2, 1).frame_ids == (1, 2, 3)
+    assert services.recordings.scopes.around(4, 12).frame_ids == (1, 2, 3, 4)
 
 
 @pytest.mark.parametrize("what", ["of_contact", "of_calibration", "of_analysis", "of_campaign"])
 def test_an_empty_recording_is_rejected(services, what):
     """A selection without frames gives an error."""
     with pytest.raises(NotFound):
-        getattr(services.scopes, what)(77)
+        getattr(services.recordings.scopes, what)(77)
     with pytest.raises(BadInput):
-        services.scopes.of_frames([])
+        services.recordings.scopes.of_frames([])
 
 
 def test_a_live_recording_grows_with_events_and_frames(services: Services, tmp_path, request):
     """The first block has layout, sky and earlier frames; each event and frame adds a block; idle time adds none."""
     woken: list[int] = []
-    first, live = services.live_recordings.open(lambda: woken.append(1), "ann")
-    request.addfinalizer(lambda: services.live_recordings.close(live))
+    first, live = services.recordings.live.open(lambda: woken.append(1), "ann")
+    request.addfinalizer(lambda: services.recordings.live.close(live))
     assert {"sky/stars", "camera/image"} <= set(entities(first, tmp_path))
     assert live.piece() == b""
-    services.bus.record("link", "warning", "the line went silent")
+    services.base.bus.record("link", "warning", "the line went silent")
     assert woken
     assert set(entities(live.piece(), tmp_path)) >= {"log/events"}
-    services.bus.publish("frame", services.frames.get(2))
+    services.base.bus.publish("frame", services.frames.frames.get(2))
     piece = live.piece()
     assert "camera/image" in entities(piece, tmp_path)
     assert piece[:4] == b"RRF2"
@@ -118,27 +118,27 @@ def test_a_live_recording_grows_with_events_and_frames(services: Services, tmp_p
 
 def test_the_number_of_live_recordings_is_limited(services):
     """One more is rejected with a message, and closing one frees its place."""
-    opened = [services.live_recordings.open(lambda: None, f"user {k // EACH}")[1] for k in range(AT_ONCE)]
+    opened = [services.recordings.live.open(lambda: None, f"user {k // EACH}")[1] for k in range(AT_ONCE)]
     try:
         with pytest.raises(Conflict, match="too many"):
-            services.live_recordings.open(lambda: None, "another user")
-        services.live_recordings.close(opened.pop())
-        opened.append(services.live_recordings.open(lambda: None, "another user")[1])
+            services.recordings.live.open(lambda: None, "another user")
+        services.recordings.live.close(opened.pop())
+        opened.append(services.recordings.live.open(lambda: None, "another user")[1])
     finally:
         for live in opened:
-            services.live_recordings.close(live)
+            services.recordings.live.close(live)
 
 
 def test_one_user_leaves_live_recordings_to_others(services):
     """More than two are rejected although places are free."""
-    opened = [services.live_recordings.open(lambda: None, "ann")[1] for _ in range(EACH)]
+    opened = [services.recordings.live.open(lambda: None, "ann")[1] for _ in range(EACH)]
     try:
         with pytest.raises(Conflict, match="of one user"):
-            services.live_recordings.open(lambda: None, "ann")
-        opened.append(services.live_recordings.open(lambda: None, "ben")[1])
+            services.recordings.live.open(lambda: None, "ann")
+        opened.append(services.recordings.live.open(lambda: None, "ben")[1])
     finally:
         for live in opened:
-            services.live_recordings.close(live)
+            services.recordings.live.close(live)
 
 
 @pytest.mark.parametrize("text", ["9" * 400, "3-" + "9" * 5000, str(2**31), "1,99999999999999999999"])
@@ -154,28 +154,28 @@ def test_a_failed_opening_leaves_no_subscriber(services, monkeypatch):
     def broken(*_arguments, **_named):
         raise OSError("the disk is gone")
 
-    listening = len(services.bus._subscriptions)
+    listening = len(services.base.bus._subscriptions)
     with monkeypatch.context() as patch:
-        patch.setattr(services.recordings, "frame", broken)
+        patch.setattr(services.recordings.stored, "frame", broken)
         for _ in range(AT_ONCE + 1):
             with pytest.raises(OSError, match="disk"):
-                services.live_recordings.open(lambda: None, "ann")
-    assert len(services.bus._subscriptions) == listening
-    services.live_recordings.close(services.live_recordings.open(lambda: None, "ann")[1])
+                services.recordings.live.open(lambda: None, "ann")
+    assert len(services.base.bus._subscriptions) == listening
+    services.recordings.live.close(services.recordings.live.open(lambda: None, "ann")[1])
 
 
 def test_a_frame_that_was_deleted_meanwhile_is_left_out(services, monkeypatch):
     """Among earlier frames as among new ones."""
-    real = services.recordings.frame
+    real = services.recordings.stored.frame
 
     def without_the_last(recorder, frame_id, picture):
         if frame_id == 4:
             raise NotFound("no such frame")
         real(recorder, frame_id, picture)
 
-    monkeypatch.setattr(services.recordings, "frame", without_the_last)
-    first, live = services.live_recordings.open(lambda: None, "ann")
-    services.live_recordings.close(live)
+    monkeypatch.setattr(services.recordings.stored, "frame", without_the_last)
+    first, live = services.recordings.live.open(lambda: None, "ann")
+    services.recordings.live.close(live)
     assert first[:4] == b"RRF2"
 
 

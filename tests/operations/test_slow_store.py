@@ -15,10 +15,10 @@ import pytest
 from gss.domain.errors import StoreDown
 from gss.operations.events import EventBus
 from gss.operations.transfers.arrivals import MOST_WAITING, Writer
-from gss.services import Services
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 
 class SlowStore(BlobStore):
@@ -44,41 +44,43 @@ class Ground:
         self.folder, self.sensor = folder, sensor
         self.services: Services = build(Settings(data=folder))
         self.store = SlowStore(str(folder / "blobs"))
-        self.services.frames._blobs = self.store
-        self.services.frames._solve_later = lambda *_: None  # type: ignore[method-assign]
+        self.services.frames.frames._blobs = self.store
+        self.services.frames.frames._solve_later = lambda *_: None  # type: ignore[method-assign]
         s = self.services
-        s.transfers.start()
-        s.commands.start()
+        s.transfers.transfers.start()
+        s.commanding.commands.start()
         s.dispatcher.start()
-        s.link.start()
-        sensor.keep_pace_with(s.link.events)
-        s.link.open_later(sensor.url)
-        self.wait(lambda: any(view.row.kind == "catalogue" and view.row.finished for view in s.transfers.newest(9)))
+        s.line.link.start()
+        sensor.keep_pace_with(s.line.link.events)
+        s.line.link.open_later(sensor.url)
+        self.wait(
+            lambda: any(view.row.kind == "catalogue" and view.row.finished for view in s.transfers.transfers.newest(9))
+        )
 
     def wait(self, done: Callable[[], Any]) -> None:
         """Wait until ``done()`` is true. The timeout in real time only limits how long a failing test runs."""
         limit_s = time.monotonic() + 60
         while not done():
-            assert time.monotonic() < limit_s, [e.text for e in self.services.bus.after(0, 1000)][-8:]
+            assert time.monotonic() < limit_s, [e.text for e in self.services.base.bus.after(0, 1000)][-8:]
             time.sleep(0.005)
 
     def image(self) -> None:
         """Command the sensor to take an image."""
-        row = self.services.commands.send("TAKE_IMAGE", {}, confirm="", user="gss", source="server")
-        self.wait(lambda: self.services.commands.get(row.id).result == "completed")
+        row = self.services.commanding.commands.send("TAKE_IMAGE", {}, confirm="", user="gss", source="server")
+        self.wait(lambda: self.services.commanding.commands.get(row.id).result == "completed")
 
     def housekeeping(self) -> int:
         """Return the number of stored packets."""
-        packets = self.services.telemetry.archive.packets("housekeeping", None, None, 1, None)
+        packets = self.services.telemetry.telemetry.archive.packets("housekeeping", None, None, 1, None)
         return packets[0].id if packets else 0
 
     def downloads(self) -> list[Any]:
         """Return rows of the frame transfers, newest first."""
-        return [view.row for view in self.services.transfers.newest(50) if view.row.kind == "frame"]
+        return [view.row for view in self.services.transfers.transfers.newest(50) if view.row.kind == "frame"]
 
     def frames(self) -> list[Any]:
         """Return rows of the frames, newest first."""
-        return [frame for frame, _ in self.services.frames.page(50, 0)[1]]
+        return [frame for frame, _ in self.services.frames.frames.page(50, 0)[1]]
 
     def stop(self) -> None:
         """Stop the services in their order."""
@@ -107,8 +109,8 @@ def test_telemetry_is_stored_while_a_frame_waits_for_its_store(ground: Ground) -
     ground.wait(lambda: ground.downloads()[0].finished)
     (frame,), (row,) = ground.frames(), ground.downloads()
     assert (row.state, row.frame_id, frame.complete) == ("verified", frame.id, True)
-    assert ground.services.frames.pixels(frame).shape == (frame.rows, frame.columns)
-    assert ground.services.writer.waits == 0
+    assert ground.services.frames.frames.pixels(frame).shape == (frame.rows, frame.columns)
+    assert ground.services.transfers.writer.waits == 0
 
 
 def test_frame_downloads_wait_for_room_in_the_queue(ground: Ground) -> None:
@@ -116,8 +118,8 @@ def test_frame_downloads_wait_for_room_in_the_queue(ground: Ground) -> None:
     begun = MOST_WAITING + 1
     for k in range(begun):
         ground.image()
-        ground.wait(lambda k=k: len(ground.services.transfers._progress._storing) == k + 1)
-    ground.wait(lambda: ground.services.writer.full)
+        ground.wait(lambda k=k: len(ground.services.transfers.transfers._progress._storing) == k + 1)
+    ground.wait(lambda: ground.services.transfers.writer.full)
     figures = ground.services.upkeep.metrics.text()
     assert f'gss_queue_depth{{queue="store"}} {MOST_WAITING}.0\n' in figures
     assert "gss_line_waits_total 0.0\n" in figures
@@ -139,10 +141,10 @@ def test_a_failing_store_is_reported_and_ends_the_transfer(ground: Ground) -> No
     ground.wait(lambda: ground.downloads() and ground.downloads()[0].finished)
     assert ground.frames() == []
     words = "was received but is not usable: the bytes cannot be stored now"
-    ground.wait(lambda: any(words in event.text for event in ground.services.bus.after(0, 1000)))
+    ground.wait(lambda: any(words in event.text for event in ground.services.base.bus.after(0, 1000)))
     ground.wait(lambda: ground.downloads()[0].state == "failed")
     ground.store.broken = False
-    ground.services.transfers.resume(ground.downloads()[0].id)
+    ground.services.transfers.transfers.resume(ground.downloads()[0].id)
     ground.wait(lambda: ground.downloads()[0].state == "verified")
     assert [frame.id for frame in ground.frames()] == [ground.downloads()[0].frame_id]
 
@@ -170,7 +172,7 @@ def test_content_without_a_storing_service_is_not_reported_as_complete(
         patched.setattr("gss.operations.intake.frame_intake.picture_of", defect)
         ground.image()
         ground.wait(lambda: ground.downloads() and ground.downloads()[0].state == "failed")
-    ground.services.transfers.resume(ground.downloads()[0].id)
+    ground.services.transfers.transfers.resume(ground.downloads()[0].id)
     ground.wait(lambda: ground.downloads()[0].state == "verified")
     assert len(ground.frames()) == 1
 
@@ -180,8 +182,8 @@ def test_a_server_stop_does_not_wait_for_a_hanging_store(ground: Ground, monkeyp
     monkeypatch.setattr("gss.operations.transfers.transfers.STORE_WITHIN_S", 0.2)
     ground.image()
     ground.wait(lambda: ground.store.requested)
-    ground.services.link.stop()
-    ground.services.transfers.stop()
+    ground.services.line.link.stop()
+    ground.services.transfers.transfers.stop()
     (row,) = ground.downloads()
     assert (row.finished, row.frame_id, ground.frames()) == (None, None, [])
     following = Ground(ground.folder, ground.sensor)

@@ -12,7 +12,7 @@ from gss.operations.requests import as_stored
 from gss.settings import Settings
 from gss.store import jobs as store
 from gss.store.models import Job
-from gss.wiring import build
+from gss.wiring.build import build
 
 STORED = {
     "catalogue": {
@@ -91,7 +91,7 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> Any:
 @pytest.mark.parametrize("name", sorted(STORED))
 def test_a_stored_request_of_0_4_is_read_and_stored_again_without_loss(services: Any, name: str) -> None:
     """Reading, storing with this version and reading again gives the same request."""
-    kind = services.jobs._kinds[name]
+    kind = services.base.jobs._kinds[name]
     request = kind.read(STORED[name])
     assert request.user == STORED[name].get("user", "")
     assert kind.read(as_stored(request)) == request
@@ -99,7 +99,7 @@ def test_a_stored_request_of_0_4_is_read_and_stored_again_without_loss(services:
 
 def test_the_values_of_a_stored_request_of_0_4_are_kept(services: Any) -> None:
     """Angles, filters, options and times have their values."""
-    kinds = services.jobs._kinds
+    kinds = services.base.jobs._kinds
     catalogue = kinds["catalogue"].read(STORED["catalogue"])
     assert (catalogue.asked.name, catalogue.bank_bytes) == ("old", 65536)
     assert catalogue.at == datetime(2026, 10, 1, 12, tzinfo=UTC)
@@ -126,13 +126,13 @@ def test_the_values_of_a_stored_request_of_0_4_are_kept(services: Any) -> None:
 def test_a_request_that_cannot_be_read_ends_its_job_with_the_reason(services: Any) -> None:
     """A field that this version does not know: the job fails and says what to do; others continue."""
     stored = {"asked": {"no_such_field": 1}, "user": "ann", "at": "2026-10-01T12:00:00Z"}
-    with services.database.unit_of_work() as session:
+    with services.base.database.unit_of_work() as session:
         job = store.add(
             session, Job(kind="catalogue", title="t", state="queued", created=datetime.now(UTC), request=stored)
         )
         job.attempts = 0
-    services.jobs.start()
-    ended = services.jobs.get(job.id)
+    services.base.jobs.start()
+    ended = services.base.jobs.get(job.id)
     assert (ended.state, "stored by another version" in ended.text) == ("failed", True)
     with pytest.raises(BadInput, match="another version"):
-        services.jobs.again(job.id, user="bob")
+        services.base.jobs.again(job.id, user="bob")

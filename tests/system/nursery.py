@@ -113,7 +113,7 @@ def load() -> None:
     import gss.api.app
     import gss.cli
     import gss.device.simulator.__main__
-    import gss.wiring
+    import gss.wiring.build
     from gss.catalogue_tools.sources.hipparcos import load_stars
     from gss.instruments.dictionary.read_dictionary import load_dictionary
 

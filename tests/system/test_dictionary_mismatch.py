@@ -12,7 +12,7 @@ from gss.api.app import create_app
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.registry import Registry
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 pytestmark = pytest.mark.timeout(120)
 

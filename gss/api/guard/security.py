@@ -24,7 +24,7 @@ from gss.api.guard.route_table import RouteTable, is_change, is_guarded, is_heal
 from gss.domain.errors import NotPermitted
 from gss.operations.accounts.permissions import VIEW
 from gss.operations.clock import monotonic_s, utc_now
-from gss.services import Services
+from gss.wiring.services import Services
 
 
 def install(app: FastAPI) -> None:
@@ -38,9 +38,9 @@ class Guard:
 
     def __init__(self, app: ASGIApp, services: Services, door: RouteTable) -> None:
         self._app, self._door = app, door
-        self._perimeter = Perimeter(services.settings)
-        self._keys = Authenticator(services.accounts)
-        self._record = Record(services.audit, services.audit_intents, utc_now, monotonic_s)
+        self._perimeter = Perimeter(services.base.settings)
+        self._keys = Authenticator(services.accounts.accounts)
+        self._record = Record(services.accounts.audit, services.accounts.intents, utc_now, monotonic_s)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle a request, or answer with the reason for rejecting it."""

@@ -27,19 +27,19 @@ def list_analyses(
     app: App, kind: Annotated[str, Query(max_length=30)] = "", limit: Annotated[int, Query(ge=1, le=500)] = 50
 ) -> list[AnalysisOut]:
     """Analyses, newest first. ``kind``: only this kind."""
-    return [AnalysisOut(**_facts(row)) for row in app.analyses.newest(limit, kind)]
+    return [AnalysisOut(**_facts(row)) for row in app.studies.analyses.newest(limit, kind)]
 
 
 @router.post("", status_code=202, dependencies=[need("analyse")])
 def analyse(app: App, user: User, body: AnalysisRequest) -> JobOut:
     """Run an analysis as a job; its result names the analysis."""
-    return present.records.job(app.analyses.start(body, user=user))
+    return present.records.job(app.studies.analyses.start(body, user=user))
 
 
 @router.get("/{analysis_id}")
 def read_analysis(app: App, analysis_id: RowId) -> AnalysisDetailOut:
     """Analysis with its report."""
-    row = app.analyses.get(analysis_id)
+    row = app.studies.analyses.get(analysis_id)
     report = ReportViewOut.model_validate(row.result["report"])
     return AnalysisDetailOut(**_facts(row), request=row.request, figures=row.result["figures"], report=report)
 
@@ -47,7 +47,7 @@ def read_analysis(app: App, analysis_id: RowId) -> AnalysisDetailOut:
 @router.get("/{analysis_id}/sheet")
 def read_sheet(app: App, analysis_id: RowId) -> SheetOut:
     """Performance sheet as one document; only for an analysis of the kind sheet."""
-    row = app.analyses.get(analysis_id)
+    row = app.studies.analyses.get(analysis_id)
     if row.kind != "sheet":
         raise NotFound("this analysis is not a performance sheet", expected="kind sheet", got=row.kind)
     return SheetOut.model_validate(row.result["figures"])
@@ -56,8 +56,8 @@ def read_sheet(app: App, analysis_id: RowId) -> SheetOut:
 @router.post("/{analysis_id}/calibration", status_code=201, dependencies=[need("calibrate")])
 def propose_calibration(app: App, user: User, analysis_id: RowId) -> CalibrationDetailOut:
     """Store the calibration that a health analysis proposes; use it, or make a table of it, like any calibration."""
-    row = app.calibrations.from_health(analysis_id, user=user)
-    return present.calibrations.detail(row, False, app.tables.on_board())
+    row = app.studies.calibrations.from_health(analysis_id, user=user)
+    return present.calibrations.detail(row, False, app.transfers.tables.on_board())
 
 
 @router.get("/{analysis_id}/export", response_class=Response, dependencies=[EXPORT])
@@ -65,7 +65,7 @@ def export(app: App, analysis_id: RowId, kind: Literal["json", "html", "pdf", "t
     """Export an analysis: the report (html, pdf), all data (json), the tracks of moving objects (tdm, CCSDS 503.0-B),
     or the warm pixels of a health analysis (csv)."""
     headers = {"Content-Disposition": f"attachment; filename=analysis-{analysis_id}.{kind}"}
-    return Response(app.analyses.export(analysis_id, kind), media_type=EXPORTS[kind], headers=headers)
+    return Response(app.studies.analyses.export(analysis_id, kind), media_type=EXPORTS[kind], headers=headers)
 
 
 def _facts(row: Analysis) -> dict[str, Any]:

@@ -53,13 +53,13 @@ def read_audit(
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> list[AuditRowOut]:
     """Audit rows, newest first. ``before``: rows with a smaller number, for the next page. ``action``: prefix."""
-    return [AuditRowOut.model_validate(row) for row in app.audit.page(filters, limit, before)]
+    return [AuditRowOut.model_validate(row) for row in app.accounts.audit.page(filters, limit, before)]
 
 
 @router.get("/export", response_class=StreamingResponse, dependencies=[ADMIN, EXPORT])
 def export_audit(app: App, filters: Wanted, format: Literal["jsonl", "csv"] = "jsonl") -> StreamingResponse:
     """Export all matching rows as a file, oldest first."""
-    pieces: Iterator[str] = app.audit.export(format, filters)
+    pieces: Iterator[str] = app.accounts.audit.export(format, filters)
     headers = {"Content-Disposition": f"attachment; filename=audit.{format}"}
     return StreamingResponse(pieces, media_type=FORMATS[format], headers=headers)
 
@@ -67,4 +67,4 @@ def export_audit(app: App, filters: Wanted, format: Literal["jsonl", "csv"] = "j
 @router.get("/verify", dependencies=[ADMIN])
 def verify_audit(app: App, last_hash: Annotated[str, Query(max_length=64)] = "") -> AuditVerdictOut:
     """Recompute every hash. ``last_hash``: a hash noted earlier, which must still be in the log."""
-    return AuditVerdictOut(**vars(app.audit.verify(last_hash)))
+    return AuditVerdictOut(**vars(app.accounts.audit.verify(last_hash)))

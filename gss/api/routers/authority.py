@@ -13,51 +13,51 @@ router = api_router("authority")
 @router.get("/authority")
 def read_authority(app: App, user: User) -> AuthorityOut:
     """Current and past holders of command authority."""
-    return present.authority.authority(app.authority.state(), user)
+    return present.authority.authority(app.commanding.authority.state(), user)
 
 
 @router.post("/authority/take", dependencies=[need("authority.take")])
 def take_authority(app: App, user: User) -> AuthorityOut:
     """Take command authority while no user holds it."""
-    return present.authority.authority(app.authority.take(user), user)
+    return present.authority.authority(app.commanding.authority.take(user), user)
 
 
 @router.post("/authority/release", dependencies=[need("authority.take")])
 def release_authority(app: App, user: User) -> AuthorityOut:
     """Release command authority."""
-    return present.authority.authority(app.authority.release(user), user)
+    return present.authority.authority(app.commanding.authority.release(user), user)
 
 
 @router.post("/authority/request", dependencies=[need("authority.take")])
 def request_authority(app: App, user: User, body: AuthorityNoteIn, audit_note: AuditNote) -> AuthorityOut:
     """Request command authority from its holder."""
-    audit_note(f"from {app.authority.holder() or 'no user'}, {body.note}")
-    return present.authority.authority(app.authority.request(user, body.note), user)
+    audit_note(f"from {app.commanding.authority.holder() or 'no user'}, {body.note}")
+    return present.authority.authority(app.commanding.authority.request(user, body.note), user)
 
 
 @router.post("/authority/offer", dependencies=[need("authority.take")])
 def offer_authority(app: App, user: User, body: AuthorityOfferIn, audit_note: AuditNote) -> AuthorityOut:
     """Offer command authority to another user."""
     audit_note(f"to {body.user}, {body.note}")
-    return present.authority.authority(app.authority.offer(user, body.user, body.note), user)
+    return present.authority.authority(app.commanding.authority.offer(user, body.user, body.note), user)
 
 
 @router.post("/authority/accept", dependencies=[need("authority.take")])
 def accept_authority(app: App, user: User, body: AuthorityNoteIn, audit_note: AuditNote) -> AuthorityOut:
     """Hand command authority over: the holder accepts a request, or the named user accepts an offer."""
-    audit_note(f"of {app.authority.holder() or 'no user'}, {body.note}")
-    return present.authority.authority(app.authority.accept(user, body.note), user)
+    audit_note(f"of {app.commanding.authority.holder() or 'no user'}, {body.note}")
+    return present.authority.authority(app.commanding.authority.accept(user, body.note), user)
 
 
 @router.post("/authority/decline", dependencies=[need("authority.take")])
 def decline_authority(app: App, user: User, body: AuthorityNoteIn, audit_note: AuditNote) -> AuthorityOut:
     """Refuse or withdraw the request or offer of command authority that waits for an answer."""
-    audit_note(f"of {app.authority.holder() or 'no user'}, {body.note}")
-    return present.authority.authority(app.authority.decline(user, body.note), user)
+    audit_note(f"of {app.commanding.authority.holder() or 'no user'}, {body.note}")
+    return present.authority.authority(app.commanding.authority.decline(user, body.note), user)
 
 
 @router.post("/authority/break", dependencies=[need("authority.break")])
 def break_authority(app: App, user: User, body: BreakIn, audit_note: AuditNote) -> AuthorityOut:
     """Take command authority from its holder, with a reason."""
-    audit_note(f"of {app.authority.holder() or 'no user'}, {body.reason}")
-    return present.authority.authority(app.authority.break_(user, body.reason), user)
+    audit_note(f"of {app.commanding.authority.holder() or 'no user'}, {body.reason}")
+    return present.authority.authority(app.commanding.authority.break_(user, body.reason), user)

@@ -36,19 +36,19 @@ def list_experiments(_: App) -> list[ExperimentOut]:
 @router.post("/experiments", status_code=201, dependencies=[need("campaigns")])
 def run_experiments(app: App, user: User, body: ExperimentsRequest) -> JobOut:
     """Run experiments as a job."""
-    return present.records.job(app.campaigns.run_experiments(body, user=user))
+    return present.records.job(app.studies.campaigns.run_experiments(body, user=user))
 
 
 @router.post("/reprocess", status_code=201, dependencies=[need("campaigns")])
 def reprocess(app: App, user: User, body: ReprocessRequest) -> JobOut:
     """Run a chain over many stored frames as a job. Starting it again processes only the remaining frames."""
-    return present.records.job(app.reprocessing.start(body, user=user))
+    return present.records.job(app.studies.reprocessing.start(body, user=user))
 
 
 @router.get("/chains")
 def compare_chains(app: App) -> list[ChainRecordOut]:
     """Results of each chain and version over the stored frames."""
-    return [_chain(record) for record in app.campaigns.compare()]
+    return [_chain(record) for record in app.studies.campaigns.compare()]
 
 
 @router.get("/chains/report")
@@ -72,7 +72,7 @@ def chain_report_pdf(app: App, pair: Annotated[ChainPairIn, Query()]) -> Respons
 
 def _report(app: App, pair: ChainPairIn) -> ChainReport:
     against = ChainKey(pair.against_chain, pair.against_version, pair.against_options) if pair.against_chain else None
-    return app.campaigns.reports.report(ChainKey(pair.chain, pair.version, pair.options), against)
+    return app.studies.campaigns.reports.report(ChainKey(pair.chain, pair.version, pair.options), against)
 
 
 def _chain(r: ChainRecord) -> ChainRecordOut:
@@ -99,4 +99,4 @@ def solutions_table(
 ) -> Response:
     """Export all stored solutions as a table. ``chain``: only this chain."""
     headers = {"Content-Disposition": f"attachment; filename=solutions.{format}"}
-    return Response(export_solutions(app.database, format, chain), media_type=FORMATS[format], headers=headers)
+    return Response(export_solutions(app.base.database, format, chain), media_type=FORMATS[format], headers=headers)

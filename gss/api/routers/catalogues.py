@@ -55,14 +55,14 @@ Id = Annotated[int, Query(ge=1, le=LARGEST_ID)]
 @router.get("")
 def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[CatalogueOut]:
     """Catalogues, newest first."""
-    banks = app.banks.views()
-    return [present.catalogues.catalogue(row, banks) for row in app.catalogues.newest(limit)]
+    banks = app.transfers.banks.views()
+    return [present.catalogues.catalogue(row, banks) for row in app.catalogues.catalogues.newest(limit)]
 
 
 @router.post("/preview", dependencies=[need("catalogues.build", changes=False)])
 def preview(app: App, user: User, body: CatalogueRequest, ambiguity: bool = False) -> PreviewOut:
     """Preview a build while parameters change. ``ambiguity`` adds a coarse map of where stars can be mistaken."""
-    quick = app.catalogues.preview(body, user=user, mistakes=ambiguity)
+    quick = app.catalogues.catalogues.preview(body, user=user, mistakes=ambiguity)
     return PreviewOut(
         stars=quick.stars,
         pairs_estimate=quick.pairs,
@@ -77,13 +77,13 @@ def preview(app: App, user: User, body: CatalogueRequest, ambiguity: bool = Fals
 @router.post("", status_code=202, dependencies=[need("catalogues.build")])
 def build_catalogue(app: App, user: User, body: CatalogueRequest) -> JobOut:
     """Build a catalogue as a job; its result names the catalogue."""
-    return present.records.job(app.catalogues.build(body, user=user))
+    return present.records.job(app.catalogues.catalogues.build(body, user=user))
 
 
 @router.get("/diff")
 def diff(app: App, old: Id, new: Id) -> CatalogueDiffOut:
     """Differences on board if one stored catalogue replaced another."""
-    return present.catalogues.diff(app.catalogues.diff(old, new), app.stars)
+    return present.catalogues.diff(app.catalogues.catalogues.diff(old, new), app.base.stars)
 
 
 @router.get("/timeline")
@@ -94,15 +94,15 @@ def timeline(
     end: Moment | None = None,
 ) -> TimelineOut:
     """Past, current and planned catalogues in each bank of a device; by default of the device that responded last."""
-    now = app.clock.now()
-    history = app.bank_history.timeline(start or now - PAST, end or now + FUTURE, device)
-    return present.catalogues.timeline(history, now, app.settings.catalogue_watch_days)
+    now = app.base.clock.now()
+    history = app.transfers.bank_history.timeline(start or now - PAST, end or now + FUTURE, device)
+    return present.catalogues.timeline(history, now, app.base.settings.catalogue_watch_days)
 
 
 @router.get("/sources")
 def list_sources(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[StarListOut]:
     """Imported star lists, newest first."""
-    return [StarListOut.model_validate(row) for row in app.star_lists.newest(limit)]
+    return [StarListOut.model_validate(row) for row in app.catalogues.star_lists.newest(limit)]
 
 
 @router.post("/sources", status_code=201, dependencies=[need("catalogues.build")])
@@ -117,26 +117,28 @@ def add_source(
     """Import a CSV, ECSV, FITS or VOTable list as a star source. ``mapping``: JSON with columns, units, epoch_jyear,
     frame, bad_rows (drop or refuse). The response reports what was read and which rows were dropped."""
     data = file.file.read(MAX_BODY_BYTES + 1)
-    row = app.star_lists.add(data, file.filename or "", _mapping(mapping), user=user, profile=profile, name=name)
+    row = app.catalogues.star_lists.add(
+        data, file.filename or "", _mapping(mapping), user=user, profile=profile, name=name
+    )
     return StarListOut.model_validate(row)
 
 
 @router.get("/{catalogue_id}")
 def read_catalogue(app: App, catalogue_id: RowId) -> CatalogueDetailOut:
     """Catalogue with its maps and quality."""
-    return present.catalogues.catalogue_detail(app.catalogues.get(catalogue_id), app.banks.views())
+    return present.catalogues.catalogue_detail(app.catalogues.catalogues.get(catalogue_id), app.transfers.banks.views())
 
 
 @router.get("/{catalogue_id}/report.html", response_class=HTMLResponse, dependencies=[EXPORT])
 def report_page(app: App, catalogue_id: RowId) -> HTMLResponse:
     """Quality report as one self-contained HTML page without scripts."""
-    return HTMLResponse(as_html(_sheet(app.catalogues.get(catalogue_id))))
+    return HTMLResponse(as_html(_sheet(app.catalogues.catalogues.get(catalogue_id))))
 
 
 @router.get("/{catalogue_id}/report.pdf", response_class=Response, dependencies=[EXPORT])
 def report_pdf(app: App, catalogue_id: RowId) -> Response:
     """Quality report as a PDF file."""
-    row = app.catalogues.get(catalogue_id)
+    row = app.catalogues.catalogues.get(catalogue_id)
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.pdf"}
     return Response(as_pdf(_sheet(row), row.created), media_type="application/pdf", headers=headers)
 
@@ -149,7 +151,7 @@ def _sheet(row: Catalogue) -> Report:
 @router.get("/{catalogue_id}/export", response_class=Response, dependencies=[EXPORT])
 def export(app: App, catalogue_id: RowId, kind: Kind) -> Response:
     """Export a catalogue: bank image, manifest, C source, star list, or all tables."""
-    exported = app.catalogues.export(catalogue_id, kind)
+    exported = app.catalogues.catalogues.export(catalogue_id, kind)
     headers = {"Content-Disposition": f'attachment; filename="{exported.name}"'}
     return Response(exported.content, media_type=exported.media_type, headers=headers)
 
@@ -158,13 +160,15 @@ def export(app: App, catalogue_id: RowId, kind: Kind) -> Response:
 def image(app: App, catalogue_id: RowId) -> Response:
     """Bank image of a catalogue."""
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.bin"}
-    return Response(app.catalogues.image(catalogue_id), media_type="application/octet-stream", headers=headers)
+    return Response(
+        app.catalogues.catalogues.image(catalogue_id), media_type="application/octet-stream", headers=headers
+    )
 
 
 @router.get("/{catalogue_id}/manifest.json", response_class=Response, dependencies=[EXPORT])
 def manifest(app: App, catalogue_id: RowId) -> Response:
     """Manifest of a catalogue: its content and origin."""
-    text = json.dumps(app.catalogues.get(catalogue_id).manifest, indent=1)
+    text = json.dumps(app.catalogues.catalogues.get(catalogue_id).manifest, indent=1)
     headers = {"Content-Disposition": f"attachment; filename=catalogue-{catalogue_id}.json"}
     return Response(text, media_type="application/json", headers=headers)
 
@@ -172,10 +176,12 @@ def manifest(app: App, catalogue_id: RowId) -> Response:
 @router.post("/{catalogue_id}/upload", status_code=201, dependencies=[need("catalogues.upload")])
 def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User, audit_note: AuditNote) -> TransferOut:
     """Send a catalogue to an inactive bank."""
-    held = next((v.catalogue.name for v in app.banks.views() if v.bank == body.bank and v.catalogue), "nothing known")
-    audit_note(f"{app.catalogues.get(catalogue_id).name} to bank {body.bank}, before {held}")
-    app.authority.check(user)
-    return present.records.transfer(app.catalogues.upload(catalogue_id, body.bank))
+    held = next(
+        (v.catalogue.name for v in app.transfers.banks.views() if v.bank == body.bank and v.catalogue), "nothing known"
+    )
+    audit_note(f"{app.catalogues.catalogues.get(catalogue_id).name} to bank {body.bank}, before {held}")
+    app.commanding.authority.check(user)
+    return present.records.transfer(app.catalogues.catalogues.upload(catalogue_id, body.bank))
 
 
 def _mapping(text: str) -> ListMapping:

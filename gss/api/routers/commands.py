@@ -18,8 +18,8 @@ from gss.api.schemas.commands import AbortOut, CheckOut, CommandIn, CommandOut, 
 from gss.api.urgent import at_once
 from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.command_history import Filter
-from gss.services import Services
 from gss.store.models import Command
+from gss.wiring.services import Services
 
 RECORD_WITHIN_S = 0.3
 router = api_router("commands")
@@ -48,7 +48,7 @@ Wanted = Annotated[Filter, Depends(_filter)]
 
 
 def _shown(app: Services, row: Command) -> CommandOut:
-    return present.commands.command(app.commands.view(row))
+    return present.commands.command(app.commanding.commands.view(row))
 
 
 def _file(pieces: Iterator[str], media_type: str, name: str) -> StreamingResponse:
@@ -60,46 +60,51 @@ def _file(pieces: Iterator[str], media_type: str, name: str) -> StreamingRespons
 @router.get("/dictionary")
 def read_dictionary(app: App) -> DictionaryOut:
     """All commands that the device supports and all telemetry, with the current state of the commands' preconditions."""
-    shown = app.commands.visible()
-    return present.commands.dictionary(app.link.roles, shown, {c.name: app.commands.preconditions(c) for c in shown})
+    shown = app.commanding.commands.visible()
+    return present.commands.dictionary(
+        app.line.link.roles, shown, {c.name: app.commanding.commands.preconditions(c) for c in shown}
+    )
 
 
 @router.get("/commands")
 def list_commands(app: App, filters: Wanted, limit: Limit = 100, before: ContactId = None) -> list[CommandOut]:
     """Commands, newest first. ``before``: commands with a smaller id, for the next page."""
-    return [present.commands.command(app.commands.view(row)) for row in app.history.page(filters, limit, before)]
+    return [
+        present.commands.command(app.commanding.commands.view(row))
+        for row in app.commanding.history.page(filters, limit, before)
+    ]
 
 
 @router.get("/commands.csv", response_class=StreamingResponse, dependencies=[EXPORT])
 def export_commands(app: App, filters: Wanted) -> StreamingResponse:
     """Export all matching commands as CSV, oldest first."""
-    return _file(app.history.csv(filters), "text/csv", "commands.csv")
+    return _file(app.commanding.history.csv(filters), "text/csv", "commands.csv")
 
 
 @router.get("/commands.json", response_class=StreamingResponse, dependencies=[EXPORT])
 def export_commands_json(app: App, filters: Wanted) -> StreamingResponse:
     """Export all matching commands as JSON, oldest first."""
-    return _file(app.history.json(filters), "application/json", "commands.json")
+    return _file(app.commanding.history.json(filters), "application/json", "commands.json")
 
 
 @router.get("/commands/facets")
 def read_facets(app: App) -> FacetsOut:
     """Names, users, results and sources that occur in the history."""
-    return FacetsOut(**app.history.facets())
+    return FacetsOut(**app.commanding.history.facets())
 
 
 @router.post("/commands/check", dependencies=[need("view", changes=False)])
 def check_command(app: App, body: CommandIn, user: User) -> CheckOut:
     """Dry run of a command: bytes, hazard, preconditions and problems. Nothing is sent."""
-    result = app.commands.check(body.name, body.arguments, user=user)
-    names = [a.name for a in app.link.dictionary.command(body.name).arguments]
+    result = app.commanding.commands.check(body.name, body.arguments, user=user)
+    names = [a.name for a in app.line.link.dictionary.command(body.name).arguments]
     return present.commands.check(result, names)
 
 
 @router.post("/commands/abort", status_code=201, dependencies=[need(STOP)])
 async def abort(app: App, user: User) -> AbortOut:
     """Queue ABORT ahead of all other traffic. The response waits at most 0.3 s for the record. 409: not queued."""
-    receipt = await at_once(lambda: app.commands.abort(user=user, source="abort"))
+    receipt = await at_once(lambda: app.commanding.commands.abort(user=user, source="abort"))
     row = None
     with contextlib.suppress(TimeoutError):
         row = await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(receipt.recorded)), RECORD_WITHIN_S)
@@ -110,31 +115,33 @@ async def abort(app: App, user: User) -> AbortOut:
 def send_command(app: App, body: CommandIn, user: User, audit_note: AuditNote) -> CommandOut:
     """Queue a command."""
     audit_note(body.name, *(f"{name}={value}" for name, value in body.arguments.items()))
-    return _shown(app, app.commands.send(body.name, body.arguments, confirm=body.confirm, user=user, source="form"))
+    return _shown(
+        app, app.commanding.commands.send(body.name, body.arguments, confirm=body.confirm, user=user, source="form")
+    )
 
 
 @router.get("/commands/{command_id}")
 def read_command(app: App, command_id: RowId) -> CommandOut:
     """One command."""
-    return _shown(app, app.commands.get(command_id))
+    return _shown(app, app.commanding.commands.get(command_id))
 
 
 @router.post("/commands/{command_id}/retry", dependencies=[need("command")])
 def retry_command(app: App, command_id: RowId, user: User, audit_note: AuditNote) -> CommandOut:
     """Send an unknown command again, with the same bytes and id. Allowed only while its result is unknown."""
-    audit_note(app.commands.get(command_id).name)
-    return _shown(app, app.commands.retry(command_id, user=user))
+    audit_note(app.commanding.commands.get(command_id).name)
+    return _shown(app, app.commanding.commands.retry(command_id, user=user))
 
 
 @router.post("/commands/{command_id}/withdraw", dependencies=[need("command")])
 def withdraw_command(app: App, command_id: RowId, user: User, audit_note: AuditNote) -> CommandOut:
     """Withdraw a command that is still queued."""
-    audit_note(app.commands.get(command_id).name)
-    return _shown(app, app.commands.withdraw(command_id, user=user))
+    audit_note(app.commanding.commands.get(command_id).name)
+    return _shown(app, app.commanding.commands.withdraw(command_id, user=user))
 
 
 @router.post("/commands/{command_id}/resolve", dependencies=[need("command")])
 def resolve_command(app: App, command_id: RowId, body: ResolveIn, user: User, audit_note: AuditNote) -> CommandOut:
     """Settle an unknown command with a note."""
-    audit_note(f"{app.commands.get(command_id).name}, {body.note}")
-    return _shown(app, app.commands.resolve(command_id, body.note, user=user))
+    audit_note(f"{app.commanding.commands.get(command_id).name}, {body.note}")
+    return _shown(app, app.commanding.commands.resolve(command_id, body.note, user=user))

@@ -38,32 +38,32 @@ def list_contacts(
     app: App, response: Response, limit: Annotated[int, Query(ge=1, le=500)] = 50, offset: Offset = 0
 ) -> list[ContactOut]:
     """Page of contacts, newest first. The header X-Total holds their total number."""
-    response.headers["X-Total"] = str(app.contacts.total())
-    return [present.contacts.contact(*row) for row in app.contacts.newest(limit, offset)]
+    response.headers["X-Total"] = str(app.contacts.contacts.total())
+    return [present.contacts.contact(*row) for row in app.contacts.contacts.newest(limit, offset)]
 
 
 @router.get("/contacts/{contact_id}")
 def read_contact(app: App, contact_id: RowId) -> ContactDetailOut:
     """All details of a contact."""
-    return present.contacts.detail(app.contacts.detail(contact_id))
+    return present.contacts.detail(app.contacts.contacts.detail(contact_id))
 
 
 @router.put("/contacts/{contact_id}/note", dependencies=[need("contacts.note")])
 def note_contact(app: App, user: User, contact_id: RowId, body: ContactNoteIn) -> ContactDetailOut:
     """Set the operator's note of a contact."""
-    return present.contacts.detail(app.contacts.note(contact_id, body.note, user=user))
+    return present.contacts.detail(app.contacts.contacts.note(contact_id, body.note, user=user))
 
 
 @router.get("/contacts/{contact_id}/record")
 def check_record(app: App, contact_id: RowId) -> RecordOut:
     """Gaps in the contact's 1 Hz record, with their causes."""
-    return present.contacts.record(contact_id, app.contacts.record(contact_id))
+    return present.contacts.record(contact_id, app.contacts.contacts.record(contact_id))
 
 
 @router.get("/contacts/{contact_id}/captures/{file}", response_class=StreamingResponse, dependencies=[EXPORT])
 def read_capture(app: App, contact_id: RowId, file: str) -> StreamingResponse:
     """Download a file of the raw capture; of one that is still being written, what it holds now."""
-    path = app.contacts.file(contact_id, file)
+    path = app.contacts.contacts.file(contact_id, file)
     if path.suffix != PACKED:
         return file_of_now(path)
     headers = {"Content-Disposition": f'attachment; filename="{plain_name(path)}"'}
@@ -71,14 +71,14 @@ def read_capture(app: App, contact_id: RowId, file: str) -> StreamingResponse:
 
 
 def _report(app: App, contact_id: int) -> ContactReport:
-    return contact_report(app.contacts, app.telemetry.archive, app.database, contact_id)
+    return contact_report(app.contacts.contacts, app.telemetry.telemetry.archive, app.base.database, contact_id)
 
 
 @router.get("/contacts/{contact_id}/report")
 def report(app: App, contact_id: RowId) -> ReportOut:
     """Pass report as data."""
     contact_data = _report(app, contact_id)
-    procedures = app.procedure_runs.between(contact_data.detail.row.started, contact_data.detail.end)
+    procedures = app.procedures.runs.between(contact_data.detail.row.started, contact_data.detail.end)
     return present.contacts.report(contact_data, procedures)
 
 
@@ -100,20 +100,20 @@ def report_pdf(app: App, contact_id: RowId) -> Response:
 @router.post("/contacts/{contact_id}/replay", status_code=201, dependencies=[need("replay")])
 def start_replay(app: App, contact_id: RowId, body: ReplayIn) -> ReplayOut:
     """Replay the contact's capture in a separate view. Replaces a replay that is running."""
-    return present.contacts.replay(app.capture_replay.start(contact_id, body.speed, _unix(body.start)))
+    return present.contacts.replay(app.contacts.replay.start(contact_id, body.speed, _unix(body.start)))
 
 
 @router.get("/replay")
 def read_replay(app: App) -> ReplayOut:
     """State of the replay."""
-    return present.contacts.replay(app.capture_replay.state)
+    return present.contacts.replay(app.contacts.replay.state)
 
 
 @router.put("/replay", dependencies=[need("replay")])
 def change_replay(app: App, body: ReplayChangeIn) -> ReplayOut:
     """Change speed or position of the replay, or pause it."""
     fastest = "speed" in body.model_fields_set and body.speed is None
-    state = app.capture_replay.change(
+    state = app.contacts.replay.change(
         speed=body.speed, as_fast_as_possible=fastest, paused=body.paused, at_s=_unix(body.at)
     )
     return present.contacts.replay(state)
@@ -122,7 +122,7 @@ def change_replay(app: App, body: ReplayChangeIn) -> ReplayOut:
 @router.delete("/replay", dependencies=[need("replay")])
 def stop_replay(app: App) -> ReplayOut:
     """Stop the replay."""
-    return present.contacts.replay(app.capture_replay.stop())
+    return present.contacts.replay(app.contacts.replay.stop())
 
 
 def _unix(moment: datetime | None) -> float | None:

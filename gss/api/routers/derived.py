@@ -16,13 +16,18 @@ router = api_router("telemetry", "/telemetry/derived")
 @router.get("")
 def list_derived(app: App) -> list[DerivedOut]:
     """Derived parameters, by name."""
-    return [present.telemetry.derived(app.telemetry.derived, row) for row in app.telemetry.derived.every()]
+    return [
+        present.telemetry.derived(app.telemetry.telemetry.derived, row)
+        for row in app.telemetry.telemetry.derived.every()
+    ]
 
 
 @router.post("/check", dependencies=[need("view", changes=False)])
 def try_expression(app: App, body: ExpressionIn) -> TrialOut:
     """Evaluate an expression with the newest values; nothing is stored."""
-    kind, references, result = app.telemetry.derived.trial(body.expression, app.telemetry.newest_values)
+    kind, references, result = app.telemetry.telemetry.derived.trial(
+        body.expression, app.telemetry.telemetry.newest_values
+    )
     return TrialOut(kind=kind, references=list(references), value=result.value, reason=result.reason)
 
 
@@ -30,30 +35,30 @@ def try_expression(app: App, body: ExpressionIn) -> TrialOut:
 def add_derived(app: App, user: User, body: DerivedIn, audit_note: AuditNote) -> DerivedOut:
     """Store a new derived parameter. It is computed from the next packet on."""
     audit_note(f"{body.name} = {body.expression}")
-    row = app.telemetry.derived.add(_request(body), user=user)
-    return present.telemetry.derived(app.telemetry.derived, row)
+    row = app.telemetry.telemetry.derived.add(_request(body), user=user)
+    return present.telemetry.derived(app.telemetry.telemetry.derived, row)
 
 
 @router.put("/{name}", dependencies=[need("derived")])
 def change_derived(app: App, user: User, name: str, body: DerivedIn, audit_note: AuditNote) -> DerivedOut:
     """Replace a definition. Its history keeps the values of the earlier one until it is recomputed."""
-    audit_note(f"{name} from {app.telemetry.derived.get(name).expression} to {body.expression}")
-    row = app.telemetry.derived.change(name, _request(body), user=user)
-    return present.telemetry.derived(app.telemetry.derived, row)
+    audit_note(f"{name} from {app.telemetry.telemetry.derived.get(name).expression} to {body.expression}")
+    row = app.telemetry.telemetry.derived.change(name, _request(body), user=user)
+    return present.telemetry.derived(app.telemetry.telemetry.derived, row)
 
 
 @router.delete("/{name}", status_code=204, dependencies=[need("derived")])
 def delete_derived(app: App, user: User, name: str, audit_note: AuditNote) -> None:
     """Delete a definition; its stored history is kept."""
-    audit_note(f"{name} = {app.telemetry.derived.get(name).expression}")
-    app.telemetry.derived.delete(name, user=user)
+    audit_note(f"{name} = {app.telemetry.telemetry.derived.get(name).expression}")
+    app.telemetry.telemetry.derived.delete(name, user=user)
 
 
 @router.post("/{name}/recompute", status_code=202, dependencies=[need("derived")])
 def recompute(app: App, user: User, name: str, body: SpanIn, audit_note: AuditNote) -> JobOut:
     """Replace the stored values of a time range by those of the present definition, as a job."""
     audit_note(f"{name} from {body.start.isoformat()} to {body.end.isoformat()}")
-    return present.records.job(app.derived_history.recompute(name, body.start, body.end, user=user))
+    return present.records.job(app.telemetry.derived_history.recompute(name, body.start, body.end, user=user))
 
 
 def _request(body: DerivedIn) -> DerivedRequest:

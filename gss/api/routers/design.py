@@ -24,20 +24,20 @@ def list_cameras(app: App) -> DesignCamerasOut:
             values={k: v for k, v in camera_of(DesignCamera.from_profile(p)).items() if isinstance(v, int | float)},
             sources=p.sources,
         )
-        for p in app.instruments.cameras().values()
+        for p in app.base.instruments.cameras().values()
     ]
     limits = {name: FieldLimitOut(**limit) for name, limit in field_limits().items()}
-    rows = [TradeRowOut(**row_of(r)) for r in app.design.document_rows()]
-    return DesignCamerasOut(unit=app.packages.unit.name, cameras=cameras, rows=rows, limits=limits)
+    rows = [TradeRowOut(**row_of(r)) for r in app.catalogues.design.document_rows()]
+    return DesignCamerasOut(unit=app.instruments.unit.name, cameras=cameras, rows=rows, limits=limits)
 
 
 @router.post("", dependencies=[need("view", changes=False)])
 def quick_look(app: App, body: DesignQuestion) -> DesignOut:
     """Preview while values change: about two thousand pointings."""
-    return DesignOut(**app.design.quick(body))
+    return DesignOut(**app.catalogues.design.quick(body))
 
 
 @router.post("/run", status_code=202, dependencies=[need("analyse")])
 def full_count(app: App, user: User, body: DesignQuestion) -> JobOut:
     """Full count with the lens trade, as a job. ``design`` in its result has the form of the preview's response."""
-    return present.records.job(app.design.start(body, user=user))
+    return present.records.job(app.catalogues.design.start(body, user=user))

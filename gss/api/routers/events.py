@@ -24,5 +24,5 @@ def list_events(
     end: Moment | None = None,
 ) -> list[EventOut]:
     """Events after a number; with ``start`` and ``end`` the newest of that time range. Oldest first."""
-    rows = app.bus.after(after, limit) if start is None or end is None else app.bus.between(start, end, limit)
+    rows = app.base.bus.after(after, limit) if start is None or end is None else app.base.bus.between(start, end, limit)
     return [present.records.event(row) for row in rows]

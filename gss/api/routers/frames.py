@@ -55,43 +55,45 @@ def list_frames(
     """Frames, newest first, taken from ``start`` to before ``end``. ``outcome`` and star counts refer to the
     operational ground result."""
     wanted = {"source": source, "outcome": outcome, "mode": mode, "contact_id": contact, "start": start, "end": end}
-    total, rows = app.frames.page(limit, offset, **wanted, least_stars=least_stars, most_stars=most_stars)
+    total, rows = app.frames.frames.page(limit, offset, **wanted, least_stars=least_stars, most_stars=most_stars)
     return FramePage(
-        total=total, modes=app.frames.modes(), frames=[present.frames.frame(frame, best) for frame, best in rows]
+        total=total, modes=app.frames.frames.modes(), frames=[present.frames.frame(frame, best) for frame, best in rows]
     )
 
 
 @router.get("/differences")
 def attitude_differences(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 60) -> list[DifferenceOut]:
     """On-board minus ground attitude of the newest frames of the sensor that have both, oldest first."""
-    return [present.frames.difference(*row) for row in reversed(app.frames.attitude_pairs(limit))]
+    return [present.frames.difference(*row) for row in reversed(app.frames.frames.attitude_pairs(limit))]
 
 
 @router.get("/latest")
 def latest_frame(app: App) -> FrameDetailOut:
     """The frame received last."""
-    return present.frames.frame_detail(app.frames.detail(app.frames.latest_id()))
+    return present.frames.frame_detail(app.frames.frames.detail(app.frames.frames.latest_id()))
 
 
 @router.post("/import", status_code=201, dependencies=[need("frames.import")])
 def import_frame(app: App, user: User, file: UploadFile, profile: Annotated[str, Form()] = "") -> FrameDetailOut:
     """Import a FITS, PNG, TIFF or JPEG file. Without a camera profile it is solved blind."""
     data = file.file.read(MAX_BODY_BYTES + 1)
-    frame = app.frames.add_from_file(data, file.filename or "unnamed", profile or None, user=user)
-    return present.frames.frame_detail(app.frames.detail(frame.id))
+    frame = app.frames.frames.add_from_file(data, file.filename or "unnamed", profile or None, user=user)
+    return present.frames.frame_detail(app.frames.frames.detail(frame.id))
 
 
 @router.post("/download", status_code=201, dependencies=[need("frames.transfer")])
 def download_frame(app: App, user: User, body: DownloadIn) -> TransferOut:
     """Download a frame or its thumbnail from a slot of the device."""
-    app.commands.require_user(user)
-    return present.records.transfer(app.transfers.download(body.kind, body.slot, f"{body.kind} of slot {body.slot}"))
+    app.commanding.commands.require_user(user)
+    return present.records.transfer(
+        app.transfers.transfers.download(body.kind, body.slot, f"{body.kind} of slot {body.slot}")
+    )
 
 
 @router.get("/{frame_id}")
 def read_frame(app: App, frame_id: RowId) -> FrameDetailOut:
     """Frame with all its solutions."""
-    return present.frames.frame_detail(app.frames.detail(frame_id))
+    return present.frames.frame_detail(app.frames.frames.detail(frame_id))
 
 
 @router.get("/{frame_id}/image.png", response_class=Response)
@@ -105,8 +107,10 @@ def picture(
     invert: bool = False,
 ) -> Response:
     """8-bit picture in full resolution."""
-    frame = app.frames.get(frame_id)
-    return revalidated(request, frame.sha256, lambda: _picture(app.frames.pixels(frame), low, high, stretch, invert))
+    frame = app.frames.frames.get(frame_id)
+    return revalidated(
+        request, frame.sha256, lambda: _picture(app.frames.frames.pixels(frame), low, high, stretch, invert)
+    )
 
 
 def _picture(pixels: Pixels, low: float | None, high: float | None, stretch: str, invert: bool) -> Response:
@@ -122,18 +126,18 @@ def _picture(pixels: Pixels, low: float | None, high: float | None, stretch: str
 @router.get("/{frame_id}/thumbnail.png", response_class=Response)
 def thumbnail(app: App, request: Request, frame_id: RowId) -> Response:
     """Thumbnail that keeps stars visible."""
-    frame = app.frames.get(frame_id)
+    frame = app.frames.frames.get(frame_id)
     return revalidated(
         request,
         frame.sha256,
-        lambda: Response(pictures.thumbnail(app.frames.pixels(frame)), media_type="image/png"),
+        lambda: Response(pictures.thumbnail(app.frames.frames.pixels(frame)), media_type="image/png"),
     )
 
 
 @router.get("/{frame_id}/raw", response_class=Response)
 def raw(app: App, request: Request, frame_id: RowId) -> Response:
     """Pixels as stored: little-endian, row by row. The header X-Dtype holds the type."""
-    frame = app.frames.get(frame_id)
+    frame = app.frames.frames.get(frame_id)
     headers = {
         "X-Columns": str(frame.columns),
         "X-Rows": str(frame.rows),
@@ -143,7 +147,9 @@ def raw(app: App, request: Request, frame_id: RowId) -> Response:
     return revalidated(
         request,
         frame.sha256,
-        lambda: Response(app.frames.pixels(frame).tobytes(), media_type="application/octet-stream", headers=headers),
+        lambda: Response(
+            app.frames.frames.pixels(frame).tobytes(), media_type="application/octet-stream", headers=headers
+        ),
     )
 
 
@@ -157,8 +163,8 @@ def pixel_values(
     rows: Annotated[int, Query(ge=1, le=64)] = 9,
 ) -> PixelsOut:
     """Rectangle of raw values; null outside the frame."""
-    frame = app.frames.get(frame_id)
-    pixels = app.frames.pixels(frame)
+    frame = app.frames.frames.get(frame_id)
+    pixels = app.frames.frames.pixels(frame)
     values = [[_value(pixels, frame, r, c) for c in range(col, col + columns)] for r in range(row, row + rows)]
     return PixelsOut(col=col, row=row, columns=columns, rows=rows, values=values)
 
@@ -171,7 +177,7 @@ def _value(pixels: pictures.Pixels, frame: Frame, row: int, col: int) -> float |
 @router.get("/{frame_id}/histogram")
 def histogram(app: App, frame_id: RowId) -> HistogramOut:
     """Histogram of pixel values, and a stretch that shows stars."""
-    pixels = app.frames.pixels(app.frames.get(frame_id))
+    pixels = app.frames.frames.pixels(app.frames.frames.get(frame_id))
     edges, counts = pictures.histogram(pixels)
     auto = pictures.auto_stretch(pixels)
     return HistogramOut(edges=edges, counts=counts, low=auto.low, high=auto.high)
@@ -180,8 +186,8 @@ def histogram(app: App, frame_id: RowId) -> HistogramOut:
 @router.get("/{frame_id}/file.fits", response_class=Response, dependencies=[EXPORT])
 def fits_file(app: App, frame_id: RowId) -> Response:
     """Frame as FITS, with the WCS of the operational ground solution."""
-    detail = app.frames.detail(frame_id)
-    data = fits_bytes(app.frames.pixels(detail.frame), detail.frame, detail.ground)
+    detail = app.frames.frames.detail(frame_id)
+    data = fits_bytes(app.frames.frames.pixels(detail.frame), detail.frame, detail.ground)
     headers = {"Content-Disposition": f"attachment; filename=frame-{frame_id}.fits"}
     return Response(data, media_type="application/fits", headers=headers)
 
@@ -189,7 +195,7 @@ def fits_file(app: App, frame_id: RowId) -> Response:
 @router.get("/{frame_id}/recording.rrd", response_class=Response, dependencies=[EXPORT])
 def rerun_recording(app: App, frame_id: RowId) -> Response:
     """The frame as a Rerun recording."""
-    data = app.recordings.write(app.scopes.of_frames([frame_id]))
+    data = app.recordings.stored.write(app.recordings.scopes.of_frames([frame_id]))
     headers = {"Content-Disposition": f"attachment; filename=frame-{frame_id}.rrd"}
     return Response(data, media_type="application/x-rerun", headers=headers)
 
@@ -197,7 +203,7 @@ def rerun_recording(app: App, frame_id: RowId) -> Response:
 @router.get("/{frame_id}/replay")
 def replay_frame(app: App, frame_id: RowId) -> FrameReplayOut:
     """Run the sensor's own chain on the ground, with the sensor's frame, bank and parameters, and compare the results."""
-    return present.frames.frame_replay(frame_id, app.replay.again(frame_id))
+    return present.frames.frame_replay(frame_id, app.frames.replay.again(frame_id))
 
 
 @router.post("/{frame_id}/upload", status_code=201, dependencies=[need("frames.transfer")])
@@ -206,8 +212,8 @@ def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: CurrentUse
     their own permission."""
     if body.solve:
         who.require("command.attitude")
-    app.authority.check(who.name)
-    return present.records.transfer(app.images.upload(frame_id, body.slot, solve=body.solve))
+    app.commanding.authority.check(who.name)
+    return present.records.transfer(app.intake.images.upload(frame_id, body.slot, solve=body.solve))
 
 
 @router.post("/{frame_id}/solve", status_code=201, dependencies=[need("frames.solve")])
@@ -216,7 +222,7 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
 
     Without ``profile``, ``fov_deg`` or ``blind``, the frame's own profile is used; if it has none, the frame is solved blind.
     """
-    frame = app.frames.get(frame_id)
+    frame = app.frames.frames.get(frame_id)
     fov_rad = None if body.fov_deg is None else math.radians(body.fov_deg)
     named = body.profile or (frame.profile if fov_rad is None and not body.blind else None)
     blind = body.blind or (named is None and fov_rad is None)
@@ -230,7 +236,7 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
         exposure_s=frame.exposure_s,
         options=tuple(body.options.items()),
     )
-    run = app.frames.solve if body.store else app.frames.preview
+    run = app.frames.frames.solve if body.store else app.frames.frames.preview
     return present.frames.solution_detail(run(frame_id, request))
 
 
@@ -238,5 +244,5 @@ def solve_frame(app: App, frame_id: RowId, body: SolveIn) -> SolutionDetailOut:
 def pin_solution(app: App, user: User, frame_id: RowId, body: PinIn, audit_note: AuditNote) -> FrameDetailOut:
     """Make a stored solution the frame's operational ground result, which pages, comparisons and exports use."""
     audit_note(f"frame {frame_id}: operational ground result is solution {body.solution_id}")
-    app.frames.pin(frame_id, body.solution_id, user=user)
-    return present.frames.frame_detail(app.frames.detail(frame_id))
+    app.frames.frames.pin(frame_id, body.solution_id, user=user)
+    return present.frames.frame_detail(app.frames.frames.detail(frame_id))

@@ -30,26 +30,26 @@ Reference = Annotated[str, Query(max_length=120)]
 @router.get("")
 def list_instruments(app: App) -> InstrumentsOut:
     """Installed instruments, shipped ones first, and packages that cannot be loaded."""
-    return present.instruments.instruments(app.packages)
+    return present.instruments.instruments(app.instruments)
 
 
 @router.get("/diff")
 def diff_instruments(app: App, old: Reference, new: Reference) -> list[FileDifferenceOut]:
     """Differences between the files of two packages, each given as NAME or NAME@VERSION."""
-    return [FileDifferenceOut.model_validate(d) for d in app.packages.compare(old, new)]
+    return [FileDifferenceOut.model_validate(d) for d in app.instruments.compare(old, new)]
 
 
 @router.post("/check", dependencies=[need("instruments", changes=False)])
 def check_package(app: App, file: UploadFile) -> PackageCheckOut:
     """Check a zipped package without installing it."""
-    return present.instruments.package_check(app.packages.check(_read(file), file.filename or ""))
+    return present.instruments.package_check(app.instruments.check(_read(file), file.filename or ""))
 
 
 @router.post("", status_code=201, dependencies=[need("instruments")])
 def add_instrument(app: App, user: User, file: UploadFile, audit_note: AuditNote) -> InstrumentOut:
     """Check a zipped package and install it. The version that it replaces is kept for comparison."""
     audit_note(f"package {file.filename or ''}")
-    added = app.packages.add(_read(file), file.filename or "", user=user)
+    added = app.instruments.add(_read(file), file.filename or "", user=user)
     audit_note(f"{added.instrument.name} version {added.instrument.version}")
     return present.instruments.instrument(added)
 
@@ -57,13 +57,13 @@ def add_instrument(app: App, user: User, file: UploadFile, audit_note: AuditNote
 @router.get("/{name}")
 def read_instrument(app: App, name: Name, version: Version = "") -> InstrumentDetailOut:
     """Whole content of a package, by default of the current version."""
-    return present.instruments.instrument_detail(app.packages.get(name, version), app.packages.versions(name))
+    return present.instruments.instrument_detail(app.instruments.get(name, version), app.instruments.versions(name))
 
 
 @router.get("/{name}/package.zip", response_class=Response, dependencies=[EXPORT])
 def export_instrument(app: App, name: Name, version: Version = "") -> Response:
     """Package as a zip archive."""
-    data = app.packages.export(name, version)
+    data = app.instruments.export(name, version)
     headers = {"Content-Disposition": f"attachment; filename={name}.zip"}
     return Response(data, media_type="application/zip", headers=headers)
 
@@ -71,7 +71,7 @@ def export_instrument(app: App, name: Name, version: Version = "") -> Response:
 @router.get("/{name}/procedures/{file}", response_class=HTMLResponse, dependencies=[EXPORT])
 def read_procedure(app: App, name: Name, file: Annotated[str, Path(max_length=100)]) -> HTMLResponse:
     """Operator procedure of an instrument as a page without scripts from the package."""
-    text = app.packages.get(name).instrument.procedures.get(file)
+    text = app.instruments.get(name).instrument.procedures.get(file)
     if text is None:
         raise NotFound("no such procedure", got=file)
     return HTMLResponse(single_page(present.instruments.title_of(text, file), text))

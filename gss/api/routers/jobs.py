@@ -18,30 +18,30 @@ router = api_router("jobs", "/jobs")
 @router.get("")
 def list_jobs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[JobOut]:
     """Jobs, newest first."""
-    return [present.records.job(row) for row in app.jobs.newest(limit)]
+    return [present.records.job(row) for row in app.base.jobs.newest(limit)]
 
 
 @router.get("/{job_id}")
 def read_job(app: App, job_id: RowId) -> JobOut:
     """One job."""
-    return present.records.job(app.jobs.get(job_id))
+    return present.records.job(app.base.jobs.get(job_id))
 
 
 @router.post("/{job_id}/cancel", dependencies=[need("jobs.cancel")])
 def cancel_job(app: App, job_id: RowId, who: CurrentUser, audit_note: AuditNote) -> JobOut:
     """Cancel a job. Allowed for the user who started it and for users who may start this kind."""
-    job = app.jobs.get(job_id)
+    job = app.base.jobs.get(job_id)
     audit_note(job.title)
     if not started_by(job, who.name):
         who.require(permission_of(job))
-    return present.records.job(app.jobs.cancel(job_id))
+    return present.records.job(app.base.jobs.cancel(job_id))
 
 
 @router.post("/{job_id}/again", status_code=202, dependencies=[need("jobs.cancel")])
 def start_again(app: App, job_id: RowId, who: CurrentUser, audit_note: AuditNote) -> JobOut:
     """Repeat an ended job from its stored request, as a new job. Needs the permission to start this kind. Values taken
     from settings, such as the retention policy, are the current ones."""
-    job = app.jobs.get(job_id)
+    job = app.base.jobs.get(job_id)
     audit_note(job.title)
     who.require(permission_of(job))
-    return present.records.job(app.jobs.again(job_id, user=who.name))
+    return present.records.job(app.base.jobs.again(job_id, user=who.name))

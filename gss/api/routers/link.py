@@ -13,7 +13,7 @@ from gss.api.one_at_a_time import OneAtATime
 from gss.api.schemas.link import CountersOut, LinkOpenIn, LinkOut
 from gss.device.line_address import LineAddress, parse_line_address
 from gss.operations.line.addresses import is_allowed, not_allowed
-from gss.services import Services
+from gss.wiring.services import Services
 
 router = api_router("link")
 
@@ -27,13 +27,15 @@ def health() -> dict[str, str]:
 @router.get("/link")
 def read_link(app: App) -> LinkOut:
     """Contents of the header bar."""
-    return present.link.link(app.status.header())
+    return present.link.link(app.upkeep.status.header())
 
 
 @router.get("/link/counters")
 def read_counters(app: App) -> CountersOut:
     """Counters of both directions."""
-    return present.link.counters(app.link.contact_counters, app.link.session.framing, app.link.session.housekeeping)
+    return present.link.counters(
+        app.line.link.contact_counters, app.line.link.session.framing, app.line.link.session.housekeeping
+    )
 
 
 async def _opening(request: Request) -> OneAtATime:
@@ -54,12 +56,12 @@ async def open_link(
 
     def open_now() -> LinkOut:
         audit_note(f"from {_port(app)} to {body.url}")
-        app.authority.check(who.name)
+        app.commanding.authority.check(who.name)
         address = parse_line_address(body.url)
         if who.role != "admin" and not _is_known(app, address):
             raise not_allowed(body.url)
-        app.link.open(body.url)
-        return present.link.link(app.status.header())
+        app.line.link.open(body.url)
+        return present.link.link(app.upkeep.status.header())
 
     return await opening.run(open_now)
 
@@ -68,26 +70,26 @@ async def open_link(
 def acknowledge_dictionary(app: App, user: User, audit_note: AuditNote) -> LinkOut:
     """Accept that the device has another dictionary. Commanding is blocked until then."""
     audit_note(
-        f"ours {app.link.dictionary.hash_hex}, the device's {app.link.session.device_dictionary_hash or 'unknown'}"
+        f"ours {app.line.link.dictionary.hash_hex}, the device's {app.line.link.session.device_dictionary_hash or 'unknown'}"
     )
-    app.authority.check(user)
-    app.link.acknowledge_dictionary(user)
-    return present.link.link(app.status.header())
+    app.commanding.authority.check(user)
+    app.line.link.acknowledge_dictionary(user)
+    return present.link.link(app.upkeep.status.header())
 
 
 @router.post("/link/close", dependencies=[need("link.open")])
 def close_link(app: App, user: User, audit_note: AuditNote) -> LinkOut:
     """Close the port."""
     audit_note(_port(app))
-    app.authority.check(user)
-    app.link.close()
-    return present.link.link(app.status.header())
+    app.commanding.authority.check(user)
+    app.line.link.close()
+    return present.link.link(app.upkeep.status.header())
 
 
 def _is_known(app: Services, address: LineAddress) -> bool:
-    allowed, url = is_allowed(address, app.settings.link_allow), address.text
-    return allowed or url == app.settings.device or app.contacts.had(url)
+    allowed, url = is_allowed(address, app.base.settings.link_allow), address.text
+    return allowed or url == app.base.settings.device or app.contacts.contacts.had(url)
 
 
 def _port(app: Services) -> str:
-    return app.link.url if app.link.connected else "closed"
+    return app.line.link.url if app.line.link.connected else "closed"

@@ -26,7 +26,7 @@ router = api_router("frames", "/lists")
 @router.get("")
 def list_runs(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[ListRunOut]:
     """Uploaded files of star lists, newest first."""
-    return [ListRunOut.model_validate(row) for row in app.list_runs.newest(limit)]
+    return [ListRunOut.model_validate(row) for row in app.studies.list_runs.newest(limit)]
 
 
 @router.post("", status_code=202, dependencies=[need("frames.import")])
@@ -43,14 +43,16 @@ def solve_lists(
     the columns list, col_px, row_px and flux."""
     data = file.file.read(MAX_BODY_BYTES + 1)
     values = {"camera": camera, "no_distortion": no_distortion, "sigma_px": sigma_px, "epoch_jyear": epoch_jyear}
-    run, job = app.list_runs.start(data, file.filename or "unnamed", request_from(ListRunRequest, values), user=user)
+    run, job = app.studies.list_runs.start(
+        data, file.filename or "unnamed", request_from(ListRunRequest, values), user=user
+    )
     return ListRunStartedOut(run=ListRunOut.model_validate(run), job=present.records.job(job))
 
 
 @router.get("/{run_id}")
 def read_run(app: App, run_id: RowId) -> ListRunOut:
     """Uploaded file of star lists."""
-    return ListRunOut.model_validate(app.list_runs.get(run_id))
+    return ListRunOut.model_validate(app.studies.list_runs.get(run_id))
 
 
 @router.get("/{run_id}/results")
@@ -61,7 +63,7 @@ def read_results(
     offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0,
 ) -> ListResultsOut:
     """Results in the order of the file. 404 until the job has ended."""
-    rows = app.list_runs.results(app.list_runs.get(run_id))
+    rows = app.studies.list_runs.results(app.studies.list_runs.get(run_id))
     part = [ListResultOut.model_validate(row) for row in rows[offset : offset + limit]]
     return ListResultsOut(total=len(rows), results=part)
 
@@ -69,8 +71,8 @@ def read_results(
 @router.get("/{run_id}/export", response_class=Response, dependencies=[EXPORT])
 def export_results(app: App, run_id: RowId, format: Literal["json", "csv"] = "json") -> Response:
     """All results as a file."""
-    run = app.list_runs.get(run_id)
-    rows = app.list_runs.results(run)
+    run = app.studies.list_runs.get(run_id)
+    rows = app.studies.list_runs.results(run)
     content, kind = (_csv(rows), "text/csv") if format == "csv" else (_json(run, rows), "application/json")
     name = quote(f"{run.name.rpartition('.')[0] or run.name}-results.{format}")
     headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{name}"}

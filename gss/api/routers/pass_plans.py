@@ -14,8 +14,8 @@ from gss.api.schemas.passes import ArmIn, PlanIn, PlanItemIn, PlanOut
 from gss.domain.errors import GssError
 from gss.operations.accounts.permissions import STOP
 from gss.operations.passes.plan_items import PlanItem
-from gss.services import Services
 from gss.store.models import PassPlan
+from gss.wiring.services import Services
 
 router = api_router("passes")
 Limit = Annotated[int, Query(ge=1, le=200)]

@@ -47,7 +47,7 @@ def export_omm(app: App) -> JSONResponse:
 @router.get("/spacecraft/orbit.oem", dependencies=[EXPORT], response_class=PlainTextResponse)
 def export_oem(app: App, days: OemDays = 3.0) -> Response:
     """Export positions and velocities from now as a CCSDS OEM in KVN: ICRF, UTC, a state each minute."""
-    text = "".join(oem_file(app.passes.spacecraft.require(), app.passes.now(), days))
+    text = "".join(oem_file(app.passes.spacecraft.require(), app.base.clock.now(), days))
     return PlainTextResponse(text, headers=_file("orbit.oem"))
 
 

@@ -24,8 +24,8 @@ from gss.api.schemas.procedures import (
 )
 from gss.operations.accounts.permissions import STOP
 from gss.operations.procedures.run_record import record_bytes
-from gss.services import Services
 from gss.store.models import ProcedureRun
+from gss.wiring.services import Services
 
 router = api_router("procedures")
 Limit = Annotated[int, Query(ge=1, le=200)]
@@ -35,20 +35,22 @@ NEED = need("procedures")
 @router.get("/procedures")
 def list_procedures(app: App) -> ProceduresOut:
     """Stored procedures, and those of the package of the unit on the line."""
-    return present.procedures.every(app.procedures)
+    return present.procedures.every(app.procedures.procedures)
 
 
 @router.post("/procedures", status_code=201, dependencies=[NEED])
 def add_procedure(app: App, body: ProcedureTextIn, user: User, audit_note: AuditNote) -> StoredProcedureOut:
     """Store a procedure. Mistakes are allowed until it starts."""
     audit_note(body.text.partition("\n")[0][:200])
-    return present.procedures.procedure(app.procedures, app.procedures.create(body.text, user=user))
+    return present.procedures.procedure(
+        app.procedures.procedures, app.procedures.procedures.create(body.text, user=user)
+    )
 
 
 @router.post("/procedures/check", dependencies=[need("view", changes=False)])
 def check_procedure(app: App, body: ProcedureTextIn) -> ProcedureCheckOut:
     """Read a procedure and return its steps and mistakes; nothing is stored."""
-    return present.procedures.check(app.procedures.check(body.text), app.link.roles.operations)
+    return present.procedures.check(app.procedures.procedures.check(body.text), app.line.link.roles.operations)
 
 
 @router.put("/procedures/{procedure_id}", dependencies=[NEED])
@@ -56,16 +58,18 @@ def change_procedure(
     app: App, procedure_id: RowId, body: ProcedureTextIn, user: User, audit_note: AuditNote
 ) -> StoredProcedureOut:
     """Replace the text of a procedure. Runs keep the text with which they were started."""
-    old = app.procedures.get(procedure_id)
+    old = app.procedures.procedures.get(procedure_id)
     audit_note(f"{old.name}: from {len(old.text)} to {len(body.text)} characters")
-    return present.procedures.procedure(app.procedures, app.procedures.change(procedure_id, body.text, user=user))
+    return present.procedures.procedure(
+        app.procedures.procedures, app.procedures.procedures.change(procedure_id, body.text, user=user)
+    )
 
 
 @router.delete("/procedures/{procedure_id}", status_code=204, dependencies=[NEED])
 def delete_procedure(app: App, procedure_id: RowId, audit_note: AuditNote) -> None:
     """Delete a procedure; the records of its runs are kept."""
-    audit_note(app.procedures.get(procedure_id).name)
-    app.procedures.delete(procedure_id)
+    audit_note(app.procedures.procedures.get(procedure_id).name)
+    app.procedures.procedures.delete(procedure_id)
 
 
 @router.post("/procedures/{procedure_id}/start", status_code=201, dependencies=[NEED])
@@ -73,34 +77,34 @@ def start_procedure(
     app: App, procedure_id: RowId, body: ProcedureStartIn, user: User, audit_note: AuditNote
 ) -> ProcedureRunDetailOut:
     """Start a run; nothing is sent yet unless it is automatic."""
-    audit_note(app.procedures.get(procedure_id).name, "automatic" if body.automatic else "")
-    return _detail(app, app.procedure_runs.begin(procedure_id, user=user, automatic=body.automatic))
+    audit_note(app.procedures.procedures.get(procedure_id).name, "automatic" if body.automatic else "")
+    return _detail(app, app.procedures.runs.begin(procedure_id, user=user, automatic=body.automatic))
 
 
 @router.get("/procedure-runs")
 def list_procedure_runs(app: App, limit: Limit = 20) -> list[ProcedureRunOut]:
     """Runs of procedures, newest first."""
-    return [present.procedures.run(row) for row in app.procedure_runs.newest(limit)]
+    return [present.procedures.run(row) for row in app.procedures.runs.newest(limit)]
 
 
 @router.get("/procedure-runs/{run_id}")
 def read_procedure_run(app: App, run_id: RowId) -> ProcedureRunDetailOut:
     """One run with the steps of its procedure."""
-    return _detail(app, app.procedure_runs.get(run_id))
+    return _detail(app, app.procedures.runs.get(run_id))
 
 
 @router.get("/procedure-runs/{run_id}/record.json", response_class=Response, dependencies=[EXPORT])
 def export_record(app: App, run_id: RowId) -> Response:
     """Record of a run as canonical JSON; the SHA-256 of these bytes is the one under which an ended run was frozen."""
     headers = {"Content-Disposition": f"attachment; filename=procedure-run-{run_id}.json"}
-    return Response(record_bytes(app.procedure_runs.get(run_id)), media_type="application/json", headers=headers)
+    return Response(record_bytes(app.procedures.runs.get(run_id)), media_type="application/json", headers=headers)
 
 
 @router.post("/procedure-runs/{run_id}/step", dependencies=[NEED])
 def run_step(app: App, run_id: RowId, body: StepRunIn, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
     """Run the current step: evaluate, send, wait, answer, confirm or sign."""
-    audit_note(app.procedure_runs.get(run_id).name, body.step, body.answer)
-    row = app.procedure_runs.run_step(
+    audit_note(app.procedures.runs.get(run_id).name, body.step, body.answer)
+    row = app.procedures.runs.run_step(
         run_id, body.step, user=user, answer=body.answer, confirm=body.confirm, note=body.note
     )
     return _detail(app, row)
@@ -109,8 +113,8 @@ def run_step(app: App, run_id: RowId, body: StepRunIn, user: User, audit_note: A
 @router.post("/procedure-runs/{run_id}/skip", dependencies=[NEED])
 def skip_step(app: App, run_id: RowId, body: StepSkipIn, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
     """Continue behind the current step without running it; the reason is recorded."""
-    audit_note(app.procedure_runs.get(run_id).name, body.step, body.reason)
-    return _detail(app, app.procedure_runs.skip(run_id, body.step, body.reason, user=user))
+    audit_note(app.procedures.runs.get(run_id).name, body.step, body.reason)
+    return _detail(app, app.procedures.runs.skip(run_id, body.step, body.reason, user=user))
 
 
 @router.post("/procedure-runs/{run_id}/automatic", dependencies=[NEED])
@@ -118,23 +122,23 @@ def set_automatic(
     app: App, run_id: RowId, body: AutomaticIn, user: User, audit_note: AuditNote
 ) -> ProcedureRunDetailOut:
     """Run the following steps on behalf of this user until a person is needed, or stop doing so."""
-    audit_note(app.procedure_runs.get(run_id).name, "automatic" if body.automatic else "by hand")
-    return _detail(app, app.procedure_runs.set_automatic(run_id, body.automatic, user=user))
+    audit_note(app.procedures.runs.get(run_id).name, "automatic" if body.automatic else "by hand")
+    return _detail(app, app.procedures.runs.set_automatic(run_id, body.automatic, user=user))
 
 
 @router.post("/procedure-runs/{run_id}/resume", dependencies=[NEED])
 def resume_procedure(app: App, run_id: RowId, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
     """Continue a run that a restart of the server interrupted during its pass plan; a person runs its current step."""
-    audit_note(app.procedure_runs.get(run_id).name)
-    return _detail(app, app.procedure_runs.resume(run_id, user=user))
+    audit_note(app.procedures.runs.get(run_id).name)
+    return _detail(app, app.procedures.runs.resume(run_id, user=user))
 
 
 @router.post("/procedure-runs/{run_id}/stop", dependencies=[need(STOP)])
 def stop_procedure(app: App, run_id: RowId, body: ReasonIn, user: User, audit_note: AuditNote) -> ProcedureRunDetailOut:
     """End a run and freeze its record. A command that was sent is still followed on its own."""
-    audit_note(app.procedure_runs.get(run_id).name, body.reason)
-    return _detail(app, app.procedure_runs.stop(run_id, body.reason, user=user))
+    audit_note(app.procedures.runs.get(run_id).name, body.reason)
+    return _detail(app, app.procedures.runs.stop(run_id, body.reason, user=user))
 
 
 def _detail(app: Services, row: ProcedureRun) -> ProcedureRunDetailOut:
-    return present.procedures.run_detail(row, app.link.roles.operations)
+    return present.procedures.run_detail(row, app.line.link.roles.operations)

@@ -18,7 +18,7 @@ from gss.api.schemas.base import LARGEST_ID
 from gss.domain.errors import BadInput
 from gss.operations.recordings.ranges import ids_of
 from gss.operations.recordings.scope import Scope
-from gss.services import Services
+from gss.wiring.services import Services
 
 router = api_router("rerun", "/rerun")
 TYPES = {"re_viewer.js": "text/javascript", "re_viewer_bg.wasm": "application/wasm", "favicon.ico": "image/x-icon"}
@@ -45,7 +45,7 @@ def stored_recording(
     analysis or campaign."""
     scope = _scope(app, frames, around, contact, calibration, analysis, campaign)
     headers = {"Content-Disposition": f"attachment; filename={scope.name}.rrd"}
-    return Response(app.recordings.write(scope), media_type=RRD, headers=headers)
+    return Response(app.recordings.stored.write(scope), media_type=RRD, headers=headers)
 
 
 def _scope(
@@ -62,16 +62,16 @@ def _scope(
         expected = "one of frames, around, contact, calibration, analysis, campaign"
         raise BadInput("no data selected for the recording", expected=expected, got=f"{sum(given)} of them")
     if around is not None:
-        return app.scopes.around(around, SIDE)
+        return app.recordings.scopes.around(around, SIDE)
     if contact is not None:
-        return app.scopes.of_contact(contact)
+        return app.recordings.scopes.of_contact(contact)
     if calibration is not None:
-        return app.scopes.of_calibration(calibration)
+        return app.recordings.scopes.of_calibration(calibration)
     if analysis is not None:
-        return app.scopes.of_analysis(analysis)
+        return app.recordings.scopes.of_analysis(analysis)
     if campaign is not None:
-        return app.scopes.of_campaign(campaign)
-    return app.scopes.of_frames(ids_of(frames))
+        return app.recordings.scopes.of_campaign(campaign)
+    return app.recordings.scopes.of_frames(ids_of(frames))
 
 
 @router.get("/live", response_class=StreamingResponse)
@@ -84,7 +84,7 @@ async def live_recording(request: Request, app: App, who: CurrentUser) -> Stream
         if not loop.is_closed():
             loop.call_soon_threadsafe(news.set)
 
-    first, live = await asyncio.to_thread(app.live_recordings.open, wake, who.name)
+    first, live = await asyncio.to_thread(app.recordings.live.open, wake, who.name)
 
     async def pieces() -> AsyncIterator[bytes]:
         yield _framed(first)
@@ -97,7 +97,7 @@ async def live_recording(request: Request, app: App, who: CurrentUser) -> Stream
             news.clear()
             yield _framed(await asyncio.to_thread(live.piece))
 
-    return Pieces(pieces(), lambda: app.live_recordings.close(live))
+    return Pieces(pieces(), lambda: app.recordings.live.close(live))
 
 
 class Pieces(StreamingResponse):
@@ -122,6 +122,6 @@ def _framed(piece: bytes) -> bytes:
 @router.get("/{name}", response_class=Response)
 def viewer_file(app: App, name: str) -> Response:
     """File of the viewer in the installed SDK."""
-    data = app.viewer.file(name)
+    data = app.recordings.viewer.file(name)
     headers = {"Content-Encoding": "gzip", "Cache-Control": "private, max-age=86400"}
     return Response(data, media_type=TYPES[name], headers=headers)

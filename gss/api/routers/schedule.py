@@ -21,20 +21,24 @@ ScheduleId = Annotated[int, Path(ge=1, le=2**32 - 1)]
 @router.get("/schedule")
 def read_schedule(app: App) -> ScheduleOut:
     """Schedule as last reported by the device, with the clock correlation. Nothing is sent."""
-    return present.schedule.schedule(app.schedule.state())
+    return present.schedule.schedule(app.commanding.schedule.state())
 
 
 @router.post("/schedule/refresh", status_code=201, dependencies=[need("schedule")])
 def refresh_schedule(app: App, user: User) -> CommandOut:
     """Request the schedule from the device."""
-    return present.commands.command(app.commands.view(app.schedule.refresh(user=user)))
+    return present.commands.command(app.commanding.commands.view(app.commanding.schedule.refresh(user=user)))
 
 
 @router.post("/schedule/check", dependencies=[need("view", changes=False)])
 def check_schedule(app: App, body: ScheduleCheckIn) -> ScheduleCheckOut:
     """Dry run of SCHEDULE for a command at a given time."""
-    plan = app.schedule.plan(body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s)
-    groups = app.commands.preview(app.link.session.encode(app.schedule.command(), plan.order)) if plan.order else []
+    plan = app.commanding.schedule.plan(body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s)
+    groups = (
+        app.commanding.commands.preview(app.line.link.session.encode(app.commanding.schedule.command(), plan.order))
+        if plan.order
+        else []
+    )
     return present.schedule.plan(plan, groups, list(plan.order))
 
 
@@ -44,22 +48,24 @@ def schedule_command(app: App, body: ScheduleIn, user: User, audit_note: AuditNo
     at = _utc(body.at)
     when = f"at {iso_z(at)}" if at else f"at device time {body.at_device_s} s"
     audit_note(body.command, *(f"{name}={value}" for name, value in body.arguments.items()), when)
-    row = app.schedule.send(
+    row = app.commanding.schedule.send(
         body.command, body.arguments, at=_utc(body.at), at_device_s=body.at_device_s, confirm=body.confirm, user=user
     )
-    return present.commands.command(app.commands.view(row))
+    return present.commands.command(app.commanding.commands.view(row))
 
 
 @router.post("/schedule/cancel-all", status_code=201, dependencies=[need("schedule")])
 def cancel_all(app: App, user: User) -> CommandOut:
     """Cancel all scheduled commands."""
-    return present.commands.command(app.commands.view(app.schedule.cancel_all(user=user)))
+    return present.commands.command(app.commanding.commands.view(app.commanding.schedule.cancel_all(user=user)))
 
 
 @router.post("/schedule/{schedule_id}/cancel", status_code=201, dependencies=[need("schedule")])
 def cancel_one(app: App, schedule_id: ScheduleId, user: User) -> CommandOut:
     """Cancel one scheduled command."""
-    return present.commands.command(app.commands.view(app.schedule.cancel(schedule_id, user=user)))
+    return present.commands.command(
+        app.commanding.commands.view(app.commanding.schedule.cancel(schedule_id, user=user))
+    )
 
 
 def _utc(moment: datetime | None) -> datetime | None:

@@ -17,7 +17,7 @@ from gss.domain.errors import Conflict
 from gss.operations.accounts import identity
 from gss.operations.accounts.attempts import BY_ADDRESS, Brake
 from gss.operations.accounts.sign_in import DEVICE_LASTS, NewSession
-from gss.services import Services
+from gss.wiring.services import Services
 
 router = api_router("session")
 OPEN = need(NO_SIGN_IN)
@@ -30,7 +30,9 @@ def in_turn(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[Session
     @functools.wraps(route)
     async def waits(**given: Any) -> SessionOut:
         services: Services = given["app"]
-        return await asyncio.wrap_future(services.accounts.passwords.turns.take(functools.partial(route, **given)))
+        return await asyncio.wrap_future(
+            services.accounts.accounts.passwords.turns.take(functools.partial(route, **given))
+        )
 
     return waits
 
@@ -40,7 +42,7 @@ def read_session(app: App, request: Request) -> SessionOut:
     """Current session. Does not extend the session."""
     who = who_of(request.scope)
     if who is None:
-        needed = app.accounts.users.set_up_needed()
+        needed = app.accounts.accounts.users.set_up_needed()
         return SessionOut(signed_in=False, set_up_needed=needed, several_units=_several(app))
     return _session_out(app, who)
 
@@ -49,12 +51,12 @@ def read_session(app: App, request: Request) -> SessionOut:
 @in_turn
 def sign_in(app: App, request: Request, response: Response, body: SignInBody) -> SessionOut:
     """Sign in with a name and a password."""
-    account = app.accounts.users.named(body.name)
+    account = app.accounts.accounts.users.named(body.name)
     request.state.named = (
         account.name if account else "unknown name"
     )  # never store the name as typed: it may be a password
     address, agent = _from(request)
-    opened = app.accounts.sessions.sign_in(
+    opened = app.accounts.accounts.sessions.sign_in(
         body.name,
         body.password,
         address=address,
@@ -68,7 +70,7 @@ def sign_in(app: App, request: Request, response: Response, body: SignInBody) ->
 @router.delete("/session", status_code=204, dependencies=[SELF])
 def sign_out(app: App, request: Request, response: Response) -> None:
     """End this session."""
-    app.accounts.sessions.sign_out(session_key(request.headers))
+    app.accounts.accounts.sessions.sign_out(session_key(request.headers))
     response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=request.state.secure)
 
 
@@ -79,9 +81,11 @@ def change_password(app: App, request: Request, response: Response, who: Current
     if who.kind != "session" or who.user_id is None:
         raise Conflict("tokens have no password", hint="sign in")
     address, agent = _from(request)
-    app.accounts.sessions.check_password(who, body.old)
-    app.accounts.users.set_password(who.user_id, body.new)
-    return _open(app, request, response, app.accounts.sessions.begin(who.user_id, address=address, agent=agent))
+    app.accounts.accounts.sessions.check_password(who, body.old)
+    app.accounts.accounts.users.set_password(who.user_id, body.new)
+    return _open(
+        app, request, response, app.accounts.accounts.sessions.begin(who.user_id, address=address, agent=agent)
+    )
 
 
 @router.post("/setup", dependencies=[OPEN])
@@ -89,11 +93,11 @@ def change_password(app: App, request: Request, response: Response, who: Current
 def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> SessionOut:
     """Create the first admin, with the link that the server printed at startup."""
     brake = _brake(app, request)
-    user = app.accounts.users.set_up(body.token, body.name, body.password)
-    app.accounts.attempts.passed(brake)
+    user = app.accounts.accounts.users.set_up(body.token, body.name, body.password)
+    app.accounts.accounts.attempts.passed(brake)
     request.state.named = user.name
     address, agent = _from(request)
-    return _open(app, request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
+    return _open(app, request, response, app.accounts.accounts.sessions.begin(user.id, address=address, agent=agent))
 
 
 @router.post("/password-links", dependencies=[OPEN])
@@ -101,24 +105,24 @@ def set_up(app: App, request: Request, response: Response, body: SetUpBody) -> S
 def use_password_link(app: App, request: Request, response: Response, body: PasswordLinkBody) -> SessionOut:
     """Set a password with a one-time link."""
     brake = _brake(app, request)
-    user = app.accounts.users.set_password_by_link(body.token, body.password)
-    app.accounts.attempts.passed(brake)
+    user = app.accounts.accounts.users.set_password_by_link(body.token, body.password)
+    app.accounts.accounts.attempts.passed(brake)
     request.state.named = user.name
     address, agent = _from(request)
-    return _open(app, request, response, app.accounts.sessions.begin(user.id, address=address, agent=agent))
+    return _open(app, request, response, app.accounts.accounts.sessions.begin(user.id, address=address, agent=agent))
 
 
 @router.post("/password-links/check", status_code=204, dependencies=[need(NO_SIGN_IN, changes=False)])
 def check_link(app: App, request: Request, body: LinkCheckBody) -> None:
     """Check whether a one-time link is still valid, without using it up. Rejected and rate-limited like its use."""
     brake = _brake(app, request)
-    app.accounts.users.check_link(body.kind, body.token)
-    app.accounts.attempts.passed(brake)
+    app.accounts.accounts.users.check_link(body.kind, body.token)
+    app.accounts.accounts.attempts.passed(brake)
 
 
 def _brake(app: Services, request: Request) -> list[tuple[str, Brake]]:
     keys = [(f"link {request.state.address}", BY_ADDRESS)]
-    app.accounts.attempts.begin(keys)
+    app.accounts.accounts.attempts.begin(keys)
     return keys
 
 
@@ -156,4 +160,4 @@ def _session_out(app: Services, who: identity.CallerIdentity) -> SessionOut:
 
 
 def _several(app: Services) -> bool:
-    return bool(app.settings.units)
+    return bool(app.base.settings.units)

@@ -24,8 +24,8 @@ router = api_router("sky")
 @router.get("/sky")
 def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Moment | None = None) -> SkyOut:
     """Stars to a magnitude limit, Sun, Moon and, if the camera's position is known, the Earth; now or at a given time."""
-    now = at or app.clock.now()
-    bright = app.stars.brighter_than(mag)
+    now = at or app.base.clock.now()
+    bright = app.base.stars.brighter_than(mag)
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(bright.icrs))
     stars = [
         ChartStarOut(hip=int(h), name=bright.name_of(int(h)), ra_deg=float(a), dec_deg=float(d), v_mag=float(v))
@@ -42,7 +42,7 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Mome
                 exclusion_deg=math.degrees(body.exclusion_rad),
             )
         )
-    place = app.place.at(now)
+    place = app.passes.place.at(now)
     if place is not None:
         below_ra, below_dec = (math.degrees(float(v)) for v in ra_dec_from_unit(place.earth_icrs))
         exclusion, radius = math.degrees(EARTH_EXCLUSION_RAD), math.degrees(place.earth_radius_rad)
@@ -55,7 +55,7 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Mome
 @router.get("/sky/figures")
 def read_figures(app: App) -> list[FigureOut]:
     """Constellation lines between stars of our own table."""
-    bright = app.stars.brighter_than(FAINTEST_JOINED_MAG)
+    bright = app.base.stars.brighter_than(FAINTEST_JOINED_MAG)
     drawn_figures = figures(bright)
     ra, dec = (np.degrees(a).round(3).tolist() for a in ra_dec_from_unit(bright.icrs))
     place = {int(hip): (a, d) for hip, a, d in zip(bright.hip, ra, dec, strict=True)}
@@ -76,9 +76,9 @@ def list_profiles(app: App) -> list[ProfileOut]:
             faint_mag=p.sensor.faint_limit_mag,
             bits=p.sensor.bits,
             formats=[*p.formats, *sorted(set(FORMATS) - set(p.formats))],
-            unit=p.name == app.settings.unit_instrument,
+            unit=p.name == app.base.settings.unit_instrument,
         )
-        for p in app.instruments.cameras().values()
+        for p in app.base.instruments.cameras().values()
     ]
 
 
@@ -93,4 +93,4 @@ def chain_options(
     app: App, chain: Annotated[str, Path(max_length=30)], profile: Annotated[str, Query(max_length=40)]
 ) -> list[ChainOptionOut]:
     """Constants of a chain that a rerun can change, with their values for a camera profile and their sources."""
-    return [ChainOptionOut.model_validate(o) for o in options_of(chain, app.calibrations.book.profile(profile))]
+    return [ChainOptionOut.model_validate(o) for o in options_of(chain, app.studies.calibrations.book.profile(profile))]

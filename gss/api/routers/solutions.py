@@ -13,4 +13,4 @@ router = api_router("solutions")
 @router.get("/solutions/{solution_id}")
 def read_solution(app: App, solution_id: RowId) -> SolutionDetailOut:
     """Solution with its overlays."""
-    return present.frames.solution_detail(app.frames.solution(solution_id))
+    return present.frames.solution_detail(app.frames.frames.solution(solution_id))

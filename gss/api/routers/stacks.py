@@ -23,7 +23,7 @@ from gss.api.schemas.stacks import (
 )
 from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.stacks import StackCheck
-from gss.services import Services
+from gss.wiring.services import Services
 
 router = api_router("stacks")
 Limit = Annotated[int, Query(ge=1, le=200)]
@@ -32,7 +32,7 @@ Limit = Annotated[int, Query(ge=1, le=200)]
 @router.get("/stacks")
 def list_stacks(app: App) -> list[StackOut]:
     """Stacks, by name."""
-    return [present.stacks.stack(row) for row in app.stacks.every()]
+    return [present.stacks.stack(row) for row in app.commanding.stacks.every()]
 
 
 @router.post("/stacks", status_code=201, dependencies=[need("stacks")])
@@ -40,7 +40,9 @@ def create_stack(app: App, body: StackIn, user: User, audit_note: AuditNote) -> 
     """Store a new stack."""
     content = body.model_dump()
     audit_note(_named(content["name"], content["steps"]))
-    return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
+    return present.stacks.stack(
+        app.commanding.stacks.create(content["name"], content["note"], content["steps"], user=user)
+    )
 
 
 @router.post("/stacks/import", status_code=201, dependencies=[need("stacks")])
@@ -48,96 +50,98 @@ def import_stack(app: App, body: StackFileIn, user: User, audit_note: AuditNote)
     """Store a stack from a file. It is checked against this server's dictionary, whichever it was written with."""
     content = body.model_dump()
     audit_note(_named(content["name"], content["steps"]))
-    return present.stacks.stack(app.stacks.create(content["name"], content["note"], content["steps"], user=user))
+    return present.stacks.stack(
+        app.commanding.stacks.create(content["name"], content["note"], content["steps"], user=user)
+    )
 
 
 @router.post("/stacks/check", dependencies=[need("view", changes=False)])
 def check_steps(app: App, body: StepsIn, user: User) -> StackCheckOut:
     """Dry run of steps that are not stored yet."""
-    return _checked(app, app.stacks.check(body.model_dump()["steps"], user=user))
+    return _checked(app, app.commanding.stacks.check(body.model_dump()["steps"], user=user))
 
 
 @router.get("/stacks/{stack_id}")
 def read_stack(app: App, stack_id: RowId) -> StackOut:
     """One stack."""
-    return present.stacks.stack(app.stacks.get(stack_id))
+    return present.stacks.stack(app.commanding.stacks.get(stack_id))
 
 
 @router.put("/stacks/{stack_id}", dependencies=[need("stacks")])
 def change_stack(app: App, stack_id: RowId, body: StackIn, user: User, audit_note: AuditNote) -> StackOut:
     """Replace the content of a stack."""
-    content, old = body.model_dump(), app.stacks.get(stack_id)
+    content, old = body.model_dump(), app.commanding.stacks.get(stack_id)
     audit_note(f"from {_named(old.name, old.steps)} to {_named(content['name'], content['steps'])}")
-    row = app.stacks.change(stack_id, content["name"], content["note"], content["steps"], user=user)
+    row = app.commanding.stacks.change(stack_id, content["name"], content["note"], content["steps"], user=user)
     return present.stacks.stack(row)
 
 
 @router.delete("/stacks/{stack_id}", status_code=204, dependencies=[need("stacks")])
 def delete_stack(app: App, stack_id: RowId, audit_note: AuditNote) -> None:
     """Delete a stack; its runs stay on record."""
-    old = app.stacks.get(stack_id)
+    old = app.commanding.stacks.get(stack_id)
     audit_note(_named(old.name, old.steps))
-    app.stacks.delete(stack_id)
+    app.commanding.stacks.delete(stack_id)
 
 
 @router.get("/stacks/{stack_id}/stack.json", dependencies=[EXPORT])
 def export_stack(app: App, stack_id: RowId, response: Response) -> StackFileOut:
     """Export a stack as a file."""
     response.headers["Content-Disposition"] = f"attachment; filename=stack-{stack_id}.json"
-    return StackFileOut(**app.stacks.exported(stack_id))
+    return StackFileOut(**app.commanding.stacks.exported(stack_id))
 
 
 @router.post("/stacks/{stack_id}/check", dependencies=[need("view", changes=False)])
 def check_stack(app: App, stack_id: RowId, user: User) -> StackCheckOut:
     """Dry run of a stack: bytes, hazards, conditions and times of every step."""
-    return _checked(app, app.stacks.check(app.stacks.get(stack_id).steps, user=user))
+    return _checked(app, app.commanding.stacks.check(app.commanding.stacks.get(stack_id).steps, user=user))
 
 
 @router.post("/stacks/{stack_id}/run", status_code=201, dependencies=[need("stacks")])
 def run_stack(app: App, stack_id: RowId, body: RunIn, user: User, audit_note: AuditNote) -> StackRunOut:
     """Run a stack. ``confirm`` must name all hazardous steps."""
-    stack = app.stacks.get(stack_id)
+    stack = app.commanding.stacks.get(stack_id)
     audit_note(_named(stack.name, stack.steps))
-    return present.stacks.run(app.stack_runs.run(stack_id, body.confirm, user=user))
+    return present.stacks.run(app.commanding.stack_runs.run(stack_id, body.confirm, user=user))
 
 
 @router.get("/stack-runs")
 def list_runs(app: App, limit: Limit = 20) -> list[StackRunOut]:
     """Stack runs, newest first."""
-    return [present.stacks.run(row) for row in app.stack_runs.newest(limit)]
+    return [present.stacks.run(row) for row in app.commanding.stack_runs.newest(limit)]
 
 
 @router.get("/stack-runs/{run_id}")
 def read_run(app: App, run_id: RowId) -> StackRunOut:
     """One stack run."""
-    return present.stacks.run(app.stack_runs.get(run_id))
+    return present.stacks.run(app.commanding.stack_runs.get(run_id))
 
 
 @router.post("/stack-runs/{run_id}/pause", dependencies=[need(STOP)])
 def pause_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """Pause a run: no further step is sent until it is resumed."""
-    return present.stacks.run(app.stack_runs.pause(run_id, user=user))
+    return present.stacks.run(app.commanding.stack_runs.pause(run_id, user=user))
 
 
 @router.post("/stack-runs/{run_id}/resume", dependencies=[need("stacks")])
 def resume_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """Resume a paused run."""
-    return present.stacks.run(app.stack_runs.resume(run_id, user=user))
+    return present.stacks.run(app.commanding.stack_runs.resume(run_id, user=user))
 
 
 @router.post("/stack-runs/{run_id}/stop", dependencies=[need(STOP)])
 def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
     """Stop a run. A command that was already sent is still tracked."""
-    return present.stacks.run(app.stack_runs.stop(run_id, user=user))
+    return present.stacks.run(app.commanding.stack_runs.stop(run_id, user=user))
 
 
 @router.post("/stack-runs/{run_id}/go-on", dependencies=[need("stacks")])
 def go_on(app: App, run_id: RowId, body: GoOnIn, user: User, audit_note: AuditNote) -> StackRunOut:
     """Continue the last run after a failure, by retrying the failed step or by skipping it with a reason. A retried
     command with an unknown result keeps its id."""
-    row = app.stack_runs.get(run_id)
+    row = app.commanding.stack_runs.get(run_id)
     audit_note(row.name, f"{'skip' if body.skip else 'retry'} step {row.step + 1}", body.skip)
-    return present.stacks.run(app.stack_runs.go_on(run_id, body.skip.strip(), body.confirm, user=user))
+    return present.stacks.run(app.commanding.stack_runs.go_on(run_id, body.skip.strip(), body.confirm, user=user))
 
 
 def _named(name: str, steps: Sequence[Mapping[str, Any]]) -> str:
@@ -145,4 +149,4 @@ def _named(name: str, steps: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _checked(app: Services, result: StackCheck) -> StackCheckOut:
-    return present.stacks.check(result, lambda name: [a.name for a in app.link.dictionary.command(name).arguments])
+    return present.stacks.check(result, lambda name: [a.name for a in app.line.link.dictionary.command(name).arguments])

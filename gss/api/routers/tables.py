@@ -26,14 +26,14 @@ Kind = Literal["", "triplets", "calibration", "parameters", "star_list", "distan
 @router.get("")
 def list_tables(app: App, kind: Kind = "", limit: Annotated[int, Query(ge=1, le=500)] = 50) -> list[TableOut]:
     """Tables, newest first."""
-    reports = app.tables.on_board()
-    return [present.tables.table(row, reports) for row in app.tables.newest(limit, kind)]
+    reports = app.transfers.tables.on_board()
+    return [present.tables.table(row, reports) for row in app.transfers.tables.newest(limit, kind)]
 
 
 @router.get("/on-board")
 def tables_on_board(app: App) -> list[OnBoardTableOut]:
     """Table banks as reported by the device."""
-    return present.tables.on_board(app.tables.on_board())
+    return present.tables.on_board(app.transfers.tables.on_board())
 
 
 @router.get("/defaults")
@@ -41,36 +41,36 @@ def table_defaults(
     app: App, kind: Literal["triplets", "calibration", "parameters"], profile: Annotated[str, Query(max_length=40)] = ""
 ) -> TableDefaultsOut:
     """Default values of a new table for editing. ``profile``: a camera; empty: that of the unit on the line."""
-    camera = profile or app.settings.unit_instrument
-    return TableDefaultsOut(kind=kind, profile=camera, content=dict(app.tables.defaults(kind, camera)))
+    camera = profile or app.base.settings.unit_instrument
+    return TableDefaultsOut(kind=kind, profile=camera, content=dict(app.transfers.tables.defaults(kind, camera)))
 
 
 @router.post("", status_code=201, dependencies=[need("tables")])
 def create_table(app: App, body: TableIn, user: User, audit_note: AuditNote) -> TableDetailOut:
     """Create a table from a camera's values and the given ones."""
-    camera = body.profile or app.settings.unit_instrument
+    camera = body.profile or app.base.settings.unit_instrument
     audit_note(f"{body.kind} {body.name} of {camera}:", ", ".join(body.content) or "its own values")
-    row = app.tables.create(body.kind, body.name, camera, body.content, user=user)
-    return present.tables.table_detail(row, app.tables.on_board())
+    row = app.transfers.tables.create(body.kind, body.name, camera, body.content, user=user)
+    return present.tables.table_detail(row, app.transfers.tables.on_board())
 
 
 @router.get("/{table_id}")
 def read_table(app: App, table_id: RowId) -> TableDetailOut:
     """A table with its values."""
-    return present.tables.table_detail(app.tables.get(table_id), app.tables.on_board())
+    return present.tables.table_detail(app.transfers.tables.get(table_id), app.transfers.tables.on_board())
 
 
 @router.get("/{table_id}/file.bin", response_class=Response, dependencies=[EXPORT])
 def table_file(app: App, table_id: RowId) -> Response:
     """Table as stored by the sensor, in binary form."""
     headers = {"Content-Disposition": f"attachment; filename=table-{table_id}.bin"}
-    return Response(app.tables.data(table_id), media_type="application/octet-stream", headers=headers)
+    return Response(app.transfers.tables.data(table_id), media_type="application/octet-stream", headers=headers)
 
 
 @router.post("/{table_id}/upload", status_code=201, dependencies=[need("tables")])
 def upload_table(app: App, table_id: RowId, body: TableUploadIn, user: User, audit_note: AuditNote) -> TransferOut:
     """Send a table to an inactive bank; it is verified by read-back and committed."""
-    row = app.tables.get(table_id)
+    row = app.transfers.tables.get(table_id)
     audit_note(f"{row.kind} {row.name} to bank {body.bank}")
-    app.authority.check(user)
-    return present.records.transfer(app.tables.upload(table_id, body.bank))
+    app.commanding.authority.check(user)
+    return present.records.transfer(app.transfers.tables.upload(table_id, body.bank))

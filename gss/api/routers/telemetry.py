@@ -24,7 +24,7 @@ ExportFields = Annotated[list[str], Query(min_length=1, max_length=200)]
 @router.get("/latest")
 def latest(app: App) -> LatestOut:
     """Latest value and state of every field."""
-    return present.telemetry.latest(app.telemetry.values())
+    return present.telemetry.latest(app.telemetry.telemetry.values())
 
 
 @router.get("/history")
@@ -36,7 +36,7 @@ def history(
     points: Annotated[int, Query(ge=10, le=20000)] = 600,
 ) -> HistoryOut:
     """History of several fields (``name`` or ``packet.name``) over one time range, thinned without losing extremes."""
-    series = app.telemetry.archive.history(name, start, end, points)
+    series = app.telemetry.telemetry.archive.history(name, start, end, points)
     return HistoryOut(start=start, end=end, series=[present.telemetry.series(s) for s in series])
 
 
@@ -53,7 +53,7 @@ def packets(
 ) -> list[PacketOut]:
     """Stored packets, newest first, in pages. With ``after_id`` they are those behind it, oldest first: a program that remembers
     the last id misses none."""
-    rows = app.telemetry.archive.packets(packet, start, end, limit, before_id, contact, after_id)
+    rows = app.telemetry.telemetry.archive.packets(packet, start, end, limit, before_id, contact, after_id)
     return [present.telemetry.packet(row) for row in rows]
 
 
@@ -67,7 +67,7 @@ def export_telemetry(
     form: Literal["converted", "raw", "formatted"] = "converted",
 ) -> StreamingResponse:
     """Export all samples of some fields over a time range as a file."""
-    pieces = export(app.telemetry.archive, field, start, end, form=form, file_format=format)
+    pieces = export(app.telemetry.telemetry.archive, field, start, end, form=form, file_format=format)
     name = f"telemetry-{start:%Y%m%dT%H%M%SZ}-{end:%Y%m%dT%H%M%SZ}.{format}"
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return StreamingResponse(pieces, media_type=FORMATS[format], headers=headers)
@@ -76,4 +76,4 @@ def export_telemetry(
 @router.get("/cycles")
 def cycles(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 12) -> list[CycleOut]:
     """Timing of the latest iterations."""
-    return [present.telemetry.cycle(timed) for timed in app.telemetry.cycles(limit)]
+    return [present.telemetry.cycle(timed) for timed in app.telemetry.telemetry.cycles(limit)]

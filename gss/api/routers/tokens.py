@@ -13,7 +13,7 @@ ADMIN = need("admin.tokens")
 @router.get("", dependencies=[ADMIN])
 def list_tokens(app: App) -> list[TokenOut]:
     """API tokens, newest first, including expired and revoked ones."""
-    return [TokenOut.model_validate(row) for row in app.accounts.tokens.every()]
+    return [TokenOut.model_validate(row) for row in app.accounts.accounts.tokens.every()]
 
 
 @router.post("", status_code=201, dependencies=[ADMIN])
@@ -22,7 +22,7 @@ def add_token(app: App, who: CurrentUser, body: TokenIn, audit_note: AuditNote) 
     only = f", only {', '.join(body.scopes)}" if body.scopes else ""
     audit_note(f"{body.name} as {body.role} for {body.days:g} days{only}")
     who.require_all(body.role, body.scopes)
-    made = app.accounts.tokens.add(
+    made = app.accounts.accounts.tokens.add(
         body.name,
         body.role,
         body.days,
@@ -38,5 +38,5 @@ def add_token(app: App, who: CurrentUser, body: TokenIn, audit_note: AuditNote) 
 def revoke_token(app: App, token_id: RowId, who: CurrentUser, audit_note: AuditNote) -> None:
     """Revoke an API token. It stops working at once. Tokens and links made with it become invalid, and users created with
     it are disabled."""
-    revoked = app.accounts.tokens.revoke(token_id, caller_id=who.user_id)
+    revoked = app.accounts.accounts.tokens.revoke(token_id, caller_id=who.user_id)
     audit_note(revoked.row.name, revoked.voided)

@@ -21,51 +21,51 @@ router = api_router("transfers", "/transfers")
 @router.get("")
 def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) -> list[TransferOut]:
     """Transfers, newest first."""
-    return [present.records.transfer(view) for view in app.transfers.newest(limit)]
+    return [present.records.transfer(view) for view in app.transfers.transfers.newest(limit)]
 
 
 @router.post("/download", status_code=201, dependencies=[need("frames.transfer|catalogues.upload|tables")])
 def download(app: App, who: CurrentUser, body: TransferIn) -> TransferOut:
     """Download an image or a part of it, a bank, or a table from the device. Each kind needs its own permission."""
     who.require(permission_of(body.kind))
-    app.commands.require_user(who.name)
+    app.commanding.commands.require_user(who.name)
     region = Part(**body.region.model_dump()) if body.region else None
-    view = app.downloads.start(body.kind, slot=body.slot, bank=body.bank, region=region, side_px=body.side_px)
+    view = app.frames.downloads.start(body.kind, slot=body.slot, bank=body.bank, region=region, side_px=body.side_px)
     return present.records.transfer(view)
 
 
 @router.get("/{transfer_id}")
 def read_transfer(app: App, transfer_id: RowId) -> TransferOut:
     """One transfer."""
-    return present.records.transfer(app.transfers.get(transfer_id))
+    return present.records.transfer(app.transfers.transfers.get(transfer_id))
 
 
 @router.post("/{transfer_id}/pause", dependencies=[need(STOP)])
 def pause(app: App, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
     """Pause a transfer; stored chunks are kept. Like ABORT, it needs no command authority."""
-    audit_note(_named(app.transfers.get(transfer_id).row))
-    return present.records.transfer(app.transfers.pause(transfer_id))
+    audit_note(_named(app.transfers.transfers.get(transfer_id).row))
+    return present.records.transfer(app.transfers.transfers.pause(transfer_id))
 
 
 @router.post("/{transfer_id}/resume", dependencies=[need("frames.transfer|catalogues.upload|tables")])
 def resume(app: App, who: CurrentUser, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
     """Resume a transfer with the missing chunks; also one that failed or was aborted, in this or an earlier run of the
     server. Needs the same permission as starting it."""
-    app.commands.check_user(who.name)
-    row = app.transfers.get(transfer_id).row
+    app.commanding.commands.check_user(who.name)
+    row = app.transfers.transfers.get(transfer_id).row
     audit_note(_named(row))
     who.require(permission_of(row.kind))
     if row.options.get("solve"):
         who.require("command.attitude")
-    app.commands.require_user(who.name)
-    return present.records.transfer(app.transfers.resume(transfer_id))
+    app.commanding.commands.require_user(who.name)
+    return present.records.transfer(app.transfers.transfers.resume(transfer_id))
 
 
 @router.post("/{transfer_id}/abort", dependencies=[need(STOP)])
 def abort(app: App, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
     """Abort a transfer on both sides. Like ABORT, it needs no command authority."""
-    audit_note(_named(app.transfers.get(transfer_id).row))
-    return present.records.transfer(app.transfers.abort(transfer_id))
+    audit_note(_named(app.transfers.transfers.get(transfer_id).row))
+    return present.records.transfer(app.transfers.transfers.abort(transfer_id))
 
 
 def _named(row: Transfer) -> str:

@@ -29,7 +29,7 @@ from gss.operations.metrics import CONTENT_TYPE
 from gss.operations.requests import as_stored
 from gss.operations.upkeep.manifest import Manifest
 from gss.operations.upkeep.removal import Confirmed
-from gss.operations.upkeep.retention import Policy
+from gss.operations.upkeep.retention_policy import Policy
 
 router = api_router("upkeep")
 root = api_router("upkeep", root="")
@@ -85,9 +85,9 @@ def run_retention(app: App, user: User, audit_note: AuditNote, body: RunRetentio
 @router.post("/admin/retention/confirm-clock", dependencies=[need("admin.retention")])
 def confirm_clock(app: App, user: User, body: ConfirmClockIn, audit_note: AuditNote) -> RetentionOut:
     """Confirm that a person has checked the server's date and time. Retention and backup rotation then continue."""
-    state = app.upkeep.trust.state()
+    state = app.base.trust.state()
     audit_note(f"clock {state.now.isoformat()}, {state.doubt or 'not in doubt'}")
-    app.upkeep.trust.confirm(body.seen, user=user)
+    app.base.trust.confirm(body.seen, user=user)
     return _retention(app)
 
 
@@ -96,8 +96,8 @@ def _retention(app: App) -> RetentionOut:
         **asdict(app.upkeep.retention.policy()),
         last_run=app.upkeep.retention.last_run(),
         waiting=app.upkeep.retention.waiting(),
-        clock=ServerClockOut.model_validate(app.upkeep.trust.state()),
-        forecast=ForecastOut.model_validate(app.upkeep.forecast()),
+        clock=ServerClockOut.model_validate(app.base.trust.state()),
+        forecast=ForecastOut.model_validate(app.upkeep.forecast.now()),
     )
 
 
@@ -145,5 +145,5 @@ def check_store(app: App, user: User) -> JobOut:
 @router.put("/frames/{frame_id}/favourite", dependencies=[need("frames.solve")])
 def favourite(app: App, frame_id: RowId, body: FavouriteIn) -> FrameOut:
     """Mark a frame as favourite or not. Retention never deletes a favourite's pixels."""
-    row = app.upkeep.favourite(frame_id, body.favourite)
-    return present.frames.frame(*app.frames.with_solution(row))
+    row = app.upkeep.retention.favourite(frame_id, body.favourite)
+    return present.frames.frame(*app.frames.frames.with_solution(row))

@@ -15,7 +15,7 @@ ADMIN = need("admin.users")
 @router.get("/users", dependencies=[ADMIN])
 def list_users(app: App) -> list[UserOut]:
     """Users, by name."""
-    return [_user(row) for row in app.accounts.users.every()]
+    return [_user(row) for row in app.accounts.accounts.users.every()]
 
 
 @router.post("/users", status_code=201, dependencies=[ADMIN])
@@ -23,15 +23,15 @@ def add_user(app: App, who: CurrentUser, body: UserIn, audit_note: AuditNote) ->
     """Create a user. Returns the one-time link to set the password."""
     audit_note(f"{body.name} as {body.role}")
     who.require_all(body.role, ())
-    row = app.accounts.users.add(body.name, body.role, by=who.name)
-    return _linked(row, app.accounts.users.password_link(row.id, who.handed_out_until, by=who.name))
+    row = app.accounts.accounts.users.add(body.name, body.role, by=who.name)
+    return _linked(row, app.accounts.accounts.users.password_link(row.id, who.handed_out_until, by=who.name))
 
 
 @router.put("/users/{user_id}", dependencies=[ADMIN])
 def change_user(app: App, user_id: RowId, who: CurrentUser, body: UserChangeIn, audit_note: AuditNote) -> UserOut:
     """Change a user's role, or enable or disable the user. Applies from the next request; disabling ends all sessions. If an
     admin is demoted or disabled, the users that this admin created are disabled too, unless ``keep_created``."""
-    before = app.accounts.users.get(user_id)
+    before = app.accounts.accounts.users.get(user_id)
     done = (
         before.name,
         f"from {before.role} to {body.role}" if body.role else "",
@@ -41,7 +41,7 @@ def change_user(app: App, user_id: RowId, who: CurrentUser, body: UserChangeIn, 
     audit_note(*done)
     who.require_all(before.role, ())
     who.require_all(body.role or before.role, ())
-    changed = app.accounts.users.change(
+    changed = app.accounts.accounts.users.change(
         user_id, role=body.role, enabled=body.enabled, keep_created=body.keep_created, caller_id=who.user_id
     )
     audit_note(*done, changed.voided)
@@ -51,11 +51,11 @@ def change_user(app: App, user_id: RowId, who: CurrentUser, body: UserChangeIn, 
 @router.post("/users/{user_id}/link", status_code=201, dependencies=[ADMIN])
 def new_password_link(app: App, user_id: RowId, who: CurrentUser, audit_note: AuditNote) -> LinkedUserOut:
     """Create a new one-time password link for a user. Earlier links become invalid."""
-    named = app.accounts.users.get(user_id)
+    named = app.accounts.accounts.users.get(user_id)
     audit_note(named.name)
     who.require_all(named.role, ())
-    link = app.accounts.users.password_link(user_id, who.handed_out_until, by=who.name)
-    return _linked(app.accounts.users.get(user_id), link)
+    link = app.accounts.accounts.users.password_link(user_id, who.handed_out_until, by=who.name)
+    return _linked(app.accounts.accounts.users.get(user_id), link)
 
 
 @router.get("/sessions", dependencies=[ADMIN])
@@ -73,14 +73,14 @@ def list_sessions(app: App, who: CurrentUser) -> list[SignInOut]:
             agent=row.agent,
             own=who.kind == "session" and who.key_id == row.id,
         )
-        for row, user in app.accounts.sessions.active()
+        for row, user in app.accounts.accounts.sessions.active()
     ]
 
 
 @router.delete("/sessions/{session_id}", status_code=204, dependencies=[ADMIN])
 def end_session(app: App, user: User, session_id: RowId) -> None:
     """End a user's session."""
-    app.accounts.sessions.end(session_id, by=user)
+    app.accounts.accounts.sessions.end(session_id, by=user)
 
 
 def _user(row: models.User) -> UserOut:

@@ -17,7 +17,7 @@ from gss.api.errors import problem
 from gss.api.stream.broadcast import Broadcaster, Listener, unnumbered, wire
 from gss.api.stream.topics import StreamTopics
 from gss.domain.errors import RateLimited
-from gss.services import Services
+from gss.wiring.services import Services
 
 router = api_router("stream")
 TOPICS = "Server-sent events. The event name is the topic; the data is its property of StreamTopics."
@@ -81,14 +81,14 @@ class EventStream(Response):
         if self._seq is None:
             return
         for _ in range(PAGES):
-            rows = await asyncio.to_thread(self._services.bus.after, self._seq, PAGE)
+            rows = await asyncio.to_thread(self._services.base.bus.after, self._seq, PAGE)
             if not rows:
                 return
             self._seq = rows[-1].seq
             await _send(send, b"".join(wire("event", present.records.event(row), str(row.seq)).data for row in rows))
             if len(rows) < PAGE:
                 return
-        newest = await asyncio.to_thread(self._services.bus.newest)
+        newest = await asyncio.to_thread(self._services.base.bus.newest)
         if newest > self._seq:
             await _send(send, wire("dropped", {"dropped": newest - self._seq}, None).data)
             self._seq = newest

@@ -22,8 +22,8 @@ from gss.api.units.unit_spec import UnitSpec, unit_settings
 from gss.api.workers.link_process import record
 from gss.api.workers.supervisor import Supervisor
 from gss.operations.clock import monotonic_s
-from gss.services import Services
 from gss.settings import Settings
+from gss.wiring.services import Services
 
 GRACE_S = 3
 
@@ -45,7 +45,7 @@ def serve_units(
             )
             for k, unit in enumerate(units)
         }
-        supervisor = Supervisor(targets, partial(record, services.bus))
+        supervisor = Supervisor(targets, partial(record, services.base.bus))
         fleet = Fleet(units, paths, supervisor, monotonic_s)
         app = UnitGateway(create_app(services, fleet=fleet), fleet)
 

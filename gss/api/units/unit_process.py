@@ -60,12 +60,12 @@ def _serve(settings: Settings, path: Path, sensor: SimulatedSensor | None) -> No
     from gss.api.connections.log_throttle import throttle_logs
     from gss.api.stopping import StoppableServer, end_in_time
     from gss.api.workers.private_app import PrivateApp
-    from gss.wiring import build
+    from gss.wiring.build import build
 
     throttle_logs()
     services = build(settings if sensor is None else settings.model_copy(update={"device": sensor.url()}))
     if sensor is not None:
-        sensor.watch(partial(services.bus.record, "link", "warning"))
+        sensor.watch(partial(services.base.bus.record, "link", "warning"))
     app = create_app(services)
 
     def announce() -> None:

@@ -26,8 +26,8 @@ from gss.api.workers.supervisor import Supervisor
 from gss.api.workers.worker import serve_worker
 from gss.domain.errors import GssError
 from gss.operations.events import EventBus
-from gss.services import Services
 from gss.settings import Settings
+from gss.wiring.services import Services
 
 log = logging.getLogger("gss.workers")
 GRACE_S = 3
@@ -49,7 +49,7 @@ def serve_behind_workers(
         path = Path(folder) / NAME
         worker = partial(serve_worker, settings.model_dump_json(), NAME, path, listener)
         targets = {f"API worker {k + 1}": worker for k in range(settings.workers)}
-        supervisor = Supervisor(targets, partial(record, services.bus))
+        supervisor = Supervisor(targets, partial(record, services.base.bus))
         fallback_server = FallbackServer(app, listener, connections, uvicorn_options(settings, connections))
         config = uvicorn.Config(
             PrivateApp(app, services, app.state.broadcaster, fallback_server.worker),

@@ -9,7 +9,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gss.api.stream.broadcast import Broadcaster
 from gss.api.stream.route import EventStream
-from gss.services import Services
+from gss.wiring.services import Services
 
 STREAM = "/worker-stream"
 PEER = b"x-gss-peer"

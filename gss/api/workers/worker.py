@@ -26,7 +26,7 @@ def serve_worker(settings_json: str, name: str, path: Path, listener: socket.soc
     from gss.api.stopping import StoppableServer
     from gss.api.workers.link_client import LinkProcessClient
     from gss.settings import Settings
-    from gss.wiring import build
+    from gss.wiring.build import build
 
     settings = Settings(**json.loads(settings_json))
     app = create_app(build(settings, ready=True), behind=LinkProcessClient(name, path))

@@ -67,6 +67,12 @@ class CommandProcessor:
         self.accepted = self.rejected = 0
         self._now_s = 0.0
 
+    def add_handlers(self, handlers: Mapping[str, Handler], guards: Mapping[str, Guard] | None = None) -> None:
+        """Add handlers by command, and guards, which check a command's arguments before it is accepted. Handlers start other
+        commands through this object, so that they are created after it."""
+        self.handlers |= handlers
+        self.guards |= guards or {}
+
     @property
     def busy(self) -> bool:
         """True if a command is running."""

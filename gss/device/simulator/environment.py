@@ -45,6 +45,7 @@ class Environment:
         *,
         orbit: Orbit | None = None,
         line: LineControl | None = None,
+        aberration: bool = False,
     ) -> None:
         self.profile, self.motion, self.epoch_jyear, self.seed = profile, motion, epoch_jyear, seed
         self.orbit: Orbit = orbit or (motion.orbit if isinstance(motion, Zenith) else CircularOrbit())
@@ -54,7 +55,8 @@ class Environment:
         sky_bound = isinstance(motion, Zenith | EarthPointing)
         flown = CircularOrbit() if self.orbit.grounded else self.orbit
         self._home: tuple[Motion, Orbit] = (motion if sky_bound else EarthPointing(flown), flown)
-        self.aberration = self.planets = self.moon = self.sun = self.earth = self.stray = False
+        self.aberration = aberration
+        self.planets = self.moon = self.sun = self.earth = self.stray = False
         self.defects: Defects = NO_DEFECTS
         self.temperature_offset_c = 0.0
         self._chip: tuple[Defects, Chip | None] = (NO_DEFECTS, None)

@@ -119,12 +119,11 @@ class SimulatedDevice:
             self._schedule,
         )
         rooms = (self._tracker_handlers, self._banks, self._tables, self._schedule, self._unit, settings)
-        processor.handlers = self._own_handlers()
+        processor.add_handlers(self._own_handlers(), self._tracker_handlers.guards())
         for room in rooms:
-            processor.handlers |= room.handlers()
+            processor.add_handlers(room.handlers())
         if self._identity.simulated:
-            processor.handlers |= self.training.handlers()
-        processor.guards = self._tracker_handlers.guards()
+            processor.add_handlers(self.training.handlers())
 
     # --- boot and time ------------------------------------------------------------------------------------------
 

@@ -155,10 +155,11 @@ def make_environment(arguments: argparse.Namespace, camera: CameraProfile, instr
     orbit, epoch_jyear = _orbit(arguments)
     motion, orbit = make_motion(arguments, instrument, orbit, epoch_jyear)
     line = LineControl(make_rates(arguments), arguments.seed)
-    world = Environment(camera, motion, epoch_jyear, arguments.seed, orbit=orbit, line=line)
+    world = Environment(
+        camera, motion, epoch_jyear, arguments.seed, orbit=orbit, line=line, aberration=arguments.aberration
+    )
     if arguments.sky == "real":
         world.make_real()
-    world.aberration = arguments.aberration
     return world
 
 

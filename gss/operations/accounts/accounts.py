@@ -37,7 +37,7 @@ class Rules(Protocol):
     session_hours: float
 
 
-def open_accounts(database: Database, rules: Rules, now: Now, monotonic_s: Monotonic) -> AccountService:
+def open_account_service(database: Database, rules: Rules, now: Now, monotonic_s: Monotonic) -> AccountService:
     """Create the service as configured, with a clock that never goes back."""
     passwords = Passwords(rules.password_passes, rules.password_memory_kib)
     lifetimes = Lifetimes(timedelta(minutes=rules.session_idle_minutes), timedelta(hours=rules.session_hours))

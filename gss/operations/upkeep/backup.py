@@ -12,7 +12,6 @@ import os
 import shutil
 import tarfile
 from collections.abc import Iterable, Iterator
-from copy import copy
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -29,7 +28,7 @@ from gss.operations.line.capture_files import capture_files, open_capture, plain
 from gss.operations.upkeep.clock_trust import BEHIND, ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
 from gss.operations.upkeep.manifest import DATABASE, MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
-from gss.operations.upkeep.retention import stored_policy
+from gss.operations.upkeep.retention_policy import stored_policy
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
 from gss.store.dump import dump, kind_of
@@ -75,12 +74,6 @@ class BackupService:
     def folder(self) -> Path:
         """Folder of the backups."""
         return self._folder
-
-    def at(self, folder: Path) -> BackupService:
-        """Return a copy of this service that uses another backup folder."""
-        other = copy(self)
-        other._folder = folder
-        return other
 
     def start(self, *, keep: int = 0, user: str) -> Job:
         """Start a backup as a job; afterwards only the ``keep`` newest are kept (0: all)."""

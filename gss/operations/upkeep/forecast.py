@@ -8,7 +8,8 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 from gss.operations.upkeep.disk import DiskGuard
-from gss.operations.upkeep.retention import DAY, RetentionService
+from gss.operations.upkeep.retention import RetentionService
+from gss.operations.upkeep.retention_policy import DAY
 from gss.store import upkeep as store
 from gss.store.engine import Database
 
@@ -35,8 +36,18 @@ class Forecast:
     removable_bytes: int
 
 
-def forecast(database: Database, retention: RetentionService, disk: DiskGuard, backups: Path) -> Forecast:
-    """Compute the forecast for the current store. ``backups``: their folder."""
+class ForecastService:
+    """Forecasts the disk usage of a store. ``backups``: their folder."""
+
+    def __init__(self, database: Database, retention: RetentionService, disk: DiskGuard, backups: Path) -> None:
+        self._database, self._retention, self._disk, self._backups = database, retention, disk, backups
+
+    def now(self) -> Forecast:
+        """Compute the forecast from the current store."""
+        return _forecast(self._database, self._retention, self._disk, self._backups)
+
+
+def _forecast(database: Database, retention: RetentionService, disk: DiskGuard, backups: Path) -> Forecast:
     at, policy = retention.now(), retention.policy()
     since = at - LOOK_BACK_DAYS * DAY
     with database.unit_of_work() as session:

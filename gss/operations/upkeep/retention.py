@@ -9,84 +9,40 @@ in doubt, and needs confirmation if it would remove an unusual share of the stor
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields, replace
-from datetime import datetime, timedelta
+from dataclasses import asdict, replace
+from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from gss.domain.errors import BadInput, Conflict
+from gss.domain.errors import Conflict
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService
+from gss.operations.jobs import JobKind, JobRun, JobService
 from gss.operations.line.capture_files import SizedFile, capture_sizes
 from gss.operations.line.link import LinkService
 from gss.operations.upkeep.clock_trust import ClockTrust
-from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.removal import Confirmed, Removal, check_confirmed, check_fresh, recent, unusual
-from gss.store import choices
+from gss.operations.upkeep.retention_policy import (
+    CHOICE,
+    DAY,
+    Policy,
+    RemovalJob,
+    retention_choice,
+    stored_policy,
+    unconfirmed,
+)
+from gss.store import choices, frames
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
-from gss.store.models import Job
+from gss.store.models import Frame, Job
 
-CHOICE, DONE, WAITING = "retention", "retention.done", "retention.waiting"
+DONE, WAITING = "retention.done", "retention.waiting"
 FRAMES_AT_ONCE = 200
 THIN_EVERY_S = 60.0
-DAY = timedelta(days=1)
-MOST_DAYS, MOST_GB, MOST_MB = 36_500, 1_000_000.0, 100_000_000
 FIGURES = ("frames", "bytes", "packets", "thinned", "events")
-
-
-@dataclass(frozen=True)
-class Policy:
-    """0 keeps forever. ``frames_days``, ``frames_gb``: pixels are removed by age, and oldest first while their total is
-    larger; ``keep_frames``: the newest frames always keep theirs. ``telemetry_thin_days``: after this age one packet per
-    minute of each kind is kept; ``telemetry_days``: none. ``captures_mb`` 0: as set by GSS_CAPTURE_KEEP_MB.
-    ``backups_keep``: number of newest backups kept."""
-
-    frames_days: float = 0
-    frames_gb: float = 0
-    keep_frames: int = 100
-    telemetry_thin_days: float = 0
-    telemetry_days: float = 0
-    events_days: float = 0
-    captures_mb: int = 0
-    backups_keep: int = 0
-
-    def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            most = MOST_DAYS if f.name.endswith("_days") else MOST_GB if f.name.endswith("_gb") else MOST_MB
-            if not 0 <= value <= most:
-                raise BadInput(f"{f.name} is out of range", expected=f"0 (unlimited) to {most:g}", got=str(value))
-        if 0 < self.telemetry_days <= self.telemetry_thin_days:
-            raise BadInput(
-                "packets would be deleted before they are thinned",
-                expected=f"thinning before {self.telemetry_days:g} days",
-                got=f"{self.telemetry_thin_days:g} days",
-            )
-
-
-@dataclass(frozen=True)
-class RemovalJob(JobRequest):
-    """A removal. ``confirmed``: what a person confirmed, for this job only."""
-
-    policy: Policy
-    confirmed: Confirmed | None = None
-
-
-def unconfirmed(request: RemovalJob) -> RemovalJob:
-    """Return the request without its confirmation."""
-    return replace(request, confirmed=None)
-
-
-def stored_policy(database: Database) -> Policy:
-    """Return the policy in force."""
-    value = _choice(database, CHOICE)
-    names = {f.name for f in fields(Policy)}
-    return Policy(**{k: v for k, v in value.items() if k in names})
 
 
 class RetentionService:
@@ -130,6 +86,14 @@ class RetentionService:
         self._bus.record("upkeep", "watch", f"retention changed by {user}: {words or 'keep everything'}")
         return policy
 
+    def favourite(self, frame_id: int, favourite: bool) -> Frame:
+        """Mark a frame as favourite: its pixels are never removed. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            frames.get(session, frame_id)
+            store.set_favourite(session, frame_id, favourite)
+        with self._database.unit_of_work() as session:
+            return frames.get(session, frame_id)
+
     def run(self, *, user: str, confirmed: Confirmed | None = None) -> Job:
         """Start a removal as a job. Raises Conflict if the clock is in doubt, or if the removal is unusual and not
         confirmed."""
@@ -152,7 +116,7 @@ class RetentionService:
 
     def waiting(self) -> str:
         """Why the last removal waits for confirmation; empty if it does not."""
-        return str(_choice(self._database, WAITING).get("text", ""))
+        return str(retention_choice(self._database, WAITING).get("text", ""))
 
     def capture_sizes(self) -> list[SizedFile]:
         """Return the files of the raw captures with their sizes, oldest first."""
@@ -165,7 +129,7 @@ class RetentionService:
     def preview(self, policy: Policy, at: datetime | None = None) -> Removal:
         """Return what a removal with ``policy`` would remove now, or as of ``at``; nothing is removed."""
         at = at or self._now()
-        done = _choice(self._database, DONE).get("thinned_before")
+        done = retention_choice(self._database, DONE).get("thinned_before")
         thinned = datetime.fromisoformat(done) if done else None
         going = list(self.going(policy, at))
         packets, thin, events = (
@@ -186,13 +150,13 @@ class RetentionService:
 
     def last_run(self) -> datetime | None:
         """Return when the last removal ended; None without one."""
-        at = _choice(self._database, DONE).get("at")
+        at = retention_choice(self._database, DONE).get("at")
         return datetime.fromisoformat(at) if at else None
 
     def removed_before(self) -> datetime | None:
         """Return the time before which housekeeping may be thinned or removed, so that gaps have this cause; None if there
         is none."""
-        choice = _choice(self._database, DONE)
+        choice = retention_choice(self._database, DONE)
         moments = [datetime.fromisoformat(choice[k]) for k in ("packets_before", "thinned_before") if choice.get(k)]
         return max(moments, default=None)
 
@@ -301,7 +265,7 @@ class RetentionService:
                 return
 
     def _note(self, at: datetime, packets: datetime | None, thinned: datetime | None) -> None:
-        old = _choice(self._database, DONE)
+        old = retention_choice(self._database, DONE)
         value = old | {"at": at.isoformat()}
         for name, moment in (("packets_before", packets), ("thinned_before", thinned)):
             if moment is not None:
@@ -309,34 +273,6 @@ class RetentionService:
         with self._database.unit_of_work() as session:
             choices.write(session, DONE, value, self._now(), "gss")
             choices.forget(session, WAITING)
-
-
-class DailyRetention:
-    """Starts a removal once a day; not within an hour of a start or a jump of the clock, and not while the clock is in
-    doubt."""
-
-    def __init__(self, retention: RetentionService, clocks: ClockWatch, trust: ClockTrust, now: Now) -> None:
-        self._retention, self._clocks, self._trust, self._now = retention, clocks, trust, now
-        self._next: datetime | None = None
-
-    def tick(self) -> None:
-        """Start a removal if it is due; called about once a second."""
-        now = self._now()
-        if self._next is None:
-            last = self._retention.last_run()
-            self._next = now if last is None else last + DAY
-        # A clock that was set back must not delay the next run for years.
-        self._next = min(self._next, now + DAY)
-        if now < self._next or not self._clocks.steady() or self._trust.state().doubt:
-            return
-        self._next = now + DAY
-        if any(v for k, v in asdict(self._retention.policy()).items() if k.endswith(("_days", "_gb"))):
-            self._retention.run_daily()
-
-
-def _choice(database: Database, name: str) -> dict[str, Any]:
-    with database.unit_of_work() as session:
-        return next((dict(row.value) for row in choices.read(session, name) if row.name == name), {})
 
 
 def _packets_of(kind: str, before: datetime, session: Any) -> int:

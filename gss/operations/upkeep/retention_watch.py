@@ -1,12 +1,17 @@
-"""Alarms of retention: the clock is in doubt, or a removal waits for confirmation."""
+"""Starts removals once a day, and raises the alarms of retention: the clock is in doubt, or a removal waits for confirmation."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from datetime import datetime
+
 from gss.domain.limits import State
+from gss.operations.clock import Now
 from gss.operations.telemetry.alarm_text import STORE
 from gss.operations.telemetry.alarms import AlarmService
 from gss.operations.telemetry.limit_check import Key
 from gss.operations.upkeep.clock_trust import DAY, HINT, ClockTrust
+from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.retention import RetentionService
 
 CLOCK: Key = (STORE, "server clock")
@@ -32,3 +37,26 @@ class RetentionWatch:
         )
         limit = f"waits for confirmation: would remove {waiting}" if waiting else ""
         self._alarms.watch(REMOVAL, State.WARNING if waiting else State.OK, 1.0 if waiting else 0.0, text, limit)
+
+
+class DailyRetention:
+    """Starts a removal once a day; not within an hour of a start or a jump of the clock, and not while the clock is in
+    doubt."""
+
+    def __init__(self, retention: RetentionService, clocks: ClockWatch, trust: ClockTrust, now: Now) -> None:
+        self._retention, self._clocks, self._trust, self._now = retention, clocks, trust, now
+        self._next: datetime | None = None
+
+    def tick(self) -> None:
+        """Start a removal if it is due; called about once a second."""
+        now = self._now()
+        if self._next is None:
+            last = self._retention.last_run()
+            self._next = now if last is None else last + DAY
+        # A clock that was set back must not delay the next run for years.
+        self._next = min(self._next, now + DAY)
+        if now < self._next or not self._clocks.steady() or self._trust.state().doubt:
+            return
+        self._next = now + DAY
+        if any(v for k, v in asdict(self._retention.policy()).items() if k.endswith(("_days", "_gb"))):
+            self._retention.run_daily()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import timedelta
 from types import SimpleNamespace
 
-from gss.operations.accounts.accounts import open_accounts
+from gss.operations.accounts.accounts import open_account_service
 from gss.operations.accounts.audit import AuditService
 from gss.operations.accounts.audit_anchor import AnchorFile
 from gss.store import choices
@@ -28,7 +28,7 @@ class Seconds:
 def test_a_clock_set_back_revives_neither_token_nor_session(database, clock):
     """While the server runs: the monotonic clock continues where the system clock had been."""
     seconds = Seconds()
-    accounts = open_accounts(database, RULES, clock, seconds)
+    accounts = open_account_service(database, RULES, clock, seconds)
     accounts.users.add("ann", "admin", by="test", password=PASSWORD)
     token = accounts.tokens.add("t", "viewer", 1, by="ann").key
     session = accounts.sessions.sign_in("ann", PASSWORD, address="a").key
@@ -43,29 +43,29 @@ def test_a_clock_set_back_revives_neither_token_nor_session(database, clock):
 
 def test_after_a_restart_with_a_clock_set_back_an_expired_token_stays_expired(database, clock, tmp_path):
     """The newest audit row is the floor; after further rows with the wrong time, the last trusted time still is."""
-    accounts = open_accounts(database, RULES, clock, Seconds())
+    accounts = open_account_service(database, RULES, clock, Seconds())
     token = accounts.tokens.add("t", "viewer", 1, by="ann").key
     audit = AuditService(database, clock, AnchorFile(tmp_path / "anchors"))
     clock.forward(2 * DAY_S)
     audit.record("ann", "x.y", "late", "done")
     clock.forward(-2 * DAY_S)
-    assert open_accounts(database, RULES, clock, Seconds()).who_has_token(token, "a") is None
+    assert open_account_service(database, RULES, clock, Seconds()).who_has_token(token, "a") is None
     with database.unit_of_work() as session:
         trusted = clock.at + timedelta(days=2)
         choices.write(session, choices.TRUSTED_TIME, {"at": trusted.isoformat()}, clock.at, "gss")
     audit.record("ann", "x.y", "with the clock set back", "done")
-    assert open_accounts(database, RULES, clock, Seconds()).who_has_token(token, "a") is None
+    assert open_account_service(database, RULES, clock, Seconds()).who_has_token(token, "a") is None
 
 
 def test_keys_made_with_a_clock_ahead_are_not_valid_for_years(database, clock):
     """Made ten years ahead, they would live ten years longer than they may; once the clock is right they are refused."""
     clock.forward(3650 * DAY_S)
-    ahead = open_accounts(database, RULES, clock, Seconds())
+    ahead = open_account_service(database, RULES, clock, Seconds())
     ahead.users.add("ann", "admin", by="test", password=PASSWORD)
     token = ahead.tokens.add("t", "viewer", 1, by="ann").key
     session = ahead.sessions.sign_in("ann", PASSWORD, address="a").key
     assert ahead.who_has_token(token, "a") is not None
     clock.forward(-3650 * DAY_S)
-    right = open_accounts(database, RULES, clock, Seconds())
+    right = open_account_service(database, RULES, clock, Seconds())
     assert right.who_has_token(token, "a") is None
     assert right.who_has_cookie(session) is None

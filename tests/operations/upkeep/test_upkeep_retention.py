@@ -16,9 +16,11 @@ from gss.operations.jobs import JobKind, JobService
 from gss.operations.upkeep import removal
 from gss.operations.upkeep import retention as room
 from gss.operations.upkeep.clocks import ClockWatch
-from gss.operations.upkeep.forecast import forecast
+from gss.operations.upkeep.forecast import ForecastService
 from gss.operations.upkeep.removal import confirmation
-from gss.operations.upkeep.retention import DailyRetention, Policy, RemovalJob, RetentionService
+from gss.operations.upkeep.retention import RetentionService
+from gss.operations.upkeep.retention_policy import Policy, RemovalJob
+from gss.operations.upkeep.retention_watch import DailyRetention
 from gss.store import upkeep
 from gss.store.engine import Database, open_engine
 from gss.store.models import Calibration, Frame, Job, Solution, TelemetryPacket
@@ -151,12 +153,12 @@ def test_the_forecast_states_when_the_disk_is_full_and_what_is_deleted_next(stor
     for k in range(7):
         store.add_frame(bytes([k]) * 1_000_000, age_days=k + 0.5)
     store.room[0] = store.disk.stop_bytes + 10_000_000
-    first = forecast(store.database, store.retention, store.disk, store.backups.folder)
+    first = ForecastService(store.database, store.retention, store.disk, store.backups.folder).now()
     assert first.bytes_per_day == pytest.approx(1e6, rel=0.2)
     assert first.full_in_days == pytest.approx(10, rel=0.25)
     assert (first.next_removal, first.removable_bytes) == (None, 0)
     store.retention.choose(Policy(frames_days=20, telemetry_days=9, keep_frames=0), user="ann")
-    second = forecast(store.database, store.retention, store.disk, store.backups.folder)
+    second = ForecastService(store.database, store.retention, store.disk, store.backups.folder).now()
     assert second.full_in_days is None
     assert second.next_removal == store.clock() + timedelta(days=13.5)
 
@@ -166,14 +168,14 @@ def test_a_young_store_is_forecast_from_its_age_and_a_new_one_not_at_all(store, 
     bus.record("server", "ok", "started")
     store.add_frame(random.Random(5).randbytes(1_000_000), age_days=0)
     clock.forward(840)
-    new = forecast(store.database, store.retention, store.disk, store.backups.folder)
+    new = ForecastService(store.database, store.retention, store.disk, store.backups.folder).now()
     assert (new.bytes_per_day, new.full_in_days) == (None, None)
     clock.forward(43200 - 840)
-    young = forecast(store.database, store.retention, store.disk, store.backups.folder)
+    young = ForecastService(store.database, store.retention, store.disk, store.backups.folder).now()
     assert young.bytes_per_day == pytest.approx(2e6, rel=0.01)
     assert young.backups_bytes == 0
     store.backups.make()
-    later = forecast(store.database, store.retention, store.disk, store.backups.folder)
+    later = ForecastService(store.database, store.retention, store.disk, store.backups.folder).now()
     assert later.backups_bytes > 1_000_000
     assert later.bytes_now == later.database_bytes + later.frames_bytes + later.captures_bytes + later.backups_bytes
 

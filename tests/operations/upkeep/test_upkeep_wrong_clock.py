@@ -15,8 +15,8 @@ from gss.operations.upkeep import removal
 from gss.operations.upkeep.clock_trust import ClockTrust
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.removal import confirmation
-from gss.operations.upkeep.retention import DailyRetention, Policy
-from gss.operations.upkeep.retention_watch import RetentionWatch
+from gss.operations.upkeep.retention_policy import Policy
+from gss.operations.upkeep.retention_watch import DailyRetention, RetentionWatch
 from gss.store import choices
 from gss.store.models import Base, Event
 

@@ -1,0 +1,73 @@
+"""What retention keeps, as chosen, and the request of a removal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from datetime import timedelta
+from typing import Any
+
+from gss.domain.errors import BadInput
+from gss.operations.jobs import JobRequest
+from gss.operations.upkeep.removal import Confirmed
+from gss.store import choices
+from gss.store.engine import Database
+
+CHOICE = "retention"
+DAY = timedelta(days=1)
+MOST_DAYS, MOST_GB, MOST_MB = 36_500, 1_000_000.0, 100_000_000
+
+
+@dataclass(frozen=True)
+class Policy:
+    """0 keeps forever. ``frames_days``, ``frames_gb``: pixels are removed by age, and oldest first while their total is
+    larger; ``keep_frames``: the newest frames always keep theirs. ``telemetry_thin_days``: after this age one packet per
+    minute of each kind is kept; ``telemetry_days``: none. ``captures_mb`` 0: as set by GSS_CAPTURE_KEEP_MB.
+    ``backups_keep``: number of newest backups kept."""
+
+    frames_days: float = 0
+    frames_gb: float = 0
+    keep_frames: int = 100
+    telemetry_thin_days: float = 0
+    telemetry_days: float = 0
+    events_days: float = 0
+    captures_mb: int = 0
+    backups_keep: int = 0
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            value = getattr(self, f.name)
+            most = MOST_DAYS if f.name.endswith("_days") else MOST_GB if f.name.endswith("_gb") else MOST_MB
+            if not 0 <= value <= most:
+                raise BadInput(f"{f.name} is out of range", expected=f"0 (unlimited) to {most:g}", got=str(value))
+        if 0 < self.telemetry_days <= self.telemetry_thin_days:
+            raise BadInput(
+                "packets would be deleted before they are thinned",
+                expected=f"thinning before {self.telemetry_days:g} days",
+                got=f"{self.telemetry_thin_days:g} days",
+            )
+
+
+@dataclass(frozen=True)
+class RemovalJob(JobRequest):
+    """A removal. ``confirmed``: what a person confirmed, for this job only."""
+
+    policy: Policy
+    confirmed: Confirmed | None = None
+
+
+def unconfirmed(request: RemovalJob) -> RemovalJob:
+    """Return the request without its confirmation."""
+    return replace(request, confirmed=None)
+
+
+def stored_policy(database: Database) -> Policy:
+    """Return the policy in force."""
+    value = retention_choice(database, CHOICE)
+    names = {f.name for f in fields(Policy)}
+    return Policy(**{k: v for k, v in value.items() if k in names})
+
+
+def retention_choice(database: Database, name: str) -> dict[str, Any]:
+    """Return the stored values of that name; empty without any."""
+    with database.unit_of_work() as session:
+        return next((dict(row.value) for row in choices.read(session, name) if row.name == name), {})

@@ -1,0 +1,31 @@
+"""Room of users, permissions and the audit log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gss.operations.accounts.accounts import AccountService, open_account_service
+from gss.operations.accounts.audit import AuditService
+from gss.operations.accounts.audit_anchor import AnchorFile
+from gss.operations.accounts.audit_intents import AuditIntents
+from gss.operations.clock import monotonic_s, utc_now
+from gss.store.engine import Database, open_engine
+from gss.wiring.base import BaseServices
+
+
+@dataclass(frozen=True)
+class Accounts:
+    """Users with their sessions and tokens, and the audit log."""
+
+    accounts: AccountService
+    audit: AuditService
+    intents: AuditIntents
+
+
+def open_accounts(base: BaseServices) -> Accounts:
+    """Create the room. The accounts may be in another database than the unit's data."""
+    settings = base.settings
+    database = Database(open_engine(settings.accounts)) if settings.accounts else base.database
+    accounts = open_account_service(database, settings, utc_now, monotonic_s)
+    audit = AuditService(base.database, utc_now, AnchorFile(settings.audit_anchor_file))
+    return Accounts(accounts, audit, AuditIntents(settings.data / "audit-intents", audit))

@@ -1,0 +1,32 @@
+"""Room of contacts and of the replays of their captures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gss.operations.clock import monotonic_s
+from gss.operations.contacts.contacts import ContactService
+from gss.operations.contacts.replay_capture import CaptureReplay
+from gss.operations.upkeep.retention import RetentionService
+from gss.wiring.base import BaseServices
+from gss.wiring.line import Line
+from gss.wiring.telemetry import TelemetryRoom
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Records of contacts, and replays of captures."""
+
+    contacts: ContactService
+    replay: CaptureReplay
+
+
+def open_contacts(base: BaseServices, line: Line, telemetry: TelemetryRoom, retention: RetentionService) -> Contacts:
+    """Create the room."""
+    captures, limits = base.captures, telemetry.telemetry.limits
+    return Contacts(
+        ContactService(
+            line.link, telemetry.alarms, base.database, base.bus, captures, base.clock.now, retention.removed_before
+        ),
+        CaptureReplay(base.dictionary, captures, limits, base.bus, monotonic_s, base.framing),
+    )

@@ -1,0 +1,103 @@
+"""The services that routers and commands use, by room, and the order in which they start and stop."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+
+from gss.operations.instruments.packages import InstrumentService
+from gss.operations.line.dispatcher import Dispatcher
+from gss.operations.notifications.notifications import NotificationService
+from gss.wiring.accounts import Accounts
+from gss.wiring.base import BaseServices
+from gss.wiring.catalogues import Catalogues
+from gss.wiring.commanding import Commanding
+from gss.wiring.contacts import Contacts
+from gss.wiring.frames import Frames
+from gss.wiring.intake import Intake
+from gss.wiring.line import Line
+from gss.wiring.passes import Passes
+from gss.wiring.procedures import Procedures
+from gss.wiring.recordings import RecordingsRoom
+from gss.wiring.studies import Studies
+from gss.wiring.telemetry import TelemetryRoom
+from gss.wiring.transfers import Transfers
+from gss.wiring.upkeep import Upkeep
+
+
+@dataclass(frozen=True)
+class Services:
+    """Everything that a router or command may use: a field per room of operations; a room of one service is that service.
+    ``dispatcher``: passes the events of the line to the rooms."""
+
+    base: BaseServices
+    accounts: Accounts
+    line: Line
+    telemetry: TelemetryRoom
+    commanding: Commanding
+    procedures: Procedures
+    transfers: Transfers
+    frames: Frames
+    intake: Intake
+    contacts: Contacts
+    catalogues: Catalogues
+    instruments: InstrumentService
+    passes: Passes
+    recordings: RecordingsRoom
+    studies: Studies
+    notifications: NotificationService
+    upkeep: Upkeep
+    dispatcher: Dispatcher
+    stopping: threading.Event = field(default_factory=threading.Event)
+
+    def start(self) -> None:
+        """Settle what the last server left behind, then open the line."""
+        self.accounts.audit.begin_anchors()
+        self.accounts.intents.recover()
+        self.base.jobs.start()
+        self.transfers.transfers.start()
+        self.commanding.commands.start()
+        self.commanding.stack_runs.start()
+        self.procedures.runs.start()
+        self.passes.runner.start()
+        self.telemetry.alarms.start()
+        self.notifications.start()
+        self.upkeep.retention.start()
+        self.upkeep.pages.start()
+        self.upkeep.audit.start()
+        self.dispatcher.start()
+        self.line.link.start()
+        self.upkeep.status.start()
+        self.telemetry.telemetry.rollups.start()
+        if self.base.settings.device:
+            self.line.link.open_later(self.base.settings.device)
+
+    def announce_stop(self) -> None:
+        """Interrupt the jobs and end the open streams and the parsing of files, so that the server need not cut them off. Runs in
+        a signal handler: storing the jobs' state may wait for the database, so that a thread does it."""
+        if not self.stopping.is_set():
+            threading.Thread(target=self.base.jobs.interrupt, name="interrupt jobs", daemon=True).start()
+        self.stopping.set()
+        self.base.bus.wake_all()
+        self.base.parsing.stop()
+
+    def stop(self) -> None:
+        """Close the line first, so that nothing new comes; then end what still works."""
+        self.announce_stop()
+        self.upkeep.status.stop()
+        self.notifications.stop()
+        self.upkeep.audit.stop()
+        self.commanding.stack_runs.shut_down()
+        self.procedures.runs.shut_down()
+        self.line.link.stop()
+        self.dispatcher.stop()
+        self.transfers.transfers.stop()
+        self.contacts.replay.stop()
+        self.frames.replay.stop()
+        self.frames.frames.stop()
+        self.base.jobs.stop()
+        self.telemetry.telemetry.rollups.stop()
+        self.studies.executor.stop()
+        self.accounts.intents.close()
+        self.accounts.accounts.close()
+        self.base.database.close()
