@@ -4,17 +4,15 @@
 import * as rules from '../lib/freshness';
 import type { LampState } from '../lib/lamp';
 import { live } from './live.svelte';
-
-const TICK_MS = 500;
+import { serverTime } from './serverTime.svelte';
 
 class Current {
-  private tickedMs = $state(Date.now());
   readonly conditions = $derived.by<rules.Conditions>(() => {
     const link = live.link;
     const serverMs = link ? Date.parse(link.utc) : null;
     const ageS = link?.rx.age_s ?? null;
     return {
-      nowMs: Math.max(this.tickedMs + live.clockSkewMs, serverMs ?? 0),
+      nowMs: Math.max(serverTime.nowMs, serverMs ?? 0),
       online: live.online,
       serverMs,
       lineOpen: link?.connected ?? false,
@@ -43,11 +41,6 @@ class Current {
           : isTrue(reported);
     return rules.cycleOf(last, this.housekeepingMs, this.conditions);
   });
-
-  /** Call once when the page starts. */
-  start(): void {
-    setInterval(() => (this.tickedMs = Date.now()), TICK_MS);
-  }
 
   isCurrent(source: 'server' | 'device'): boolean {
     return rules.isCurrent(source === 'server' ? this.server : this.device);

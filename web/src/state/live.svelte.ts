@@ -6,6 +6,7 @@ import { byUrgency } from '../lib/alarms';
 import { problemOf, problemText } from '../lib/problems';
 import { hasEnded, joined, kept } from '../lib/stages';
 import { session } from './session.svelte';
+import { Batch } from './batch';
 import { merged, mergedBy, UpdateLog } from './snapshot';
 import { Stream, type TopicHandlers } from './stream';
 import { toast } from './toasts.svelte';
@@ -114,12 +115,12 @@ class Live {
     this.topics[topic](message);
   }
 
-  private noting(): TopicHandlers {
-    const noted = Object.keys(this.topics).map((topic) => [
+  private batched(batch: Batch): TopicHandlers {
+    const handlers = Object.keys(this.topics).map((topic) => [
       topic,
-      (message: never) => this.put(topic as T.Topic, message),
+      (message: never) => batch.add(() => this.put(topic as T.Topic, message)),
     ]);
-    return Object.fromEntries(noted) as TopicHandlers;
+    return Object.fromEntries(handlers) as TopicHandlers;
   }
 
   private putLink(link: T.Link): void {
@@ -253,6 +254,21 @@ class Live {
   }
 
   start(): Stream {
+    const batch = new Batch(
+      {
+        hidden: () => document.hidden,
+        later: (run, ms) => setTimeout(run, ms),
+        frame: (run) => requestAnimationFrame(run),
+        now: () => performance.now(),
+      },
+      () => {
+        this.sparks = new Map(); // a curve must not join points across the gap
+        void this.load();
+      },
+    );
+    document.addEventListener('visibilitychange', () => {
+      if (!document.hidden) batch.shown();
+    });
     const stream = new Stream(
       {
         open: () => new EventSource(`${base}/api/stream`),
@@ -261,7 +277,7 @@ class Live {
         now: () => Date.now(),
       },
       {
-        topics: this.noting(),
+        topics: this.batched(batch),
         online: (filled) => {
           this.online = true;
           this.offlineSince = null;
