@@ -7,8 +7,12 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from multiprocessing.context import ForkServerContext
 
 IDLE_S = 300.0
+PRELOADED = ("gss.operations.studies.reprocess_worker", "gss.operations.studies.list_runs")
+"""Modules that the process from which workers are forked imports once. A new Python process would need 3 s of processor
+time for them per worker."""
 
 
 class WarmPool:
@@ -38,7 +42,7 @@ class WarmPool:
         with self._lock:
             self._quiet()
             if self._pool is None:
-                self._pool = ProcessPoolExecutor(self._workers, multiprocessing.get_context("spawn"))
+                self._pool = ProcessPoolExecutor(self._workers, _fork_server())
             pool, self._users = self._pool, self._users + 1
         try:
             yield pool
@@ -79,3 +83,10 @@ class WarmPool:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+
+
+def _fork_server() -> ForkServerContext:
+    """Fork from a process without threads, because a fork of this one could copy a lock that another thread holds."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(PRELOADED))
+    return context
