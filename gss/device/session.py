@@ -16,7 +16,6 @@ from gss.device.protocol.codec import EncodedCommand, decode, encode, encode_com
 from gss.device.protocol.packet import CRC_BYTES, Arrival, Packet, PacketType, labelled_bytes
 from gss.device.protocol.receiver import LineReceiver
 from gss.device.protocol.sender import LineSender
-from gss.device.protocol.transfer import Compatibility
 from gss.device.session_commands import CommandQueue
 from gss.device.session_counters import LineQuality, count_line
 from gss.device.session_events import (
@@ -31,12 +30,10 @@ from gss.device.session_handshake import HELLO_AGAIN_S, Handshake
 from gss.device.session_pacing import Pacer
 from gss.device.session_reading import read_event, read_report
 from gss.device.session_telemetry import TelemetryReader
-from gss.device.session_transfer import HeldPart, Part, RequestIds, ServiceMessage
+from gss.device.session_transfer import RequestIds, ServiceMessage
 from gss.device.session_transfers import TransferManager
 from gss.domain.errors import BadInput, CorruptData
 from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary, Value
-
-__all__ = ["Compatibility", "HeldPart", "HostSession", "InFlight", "Part"]
 
 COUNTERS_EVERY_S = 1.0
 STALE_ONLY_S = 3.0
@@ -198,7 +195,8 @@ class HostSession:
         if self._up:
             self._pacer.refill(now_s, self.transfers.line_bytes_s)
             self._events += self._command_queue.expire(now_s)
-            self._greet(now_s)
+            if self._handshake.is_due(now_s):
+                self._add(self.encode("HELLO", {}), urgent=True)
             out += self._commands(now_s)
             out += [self._frame(m) for m in self.transfers.step(now_s, self._ids)]
             self._pacer.spend(sum(map(len, out)))
@@ -208,10 +206,6 @@ class HostSession:
             self._quality.note(now_s, self._sender, self._receiver, self._housekeeping)
             self._events.append(self.counters)
         return b"".join(out), self._take_events(now_s)
-
-    def _greet(self, now_s: float) -> None:
-        if self._handshake.is_due(now_s):
-            self._add(self.encode("HELLO", {}), urgent=True)
 
     def _commands(self, now_s: float) -> list[bytes]:
         records, events = self._command_queue.release(now_s, only_urgent=not self._handshake.greeted)

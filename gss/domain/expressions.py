@@ -16,45 +16,25 @@ are *unknown*, with a reason. ``and`` and ``or`` are decided by one operand if i
 from __future__ import annotations
 
 import math
-import operator
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NoReturn
 
 from gss.domain.errors import BadInput
+from gss.domain.expression_parser import (
+    ARITHMETIC,
+    COMPARISONS,
+    FUNCTIONS,
+    CallNode,
+    ConstantNode,
+    ExpressionNode,
+    ExpressionParser,
+    FieldReference,
+    Quantity,
+)
 
-Quantity = float | int | bool | str
 ValueKind = Literal["number", "bool", "text"]
 MOST_CHARACTERS = 500
-DEEPEST = 30
-"""Nesting of parentheses, signs and ``not``."""
-TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<text>\"[^\"]*\"|'[^']*')"
-    r"|(?P<name>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?)|(?P<sign><=|>=|==|!=|[-+*/<>(),]))"
-)
-ARITHMETIC: Mapping[str, Callable[[float, float], float]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-}
-COMPARISONS: Mapping[str, Callable[[float, float], bool]] = {
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
-    "!=": operator.ne,
-}
-FUNCTIONS: Mapping[str, tuple[int, int, Callable[[Sequence[float]], float]]] = {
-    "abs": (1, 1, lambda x: abs(x[0])),
-    "sqrt": (1, 1, lambda x: math.sqrt(x[0])),
-    "min": (2, 20, min),
-    "max": (2, 20, max),
-}
-"""(fewest arguments, most arguments, function)."""
-WORDS = ("and", "or", "not", "true", "false", *FUNCTIONS)
 
 
 @dataclass(frozen=True)
@@ -66,40 +46,12 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class FieldReference:
-    """A telemetry field as the values' mapping names it: ``packet.field``."""
-
-    packet: str
-    field: str
-
-    def __str__(self) -> str:
-        return f"{self.packet}.{self.field}"
-
-
-@dataclass(frozen=True)
-class _Constant:
-    value: Quantity
-
-
-@dataclass(frozen=True)
-class _Call:
-    """An operator or function with its operands. ``at``: character where it begins."""
-
-    name: str
-    operands: tuple[_Node, ...]
-    at: int
-
-
-_Node = _Constant | FieldReference | _Call
-
-
-@dataclass(frozen=True)
 class Expression:
     """A parsed expression. ``text``: as written; ``references``: the fields it reads, each once, in order."""
 
     text: str
     references: tuple[FieldReference, ...]
-    _root: _Node
+    _root: ExpressionNode
 
     def kind(self, kinds: Mapping[str, ValueKind]) -> ValueKind:
         """Return the kind of the result. ``kinds``: of every known field by ``packet.field``. Raises BadInput for an unknown
@@ -120,169 +72,16 @@ def parse(text: str) -> Expression:
             expected=f"1 – {MOST_CHARACTERS} characters",
             got=str(len(text.strip())),
         )
-    parser = _Parser(text)
+    parser = ExpressionParser(text)
     root = parser.whole()
     return Expression(text.strip(), tuple(dict.fromkeys(parser.references)), root)
-
-
-@dataclass(frozen=True)
-class _Token:
-    kind: str
-    text: str
-    at: int
-
-
-def _tokens(text: str) -> list[_Token]:
-    tokens, at = [], 0
-    while text[at:].strip():
-        token_match = TOKEN.match(text, at)
-        if token_match is None:
-            unread = text[at:].lstrip()
-            raise BadInput(
-                f"The expression has an unexpected character at position {len(text) - len(unread) + 1}",
-                expected="numbers, packet.field, + - * / < <= > >= == != and or not ( )",
-                got=unread[0],
-            )
-        kind = str(token_match.lastgroup)
-        tokens.append(_Token(kind, token_match.group(kind), token_match.start(kind)))
-        at = token_match.end()
-    return tokens
-
-
-class _Parser:
-    """Recursive descent, one method per rule of the grammar."""
-
-    def __init__(self, text: str) -> None:
-        self._tokens, self._next, self._depth = [*_tokens(text), _Token("end", "", len(text))], 0, 0
-        self.references: list[FieldReference] = []
-
-    def whole(self) -> _Node:
-        root = self._or()
-        if self._token.kind != "end":
-            self._fail("an operator or the end")
-        return root
-
-    @property
-    def _token(self) -> _Token:
-        return self._tokens[self._next]
-
-    def _fail(self, expected: str) -> NoReturn:
-        raise BadInput(
-            f"The expression has an error at position {self._token.at + 1}",
-            expected=expected,
-            got=self._token.text or "the end",
-        )
-
-    def _takes(self, *texts: str) -> _Token | None:
-        token = self._token
-        if token.kind in ("sign", "name") and token.text in texts:
-            self._next += 1
-            return token
-        return None
-
-    def _needs(self, text: str) -> None:
-        if not self._takes(text):
-            self._fail(text)
-
-    def _joined(self, operand: Callable[[], _Node], *names: str) -> _Node:
-        left = operand()
-        while token := self._takes(*names):
-            left = _Call(token.text, (left, operand()), token.at)
-        return left
-
-    def _or(self) -> _Node:
-        self._depth += 1
-        if self._depth > DEEPEST:
-            self._fail(f"at most {DEEPEST} nested parentheses")
-        node = self._joined(self._and, "or")
-        self._depth -= 1
-        return node
-
-    def _and(self) -> _Node:
-        return self._joined(self._not, "and")
-
-    def _not(self) -> _Node:
-        return self._prefixed("not", "not", self._comparison)
-
-    def _comparison(self) -> _Node:
-        left = self._sum()
-        if token := self._takes(*COMPARISONS):
-            left = _Call(token.text, (left, self._sum()), token.at)
-            if self._token.text in COMPARISONS:
-                self._fail("and or or: comparisons cannot be chained")
-        return left
-
-    def _sum(self) -> _Node:
-        return self._joined(self._product, "+", "-")
-
-    def _product(self) -> _Node:
-        return self._joined(self._sign, "*", "/")
-
-    def _sign(self) -> _Node:
-        return self._prefixed("-", "negative", self._atom)
-
-    def _prefixed(self, sign: str, name: str, operand: Callable[[], _Node]) -> _Node:
-        signs = []
-        while token := self._takes(sign):
-            signs.append(token)
-            if len(signs) > DEEPEST:
-                self._fail(f"at most {DEEPEST} signs")
-        node = operand()
-        for token in reversed(signs):
-            node = _Call(name, (node,), token.at)
-        return node
-
-    def _atom(self) -> _Node:
-        token = self._token
-        if self._takes("("):
-            node = self._or()
-            self._needs(")")
-            return node
-        if token.kind not in ("number", "text", "name"):
-            self._fail("a number, packet.field, a function or (")
-        if token.kind == "name" and token.text in ("and", "or", "not"):
-            self._fail("a number, packet.field, a function or (")
-        self._next += 1
-        if token.kind == "number":
-            return _Constant(float(token.text))
-        if token.kind == "text":
-            return _Constant(token.text[1:-1])
-        return self._named(token)
-
-    def _named(self, token: _Token) -> _Node:
-        if token.text in ("true", "false"):
-            return _Constant(token.text == "true")
-        if token.text in FUNCTIONS:
-            return self._function(token)
-        packet, dot, field = token.text.partition(".")
-        if not dot:
-            self._next -= 1
-            self._fail(f"packet.field, or one of {', '.join(FUNCTIONS)}; text is written in quotes")
-        reference = FieldReference(packet, field)
-        self.references.append(reference)
-        return reference
-
-    def _function(self, token: _Token) -> _Node:
-        self._needs("(")
-        operands = [self._or()]
-        while self._takes(","):
-            operands.append(self._or())
-        self._needs(")")
-        least, most, _ = FUNCTIONS[token.text]
-        if not least <= len(operands) <= most:
-            raise BadInput(
-                f"The function {token.text} at position {token.at + 1} has a wrong number of arguments",
-                expected=str(least) if least == most else f"{least} – {most}",
-                got=str(len(operands)),
-            )
-        return _Call(token.text, tuple(operands), token.at)
 
 
 # --- kinds --------------------------------------------------------------------------------------------------------
 
 
-def _kind(node: _Node, kinds: Mapping[str, ValueKind]) -> ValueKind:
-    if isinstance(node, _Constant):
+def _kind(node: ExpressionNode, kinds: Mapping[str, ValueKind]) -> ValueKind:
+    if isinstance(node, ConstantNode):
         return "bool" if isinstance(node.value, bool) else "text" if isinstance(node.value, str) else "number"
     if isinstance(node, FieldReference):
         if str(node) not in kinds:
@@ -303,7 +102,7 @@ def _kind(node: _Node, kinds: Mapping[str, ValueKind]) -> ValueKind:
     return "bool" if wanted == "bool" or node.name in COMPARISONS else "number"
 
 
-def _wrong_kind(node: _Call, expected: str) -> NoReturn:
+def _wrong_kind(node: CallNode, expected: str) -> NoReturn:
     name = "-" if node.name == "negative" else node.name
     raise BadInput(f"The operands of {name} at position {node.at + 1} are of the wrong kind", expected=expected)
 
@@ -311,8 +110,8 @@ def _wrong_kind(node: _Call, expected: str) -> NoReturn:
 # --- values -------------------------------------------------------------------------------------------------------
 
 
-def _value(node: _Node, values: Mapping[str, Quantity | None]) -> Evaluation:
-    if isinstance(node, _Constant):
+def _value(node: ExpressionNode, values: Mapping[str, Quantity | None]) -> Evaluation:
+    if isinstance(node, ConstantNode):
         return Evaluation(node.value)
     if isinstance(node, FieldReference):
         value = values.get(str(node))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gss.device.protocol.receiver import LineReceiver
-from gss.device.session import Compatibility
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Stage
 from gss.domain.errors import Conflict, NotFound
 from gss.instruments.dictionary.read_dictionary import load_dictionary

@@ -15,8 +15,9 @@ from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.protocol.codec import encode as encode_payload
 from gss.device.protocol.packet import PacketType
 from gss.device.protocol.transfer import Compatibility
-from gss.device.session import HeldPart, HostSession
+from gss.device.session import HostSession
 from gss.device.session_events import DeviceEvent, Stage, TransferDone
+from gss.device.session_transfer import HeldPart
 from gss.device.simulator.faults import FaultRates
 from gss.device.simulator.memory import FlashError
 from gss.skytables.pairs import distance_table

@@ -12,8 +12,8 @@ import pytest
 from gss.catalogue_tools.onboard import encode
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.device.protocol.transfer import Compatibility
-from gss.device.session import HeldPart
 from gss.device.session_events import DeviceEvent, Stage, TransferDone
+from gss.device.session_transfer import HeldPart
 from gss.device.simulator.faults import FaultRates
 from gss.device.simulator.images import thumbnail
 from gss.domain.errors import BadInput, Conflict, NotFound

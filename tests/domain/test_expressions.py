@@ -8,7 +8,8 @@ import random
 import pytest
 
 from gss.domain.errors import BadInput
-from gss.domain.expressions import DEEPEST, MOST_CHARACTERS, Evaluation, Quantity, ValueKind, parse
+from gss.domain.expression_parser import DEEPEST, Quantity
+from gss.domain.expressions import MOST_CHARACTERS, Evaluation, ValueKind, parse
 
 KINDS: dict[str, ValueKind] = {"hk.t": "number", "hk.n": "number", "hk.on": "bool", "hk.mode": "text"}
 VALUES: dict[str, Quantity | None] = {"hk.t": 20.5, "hk.n": 4, "hk.on": True, "hk.mode": "idle"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.device.session import Part
+from gss.device.session_transfer import Part
 from gss.domain.errors import BadInput, CorruptData
 from gss.operations.transfers.device_frames import Shape, picture_of, shape_of, wire_bytes
 

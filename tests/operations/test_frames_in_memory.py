@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gss.instruments.registry import shipped_camera
-from gss.operations.frames import frames as frames_module
+from gss.operations.frames import solve_queue
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
 from gss.wiring.build import build
@@ -46,7 +46,7 @@ def arrived(services: Services) -> Any:
     """Store a dark frame from the device and wait until the solver thread has processed it."""
     facts = {"taken": datetime.now(UTC), "bits": 8, "profile": "cubestar", "number": 1}
     frame = services.frames.frames.add_from_device(np.zeros((CAMERA.rows, CAMERA.columns), np.uint8), facts)
-    services.frames.frames._pool.submit(int).result()
+    services.frames.frames.queue._pool.submit(int).result()
     return frame
 
 
@@ -64,7 +64,7 @@ def test_pixels_beyond_the_memory_limit_are_read_back(
     services: Services, reads: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A frame that arrives while the queue is full is solved too, from the store."""
-    monkeypatch.setattr(frames_module, "MOST_PIXEL_BYTES", 0)
+    monkeypatch.setattr(solve_queue, "MOST_PIXEL_BYTES", 0)
     frame = arrived(services)
     assert services.frames.frames.detail(frame.id).ground is not None
     assert reads == [frame.sha256]

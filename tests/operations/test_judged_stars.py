@@ -60,7 +60,7 @@ def test_a_star_that_entered_the_frame_by_proper_motion_is_no_false_match(
     assert solution_values(result, then, shipped_camera("cubestar"), quaternion)["verdict"] == "wrong"
 
     services = build(Settings(data=tmp_path))
-    monkeypatch.setattr(services.frames.frames, "_solve_later", lambda *_: None)
+    monkeypatch.setattr(services.frames.frames.queue, "add", lambda *_: None)
     pixels = np.zeros((CAMERA.rows, CAMERA.columns), np.uint8)
     facts = {"taken": datetime.now(UTC), "bits": 8, "profile": "cubestar", "number": 1, "truth": quaternion}
     frame = services.frames.frames.add_from_device(pixels, facts)

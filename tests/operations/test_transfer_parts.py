@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gss.device.session import HeldPart
+from gss.device.session_transfer import HeldPart
 from gss.operations.transfers.transfer_parts import KEPT_PARTS, PartStore
 
 DATA = bytes(range(256)) * 40

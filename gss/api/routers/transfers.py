@@ -10,7 +10,7 @@ from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, CurrentUser, RowId, need
 from gss.api.schemas.transfers import TransferIn, TransferOut
-from gss.device.session import Part
+from gss.device.session_transfer import Part
 from gss.operations.accounts.permissions import STOP
 from gss.operations.transfers.downloads import permission_of
 from gss.store.models import Transfer

@@ -8,26 +8,20 @@ from itertools import pairwise
 import numpy as np
 
 from gss.catalogue_tools.design import limits_erlank, limits_huffman, limits_jacobs, limits_moniteq
-from gss.catalogue_tools.design.accuracy import Accuracy, accuracy, against_exposure, against_limit, limit_at_mag
+from gss.catalogue_tools.design.accuracy import Accuracy, accuracy
 from gss.catalogue_tools.design.baffle import BaffleGeometry, one_stage, two_stage
-from gss.catalogue_tools.design.camera import LIMITS, DesignCamera
-from gss.catalogue_tools.design.centroid_bound import centroid_sigma_px, psf_advice
+from gss.catalogue_tools.design.camera import DesignCamera
+from gss.catalogue_tools.design.centroid_bound import psf_advice
+from gss.catalogue_tools.design.curves import GRID_BEYOND_MAG, Curves, curves_of
 from gss.catalogue_tools.design.in_view import (
     COMPLETE_V_MAG,
     Each,
     InView,
-    StarsInFields,
     affordable,
     bright_rows,
     count_stars,
     counted_pairs,
     look,
-    mean_by_limit,
-    nth_brightest_mag,
-    nth_nearest_rad,
-    p_fewer_by_focal,
-    p_fewer_by_limit,
-    p_fewer_in_circle,
     pairs_in_view,
 )
 from gss.catalogue_tools.design.radiometry import (
@@ -39,8 +33,6 @@ from gss.catalogue_tools.design.radiometry import (
     longest_exposure_s,
     motion_blur,
     saturation_mag,
-    snr_brightest_pixel,
-    snr_window,
 )
 from gss.catalogue_tools.design.trade import TradeRow, lens_trade, trade_row
 from gss.catalogue_tools.envelope.envelope import Envelope
@@ -50,10 +42,6 @@ from gss.domain.errors import BadInput
 from gss.domain.experiment import Progress
 from gss.domain.stars import StarTable
 
-NEED = (3, 5)
-EXPOSURE_FACTORS = np.geomspace(0.1, 10.0, 9)
-FOCAL_FACTORS = np.geomspace(0.6, 2.0, 13)
-LIMIT_SPAN_MAG, LIMIT_STEP_MAG, GRID_BEYOND_MAG = 3.0, 0.1, 0.6
 MOST_COUNTED = 40.0
 """The histogram may process this many times as many stars as a curve, because it only counts them."""
 EXCLUSION_RAD = float(np.radians(40.0))
@@ -104,29 +92,6 @@ class MagnitudeLimits:
     huffman_mag: float
     erlank_mag: float
     moniteq_mag: float
-
-
-@dataclass(frozen=True)
-class Curves:
-    """Curves of a report: fractions of fields with fewer than 3 and 5 stars by magnitude limit, by circle and by
-    focal length; signal-to-noise ratio and centroid error by magnitude; accuracy by exposure and by limit."""
-
-    limit_mag: Array
-    mean_stars: Array
-    p_fewer_by_limit: Array
-    circle_rad: Array
-    p_fewer_in_circle: Array
-    focal_mm: Array
-    p_fewer_by_focal: Array
-    v_mag: Array
-    snr_brightest: Array
-    snr_window: Array
-    centroid_px: Array
-    exposure_s: Array
-    exposure_limit_mag: Array
-    by_exposure: tuple[Accuracy, ...]
-    used_limit_mag: Array
-    by_limit: tuple[Accuracy, ...]
 
 
 @dataclass(frozen=True)
@@ -190,7 +155,7 @@ def design(
     counted = counted_pairs(seen, attitudes)
     if effort.pointings:
         counted = _count(request, stars.icrs[:rows], effort, each, _part(progress, 0.0, 0.6))
-    curves = _curves(request, stars, limits, attitudes, pairs, seen, effort, _part(progress, 0.6, 0.85))
+    curves = curves_of(c, stars, limits.in_force_mag, attitudes, pairs, seen, effort.pairs, _part(progress, 0.6, 0.85))
     one, two, problem = _baffles(request)
     trade: tuple[TradeRow, ...] = ()
     if effort.trade_looks:
@@ -220,88 +185,6 @@ def _count(request: DesignRequest, unit: Array, effort: DesignEffort, each: Each
         return look(c, m, where, request.envelope)
 
     return count_stars(unit, portion, pointings, c.shape, each, progress)
-
-
-def _curves(
-    request: DesignRequest,
-    stars: StarTable,
-    limits: MagnitudeLimits,
-    attitudes: Array,
-    pairs: StarsInFields,
-    seen: StarsInFields,
-    effort: DesignEffort,
-    progress: Progress,
-) -> Curves:
-    c = request.camera
-    grid = _limit_grid(limits.in_force_mag)
-    nth = nth_brightest_mag(pairs, stars.v_mag)
-    unit = stars.icrs[: bright_rows(stars, limits.in_force_mag)]
-    half = c.half_diagonal_rad
-    circle = np.linspace(0.1, 1.0, 37) * min(4 * half, np.radians(120.0))
-    focal = _focals(c)
-    widest = c.edited(focal_mm=float(focal[0]))
-    some = attitudes[: affordable(widest, len(unit), len(attitudes), effort.pairs)]
-    progress(0.2)
-    v = np.arange(np.floor(min(limits.saturation_mag, limits.in_force_mag, 6.0)) - 1, limits.in_force_mag + 2, 0.25)
-    exposures = _exposures_s(c)
-    used = np.linspace(max(-1.0, limits.in_force_mag - 3.0), limits.in_force_mag, 9)
-    by_focal = p_fewer_by_focal(unit, some, c, focal, NEED)
-    progress(0.4)
-    by_exposure = _by_exposure(c, stars, attitudes, exposures, effort)
-    progress(0.8)
-    nearest = nth_nearest_rad(unit, attitudes[:, 2])
-    return Curves(
-        grid,
-        mean_by_limit(stars, c.shape.area_sr, grid),
-        np.stack([p_fewer_by_limit(nth, n, grid) for n in NEED]),
-        circle,
-        np.stack([p_fewer_in_circle(nearest, n, circle) for n in NEED]),
-        focal,
-        by_focal,
-        v,
-        snr_brightest_pixel(c, v),
-        snr_window(c, v),
-        centroid_sigma_px(c, v),
-        exposures,
-        np.array([limit_at_mag(c, float(t)) for t in exposures]),
-        by_exposure,
-        used,
-        tuple(against_limit(c, stars, seen, used)),
-    )
-
-
-def _exposures_s(c: DesignCamera) -> Array:
-    """Exposures around the camera's own, within the accepted range."""
-    low, high, _ = LIMITS["exposure_s"]
-    exposures = c.exposure_s * EXPOSURE_FACTORS
-    return np.unique(np.append(exposures[(exposures >= low) & (exposures <= high)], c.exposure_s))
-
-
-def _by_exposure(
-    c: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, effort: DesignEffort
-) -> tuple[Accuracy, ...]:
-    """Compute the accuracy by exposure.
-
-    A longer exposure shows many more stars, so the number of pointings is limited to what is affordable at the longest.
-    """
-    rows = bright_rows(stars, max(limit_at_mag(c, float(t)) for t in exposure_s))
-    some = attitudes[: affordable(c, rows, len(attitudes), effort.pairs / 2)]
-    pairs = pairs_in_view(stars.icrs[:rows], some, c.shape)
-    return tuple(against_exposure(c, stars, pairs, exposure_s))
-
-
-def _limit_grid(limit: float) -> Array:
-    low = np.floor((limit - LIMIT_SPAN_MAG) / LIMIT_STEP_MAG) * LIMIT_STEP_MAG
-    grid = np.arange(low, limit + GRID_BEYOND_MAG, LIMIT_STEP_MAG)
-    return np.unique(np.round(np.append(grid, limit), 6))
-
-
-def _focals(c: DesignCamera) -> Array:
-    """Focal lengths around the camera's own, as short as a flat detector allows."""
-    shortest = np.hypot(*c.half_size_mm) / np.tan(np.radians(60.0))
-    focal = c.focal_mm * FOCAL_FACTORS
-    in_range = focal[(focal >= max(1.0, shortest)) & (focal <= 2000.0)]
-    return np.unique(np.append(in_range, c.focal_mm))
 
 
 def _baffles(request: DesignRequest) -> tuple[BaffleGeometry | None, BaffleGeometry | None, str]:

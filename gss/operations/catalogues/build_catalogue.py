@@ -18,7 +18,7 @@ from gss.catalogue_tools.onboard import FORMATS, decode, read_header
 from gss.catalogue_tools.plan import plan
 from gss.catalogue_tools.request import BuildRequest
 from gss.catalogue_tools.sources.sources import StarSource
-from gss.device.session import Compatibility
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import HelloReceived
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, Conflict

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from gss.catalogue_tools.design.curves import NEED
 from gss.catalogue_tools.design.papers import PaperValue
-from gss.catalogue_tools.design.report import NEED, DesignReport
+from gss.catalogue_tools.design.report import DesignReport
 from gss.domain.angles import ARCSEC_RAD, Array
 
 SHARE = "share of fields, %"

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +23,7 @@ from gss.operations.frames.onboard_reported import reported_of
 from gss.operations.frames.onboard_results import OnboardRecord, onboard_result
 from gss.operations.frames.solution_rows import solution_row, with_overlays
 from gss.operations.frames.solve import Solver, SolveRequest
+from gss.operations.frames.solve_queue import SolveQueue
 from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.pipeline.chains.systems import on_board
 from gss.store import frames as store
@@ -34,18 +33,6 @@ from gss.store.models import Frame, Solution
 
 Pixels = NDArray[np.generic]
 SOLVES_AT_ONCE = 2
-MOST_WAITING = 200
-MOST_PIXEL_BYTES = 256 << 20
-"""Maximum size of the pixels of waiting frames that are kept in memory; those of later frames are read back from the store."""
-REPORT_EVERY_SKIPPED = 100
-
-
-@dataclass(frozen=True)
-class _Unsolved:
-    """A frame that waits to be solved. ``pixels``: None if they must be read back."""
-
-    frame: Frame
-    pixels: Pixels | None
 
 
 @dataclass(frozen=True)
@@ -80,12 +67,9 @@ class FrameService:
         self._check_room, self._instruments = check_room, instruments
         self._database, self._blobs, self._bus, self._now = database, blobs, bus, now
         self._solver, self._stars, self._chain, self._parsing = solver, stars, chain, parsing
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
+        self.queue = SolveQueue(self._solve_on_arrival, bus)
         # Limits concurrent solutions, because the solver's tables need much memory.
         self._few_solves = threading.BoundedSemaphore(SOLVES_AT_ONCE)
-        self._unsolved: deque[_Unsolved] = deque()
-        self.skipped = 0
-        """Number of frames since the server started that were not solved because they arrived too fast."""
 
     def attitude_pairs(self, limit: int) -> list[tuple[Frame, Solution, Solution]]:
         """Return the newest frames of the device with their on-board and ground solutions, if both have an attitude."""
@@ -94,12 +78,12 @@ class FrameService:
 
     def stop(self) -> None:
         """Finish the running solution and drop waiting frames, which can be rerun from the page."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self.queue.stop()
 
     def warm(self, profile_name: str) -> None:
         """Solve a synthetic frame in the background, so that tables are built and loops compiled before the first real
         frame."""
-        self._pool.submit(self._warm, profile_name)
+        self.queue.submit(lambda: self._warm(profile_name))
 
     def _warm(self, profile_name: str) -> None:
         profile = self._instruments.camera(profile_name)
@@ -125,7 +109,7 @@ class FrameService:
             "frame", "ok", f"frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
         )
         if frame.complete and frame.profile is not None:  # a thumbnail does not match a known camera
-            self._solve_later(frame, pixels)
+            self.queue.add(frame, pixels)
         return frame
 
     def add_from_file(self, data: bytes, name: str, profile_name: str | None, *, user: str) -> Frame:
@@ -145,7 +129,7 @@ class FrameService:
             profile=profile_name or None,
         )
         self._bus.record("frame", "ok", f"{name} imported as frame {frame.id} by {user}", frame_id=frame.id)
-        self._solve_later(frame, pixels)
+        self.queue.add(frame, pixels)
         return frame
 
     def read_image(self, data: bytes, name: str) -> ImportedFrame:
@@ -295,32 +279,10 @@ class FrameService:
         self._bus.publish("solution", row)
         return row
 
-    def waiting(self) -> int:
-        """Number of frames waiting to be solved."""
-        return len(self._unsolved)
-
-    def _solve_later(self, frame: Frame, pixels: Pixels) -> None:
-        """Queue a frame for solving. If too many wait, the oldest is dropped; dropped frames are counted and reported."""
-        in_memory = sum(one.pixels.nbytes for one in list(self._unsolved) if one.pixels is not None)
-        fits = in_memory + pixels.nbytes <= MOST_PIXEL_BYTES
-        self._unsolved.append(_Unsolved(frame, pixels if fits else None))
-        if len(self._unsolved) > MOST_WAITING:
-            self._unsolved.popleft()
-            self.skipped += 1
-            if self.skipped % REPORT_EVERY_SKIPPED == 1:
-                text = f"frames arrive faster than they are solved: {self.skipped} skipped. Rerun them from Campaigns"
-                self._bus.record("solution", "warning", text)
-        else:
-            self._pool.submit(self._solve_next)
-
-    def _solve_next(self) -> None:
-        if self._unsolved:
-            self._solve_on_arrival(self._unsolved.popleft())
-
-    def _solve_on_arrival(self, waiting: _Unsolved) -> None:
-        frame, frame_id = waiting.frame, waiting.frame.id
+    def _solve_on_arrival(self, frame: Frame, kept: Pixels | None) -> None:
+        frame_id = frame.id
         try:
-            pixels = self.pixels(frame) if waiting.pixels is None else waiting.pixels
+            pixels = self.pixels(frame) if kept is None else kept
             request = SolveRequest(
                 chain=self._chain,
                 profile=frame.profile,

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from gss.device.session import Part
 from gss.device.session_events import Direction, HelloReceived, Telemetry, TransferState
+from gss.device.session_transfer import Part
 from gss.domain.errors import GssError
 from gss.instruments.operations import Operation
 from gss.operations.clock import Now

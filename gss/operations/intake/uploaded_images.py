@@ -8,7 +8,7 @@ from collections import OrderedDict, deque
 from collections.abc import Mapping
 from typing import Any
 
-from gss.device.session import Compatibility
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import Direction, HelloReceived, TransferDone
 from gss.domain.errors import BadInput, Conflict, GssError
 from gss.instruments.dictionary.definitions import Values

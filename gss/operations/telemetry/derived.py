@@ -18,7 +18,8 @@ from datetime import datetime
 
 from gss.device.session_events import Telemetry
 from gss.domain.errors import BadInput, Conflict
-from gss.domain.expressions import Evaluation, Expression, Quantity, ValueKind, parse
+from gss.domain.expression_parser import Quantity
+from gss.domain.expressions import Evaluation, Expression, ValueKind, parse
 from gss.domain.limits import PERSISTENCE_MAX, Limits
 from gss.instruments.dictionary.definitions import (
     Dictionary,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.device.protocol.windows import decode_windows
-from gss.device.session import Part
+from gss.device.session_transfer import Part
 from gss.domain.errors import BadInput, CorruptData
 
 THUMBNAIL_FACTOR = 4

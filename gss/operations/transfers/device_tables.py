@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gss.device.session import Compatibility
+from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import TransferDone
 from gss.device.tables import Scalar
 from gss.domain.errors import BadInput, GssError, NotFound

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.device.protocol.windows import SIDE_RANGE_PX
-from gss.device.session import Part
+from gss.device.session_transfer import Part
 from gss.domain.errors import BadInput, GssError
 from gss.operations.line.link import LinkService
 from gss.operations.transfers.device_frames import Shape, wire_bytes

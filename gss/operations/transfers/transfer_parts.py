@@ -6,7 +6,7 @@ import json
 import os
 from pathlib import Path
 
-from gss.device.session import HeldPart
+from gss.device.session_transfer import HeldPart
 
 KEPT_PARTS = 16
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from gss.device.session import HeldPart
 from gss.device.session_events import Direction, TransferDone, TransferState, TransferUpdate
+from gss.device.session_transfer import HeldPart
 from gss.domain.errors import GssError, StoreDown
 from gss.operations.clock import Now
 from gss.operations.events import EventBus

@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gss.device.driver import Driver
-from gss.device.protocol.transfer import chunk_count
-from gss.device.session import Compatibility, HeldPart, Part
+from gss.device.protocol.transfer import Compatibility, chunk_count
 from gss.device.session_events import Direction
+from gss.device.session_transfer import HeldPart, Part
 from gss.domain.errors import BadInput, Conflict, GssError
 from gss.instruments.operations import Operation
 from gss.operations.clock import Now

@@ -176,7 +176,7 @@ class HealthService:
 
     def _dropped(self) -> dict[str, int]:
         """Return the number of items that each bounded queue dropped, by its name."""
-        frames, events, messages = self._frames.skipped, self._dispatcher.dropped, self._streams.dropped
+        frames, events, messages = self._frames.queue.skipped, self._dispatcher.dropped, self._streams.dropped
         return {"solve": frames, "line events": events, "stream": messages}
 
     def _clock_check(self) -> HealthCheck:
@@ -227,7 +227,7 @@ class HealthService:
         yield _counter("gss_telemetry_old_total", "Packets older than the latest of their type.", self._telemetry.old)
         for name, count in self._dropped().items():
             yield _counter("gss_queue_dropped_total", "Messages dropped by a full queue.", count, queue=name)
-        yield _gauge("gss_queue_depth", "Items waiting in a queue.", self._frames.waiting(), queue="solve")
+        yield _gauge("gss_queue_depth", "Items waiting in a queue.", len(self._frames.queue), queue="solve")
         yield _gauge("gss_queue_depth", "Items waiting in a queue.", self._jobs.waiting(), queue="jobs")
         yield _gauge("gss_stream_clients", "Open event streams.", self._streams.clients)
         yield _counter("gss_streams_refused_total", "Event streams over the limit.", self._streams.refused)

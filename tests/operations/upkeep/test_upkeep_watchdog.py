@@ -6,19 +6,18 @@ import threading
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 from gss.domain.errors import LinkDown
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.package_files import LinkFile
-from gss.instruments.registry import shipped_registry
 from gss.instruments.roles import shared_roles
-from gss.operations.frames import frames as room
-from gss.operations.frames.frames import FrameService
+from gss.operations.frames import solve_queue as room
 from gss.operations.line import link as link_room
 from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
 from gss.operations.line.link import LinkService
-from gss.store.blobs import BlobStore
+from gss.store.models import Frame
 
 STALLED_AFTER_S = 5.0
 
@@ -110,38 +109,22 @@ def test_a_reader_that_died_is_restarted_and_reported(line, bus, monkeypatch):
     wait_for(lambda: any("was restarted" in event.text for event in bus.after(0, 100)))
 
 
-def test_frames_that_arrive_faster_than_they_are_solved_are_skipped_and_reported(
-    database, bus, clock, tmp_path, monkeypatch
-):
+def test_frames_that_arrive_faster_than_they_are_solved_are_skipped_and_reported(bus, monkeypatch):
     """The queue is bounded: the oldest waiting frames are not solved automatically, but counted and announced once."""
-    import numpy as np
-
     monkeypatch.setattr(room, "MOST_WAITING", 3)
     go, solved = threading.Event(), []
-    frames = FrameService(
-        database,
-        BlobStore(str(tmp_path / "blobs")),
-        bus,
-        None,
-        None,
-        clock,
-        "reference",
-        None,
-        lambda _: None,
-        shipped_registry(),
-    )
 
-    def slow(unsolved: Any) -> None:
+    def slow(frame: Frame, pixels: Any) -> None:
         go.wait(20)
-        solved.append(unsolved.frame.id)
+        solved.append(frame.id)
 
-    monkeypatch.setattr(frames, "_solve_on_arrival", slow)
-    values = {"number": None, "taken": clock(), "bits": 8, "profile": "cubestar"}
-    ids = [frames.add_from_device(np.full((2, 4), k, np.uint8), values).id for k in range(8)]
-    wait_for(lambda: frames.skipped + frames.waiting() in (7, 8))
-    assert frames.skipped >= 4
+    queue = room.SolveQueue(slow, bus)
+    for k in range(8):
+        queue.add(Frame(id=k), np.full((2, 4), k, np.uint8))
+    wait_for(lambda: queue.skipped + len(queue) in (7, 8))
+    assert queue.skipped >= 4
+    assert any("skipped" in event.text for event in bus.after(0, 100))
     go.set()
-    frames._pool.shutdown(wait=True)
-    assert len(solved) + frames.skipped == 8
-    assert solved[-3:] == ids[-3:]
-    assert len([e for e in bus.after(0, 100) if "faster than they are solved" in e.text]) == 1
+    queue._pool.shutdown(wait=True)
+    assert len(solved) + queue.skipped == 8
+    assert solved[-3:] == [5, 6, 7]

@@ -1,0 +1,69 @@
+"""Frames that wait to be solved, in order of arrival, and the thread that solves them."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.operations.events import EventBus
+from gss.store.models import Frame
+
+MOST_WAITING = 200
+MOST_PIXEL_BYTES = 256 << 20
+"""Maximum size of the pixels of waiting frames that are kept in memory; those of later frames are read back from the store."""
+REPORT_EVERY_SKIPPED = 100
+
+
+@dataclass(frozen=True)
+class _Unsolved:
+    """A frame that waits to be solved. ``pixels``: None if they must be read back."""
+
+    frame: Frame
+    pixels: NDArray[np.generic] | None
+
+
+class SolveQueue:
+    """Calls ``solve`` for each frame on its own thread. ``solve`` gets None for pixels that it must read back, and raises
+    nothing."""
+
+    def __init__(self, solve: Callable[[Frame, NDArray[np.generic] | None], None], bus: EventBus) -> None:
+        self._solve, self._bus = solve, bus
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="solve")
+        self._unsolved: deque[_Unsolved] = deque()
+        self.skipped = 0
+        """Number of frames since the server started that were not solved because they arrived too fast."""
+
+    def __len__(self) -> int:
+        return len(self._unsolved)
+
+    def add(self, frame: Frame, pixels: NDArray[np.generic]) -> None:
+        """Queue a frame. If too many wait, the oldest is dropped; dropped frames are counted and reported."""
+        in_memory = sum(one.pixels.nbytes for one in list(self._unsolved) if one.pixels is not None)
+        fits = in_memory + pixels.nbytes <= MOST_PIXEL_BYTES
+        self._unsolved.append(_Unsolved(frame, pixels if fits else None))
+        if len(self._unsolved) > MOST_WAITING:
+            self._unsolved.popleft()
+            self.skipped += 1
+            if self.skipped % REPORT_EVERY_SKIPPED == 1:
+                text = f"frames arrive faster than they are solved: {self.skipped} skipped. Rerun them from Campaigns"
+                self._bus.record("solution", "warning", text)
+        else:
+            self._pool.submit(self._next)
+
+    def submit(self, work: Callable[[], None]) -> None:
+        """Run other work of the solver on the same thread, after what waits."""
+        self._pool.submit(work)
+
+    def stop(self) -> None:
+        """Finish the running solution and drop waiting frames."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _next(self) -> None:
+        if self._unsolved:
+            waiting = self._unsolved.popleft()
+            self._solve(waiting.frame, waiting.pixels)

@@ -1,0 +1,29 @@
+"""Files stay short enough to read: at most 350 lines. A file that is one table may be longer, with its reason here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+MOST_LINES = 350
+LONGER = {
+    "gss/device/clauses.py": "one table: the clauses of the interface",
+    "web/src/lib/abort.ts": "one state machine with the text of each state; safety-critical, changed only with need",
+    "web/src/lib/abort.test.ts": "its tests, with one clock and one server for all",
+}
+FOLDERS = ("gss", "validation", "tools", "web/src")
+KINDS = (".py", ".ts", ".svelte")
+MADE = ("gss/web/", "web/src/api/generated/")
+"""Folders with what the build makes."""
+
+
+def test_files_are_short(root: Path) -> None:
+    """No file is longer than the limit, and no reason is left over."""
+    long = set()
+    for folder in FOLDERS:
+        for path in (root / folder).rglob("*.*"):
+            name = path.relative_to(root).as_posix()
+            if path.suffix in KINDS and not name.startswith(MADE) and path.read_text("utf-8").count("\n") > MOST_LINES:
+                long.add(name)
+    assert long == set(LONGER), (
+        f"split along a natural seam: {sorted(long - set(LONGER))}; not long: {set(LONGER) - long}"
+    )
