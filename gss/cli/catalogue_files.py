@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -159,7 +160,8 @@ def run_report(arguments: argparse.Namespace) -> int:
     from gss.operations.catalogues.catalogue_report import report_again
     from gss.operations.report.html import as_html
 
-    _, manifest, report = _read(arguments, arguments.image)
+    _, manifest, stored = _read(arguments, arguments.image)
+    report: Mapping[str, Any] | None = stored
     if report is None:
         profile = camera(manifest.profile_name)
         request = request_from(manifest.parameters, profile)

@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from gss.catalogue_tools.design.camera import LIMITS, WHOLE, DesignCamera
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS
@@ -17,6 +17,7 @@ from gss.cli.instruments import CAMERA_HELP, camera, registry
 if TYPE_CHECKING:
     from gss.cli import Commands
     from gss.operations.catalogues.design import DesignQuestion
+    from gss.operations.catalogues.design_values import DesignValues, TradeValues
 
 EDITABLE = tuple(f.name for f in fields(DesignCamera) if f.name != "name")
 
@@ -87,7 +88,7 @@ def question_of(arguments: argparse.Namespace) -> DesignQuestion:
     return request_from(DesignQuestion, values)
 
 
-def as_text(record: dict[str, Any]) -> str:
+def as_text(record: DesignValues) -> str:
     """Return the figures as text: value, unit, the value in the camera's document, and the source."""
     changes = ", ".join(f"{k} {record['camera'][k]:g}" for k in record["changed"]) or "as in the document"
     lines = [f"{record['profile']}: {changes}; {record['sky']}, elapsed {record['elapsed_ms'] / 1000:.1f} s"]
@@ -107,7 +108,7 @@ def as_text(record: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _table(title: str, rows: list[dict[str, Any]]) -> list[str]:
+def _table(title: str, rows: list[TradeValues]) -> list[str]:
     head = "camera          f mm     f/    field °       ″/px  limit V  stars  <3 %   across ″  roll ″  ½ mag °/s"
     lines = [title, "  " + head]
     for r in rows:

@@ -63,15 +63,9 @@ def list_catalogues(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 50) -
 def preview(app: App, user: User, body: CatalogueRequest, ambiguity: bool = False) -> PreviewOut:
     """Preview a build while parameters change. ``ambiguity`` adds a coarse map of where stars can be mistaken."""
     quick = app.catalogues.catalogues.preview(body, user=user, mistakes=ambiguity)
-    return PreviewOut(
-        stars=quick.stars,
-        pairs_estimate=quick.pairs,
-        bytes_estimate=quick.size,
-        bank_bytes=quick.bank_bytes,
-        bank_source=quick.bank_source,
-        elapsed_ms=1000 * quick.elapsed_s,
-        **quick.report,
-    )
+    sizes = {"pairs_estimate": quick.pairs, "bytes_estimate": quick.size, "bank_bytes": quick.bank_bytes}
+    rest = {"stars": quick.stars, "bank_source": quick.bank_source, "elapsed_ms": 1000 * quick.elapsed_s}
+    return PreviewOut.model_validate({**quick.report, **sizes, **rest})
 
 
 @router.post("", status_code=202, dependencies=[need("catalogues.build")])

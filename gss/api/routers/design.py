@@ -34,7 +34,7 @@ def list_cameras(app: App) -> DesignCamerasOut:
 @router.post("", dependencies=[need("view", changes=False)])
 def quick_look(app: App, body: DesignQuestion) -> DesignOut:
     """Preview while values change: about two thousand pointings."""
-    return DesignOut(**app.catalogues.design.quick(body))
+    return DesignOut.model_validate(app.catalogues.design.quick(body))
 
 
 @router.post("/run", status_code=202, dependencies=[need("analyse")])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,7 +149,28 @@ class Selection:
         )
 
 
-def screening_facts(selection: Selection) -> dict[str, Any] | None:
+class ListedStar(TypedDict):
+    """A star that the screening marked."""
+
+    hip: int
+    reasons: list[str]
+    companions: int
+    kept: bool
+
+
+class ScreeningFacts(TypedDict):
+    """What the screening marked. ``counts``: stars by reason;
+    ``third``: mean number of stars in the patch that two stars leave for a third."""
+
+    action: str
+    counts: dict[str, int]
+    mean_companions: float
+    most_companions: float
+    third: float
+    stars: list[ListedStar]
+
+
+def screening_facts(selection: Selection) -> ScreeningFacts | None:
     """Counts by reason over the stars in the envelope, and the listed stars, brightest first, as plain values; None
     without a screening list."""
     rules, screened = selection.rules.screening, selection.screened

@@ -25,7 +25,7 @@ from gss.domain.errors import BadInput, Conflict
 from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
 from gss.operations.catalogues.catalogue_files import ExportFile, export_file
-from gss.operations.catalogues.catalogue_report import preview_report, report_of
+from gss.operations.catalogues.catalogue_report import PreviewReport, preview_report, report_of
 from gss.operations.catalogues.catalogue_request import CatalogueRequest, build_request, with_camera
 from gss.operations.catalogues.star_lists import StarListService
 from gss.operations.clock import Now
@@ -64,7 +64,7 @@ class TimedPreview:
     pairs: int
     size: int
     bank_bytes: int
-    report: dict[str, Any]
+    report: PreviewReport
     elapsed_s: float
     bank_source: BankSource = "usual"
 

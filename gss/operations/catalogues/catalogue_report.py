@@ -3,7 +3,7 @@ displayed."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from gss.catalogue_tools.request import request_from
 from gss.catalogue_tools.selection.ambiguity import AmbiguityMap
 from gss.catalogue_tools.selection.assessment import Assessment, EnvelopeMap, way_deg
 from gss.catalogue_tools.selection.quality import Quality
-from gss.catalogue_tools.selection.selection import Fate, Selection, screening_facts
+from gss.catalogue_tools.selection.selection import Fate, ScreeningFacts, Selection, screening_facts
 from gss.catalogue_tools.sources.sources import StarSource
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.camera_profile import CameraProfile
@@ -29,18 +29,141 @@ LARGEST_FIGURE = 1e6
 CURVE_POINTS = 60
 
 
-def preview_report(quick: Preview) -> dict[str, Any]:
+Outline = list[tuple[float, float]]
+"""Points (RA, Dec) in degrees."""
+
+
+class FunnelValues(TypedDict):
+    """Stars after a step of the selection."""
+
+    label: str
+    stars: int
+    kind: str
+
+
+class MapStar(TypedDict):
+    """A candidate star. ``state``: what the selection did with it."""
+
+    hip: int
+    ra_deg: float
+    dec_deg: float
+    v_mag: float
+    state: str
+
+
+class EnvelopeValues(TypedDict):
+    """Share of the time in the field of each pixel of the sky, and how the field moves."""
+
+    nside: int
+    fraction: list[float]
+    outline_start: list[Outline]
+    outline_end: list[Outline]
+    sweep_over: str
+    sweep: list[Outline]
+    boresights: Outline
+
+
+class ChoiceValues(TypedDict):
+    """The selection with its maps."""
+
+    funnel: list[FunnelValues]
+    sky: list[MapStar]
+    envelope: EnvelopeValues
+
+
+class QualityValues(TypedDict):
+    """Number of pointings by stars in the field, and figures of the search."""
+
+    pointings: int
+    histogram: list[int]
+    mean: float
+    p_fewer_than_3: float
+    p_fewer_than_5: float
+    worst_stars: int
+    worst_ra_deg: float
+    worst_dec_deg: float
+    worst_roll_deg: float
+    candidates_per_query: float | None
+    candidates_per_star: float | None
+    blinded_share: float
+    searched: int
+
+
+class QualityReport(QualityValues):
+    """With the field that has the fewest stars."""
+
+    worst_outline: Outline
+
+
+class AmbiguityValues(TypedDict):
+    """Wrong triangles and pairs by pixel of the sky."""
+
+    nside: int
+    tolerance_arcsec: float
+    value: list[float | None]
+    pairs: list[float | None]
+    worst: float | None
+    worst_ra_deg: float | None
+    worst_dec_deg: float | None
+
+
+class LifetimeValues(TypedDict):
+    """Share of stars within the tolerance over time. ``until`` None: beyond the curve."""
+
+    threshold: float
+    days: float | None
+    until: str | None
+    days_curve: list[float]
+    share_curve: list[float]
+
+
+class SizeValues(TypedDict):
+    """Bytes of the image's parts, and of the bank."""
+
+    by_part: dict[str, int]
+    bank_bytes: int | None
+
+
+class WandererValues(TypedDict):
+    """A planet in the field. ``way``: its path in degrees."""
+
+    name: str
+    brightest_mag: float
+    share: float
+    way: Outline
+
+
+class PreviewReport(ChoiceValues):
+    """Of a preview."""
+
+    ambiguity: AmbiguityValues | None
+
+
+class CatalogueReport(PreviewReport):
+    """Of a built catalogue."""
+
+    quality: QualityReport
+    lifetime: LifetimeValues
+    sizes: SizeValues
+    blinded: dict[str, float]
+    wanderers: list[WandererValues]
+    screening: ScreeningFacts | None
+
+
+def preview_report(quick: Preview) -> PreviewReport:
     """Return the selection, maps and ambiguity of a preview."""
-    return _choice(quick.selection, quick.map, quick.plan) | {
-        "ambiguity": None if quick.ambiguity is None else _ambiguity(quick.ambiguity)
+    return {
+        **_choice(quick.selection, quick.map, quick.plan),
+        "ambiguity": None if quick.ambiguity is None else _ambiguity(quick.ambiguity),
     }
 
 
-def report_of(built: BuiltCatalogue) -> dict[str, Any]:
+def report_of(built: BuiltCatalogue) -> CatalogueReport:
     """Return the complete report of a built catalogue."""
     a: Assessment = built.assessment
-    return _choice(built.selection, built.map, built.plan) | {
-        "quality": _quality(a.quality) | {"worst_outline": _worst(built.plan, a.quality)},
+    return {
+        **_choice(built.selection, built.map, built.plan),
+        "quality": {**_quality(a.quality), "worst_outline": _worst(built.plan, a.quality)},
         "ambiguity": None if a.ambiguity is None else _ambiguity(a.ambiguity),
         "lifetime": _lifetime(a.lifetime),
         "sizes": {"by_part": built.manifest.bytes_by_part, "bank_bytes": built.plan.bank_bytes},
@@ -53,7 +176,7 @@ def report_of(built: BuiltCatalogue) -> dict[str, Any]:
     }
 
 
-def report_again(manifest: BuildManifest, camera: CameraProfile, source: StarSource | StarTable) -> dict[str, Any]:
+def report_again(manifest: BuildManifest, camera: CameraProfile, source: StarSource | StarTable) -> CatalogueReport:
     """Return the report of a catalogue from its manifest, by repeating the build for its camera.
 
     Raises CorruptData if the image differs."""
@@ -68,7 +191,7 @@ def report_again(manifest: BuildManifest, camera: CameraProfile, source: StarSou
     return report_of(built)
 
 
-def _choice(selection: Selection, envelope: EnvelopeMap, plan: BuildPlan) -> dict[str, Any]:
+def _choice(selection: Selection, envelope: EnvelopeMap, plan: BuildPlan) -> ChoiceValues:
     way = sweep(plan.base, plan.shape)
     return {
         "funnel": [
@@ -87,7 +210,7 @@ def _choice(selection: Selection, envelope: EnvelopeMap, plan: BuildPlan) -> dic
     }
 
 
-def _quality(q: Quality) -> dict[str, Any]:
+def _quality(q: Quality) -> QualityValues:
     return {
         "pointings": q.pointings,
         "histogram": [int(n) for n in q.histogram],
@@ -105,7 +228,7 @@ def _quality(q: Quality) -> dict[str, Any]:
     }
 
 
-def _ambiguity(a: AmbiguityMap) -> dict[str, Any]:
+def _ambiguity(a: AmbiguityMap) -> AmbiguityValues:
     """``value``: wrong triangles per triangle; None for a pixel without data, the largest value for a pixel without three stars."""
     ra_rad, dec_rad, figure = a.worst
     return {
@@ -119,7 +242,7 @@ def _ambiguity(a: AmbiguityMap) -> dict[str, Any]:
     }
 
 
-def _lifetime(life: Lifetime) -> dict[str, Any]:
+def _lifetime(life: Lifetime) -> LifetimeValues:
     step = max(1, len(life.days_curve) // CURVE_POINTS)
     return {
         "threshold": life.threshold,
@@ -130,7 +253,7 @@ def _lifetime(life: Lifetime) -> dict[str, Any]:
     }
 
 
-def _sky(selection: Selection) -> list[dict[str, Any]]:
+def _sky(selection: Selection) -> list[MapStar]:
     stars = selection.candidates
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(stars.icrs))
     return [

@@ -22,8 +22,8 @@ from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
-from gss.operations.catalogues.design_curves import short
 from gss.operations.catalogues.design_record import record_of
+from gss.operations.catalogues.design_values import DesignValues
 from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, Progress, nested_request
 from gss.operations.requests import Request
 from gss.store.models import Job
@@ -120,7 +120,7 @@ def answer(
     quick: bool = False,
     documents: tuple[TradeRow, ...],
     progress: Progress = no_progress,
-) -> dict[str, Any]:
+) -> DesignValues:
     """Return the record of one design: quick, or with full pointings and the lens trade. ``documents``: rows of the
     documented cameras, for comparison."""
     start_s = time.perf_counter()
@@ -136,8 +136,7 @@ def answer(
             # After a cancel, queued work must not be run first.
             pool.shutdown(wait=True, cancel_futures=True)
     mine = () if request.camera in [r.camera for r in documents] else (_row(request.camera, stars),)
-    record = record_of(report, base, (*mine, *documents))
-    return record | {"elapsed_ms": short(1000 * (time.perf_counter() - start_s))}
+    return record_of(report, base, (*mine, *documents), 1000 * (time.perf_counter() - start_s))
 
 
 def document_rows(cameras: Iterable[CameraProfile], stars: StarTable) -> tuple[TradeRow, ...]:
@@ -164,7 +163,7 @@ class DesignService:
             self._rows = cameras, document_rows(cameras.values(), self._stars)
         return self._rows[1]
 
-    def quick(self, question: DesignQuestion) -> dict[str, Any]:
+    def quick(self, question: DesignQuestion) -> DesignValues:
         """Return the quick evaluation: fewer pointings and no lens trade."""
         return answer(question, self._base(question), self._stars, quick=True, documents=self.document_rows())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -12,11 +11,12 @@ from gss.catalogue_tools.design.curves import NEED
 from gss.catalogue_tools.design.papers import PaperValue
 from gss.catalogue_tools.design.report import DesignReport
 from gss.domain.angles import ARCSEC_RAD, Array
+from gss.operations.catalogues.design_values import CurveValues, LineValues, MarkValue, UprightValue
 
 SHARE = "share of fields, %"
 
 
-def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, Any]]:
+def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveValues]:
     """Return all curves, in the order of the page."""
     c, k = r.request.camera, r.curves
     limit = _upright("limit", r.limits.in_force_mag)
@@ -143,7 +143,7 @@ def curves_of(r: DesignReport, papers: Sequence[PaperValue]) -> list[dict[str, A
     ]
 
 
-def _points(papers: Sequence[PaperValue]) -> list[dict[str, Any]]:
+def _points(papers: Sequence[PaperValue]) -> list[MarkValue]:
     """Return the documents' values by magnitude limit."""
     wanted = {f"p_fewer_{n}_by_limit": f"fewer than {n}" for n in NEED}
     return [
@@ -158,12 +158,12 @@ def _curve(
     title: str,
     x_label: str,
     y_label: str,
-    lines: list[dict[str, Any]],
-    uprights: Iterable[dict[str, Any] | None] = (),
-    marks: Iterable[dict[str, Any]] = (),
+    lines: list[LineValues],
+    uprights: Iterable[UprightValue | None] = (),
+    marks: Iterable[MarkValue] = (),
     log_x: bool = False,
     log_y: bool = False,
-) -> dict[str, Any]:
+) -> CurveValues:
     return {
         "key": key,
         "title": title,
@@ -177,7 +177,7 @@ def _curve(
     }
 
 
-def _line(label: str, x: Array | Sequence[float], y: Array | Sequence[float]) -> dict[str, Any]:
+def _line(label: str, x: Array | Sequence[float], y: Array | Sequence[float]) -> LineValues:
     """Return the points of a line; NaN and infinities are gaps."""
     return {
         "label": label,
@@ -186,7 +186,7 @@ def _line(label: str, x: Array | Sequence[float], y: Array | Sequence[float]) ->
     }
 
 
-def _upright(label: str, x: float) -> dict[str, Any] | None:
+def _upright(label: str, x: float) -> UprightValue | None:
     return {"label": label, "x": float(x)} if math.isfinite(x) else None
 
 

@@ -4,8 +4,8 @@ only displayed."""
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import fields
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from gss.catalogue_tools.design.accuracy import Accuracy
 from gss.catalogue_tools.design.baffle import BaffleGeometry
 from gss.catalogue_tools.design.camera import LIMITS, DesignCamera
 from gss.catalogue_tools.design.limits_erlank import equal_circle_rad
-from gss.catalogue_tools.design.papers import values_for
+from gss.catalogue_tools.design.papers import PaperValue, values_for
 from gss.catalogue_tools.design.radiometry import brightest_pixel_share, energy_window
 from gss.catalogue_tools.design.report import DesignReport
 from gss.catalogue_tools.design.stray_light import (
@@ -27,15 +27,25 @@ from gss.catalogue_tools.design.stray_light import (
 )
 from gss.catalogue_tools.design.trade import TradeRow
 from gss.domain.angles import ARCSEC_RAD
-from gss.operations.catalogues.design_curves import curves_of, short
+from gss.operations.catalogues.design_curves import curve_values, short
+from gss.operations.catalogues.design_values import (
+    BaffleValues,
+    CameraValues,
+    DesignValues,
+    FieldLimit,
+    FigureValue,
+    TradeValues,
+)
 
 OURS = "our radiometry"
 STRAY_BEYOND_DEG = (0.0, 1.0, 7.0, 17.0, 38.0)
 """Rows of Moniteq 1983 Table 5.3, from the angle of its shade."""
 
 
-def record_of(report: DesignReport, base: DesignCamera, cameras: tuple[TradeRow, ...]) -> dict[str, Any]:
-    """Return all values of a design page."""
+def record_of(
+    report: DesignReport, base: DesignCamera, cameras: tuple[TradeRow, ...], elapsed_ms: float
+) -> DesignValues:
+    """Return all values of a design page. ``elapsed_ms``: how long the calculation took."""
     c, seen = report.request.camera, report.in_view
     papers = values_for(base.name)
     return {
@@ -56,7 +66,7 @@ def record_of(report: DesignReport, base: DesignCamera, cameras: tuple[TradeRow,
             "worst_dec_deg": math.degrees(seen.worst_dec_rad),
         },
         # The documents' values are valid only for their own fields of view.
-        "curves": curves_of(report, papers if c.fov_rad == base.fov_rad else ()),
+        "curves": curve_values(report, papers if c.fov_rad == base.fov_rad else ()),
         "baffles": [_baffle(b) for b in (report.one_stage, report.two_stage) if b is not None],
         "baffle_problem": report.baffle_problem,
         "trade": [row_of(r) for r in report.trade],
@@ -64,24 +74,25 @@ def record_of(report: DesignReport, base: DesignCamera, cameras: tuple[TradeRow,
         "notes": list(report.notes),
         "looks": report.looks,
         "full": report.effort.pointings > 0,
+        "elapsed_ms": short(elapsed_ms),
     }
 
 
-def camera_of(c: DesignCamera) -> dict[str, Any]:
+def camera_of(c: DesignCamera) -> CameraValues:
     """Return the fields of a camera; their names contain the units."""
     return {f.name: getattr(c, f.name) for f in fields(c)}
 
 
-def field_limits() -> dict[str, dict[str, Any]]:
+def field_limits() -> dict[str, FieldLimit]:
     """Return minimum, maximum and unit of each editable field."""
     return {name: {"min": low, "max": high, "unit": unit} for name, (low, high, unit) in LIMITS.items()}
 
 
-def _figures(r: DesignReport) -> list[dict[str, Any]]:
+def _figures(r: DesignReport) -> list[FigureValue]:
     return [*_optics(r), *_light(r), *_sky(r), *_known(r), *_moving(r), *_shade(r)]
 
 
-def _figure(group: str, key: str, label: str, value: float, unit: str, source: str) -> dict[str, Any]:
+def _figure(group: str, key: str, label: str, value: float, unit: str, source: str) -> FigureValue:
     finite = value is not None and math.isfinite(value)
     return {
         "group": group,
@@ -95,14 +106,14 @@ def _figure(group: str, key: str, label: str, value: float, unit: str, source: s
     }
 
 
-def _with_paper(figure: dict[str, Any], papers: tuple[Any, ...]) -> dict[str, Any]:
+def _with_paper(figure: FigureValue, papers: Sequence[PaperValue]) -> FigureValue:
     for p in papers:
         if p.figure == figure["key"] and math.isnan(p.x):
             return figure | {"paper": p.value, "paper_source": p.source}
     return figure
 
 
-def _optics(r: DesignReport) -> list[dict[str, Any]]:
+def _optics(r: DesignReport) -> list[FigureValue]:
     c, g = r.request.camera, "Field and lens"
     across, down = c.fov_rad
     circle = equal_circle_rad(across, down)
@@ -121,7 +132,7 @@ def _optics(r: DesignReport) -> list[dict[str, Any]]:
     ]
 
 
-def _light(r: DesignReport) -> list[dict[str, Any]]:
+def _light(r: DesignReport) -> list[FigureValue]:
     c, m, g = r.request.camera, r.limits, "Light"
     side, share = energy_window(c.psf_sigma_px)
     peak = 100 * brightest_pixel_share(c.psf_sigma_px)
@@ -150,7 +161,7 @@ def _light(r: DesignReport) -> list[dict[str, Any]]:
     ]
 
 
-def _sky(r: DesignReport) -> list[dict[str, Any]]:
+def _sky(r: DesignReport) -> list[FigureValue]:
     seen, g = r.in_view, "Stars in view"
     source = f"Hipparcos, {seen.pointings} pointings (Jacobs 1995 §5.1)"
     return [
@@ -161,11 +172,11 @@ def _sky(r: DesignReport) -> list[dict[str, Any]]:
     ]
 
 
-def _known(r: DesignReport) -> list[dict[str, Any]]:
+def _known(r: DesignReport) -> list[FigureValue]:
     a: Accuracy = r.accuracy
     g, source = "Accuracy of the attitude, 1σ", f"Cramér–Rao bound, {r.looks} pointings"
 
-    def one(key: str, label: str, value_rad: float) -> dict[str, Any]:
+    def one(key: str, label: str, value_rad: float) -> FigureValue:
         return _figure(g, f"{key}_arcsec", label, value_rad / ARCSEC_RAD, "″", source)
 
     return [
@@ -181,7 +192,7 @@ def _known(r: DesignReport) -> list[dict[str, Any]]:
     ]
 
 
-def _moving(r: DesignReport) -> list[dict[str, Any]]:
+def _moving(r: DesignReport) -> list[FigureValue]:
     b, g = r.blur, "Motion"
     return [
         _figure(
@@ -199,7 +210,7 @@ def _moving(r: DesignReport) -> list[dict[str, Any]]:
     ]
 
 
-def _shade(r: DesignReport) -> list[dict[str, Any]]:
+def _shade(r: DesignReport) -> list[FigureValue]:
     c, g = r.request.camera, "Baffle and stray light"
     etendue = pixel_etendue_cm2_sr(c.pitch_col_um, c.pitch_row_um, c.f_number)
     result = [
@@ -236,7 +247,7 @@ def _shade(r: DesignReport) -> list[dict[str, Any]]:
     return result
 
 
-def _baffle(b: BaffleGeometry) -> dict[str, Any]:
+def _baffle(b: BaffleGeometry) -> BaffleValues:
     return {
         "kind": b.kind,
         "lens_radius_mm": b.lens_radius_mm,
@@ -249,7 +260,7 @@ def _baffle(b: BaffleGeometry) -> dict[str, Any]:
     }
 
 
-def row_of(r: TradeRow) -> dict[str, Any]:
+def row_of(r: TradeRow) -> TradeValues:
     """Return a row of a table of cameras."""
     c = r.camera
     across, down = c.fov_rad

@@ -5,12 +5,19 @@ from __future__ import annotations
 from itertools import groupby
 from typing import Any
 
+from gss.operations.catalogues.design_values import (
+    BaffleValues,
+    CurveValues,
+    DesignValues,
+    FigureValue,
+    TradeValues,
+)
 from gss.operations.report.parts import Level, Note, Outline, Place, Plot, Report, Section, Series, Table
 
 TRADE = ("camera", "f, mm", "f/", "field, °", "pixel, ″", "limit V", "stars", "< 3, %", "across, ″", "roll, ″")
 
 
-def design_sheet(record: dict[str, Any]) -> Report:
+def design_sheet(record: DesignValues) -> Report:
     """Return the complete report."""
     changed = ", ".join(f"{k} {record['camera'][k]:g} (was {_plain(record['base'][k])})" for k in record["changed"])
     looks = f"{record['histogram']['pointings']} pointings for the histogram, {record['looks']} for curves and accuracy"
@@ -35,11 +42,11 @@ def _plain(value: Any) -> str:
     return "auto" if value is None else f"{value:g}"
 
 
-def _groups(figures: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
+def _groups(figures: list[FigureValue]) -> list[tuple[str, list[FigureValue]]]:
     return [(group, list(rows)) for group, rows in groupby(figures, key=lambda f: str(f["group"]))]
 
 
-def _figures(group: str, figures: list[dict[str, Any]]) -> Table:
+def _figures(group: str, figures: list[FigureValue]) -> Table:
     rows = [
         [
             f["label"],
@@ -53,7 +60,7 @@ def _figures(group: str, figures: list[dict[str, Any]]) -> Table:
     return Table(group, ["figure", "value", "unit", "paper", "from"], rows)
 
 
-def _trade(cameras: list[dict[str, Any]]) -> Table:
+def _trade(cameras: list[TradeValues]) -> Table:
     rows = [
         [
             r["name"],
@@ -71,12 +78,13 @@ def _trade(cameras: list[dict[str, Any]]) -> Table:
     return Table("", list(TRADE), rows)
 
 
-def _curve(c: dict[str, Any]) -> Plot:
+def _curve(c: CurveValues) -> Plot:
     """Return the plot of a curve, including the documents' points."""
     lines = [Series(line["label"], line["x"], line["y"]) for line in c["lines"]]
     if c["marks"]:
-        label, xs, ys = c["marks"][0]["source"], [m["x"] for m in c["marks"]], [m["y"] for m in c["marks"]]
-        lines.append(Series(label, xs, ys, "dots"))
+        lines.append(
+            Series(c["marks"][0]["source"], [m["x"] for m in c["marks"]], [m["y"] for m in c["marks"]], "dots")
+        )
     span = [x for line in c["lines"] for x in line["x"]]
     uprights = [
         Level(u["x"], f"{u['label']} {u['x']:.3g}", vertical=True)
@@ -86,7 +94,7 @@ def _curve(c: dict[str, Any]) -> Plot:
     return Plot(c["title"], c["x_label"], c["y_label"], lines, uprights, log_y=c["log_y"], log_x=c["log_x"])
 
 
-def _baffle(b: dict[str, Any]) -> Outline:
+def _baffle(b: BaffleValues) -> Outline:
     outer = max(w[2] for w in b["walls_mm"])
 
     def wall(z: float) -> float:

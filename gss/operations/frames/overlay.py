@@ -6,7 +6,7 @@ Everything is in pixels; degrees appear only in the labels of the grid.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
@@ -22,13 +22,78 @@ GRID_LINES = 6
 MOST_PREDICTED = 120
 
 
-NOTHING: dict[str, Any] = {"predicted": (), "grid": (), "north": None, "field": ()}
+class RegionOverlay(TypedDict):
+    """Bounding box of a region. ``rejected``: why it is no star, empty for a star."""
+
+    col_min: int
+    row_min: int
+    col_max: int
+    row_max: int
+    area_px: int
+    peak_dn: float
+    rejected: str
+
+
+class StarOverlay(TypedDict):
+    """A measured star; with its identity if it was matched, and the residual that this leaves."""
+
+    index: int
+    col_px: float
+    row_px: float
+    flux_dn: float
+    peak_dn: float
+    area_px: int
+    hip: NotRequired[int]
+    name: NotRequired[str]
+    v_mag: NotRequired[float | None]
+    dx_px: NotRequired[float | None]
+    dy_px: NotRequired[float | None]
+    dx_arcsec: NotRequired[float | None]
+    dy_arcsec: NotRequired[float | None]
+    weight: NotRequired[float]
+
+
+class MeasuredOverlay(TypedDict):
+    """What was measured in a frame."""
+
+    regions: list[RegionOverlay]
+    stars: list[StarOverlay]
+
+
+class PredictedStar(TypedDict):
+    """Where a catalogue star should be. ``detected``: a measured star is near."""
+
+    hip: int
+    name: str
+    v_mag: float
+    col_px: float
+    row_px: float
+    detected: bool
+
+
+class GridLine(TypedDict):
+    """Part of a line of constant right ascension or declination, (column, row)."""
+
+    label: str
+    points: list[tuple[float, float]]
+
+
+class AttitudeOverlay(TypedDict):
+    """What follows from an attitude. ``north``: step in the image; ``field``: outline on the sky."""
+
+    predicted: list[PredictedStar]
+    grid: list[GridLine]
+    north: tuple[float, float] | None
+    field: list[tuple[float, float]]
+
+
+NOTHING: AttitudeOverlay = {"predicted": [], "grid": [], "north": None, "field": []}
 """Overlays of a result without an attitude."""
 
 
 def measured(
     camera: Camera, stars: StarTable, regions: tuple[Region, ...], centroids: Centroids, matches: Matches | None
-) -> dict[str, Any]:
+) -> MeasuredOverlay:
     """Return the regions and stars of a result, ready for JSON."""
     return {"regions": [_region(r) for r in regions], "stars": _stars(stars, camera, centroids, matches)}
 
@@ -40,7 +105,7 @@ def describe(
     centroids: Centroids,
     cam_from_icrs: Array,
     velocity_c: tuple[float, float, float] | None = None,
-) -> dict[str, Any]:
+) -> AttitudeOverlay:
     """Return the overlays that follow from an attitude, ready for JSON. ``velocity_c``: of the observer, if aberration was
     corrected."""
     return {
@@ -51,7 +116,7 @@ def describe(
     }
 
 
-def _region(r: Region) -> dict[str, Any]:
+def _region(r: Region) -> RegionOverlay:
     return {
         "col_min": int(r.col_min),
         "row_min": int(r.row_min),
@@ -63,12 +128,12 @@ def _region(r: Region) -> dict[str, Any]:
     }
 
 
-def _stars(stars: StarTable, camera: Camera, centroids: Centroids, matches: Matches | None) -> list[dict[str, Any]]:
+def _stars(stars: StarTable, camera: Camera, centroids: Centroids, matches: Matches | None) -> list[StarOverlay]:
     match_of = {} if matches is None else {int(c): k for k, c in enumerate(matches.centroid)}
     arcsec_per_px = math.degrees(camera.pixel_rad) * 3600
-    rows = []
+    rows: list[StarOverlay] = []
     for i in range(len(centroids)):
-        row: dict[str, Any] = {
+        row: StarOverlay = {
             "index": i,
             "col_px": float(centroids.col_px[i]),
             "row_px": float(centroids.row_px[i]),
@@ -106,14 +171,14 @@ def predicted(
     faint_limit_mag: float,
     centroids: Centroids,
     velocity_c: tuple[float, float, float] | None = None,
-) -> list[dict[str, Any]]:
+) -> list[PredictedStar]:
     """Return the predicted positions of catalogue stars, brightest first, and whether a centroid is near. ``velocity_c``
     adds aberration."""
     near = stars.icrs @ cam_from_icrs[2] > math.cos(min(camera.half_diagonal_rad * 1.05 + 0.01, math.pi / 2))
     stars = stars.take(np.flatnonzero(near & (stars.v_mag <= faint_limit_mag))).brighter_than(faint_limit_mag)
     icrs = stars.icrs if velocity_c is None else aberrate(stars.icrs, np.array(velocity_c))
     pixels = camera.project(icrs @ cam_from_icrs.T)
-    rows = []
+    rows: list[PredictedStar] = []
     for k in np.flatnonzero(camera.contains(pixels))[:MOST_PREDICTED]:
         gap_px = np.hypot(centroids.col_px - pixels[k, 0], centroids.row_px - pixels[k, 1])
         rows.append(
@@ -129,13 +194,13 @@ def predicted(
     return rows
 
 
-def grid(camera: Camera, cam_from_icrs: Array) -> list[dict[str, Any]]:
+def grid(camera: Camera, cam_from_icrs: Array) -> list[GridLine]:
     """Return lines of constant right ascension and declination across the frame."""
     boresight = cam_from_icrs[2]
     dec_deg = math.degrees(math.asin(max(-1.0, min(1.0, float(boresight[2])))))
     reach_deg = math.degrees(camera.half_diagonal_rad)
     step_deg = next((s for s in GRID_STEPS_DEG if 2 * reach_deg / s <= GRID_LINES), GRID_STEPS_DEG[-1])
-    lines = []
+    lines: list[GridLine] = []
     first_dec = max(-90 + step_deg, math.floor((dec_deg - reach_deg) / step_deg) * step_deg)
     for line_deg in np.arange(first_dec, min(90 - step_deg, dec_deg + reach_deg) + 0.5 * step_deg, step_deg):
         ra = np.radians(np.arange(0, 360.5, 1.0))
@@ -147,7 +212,7 @@ def grid(camera: Camera, cam_from_icrs: Array) -> list[dict[str, Any]]:
     return lines
 
 
-def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: str) -> list[dict[str, Any]]:
+def _pieces(camera: Camera, cam_from_icrs: Array, ra: Array, dec: Array, label: str) -> list[GridLine]:
     """Return the parts of one line that lie on the detector (with a margin, so that lines continue to the edge)."""
     cam = unit_from_ra_dec(ra, dec) @ cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(min(1.4, camera.half_diagonal_rad * 1.3 + 0.02))
