@@ -7,8 +7,9 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gss.cli import new_instrument
 from gss.cli.instruments import registry
-from gss.domain.errors import Conflict
+from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -28,10 +29,10 @@ def register(subparsers: Commands) -> None:
     check = kinds.add_parser("check", help="check a package; exit code 2 if it has mistakes")
     check.add_argument("path", type=Path, metavar="PATH")
     check.set_defaults(run=run_check)
-    new = kinds.add_parser("new", help="write a package folder, copied from another instrument")
-    new.add_argument("name", metavar="NAME")
-    new.add_argument("--from", dest="model", required=True, metavar="INSTRUMENT", help="instrument to copy")
-    new.add_argument("--into", type=Path, default=Path(), metavar="FOLDER", help="parent folder (default: here)")
+    new = kinds.add_parser(
+        "new", help="write a package folder, copied from another instrument or made from photographs"
+    )
+    new_instrument.add_arguments(new)
     new.set_defaults(run=run_new)
     add = kinds.add_parser("add", help="install a package in the data folder")
     add.add_argument("path", type=Path, metavar="PATH")
@@ -102,18 +103,19 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 
 def run_new(arguments: argparse.Namespace) -> int:
-    """Copy an instrument under another name, checked before it is written."""
+    """Copy an instrument under another name, or make one from photographs; checked before it is written."""
+    if arguments.photographs is not None:
+        return new_instrument.run_photographs(arguments)
+    if arguments.model is None:
+        raise BadInput("nothing to make the package from", expected="--from INSTRUMENT or --from-frames FOLDER")
     from gss.instruments.package import load_instrument
-    from gss.instruments.package_source import write_folder
 
     files = dict(registry(arguments.data).get(arguments.model).files)
     text = files["instrument.yaml"].decode()
     lines = [f"id: {arguments.name}" if line.startswith("id:") else line for line in text.splitlines()]
     files["instrument.yaml"] = ("\n".join(lines) + "\n").encode()
-    name, folder = load_instrument(files).name, arguments.into / arguments.name
-    if folder.exists():
-        raise Conflict("the folder exists already", got=str(folder), hint="choose another name or --into")
-    write_folder(folder, files)
+    name = load_instrument(files).name
+    folder = new_instrument.write_new(arguments.into / arguments.name, files)
     print(f"{folder}: copy of {arguments.model}; edit it, then: gss instrument check {folder} ({name})")
     return 0
 

@@ -174,13 +174,14 @@ class BaffleLimits(Strict):
 
 @dataclass(frozen=True)
 class CameraNumber:
-    """One number of the file, or several coefficients, with its origin; either ``source`` or ``chosen`` is given. A lens
-    without distortion has no values."""
+    """One number of the file, or several coefficients, with its origin; either ``source`` or ``chosen`` is given. ``sigma``: its
+    standard deviation, if known. A lens without distortion has no values."""
 
     part: str
     name: str
     values: tuple[float, ...]
     unit: str
+    sigma: float | None
     source: str | None
     chosen: str | None
 
@@ -247,13 +248,12 @@ class CameraFile(Strict):
         numbers_read = []
         for part_name, part in self:
             if isinstance(part, PinholeLens):
-                numbers_read.append(CameraNumber(part_name, part.model, (), "", part.source, part.chosen))
+                numbers_read.append(CameraNumber(part_name, part.model, (), "", None, part.source, part.chosen))
             for name, number in part:
                 if isinstance(number, Quantity | Coefficients):
-                    values = (number.value,) if isinstance(number, Quantity) else number.values
-                    numbers_read.append(
-                        CameraNumber(part_name, name, values, number.unit, number.source, number.chosen)
-                    )
+                    values, sigma = _values_of(number)
+                    origin = number.source, number.chosen
+                    numbers_read.append(CameraNumber(part_name, name, values, number.unit, sigma, *origin))
         return tuple(numbers_read)
 
     def sources(self) -> dict[str, str]:
@@ -266,3 +266,8 @@ class CameraFile(Strict):
                 if isinstance(number, Sourced):
                     titles.setdefault(number.origin, []).append(name.replace("_", " "))
         return {", ".join(names): origin for origin, names in titles.items()}
+
+
+def _values_of(number: Quantity | Coefficients) -> tuple[tuple[float, ...], float | None]:
+    """Return the values of a number or of coefficients, and the standard deviation if it is known."""
+    return ((number.value,), number.sigma) if isinstance(number, Quantity) else (number.values, None)

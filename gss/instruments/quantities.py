@@ -1,4 +1,4 @@
-"""Numbers with their unit and origin: ``{value, unit, source}`` or ``{value, unit, chosen: reason}``."""
+"""Numbers with their unit and origin: ``{value, unit, source}`` or ``{value, unit, chosen: reason}``; with ``sigma`` if known."""
 
 from __future__ import annotations
 
@@ -41,10 +41,11 @@ class Noted(Strict):
 
 
 class Quantity(Sourced):
-    """One number."""
+    """One number. ``sigma``: its standard deviation in the same unit, if known."""
 
     value: float
     unit: Annotated[str, Field(max_length=20)]
+    sigma: Annotated[float, Field(ge=0, le=1e15)] | None = None
 
 
 class Coefficients(Sourced):

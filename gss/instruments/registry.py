@@ -103,13 +103,15 @@ class Registry:
         instrument = self.get(name)
         return SHIPPED / name if instrument.shipped else self._own_folder() / name
 
-    def add(self, files: Files) -> Instrument:
+    def add(self, files: Files, *, replaces: bool = True) -> Instrument:
         """Install a package in the user's folder, replacing the one of the same name, whose version is kept for
-        comparison. Raises BadInput, and Conflict for the name of a shipped instrument."""
+        comparison. Raises BadInput, and Conflict for the name of a shipped instrument, or of any without ``replaces``."""
         instrument = load_instrument(files)
         name, own = instrument.name, self._own_folder()
         self.check_name(name)
         with self._lock:
+            if not replaces and name in self._own_names():
+                raise Conflict("an instrument of this name exists", got=name, hint="choose another name")
             history = own / HISTORY
             history.mkdir(parents=True, exist_ok=True)
             archive = history / f"{name}-{instrument.version}.zip"

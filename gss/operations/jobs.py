@@ -31,7 +31,7 @@ PUBLISH_EVERY_S = 0.1
 MOST_DEATHS = 3
 ENDED = ("done", "failed", "cancelled")
 KINDS = (
-    *("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis", "lists"),
+    *("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis", "lists", "instrument"),
     *("derive", "backup", "retention", "check-store"),
 )
 """Kinds created from their stored request alone; each is registered by the service that runs it."""
@@ -46,6 +46,7 @@ PERMISSIONS = {
     "calibration": "calibrate",
     "analysis": "analyse",
     "lists": "frames.import",
+    "instrument": "instruments",
     "derive": "derived",
     "backup": "admin.backup",
     "retention": "admin.retention",

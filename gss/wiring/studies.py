@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gss.operations.clock import stopwatch_s
 from gss.operations.studies.analyses import AnalysisService
 from gss.operations.studies.calibrations import CalibrationService
 from gss.operations.studies.campaigns import CampaignService
 from gss.operations.studies.dask_executor import make_executor
 from gss.operations.studies.executor import Executor
 from gss.operations.studies.list_runs import ListRunService
+from gss.operations.studies.new_instrument import NewInstrumentService
 from gss.operations.studies.night_frames import StoredShots
 from gss.operations.studies.reprocess import WORKERS, ReprocessService
 from gss.wiring.base import BaseServices
@@ -29,6 +31,7 @@ class Studies:
     list_runs: ListRunService
     calibrations: CalibrationService
     analyses: AnalysisService
+    new_instruments: NewInstrumentService
 
 
 def open_studies(
@@ -74,4 +77,5 @@ def open_studies(
             base.instruments,
         ),
         AnalysisService(database, jobs, shots, solver, book, contacts.contacts, passes.spacecraft.orbit_at, bus, now),
+        NewInstrumentService(database, jobs, shots, solver, base.instruments, bus, now, stopwatch_s),
     )

@@ -24,6 +24,7 @@ STARTED_AT = {
     "calibration": "/api/calibrations",
     "analysis": "/api/analyses",
     "lists": "/api/lists",
+    "instrument": "/api/instruments/photographs",
     "derive": "/api/telemetry/derived/{name}/recompute",
     "backup": "/api/admin/backups",
     "retention": "/api/admin/retention/run",

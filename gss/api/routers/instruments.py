@@ -18,8 +18,10 @@ from gss.api.schemas.instruments import (
     InstrumentsOut,
     PackageCheckOut,
 )
+from gss.api.schemas.jobs import JobOut
 from gss.domain.errors import NotFound
 from gss.instruments.package_source import MOST_ZIP_BYTES
+from gss.operations.studies.new_instrument_requests import PhotographsRequest
 
 router = api_router("instruments", "/instruments")
 Name = Annotated[str, Path(max_length=40)]
@@ -52,6 +54,14 @@ def add_instrument(app: App, user: User, file: UploadFile, audit_note: AuditNote
     added = app.instruments.add(_read(file), file.filename or "", user=user)
     audit_note(f"{added.instrument.name} version {added.instrument.version}")
     return present.instruments.instrument(added)
+
+
+@router.post("/photographs", status_code=202, dependencies=[need("instruments")])
+def new_from_photographs(app: App, user: User, body: PhotographsRequest, audit_note: AuditNote) -> JobOut:
+    """Make an instrument from stored photographs of the night as a job, and install it. The job fails with a reason for each
+    photograph if no camera can be calibrated; then nothing is installed."""
+    audit_note(f"{body.name} from {len(body.frame_ids)} photographs")
+    return present.records.job(app.studies.new_instruments.start(body, user=user))
 
 
 @router.get("/{name}")

@@ -50,12 +50,14 @@ class InstrumentsOut(Out):
 
 
 class CameraNumberOut(Out):
-    """Number of the camera file with its unit and origin: either its source, or the reason why it was chosen."""
+    """Number of the camera file with its unit, standard deviation if known, and origin: either its source, or the reason why it
+    was chosen."""
 
     part: str
     name: str
     values: list[float]
     unit: str
+    sigma: float | None
     source: str | None
     chosen: str | None
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.errors import BadInput
+from gss.operations.frames.file_optics import check_not_raw, fits_optics, picture_optics
 
 MAX_BYTES = 512 * 1024 * 1024
 MAX_PIXELS = 64_000_000
@@ -119,6 +120,7 @@ def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
             # Our own limit, far above the one at which Pillow warns, is checked before any pixel is decoded.
             warnings.simplefilter("ignore")
             image = Image.open(io.BytesIO(data), formats=("PNG", "TIFF", "JPEG"))
+            check_not_raw(image, data, name)
             _check_size(image.width, image.height, name)
             meta = _picture_meta(image)
             image.load()
@@ -174,8 +176,7 @@ def _picture_meta(image: Any) -> Meta:
             meta["taken_at"] = _believable(
                 datetime.strptime(taken.strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
             )
-        if exif.get(0x0110):
-            meta["camera"] = str(exif.get(0x0110)).strip("\0 ")
+        meta |= picture_optics(exif, inner, image.size)
     except (ValueError, TypeError, ZeroDivisionError, OSError, SyntaxError, KeyError):
         pass  # a broken EXIF block does not affect the pixels
     return meta
@@ -292,7 +293,7 @@ def _fits_meta(header: Any) -> Meta:
     for key in ("INSTRUME", "TELESCOP", "OBJECT"):
         if isinstance(header.get(key), str):
             meta[key.lower()] = header[key]
-    return meta
+    return meta | fits_optics(header)
 
 
 def _believable_s(exposure_s: float) -> bool:

@@ -127,6 +127,7 @@ class FrameService:
             bits=imported.bits,
             exposure_s=imported.exposure_s,
             profile=profile_name or None,
+            parameters={"file": imported.source},
         )
         self._bus.record("frame", "ok", f"{name} imported as frame {frame.id} by {user}", frame_id=frame.id)
         self.queue.add(frame, pixels)

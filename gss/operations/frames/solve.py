@@ -34,6 +34,11 @@ TRACKING_RADIUS_RAD = float(np.radians(0.3))  # Erlank 2013 §4.5; a hint this a
 BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
 FOV_SLACK = 1.08  # margin for a field of view "known to 5 %", measured across the sky or as pixels × scale
 DEFAULT_EPOCH_JYEAR = 2026.5
+USUAL_PER_FRAME, MOST_PER_FRAME = 25, 100
+"""Stars in an average frame with which a place is identified: of a camera without photometry, and at most. More take longer and
+identify nothing better; the rest are named afterwards."""
+MOST_PAIRS = 2_000_000
+"""About the largest pair table; larger ones take minutes."""
 DEEPER_MAG = 1.0  # magnitudes that the second catalogue goes deeper if a frame shows more stars than the first
 
 
@@ -51,7 +56,8 @@ class SolveRequest:
     """What to run. The camera is given in exactly one way: ``profile`` (a name), ``known`` (a complete camera, for example a
     calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal, known to about 5 %), or ``blind``.
 
-    ``hint``: prior attitude, for a known camera. ``epoch_jyear``: of the star positions, None = the solver's. ``observer``: its
+    ``fov_limits_rad``: range of horizontal fields of view of a blind solve, None: 4° to 60°. ``hint``: prior attitude, for a known
+    camera. ``epoch_jyear``: of the star positions, None = the solver's. ``observer``: its
     velocity when the frame was taken; None: unknown, and aberration is not corrected. ``exposure_s``: gives the rate of trailed
     frames. ``fast``: compiled loops or not, None = if installed. ``options``: constants that override those of a system's
     chain, as texts; ``started``: mode and prior knowledge of a system's chain, instead of ``hint``.
@@ -63,6 +69,7 @@ class SolveRequest:
     camera: Camera | None = None
     fov_rad: float | None = None
     blind: bool = False
+    fov_limits_rad: tuple[float, float] | None = None
     hint: near.BoundedPrior | None = None
     epoch_jyear: float | None = None
     observer: Observer | None = None
@@ -111,7 +118,7 @@ class Solver:
             result = self._foreign(pixels, request, epoch)
         else:
             sensor = profile.sensor if profile else None
-            limit = sensor.faint_limit_mag if sensor else _limit_for(camera)
+            limit = min(sensor.faint_limit_mag, _deepest(camera)) if sensor else _usual_limit(camera)
             stars = self.cache.known(camera, limit, epoch)
             pixels, cleaned = self.cleaned(pixels, profile, request.exposure_s)
             fainter = min(limit + DEEPER_MAG, FAINTEST_V_MAG)
@@ -148,9 +155,9 @@ class Solver:
         return clean(pixels, dark, float(profile.sensor.saturation_dn), exposure_s), (words,)
 
     def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
-        limits = (
-            BLIND_FOV_RAD if request.fov_rad is None else (request.fov_rad / FOV_SLACK, request.fov_rad * FOV_SLACK)
-        )
+        limits = request.fov_limits_rad or BLIND_FOV_RAD
+        if request.fov_rad is not None:
+            limits = (request.fov_rad / FOV_SLACK, request.fov_rad * FOV_SLACK)
         sky = self.cache.sky(epoch_jyear)
         return solve_foreign(
             pixels,
@@ -270,9 +277,22 @@ def _noted(result: SolveResult, profile: CameraProfile | None, epoch_jyear: floa
     return replace(result, notes=(*result.notes, *made_with))
 
 
-def _limit_for(camera: Camera) -> float:
-    """Return the magnitude to which about 25 stars fall on the detector, as the assumed limit of a camera without
-    photometry."""
-    share = camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
+def _usual_limit(camera: Camera) -> float:
+    """Return the assumed limit of a camera without photometry."""
+    return float(np.clip(_limit_for(camera, USUAL_PER_FRAME), 2.5, 8.0))
+
+
+def _deepest(camera: Camera) -> float:
+    """Return the magnitude beyond which stars only make the search slower."""
+    # Each of the sky's stars has a pair with about four times as many others as fall on the detector.
+    return _limit_for(camera, min(MOST_PER_FRAME, float(np.sqrt(MOST_PAIRS / 2 * _share_of_sky(camera)))))
+
+
+def _limit_for(camera: Camera, stars: float) -> float:
+    """Return the magnitude to which about this many stars fall on the detector."""
     # Hipparcos contains about 4900 stars to V 6 and 2.9 times as many for each further magnitude.
-    return float(np.clip(6 + np.log(25 / (4900 * share)) / np.log(2.9), 2.5, 8.0))
+    return float(6 + np.log(stars / (4900 * _share_of_sky(camera))) / np.log(2.9))
+
+
+def _share_of_sky(camera: Camera) -> float:
+    return camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)

@@ -153,20 +153,18 @@ def _sensitivity(run: AnalysisRun, solver: Solver) -> AnalysisResult:
     for shot, result in zip(run.shots, run.results, strict=True):
         if result is None or result.attitude is None:
             continue
-        v, hit = _looked_for(result, solver, shot, run.known)
+        v, hit = looked_for(result, solver, shot, run.known.sensor.faint_limit_mag + DEEPER_MAG)
         v_mag.append(v)
         seen.append(hit)
     limit = detection_limit(np.concatenate(v_mag), np.concatenate(seen))
     return AnalysisResult("sensitivity", sheets.sensitivity(limit, run.known, subject_of(run)), dict(as_record(limit)))
 
 
-def _looked_for(
-    result: SolveResult, solver: Solver, shot: Shot, profile: CameraProfile
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the magnitudes of catalogue stars on the detector, and whether a centroid was found at the predicted position
-    of each. Stars with a brighter one nearby are excluded, because the centroid could belong to the other."""
+def looked_for(result: SolveResult, solver: Solver, shot: Shot, faintest_mag: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the magnitudes of catalogue stars on the detector to ``faintest_mag``, and whether a centroid was found at the
+    predicted position of each. Stars with a brighter one nearby are excluded, because the centroid could belong to the other."""
     assert result.attitude is not None  # noqa: S101 - the caller has looked
-    stars = seen_stars(solver, shot).brighter_than(profile.sensor.faint_limit_mag + DEEPER_MAG)
+    stars = seen_stars(solver, shot).brighter_than(faintest_mag)
     cam = stars.icrs @ result.attitude.cam_from_icrs.T
     ahead = cam[:, 2] > math.cos(result.camera.diagonal_rad / 2 + 0.02)
     place = np.full((len(stars), 2), np.nan)

@@ -111,7 +111,7 @@ def solve_shots(
         except BadInput as error:
             account.append({"name": shot.name, "used": False, "reason": str(error)})
             continue
-        stars = _stars(solver, shot, pixels, result, profile)
+        stars = matched_stars(solver, shot, pixels, result, profile)
         account.append({"name": shot.name, "used": stars is not None, "reason": "" if stars else result.reason})
         if stars is not None:
             taken.append((shot, result, stars))
@@ -157,9 +157,10 @@ def request_of(
     return replace(request, fov_rad=fov_rad) if fov_rad is not None else replace(request, blind=True)
 
 
-def _stars(
+def matched_stars(
     solver: Solver, shot: Shot, pixels: Pixels, result: SolveResult, profile: CameraProfile | None
 ) -> FrameStars | None:
+    """Return the identified stars of a shot with its trails; None without a solution."""
     saturation_dn = float(profile.sensor.saturation_dn) if profile else float((1 << shot.bits) - 1)
     trails = trail_px(pixels, result.centroids, saturation_dn) if result.attitude is not None else 0.0
     return frame_stars(

@@ -32,11 +32,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Frozen:
-    """A parameter that was held at a value, and the reason."""
+    """A parameter that was held at a value, and the reason. ``sigma``: what its standard deviation would be if it were fitted, NaN
+    if unknown."""
 
     name: str
     value: float
     reason: str
+    sigma: float
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,15 @@ def hold_unsupported(
         held, reason = _worst(fit)
         if not held:
             return fit, tuple(frozen)
-        frozen += [Frozen(n, start.values[n], reason) for n in held]
+        frozen += [Frozen(n, start.values[n], reason, _sigma(fit, n)) for n in held]
         vector = _restarted(start, fit.vector).without(held)
+
+
+def _sigma(fit: Adjusted, name: str) -> float:
+    """Return the standard deviation of a free parameter in its own unit."""
+    at = fit.vector.free.index(name)
+    scale = fit.vector.values[name] if name in ("focal_px", "aspect") else 1.0
+    return scale * float(np.sqrt(max(fit.covariance[at, at], 0.0)))
 
 
 def _restarted(start: Vector, fitted: Vector) -> Vector:
@@ -44,7 +51,7 @@ def _within_equations(stars: StarStack, vector: Vector, frozen: list[Frozen]) ->
         if 2 * len(stars) - 3 * stars.frames > len(vector.free):
             break
         held = tuple(n for n in group if n in vector.free)
-        frozen += [Frozen(n, vector.values[n], "fewer equations than unknowns") for n in held]
+        frozen += [Frozen(n, vector.values[n], "fewer equations than unknowns", float("nan")) for n in held]
         vector = vector.without(held)
     return vector
 

@@ -1,0 +1,127 @@
+"""Instruments from stored photographs of the night, as jobs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gss.domain.errors import BadInput, Conflict
+from gss.domain.words import counted
+from gss.instruments.package import Instrument
+from gss.instruments.registry import Registry
+from gss.operations.clock import Monotonic, Now
+from gss.operations.events import EventBus
+from gss.operations.frames.solve import Solver
+from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService
+from gss.operations.studies.new_instrument_requests import PhotographOptions, PhotographsRequest
+from gss.operations.studies.night_frames import StoredShots
+from gss.operations.studies.photograph_package import PhotographPackage, make_package
+from gss.operations.studies.photographs import Photograph
+from gss.pipeline.calibration.record import as_record
+from gss.store import frames as store
+from gss.store.engine import Database
+from gss.store.models import Job
+
+KIND = "instrument"
+STEPS = 1000
+
+
+@dataclass(frozen=True)
+class NewInstrumentJob(JobRequest):
+    """An instrument from photographs as a job."""
+
+    wanted: PhotographsRequest
+
+
+class NewInstrumentService:
+    """Makes an instrument from stored frames and installs it."""
+
+    def __init__(
+        self,
+        database: Database,
+        jobs: JobService,
+        shots: StoredShots,
+        solver: Solver,
+        instruments: Registry,
+        bus: EventBus,
+        now: Now,
+        stopwatch_s: Monotonic,
+    ) -> None:
+        self._database, self._jobs, self._shots, self._solver = database, jobs, shots, solver
+        self._instruments, self._bus, self._now, self._stopwatch_s = instruments, bus, now, stopwatch_s
+        jobs.register(JobKind(KIND, NewInstrumentJob, self._make))
+
+    def start(self, request: PhotographsRequest, *, user: str) -> Job:
+        """Queue the job; its result has the name and a row for each photograph. Raises Conflict for a name that exists, NotFound
+        for an unknown frame or model, BadInput for an incomplete frame."""
+        check_new_name(self._instruments, request.name)
+        model_of(self._instruments, request)
+        self._photographs(request)
+        title = f"instrument {request.name} from {counted(len(request.frame_ids), 'photograph')}"
+        return self._jobs.begin(KIND, title, NewInstrumentJob(request, user=user))
+
+    def _make(self, job: NewInstrumentJob, run: JobRun) -> dict[str, Any]:
+        if run.checkpoint:  # the package was installed before the server stopped
+            return run.checkpoint
+        wanted = job.wanted
+
+        def progress(share: float, text: str) -> None:
+            run.progress(round(STEPS * share), STEPS, text)
+
+        check_new_name(self._instruments, wanted.name)
+        made = make_package(
+            self._solver,
+            self._photographs(wanted),
+            (),
+            wanted,
+            model_of(self._instruments, wanted),
+            self._now(),
+            self._stopwatch_s,
+            progress,
+        )
+        instrument = self._instruments.add(made.files, replaces=False)
+        result = record_of(made)
+        run.keep(result)
+        text = f"instrument {instrument.name} version {instrument.version[:12]} made from photographs by {job.user}"
+        self._bus.record("instrument", "watch", text, instrument=instrument.name, version=instrument.version)
+        return result
+
+    def _photographs(self, request: PhotographsRequest) -> list[Photograph]:
+        shots = self._shots.of(request.frame_ids)
+        with self._database.unit_of_work() as session:
+            rows = {frame_id: store.get(session, frame_id) for frame_id in request.frame_ids}
+        removed = [row.id for row in rows.values() if row.pixels_removed is not None]
+        if removed:
+            raise BadInput(
+                "the pixels of a frame were removed", got=f"frame {removed[0]}", hint="import the file again"
+            )
+        photographs = []
+        for shot in shots:
+            row = rows[shot.frame_id or 0]
+            name = f"{row.name} ({shot.name})" if row.name else shot.name
+            photographs.append(Photograph(replace(shot, name=name), row.parameters.get("file", {})))
+        return photographs
+
+
+def check_new_name(instruments: Registry, name: str) -> None:
+    """Raise Conflict if an instrument or a broken package has this name."""
+    if name in instruments.names():
+        raise Conflict("an instrument of this name exists", got=name, hint="choose another name")
+
+
+def model_of(instruments: Registry, options: PhotographOptions) -> Instrument | None:
+    """Return the instrument to copy everything except the camera from; None if there is none. Raises NotFound."""
+    return instruments.get(options.model) if options.model else None
+
+
+def record_of(made: PhotographPackage) -> dict[str, Any]:
+    """Return the result as JSON values."""
+    return {
+        "name": made.instrument.name,
+        "version": made.instrument.version,
+        "summary": made.summary,
+        "photographs": as_record(made.rows),
+        "trials": as_record(made.trials),
+        "warnings": list(made.warnings),
+        "numbers": as_record([n for n in made.instrument.camera.numbers() if n.sigma is not None]),
+    }

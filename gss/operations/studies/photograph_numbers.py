@@ -1,0 +1,300 @@
+"""The camera file of a photographed camera: what was measured with its uncertainty, and what was chosen with the reason."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gss.instruments.camera_file import CameraFile
+from gss.operations.studies.photograph_camera import PhotographCamera
+from gss.pipeline.calibration.lens_models import BROWN
+from gss.pipeline.calibration.robust import robust_sigma
+
+REFRACTION = 4e-4
+"""The air makes the sky smaller by 2.8e-4 at the zenith and by twice that, in the vertical, at 45°."""
+ABERRATION = 6e-5
+"""The Earth's motion changes the scale by up to 1e-4, depending on the unknown date."""
+CENTRE_SHARE = 0.12
+"""Standard deviation of an unknown camera's optical axis from the middle, as a share of the width."""
+BRIGHT_RANGE_MAG = 8.0
+MOST_BITS = 16
+TYPICAL_PITCH_MM, TYPICAL_F_NUMBER = 0.005, 2.0
+TYPICAL = "typical of a small camera; the photographs do not show it"
+SHAPE = 0.01
+"""Relative error of the width of a Gaussian as a description of a star."""
+MEDIAN = 1.2533  # standard error of a median over that of a mean
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the user knows of the camera, or its files state; None: unknown. ``atmosphere``: False for frames from space or
+    simulated ones."""
+
+    pixel_um: float | None
+    focal_mm: float | None
+    f_number: float | None
+    atmosphere: bool
+
+
+class _Numbers:
+    """Numbers of the file with the common part of their origin."""
+
+    def __init__(self, origin: str) -> None:
+        self.origin = origin
+
+    def measured(self, value: float, unit: str, sigma: float, more: str = "") -> dict[str, Any]:
+        text = f"{self.origin}; {more}" if more else self.origin
+        return {"value": rounded(value, sigma), "unit": unit, "sigma": significant(sigma), "source": text[:400]}
+
+    def exact(self, value: float, unit: str, more: str = "") -> dict[str, Any]:
+        return {"value": value, "unit": unit, "source": f"{self.origin}; {more}" if more else self.origin}
+
+
+def chosen(value: float, unit: str, reason: str, sigma: float | None = None) -> dict[str, Any]:
+    """Return a number that was not measured, with the reason."""
+    number = {"value": value, "unit": unit, "chosen": reason[:400]}
+    return number if sigma is None else number | {"sigma": significant(sigma)}
+
+
+def significant(sigma: float) -> float:
+    """Return an uncertainty with two significant digits."""
+    return float(f"{sigma:.2g}") if math.isfinite(sigma) else 0.0
+
+
+def rounded(value: float, sigma: float) -> float:
+    """Return a value whose rounding is below a hundredth of its uncertainty."""
+    if not (math.isfinite(sigma) and sigma > 0):
+        return float(f"{value:.10g}")
+    return float(round(float(value), 3 - math.floor(math.log10(sigma))))
+
+
+def camera_file(made: PhotographCamera, stated: Stated, origin: str) -> CameraFile:
+    """Return the whole file. ``origin``: source of the measured numbers. Raises BadInput if a number is outside its range."""
+    numbers = _Numbers(origin)
+    geometry, gain = _geometry(made, stated, numbers), _gain(made, numbers)
+    return CameraFile.model_validate(
+        {
+            "geometry": geometry,
+            "lens": _lens(made, numbers),
+            "detector": _detector(made, numbers, gain),
+            "limits": _limits(made, numbers),
+            "baffle": _baffle(),
+        }
+    )
+
+
+def spread_factor(made: PhotographCamera) -> float:
+    """Return the factor of all uncertainties of the geometry: photographs of one field repeat the same errors, so they count as
+    one."""
+    return math.sqrt(len(made.photographs.used)) if made.same_field else 1.0
+
+
+def _geometry(made: PhotographCamera, stated: Stated, numbers: _Numbers) -> dict[str, Any]:
+    camera, fit = made.geometry.camera, made.geometry
+    covariance = dict.fromkeys(("focal_px", "aspect"), 0.0) | {
+        p.name: p.sigma**2 for p in fit.parameters if p.name in ("focal_px", "aspect")
+    }
+    focal_px = math.sqrt(camera.focal_col_px * camera.focal_row_px)
+    aspect = camera.focal_col_px / camera.focal_row_px
+    relative = covariance["focal_px"] / focal_px**2 + covariance["aspect"] / (2 * aspect) ** 2
+    if {"focal_px", "aspect"} <= set(fit.names):
+        i, j = fit.names.index("focal_px"), fit.names.index("aspect")
+        relative += float(fit.covariance[i, j]) / (focal_px * aspect)
+    noise = spread_factor(made) * math.sqrt(max(relative, 0.0))
+    dated = all(s.photograph.shot.observer is not None for s in made.photographs.used)
+    other = (0.0 if dated or not stated.atmosphere else ABERRATION), (REFRACTION if stated.atmosphere else 0.0)
+    sigma = math.hypot(noise, *other)
+    pitch_mm, pitch_reason = _pitch(stated, camera.focal_col_px)
+    more = f"{camera.focal_col_px:.2f} px ± {camera.focal_col_px * noise:.2f} px from the scatter of the stars"
+    if stated.atmosphere:
+        more += f", and {other[1]:.0e} for refraction" + ("" if dated else f" and {other[0]:.0e} for an unknown date")
+    size = "size of the images"
+    row_sigma = spread_factor(made) * math.sqrt(covariance["aspect"]) * pitch_mm
+    square = "aspect" not in fit.names
+    return {
+        "columns": numbers.exact(camera.columns, "px", size),
+        "rows": numbers.exact(camera.rows, "px", size),
+        "pitch_column": chosen(pitch_mm, "mm", pitch_reason),
+        "pitch_row": chosen(pitch_mm * aspect, "mm", "square pixels; the stars do not determine the ratio of the sides")
+        if square
+        else numbers.measured(pitch_mm * aspect, "mm", row_sigma, "ratio of the sides, times pitch_column"),
+        "focal_length": numbers.measured(
+            camera.focal_col_px * pitch_mm, "mm", camera.focal_col_px * pitch_mm * sigma, more
+        ),
+        "f_number": chosen(stated.f_number, "1", "stated by the user or the files")
+        if stated.f_number
+        else chosen(TYPICAL_F_NUMBER, "1", TYPICAL),
+        "centre_column": _centre(made, numbers, "centre_col_px", camera.centre_col_px),
+        "centre_row": _centre(made, numbers, "centre_row_px", camera.centre_row_px),
+    }
+
+
+def _pitch(stated: Stated, focal_px: float) -> tuple[float, str]:
+    if stated.pixel_um is not None:
+        return stated.pixel_um / 1000, "size of a pixel as stated by the user or the files"
+    if stated.focal_mm is not None:
+        reason = f"from the nominal focal length of {stated.focal_mm:g} mm and the measured one in pixels"
+        return float(f"{stated.focal_mm / focal_px:.6g}"), reason
+    return (
+        TYPICAL_PITCH_MM,
+        "not known; photographs give the focal length in pixels only, so any size is right with focal_length",
+    )
+
+
+def _centre(made: PhotographCamera, numbers: _Numbers, name: str, value: float) -> dict[str, Any]:
+    most = CENTRE_SHARE * made.geometry.camera.columns
+    held = next((f for f in made.geometry.frozen if f.name == name), None)
+    if held is not None:
+        would = f" (σ would be {held.sigma:.0f} px)" if math.isfinite(held.sigma) else ""
+        reason = f"middle of the detector: the photographs do not determine it{would}; σ is typical of unknown cameras"
+        return chosen(value, "px", reason, min(held.sigma, most) if math.isfinite(held.sigma) else most)
+    sigma = spread_factor(made) * made.geometry.parameter(name).sigma
+    one_field = "; all photographs show one field, so it is hardly determined" if made.same_field else ""
+    return numbers.measured(value, "px", min(sigma, most), f"for the lens model {made.geometry.model}{one_field}")
+
+
+def _lens(made: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+    fit, why = made.geometry, model_reason(made)
+    if fit.model == "pinhole":
+        return {"model": "pinhole", "source": f"{numbers.origin}; {why}"[:400]}
+    lens: dict[str, Any] = {"model": "brown"}
+    held = {f.name: f for f in fit.frozen}
+    for name in BROWN:
+        value = float(getattr(fit.camera.distortion, name))
+        if name in fit.names:
+            lens[name] = numbers.measured(value, "1", spread_factor(made) * fit.parameter(name).sigma, why)
+        elif name in held:
+            lens[name] = chosen(value, "1", f"not determined: {held[name].reason}")
+        else:
+            lens[name] = chosen(0.0, "1", f"not part of the model {fit.model}; {why}")
+    return lens
+
+
+def model_reason(made: PhotographCamera) -> str:
+    """Return why the lens model was chosen."""
+    rows = made.geometry.comparison
+    best = next(r for r in rows if r.chosen)
+    others = ", ".join(f"{r.model} {r.bic:+.0f}" for r in rows if not r.chosen)
+    return f"{best.model} has the smallest BIC (others: {others}); residual of left-out photographs {best.held_out_px:.2f} px"
+
+
+def _gain(made: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+    sky = made.sky
+    if math.isfinite(sky.gain_e_per_dn):
+        more = "variance of the sky's pixels against their level"
+        return numbers.measured(sky.gain_e_per_dn, "e/DN", sky.gain_sigma, more)
+    why = "the sky's level varies too little" if made.linear else "the files are not linear (JPEG or colour)"
+    return chosen(1.0, "e/DN", f"{why}; pairs of flat fields would give it. All values in electrons refer to it")
+
+
+def _detector(made: PhotographCamera, numbers: _Numbers, gain: Mapping[str, Any]) -> dict[str, Any]:
+    sky, e_per_dn = made.sky, float(gain["value"])
+    exposure_s, _ = exposure(made)
+    bits, reason = converter_bits(made)
+    bias = max(sky.level_dn, 0.0)
+    full_well = e_per_dn * ((1 << bits) - 1 - bias)
+    read_sigma, gain_share = sky.noise_sigma * e_per_dn, float(gain.get("sigma", 0.0)) / e_per_dn
+    noise_e = math.sqrt(max(sky.noise_dn**2 - 1 / 12, 0.0)) * e_per_dn
+    background = sky.excess_dn * e_per_dn / exposure_s
+    detector = {
+        "bits": chosen(bits, "bit", reason),
+        "gain": dict(gain),
+        "bias": numbers.measured(
+            bias, "DN", sky.level_sigma, "sky in the darkest one; without dark frames an upper limit"
+        ),
+        "full_well": chosen(
+            float(f"{max(full_well, 1.0):.6g}"), "e", "range of the converter above the bias, times the gain"
+        ),
+        "read_noise": numbers.measured(
+            noise_e,
+            "e",
+            math.hypot(read_sigma, noise_e * gain_share),
+            "noise of the darkest one, its sky's shot noise included",
+        ),
+        "dark_current": chosen(0.0, "e/s", "part of the background; dark frames would give it"),
+        "background": numbers.measured(
+            background,
+            "e/s",
+            max(sky.excess_sigma * e_per_dn / exposure_s, background * gain_share),
+            "sky above the darkest one",
+        ),
+        "psf_sigma": _width(made, numbers),
+    }
+    if made.light is None:
+        return detector | {
+            "zero_point": chosen(1e5, "e/s", next(m for m in made.missing if m.startswith("zero point")))
+        }
+    zero = made.light.zero_point_dn_s * e_per_dn
+    share = math.hypot(0.4 * math.log(10) * made.light.zero_point_sigma_mag, gain_share)
+    more = f"V {made.light.zero_point_mag:.2f} for 1 DN/s at {exposure_s:g} s, with B−V = 0, times the gain"
+    return detector | {"zero_point": numbers.measured(zero, "e/s", zero * share, more)}
+
+
+def _width(made: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+    if made.spots is None:
+        reason = next(m for m in made.missing if m.startswith("width"))
+        return chosen(1.0, "px", reason)
+    spots = made.spots
+    count, width = len(spots.sigma_px), min(max(spots.typical_sigma_px, 0.05), 50.0)
+    sigma = MEDIAN * robust_sigma(spots.sigma_px) / math.sqrt(count)
+    more = f"median of {count} stars, FWHM {2.3548 * width:.2f} px without the pixel's own width; 1 % for its shape"
+    return numbers.measured(width, "px", math.hypot(sigma, SHAPE * width), more)
+
+
+def converter_bits(made: PhotographCamera) -> tuple[int, str]:
+    """Return the bits of the converter with the reason. A file with 16 bits often holds 12 or 14."""
+    file_bits = min(max(s.photograph.shot.bits for s in made.photographs.used), MOST_BITS)
+    largest, times = made.sky.largest_dn, made.sky.largest_count
+    bits = math.ceil(math.log2(largest + 1)) if largest >= 1 else file_bits
+    if 8 <= bits < file_bits and largest == (1 << bits) - 1 and times > 1:
+        return bits, f"{times} pixels reach {largest:.0f} and none is above it"
+    return file_bits, "bits of the files"
+
+
+def exposure(made: PhotographCamera) -> tuple[float, str]:
+    """Return the typical exposure with its origin."""
+    known = [s.photograph.shot.exposure_s for s in made.photographs.used if s.photograph.shot.exposure_s]
+    if len(known) == len(made.photographs.used):
+        return float(np.median(known)), "median of the photographs"
+    return 1.0, "the files do not state it; values per second refer to it"
+
+
+def _limits(made: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+    exposure_s, why = exposure(made)
+    times = [s.photograph.shot.exposure_s or exposure_s for s in made.photographs.used]
+    matched = np.concatenate([s.stars.v_mag for s in made.photographs.used])
+    if made.limit is not None:
+        more = f"half of the catalogue's stars are detected at {exposure_s:g} s"
+        faintest = numbers.measured(made.limit.mag_50, "mag", made.limit.sigma_50, more)
+    else:
+        reason = next(m for m in made.missing if m.startswith("limiting"))
+        faintest = chosen(round(float(matched.max()), 2), "mag", f"faintest identified star; {reason}")
+    bright = made.light.saturation_mag if made.light is not None else math.nan
+    if math.isfinite(bright) and bright < faintest["value"] - 1:
+        brightest = chosen(round(bright, 2), "mag", f"a typical star saturates at {exposure_s:g} s")
+    else:
+        brightest = chosen(
+            round(faintest["value"] - BRIGHT_RANGE_MAG, 2), "mag", "no star near saturation was measured"
+        )
+    return {
+        "brightest": brightest,
+        "faintest": faintest,
+        "exposure_min": chosen(min(times), "s", f"shortest of the photographs; {why}"),
+        "exposure_max": chosen(max(times), "s", f"longest of the photographs; {why}"),
+        "exposure": chosen(exposure_s, "s", why),
+    }
+
+
+def _baffle() -> dict[str, Any]:
+    values = {
+        "sun": (40, "deg"),
+        "earth": (30, "deg"),
+        "blind": (20, "deg"),
+        "decay": (3, "deg"),
+        "stray_light": (100, "e/s"),
+    }
+    return {name: chosen(value, unit, TYPICAL) for name, (value, unit) in values.items()}

@@ -1,0 +1,232 @@
+"""An instrument package from photographs of the night: sorted, calibrated, written as files, and tried on the same photographs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.words import counted
+from gss.instruments.camera_text import camera_text, instrument_text
+from gss.instruments.package import Instrument, load_instrument
+from gss.instruments.package_files import InstrumentFile, Mounting
+from gss.instruments.package_source import Files
+from gss.operations.clock import Monotonic
+from gss.operations.frames.observer import observer_at
+from gss.operations.frames.solve import Solver
+from gss.operations.studies.new_instrument_requests import PhotographOptions
+from gss.operations.studies.night_frames import ProgressCallback, request_of
+from gss.operations.studies.photograph_camera import PhotographCamera, measure
+from gss.operations.studies.photograph_numbers import Stated, camera_file, model_reason
+from gss.operations.studies.photographs import Photograph, PhotographRow, Sorted, sort_out, words_of
+
+WORSE_TOGETHER = 2.0
+"""Ratio of the residual of all photographs together to that of each alone above which they may be of different cameras."""
+MOST_NOTES = 3900
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One photograph solved with the new package. ``rms_arcsec``: residual per axis; ``seconds``: processing time."""
+
+    name: str
+    solved: bool
+    reason: str
+    matched: int
+    rms_arcsec: float | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class PhotographPackage:
+    """``files`` of the package, ``instrument`` as they are read, a row for every given file, trials of the used ones, and
+    warnings."""
+
+    files: Files
+    instrument: Instrument
+    rows: tuple[PhotographRow, ...]
+    trials: tuple[Trial, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def summary(self) -> str:
+        """One sentence about the result."""
+        camera = self.instrument.profile.camera
+        solved = [t for t in self.trials if t.solved]
+        rms = [t.rms_arcsec for t in solved if t.rms_arcsec is not None]
+        width = math.degrees(camera.fov_rad[0])
+        return (
+            f"{words_of(self.rows)} used, field of view {width:.2f}°; {len(solved)} of {len(self.trials)} solved with the package, "
+            f"residual {np.median(rms) if rms else math.nan:.1f}″"
+        )
+
+
+def make_package(
+    solver: Solver,
+    photographs: Sequence[Photograph],
+    unreadable: Sequence[PhotographRow],
+    options: PhotographOptions,
+    model: Instrument | None,
+    now: datetime,
+    stopwatch_s: Monotonic,
+    progress: ProgressCallback,
+) -> PhotographPackage:
+    """Return the checked package; nothing is written. ``model``: instrument from which everything except the camera is copied.
+    Raises BadInput with a reason for each file if fewer than three photographs of one camera can be used."""
+    timed = _exposures(_dated(photographs, options.taken), options.exposure_s)
+    limits = options.fov_limits_rad
+    sorted_out = sort_out(solver, timed, unreadable, limits, lambda share, text: progress(0.6 * share, text))
+    made = measure(solver, sorted_out, lambda share, text: progress(0.6 + 0.3 * share, text))
+    warnings = _warnings(made)
+    used = made.photographs.used
+    origin = f"photographs: {counted(len(used), 'frame')}, {_dates(made.photographs, now)}"
+    camera = camera_file(made, _stated(made.photographs, options), origin)
+    about = _about(options, model, made, origin, warnings)
+    files = {"instrument.yaml": instrument_text(about), "camera.yaml": camera_text(camera, _comment(made, warnings))}
+    if model is not None:
+        kept = ("dictionary.yaml", "dictionary.xml", "operations.yaml", "link.yaml", "catalogue.yaml", "simulator.yaml")
+        files |= {name: data for name, data in model.files.items() if name in kept}
+    instrument = load_instrument(files)
+    trials = _trials(solver, made.photographs, instrument, stopwatch_s, lambda s, text: progress(0.9 + 0.1 * s, text))
+    return PhotographPackage(files, instrument, made.photographs.rows, trials, tuple(warnings))
+
+
+def _dated(photographs: Sequence[Photograph], taken: datetime | None) -> list[Photograph]:
+    """Give the stated date to photographs that do not state theirs."""
+    if taken is None:
+        return list(photographs)
+    observer = observer_at(taken)
+    return [
+        p if p.shot.observer is not None else replace(p, shot=replace(p.shot, taken=taken, observer=observer))
+        for p in photographs
+    ]
+
+
+def _exposures(photographs: Sequence[Photograph], stated_s: float | None) -> list[Photograph]:
+    """Fill in the stated exposure. Without one, magnitudes are comparable only if all exposures are known or none is."""
+    known = all(p.shot.exposure_s for p in photographs)
+    return [
+        p
+        if known
+        else replace(p, shot=replace(p.shot, exposure_s=(p.shot.exposure_s or stated_s) if stated_s else None))
+        for p in photographs
+    ]
+
+
+def _stated(photographs: Sorted, options: PhotographOptions) -> Stated:
+    """Return what the user states, else what all files state alike."""
+
+    def alike(name: str) -> float | None:
+        values = {s.photograph.file.get(name) for s in photographs.used}
+        text = values.pop() if len(values) == 1 else None
+        return float(text) if text else None
+
+    return Stated(
+        options.pixel_um or alike("pixel_um"),
+        options.focal_mm or alike("focal_mm"),
+        options.f_number or alike("f_number"),
+        options.atmosphere,
+    )
+
+
+def _dates(photographs: Sorted, now: datetime) -> str:
+    shots = [s.photograph.shot for s in photographs.used]
+    if any(shot.observer is None for shot in shots):
+        return f"calibrated {now:%Y-%m-%d}"
+    days = sorted({f"{shot.taken:%Y-%m-%d}" for shot in shots})
+    return days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
+
+
+def _warnings(made: PhotographCamera) -> list[str]:
+    said = [f"{w.text}. {w.hint[:1].upper()}{w.hint[1:]}" for w in made.geometry.warnings]
+    alone = [row.rms_px for row in made.photographs.rows if row.used and row.rms_px]
+    together = made.geometry.residuals.rms_px
+    if alone and together > WORSE_TOGETHER * float(np.median(alone)):
+        said.append(
+            f"Residual of all photographs together {together:.2f} px, of each alone {np.median(alone):.2f} px. They may be of "
+            "different cameras, lenses or focus"
+        )
+    if made.same_field:
+        said.append(
+            "All photographs show one field, so they count as one and the optical centre is hardly determined. Turn the camera to "
+            "other parts of the sky"
+        )
+    resized = sorted(
+        {s.photograph.file["original_px"] for s in made.photographs.used if "original_px" in s.photograph.file}
+    )
+    if resized:
+        said.append(f"Resized or cut out after the exposure (original {', '.join(resized)}). Use the original files")
+    if made.light is not None:
+        said += [f"{w.text}. {w.hint[:1].upper()}{w.hint[1:]}" for w in made.light.warnings]
+    return [*said, *(f"Not measured: {text}" for text in made.missing)]
+
+
+def _about(
+    options: PhotographOptions, model: Instrument | None, made: PhotographCamera, origin: str, warnings: Sequence[str]
+) -> InstrumentFile:
+    figures = made.geometry.residuals
+    notes = [
+        f"The camera was calibrated from {origin.removeprefix('photographs: ')}; {words_of(made.photographs.rows)} were used.",
+        f"{figures.stars} stars, residual {figures.rms_px:.2f} px; {model_reason(made)}.",
+        *(f"{text}." for text in warnings),
+    ]
+    common = {
+        "id": options.name,
+        "title": options.title or f"Camera {options.name}, from photographs",
+        "version": "1",
+        "references": (origin,),
+        "notes": "\n".join(notes)[:MOST_NOTES] + "\n",
+    }
+    if model is None:
+        gss = {"driver": "gss", "dictionary": "gss-common", "mounting": Mounting(camera="zenith")}
+        return InstrumentFile.model_validate(common | gss)
+    return model.about.model_copy(update=common | {"maker": "", "tried_on_hardware": None})
+
+
+def _comment(made: PhotographCamera, warnings: Sequence[str]) -> list[str]:
+    """Return the head of the camera file: every photograph, the lens models, and the warnings."""
+    lines = [
+        "Made by gss instrument new --from-frames. Every measured number has its standard deviation (sigma).",
+        "",
+        "Photographs:",
+    ]
+    for row in made.photographs.rows:
+        if row.used:
+            lines.append(f"  {row.name}: {row.matched} stars, {row.rms_px or math.nan:.2f} px")
+        else:
+            lines.append(f"  {row.name}: not used: {row.reason}")
+    lines += ["", "Lens models (parameters, BIC above the best, residual, residual of left-out photographs):"]
+    for fit in made.geometry.comparison:
+        mark = ", chosen" if fit.chosen else ""
+        lines.append(
+            f"  {fit.model}: {fit.free_parameters}, {fit.bic:.1f}, {fit.rms_px:.3f} px, {fit.held_out_px:.3f} px{mark}"
+        )
+    if warnings:
+        lines += ["", "Warnings:", *(f"  {text}" for text in warnings)]
+    return [_printable(line) for line in lines]
+
+
+def _printable(text: str) -> str:
+    """Replace characters that a YAML file must not contain; names of files are arbitrary."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def _trials(
+    solver: Solver, photographs: Sorted, instrument: Instrument, stopwatch_s: Monotonic, progress: ProgressCallback
+) -> tuple[Trial, ...]:
+    """Solve the used photographs as those of a known camera."""
+    trials = []
+    for k, s in enumerate(photographs.used):
+        progress(k / len(photographs.used), f"{s.name} with the package")
+        pixels = s.photograph.shot.pixels()
+        begin_s = stopwatch_s()
+        result = solver.solve(pixels, request_of(s.photograph.shot, instrument.profile, None, "reference"))
+        seconds, solved = stopwatch_s() - begin_s, result.attitude is not None
+        rms = result.residual_rms_px * instrument.profile.camera.pixel_rad / ARCSEC_RAD if solved else None
+        matched = len(result.matches) if result.matches is not None else 0
+        trials.append(Trial(s.name, solved, result.reason, matched, rms, seconds))
+    return tuple(trials)

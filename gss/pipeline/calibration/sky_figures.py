@@ -1,0 +1,86 @@
+"""Level and noise of the sky in photographs of the night, and the gain where both vary together.
+
+Shot noise makes the variance of a pixel grow with its level by one over the gain. Without dark frames the bias is not known, so
+only the slope is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.domain.angles import Array
+from gss.pipeline.background import SAMPLES_PER_TILE, Background, measure_background
+from gss.pipeline.calibration.robust import fit_linear, robust_sigma
+
+SURE_SIGMAS = 5.0
+FEWEST_TILES = 30
+NEIGHBOURS = 9
+"""Tiles of the background mesh that share their pixels, because it is a median of nine."""
+STARS_LEVEL, STARS_GAIN = 0.05, 0.02
+"""Effect of stars too faint to be clipped, on the level in units of the noise and on the gain, from simulated photographs."""
+LEVEL_RANGE = 0.05
+"""Smallest range of levels, relative to the highest, that determines the gain."""
+
+
+@dataclass(frozen=True)
+class SkyFigures:
+    """``level_dn`` ± ``level_sigma`` and ``noise_dn`` ± ``noise_sigma`` of a pixel in the darkest photograph; ``excess_dn``: level
+    of the typical photograph above it, ± ``excess_sigma``. ``gain_e_per_dn`` ± ``gain_sigma``: NaN if the level varies too little.
+    ``largest_dn``: largest pixel of all, reached by ``largest_count`` pixels."""
+
+    level_dn: float
+    level_sigma: float
+    noise_dn: float
+    noise_sigma: float
+    excess_dn: float
+    excess_sigma: float
+    gain_e_per_dn: float
+    gain_sigma: float
+    largest_dn: float
+    largest_count: int
+
+
+def sky_figures(images: Sequence[NDArray[Any]], *, linear: bool) -> SkyFigures:
+    """Measure (rows, columns) images. ``linear``: False for files whose values are not proportional to the light (JPEG, colour),
+    from which no gain is derived."""
+    meshes = [measure_background(image) for image in images]
+    levels = np.array([float(np.median(m.level)) for m in meshes])
+    darkest = meshes[int(np.argmin(levels))]
+    independent = float(np.sqrt(max(darkest.level.size / NEIGHBOURS, 1.0)))
+    gain, gain_sigma = _gain(meshes) if linear else (float("nan"), float("nan"))
+    largest = max(float(image.max()) for image in images)
+    noise_dn = float(np.median(darkest.noise))
+    # A mesh of equal tiles is set to its mean, so that only the noise of its samples remains.
+    of_tiles = float(np.hypot(robust_sigma(darkest.level.ravel()), noise_dn / np.sqrt(SAMPLES_PER_TILE)))
+    level_sigma = float(np.hypot(of_tiles / independent, STARS_LEVEL * noise_dn))
+    spread = robust_sigma(levels) if len(levels) > 1 else 0.0
+    return SkyFigures(
+        float(levels.min()),
+        level_sigma,
+        noise_dn,
+        float(np.hypot(robust_sigma(darkest.noise.ravel()), noise_dn / np.sqrt(2 * SAMPLES_PER_TILE))) / independent,
+        float(np.median(levels) - levels.min()),
+        float(np.hypot(1.25 * spread / np.sqrt(len(levels)), level_sigma)),
+        gain,
+        gain_sigma,
+        largest,
+        sum(int(np.count_nonzero(image == largest)) for image in images),
+    )
+
+
+def _gain(meshes: Sequence[Background]) -> tuple[float, float]:
+    level: Array = np.concatenate([m.level.ravel() for m in meshes])
+    variance: Array = np.concatenate([m.noise.ravel() ** 2 for m in meshes])
+    if len(level) < FEWEST_TILES or np.ptp(level) < LEVEL_RANGE * abs(float(level.max())):
+        return float("nan"), float("nan")
+    fit = fit_linear(np.column_stack([np.ones(len(level)), level - level.mean()]), variance)
+    slope = float(fit.coefficients[1])
+    sigma = float(np.sqrt(fit.covariance[1, 1] * NEIGHBOURS))
+    if slope <= SURE_SIGMAS * sigma:
+        return float("nan"), float("nan")
+    return 1 / slope, float(np.hypot(sigma / slope**2, STARS_GAIN / slope))
