@@ -19,9 +19,9 @@ from gss.instruments.registry import shipped_camera
 from gss.operations.clock import utc_now
 from gss.operations.frames.observer import epoch_at
 from gss.pipeline.render import render
-from gss.services import Services
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
+from gss.wiring.services import Services
 
 PATH = "/api/instruments/photographs"
 TRUE = Camera(480, 360, 1003.0, 1002.0, 245.0, 175.0, Brown(-0.12))
@@ -67,12 +67,12 @@ class Server:
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory, client_of: Callable[..., TestClient]) -> Iterator[Server]:
     services = build(Settings(data=tmp_path_factory.mktemp("data")))
-    stars = propagate(services.stars.brighter_than(8.0), epoch_at(utc_now()))
+    stars = propagate(services.base.stars.brighter_than(8.0), epoch_at(utc_now()))
     rng = np.random.default_rng(11)
 
     def keep(pixels: np.ndarray, exposure_s: float = 0.5) -> int:
         facts = {"bits": 12, "exposure_s": exposure_s, "profile": None, "parameters": {"file": FACTS}}
-        frame, _ = services.frames._add(pixels, source="import", name="roof.fits", taken=utc_now(), **facts)
+        frame, _ = services.frames.frames._add(pixels, source="import", name="roof.fits", taken=utc_now(), **facts)
         return frame.id
 
     def photograph(exposure_s: float, sensor: Sensor = SENSOR) -> np.ndarray:
@@ -130,7 +130,7 @@ def test_what_no_camera_follows_from_is_refused_with_reasons(server: Server) -> 
     assert "3 or more of one camera" in job["text"]
     assert job["text"].count("not the night sky") == 3
     assert f"frame {server.other}" in job["text"]
-    assert not server.services.instruments.has("nothing")
+    assert not server.services.base.instruments.has("nothing")
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ MOST_NOTES = 3900
 
 
 @dataclass(frozen=True)
-class Trial:
+class PackageTrial:
     """One photograph solved with the new package. ``rms_arcsec``: residual per axis; ``seconds``: processing time."""
 
     name: str
@@ -49,7 +49,7 @@ class PhotographPackage:
     files: Files
     instrument: Instrument
     rows: tuple[PhotographRow, ...]
-    trials: tuple[Trial, ...]
+    trials: tuple[PackageTrial, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -217,7 +217,7 @@ def _printable(text: str) -> str:
 
 def _trials(
     solver: Solver, photographs: Sorted, instrument: Instrument, stopwatch_s: Monotonic, progress: ProgressCallback
-) -> tuple[Trial, ...]:
+) -> tuple[PackageTrial, ...]:
     """Solve the used photographs as those of a known camera."""
     trials = []
     for k, s in enumerate(photographs.used):
@@ -228,5 +228,5 @@ def _trials(
         seconds, solved = stopwatch_s() - begin_s, result.attitude is not None
         rms = result.residual_rms_px * instrument.profile.camera.pixel_rad / ARCSEC_RAD if solved else None
         matched = len(result.matches) if result.matches is not None else 0
-        trials.append(Trial(s.name, solved, result.reason, matched, rms, seconds))
+        trials.append(PackageTrial(s.name, solved, result.reason, matched, rms, seconds))
     return tuple(trials)

@@ -35,7 +35,7 @@ class Photograph:
 @dataclass(frozen=True)
 class PhotographRow:
     """What became of one file. ``reason``: why it was not used. ``spots``: stars detected, ``matched``: identified, ``fov_deg``:
-    horizontal field of view of its own solution, ``rms_px``: residual."""
+    horizontal field of view of the photograph solved alone, ``rms_px``: residual."""
 
     name: str
     used: bool
@@ -129,7 +129,7 @@ def _row(name: str, result: SolveResult | None, reason: str) -> PhotographRow:
 
 
 def _different(photographs: Sequence[Photograph], sorting: _Sorting) -> list[Photograph]:
-    """Return the photographs with different pixels; a copy would count as a measurement of its own."""
+    """Return the photographs with different pixels; a copy would count as another measurement."""
     seen: dict[str, str] = {}
     different = []
     for photograph in photographs:
