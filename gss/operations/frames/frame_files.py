@@ -27,8 +27,7 @@ MOST_TILES = 2 * MAX_SIDE_PX
 MOST_EXTENSIONS = 100
 LONGEST_EXPOSURE_S = 86_400.0
 FIRST_YEAR, LAST_YEAR = 1900, 2200
-MIN_SIDE_PX = 8
-ABSURD = 1e30
+MIN_SIDE_PX, ABSURD = 8, 1e30
 WITHOUT_ABERRATION = "without_aberration"
 """Key in ``source`` of frames whose file states that its sky was drawn without aberration, as our exports of simulated
 frames do."""
