@@ -62,16 +62,6 @@ def limit_mag(c: DesignCamera) -> float:
     return magnitude(i, c.threshold_snr * 2 * np.pi * i.psf_sigma_px**2 * i.noise_e)
 
 
-def largest_useful_gain(full_well_e: float, bits: int) -> float:
-    """Electrons per count above which resolution is lost (eq. 3.9, 3.10): 117 for the IBIS5."""
-    return full_well_e / (1 << bits)
-
-
-def quantisation_e(gain_e_per_dn: float) -> float:
-    """Quantisation noise (eq. 3.13)."""
-    return float(gain_e_per_dn / np.sqrt(12))
-
-
 def centroid_px(star_snr: float) -> float:
     """Centroid error, 1σ, of weighted sums (eq. 4.2, whose left side is misnamed psfWidth)."""
     return float(0.11 + 0.5 * star_snr**-1.3)

@@ -40,11 +40,6 @@ class VideoChip:
 ICX059 = VideoChip()
 
 
-def focal_for_diagonal_mm(stop_diagonal_mm: float, fov_diagonal_rad: float) -> float:
-    """Focal length that gives a diagonal field of view (eq. 9.1)."""
-    return float(stop_diagonal_mm / (2 * np.tan(fov_diagonal_rad / 2)))
-
-
 def star_lux(v_mag: float) -> float:
     """Illumination by a star (eq. C.4)."""
     return float(MAG_0_LUX * 2.512**-v_mag)

@@ -57,32 +57,8 @@ def limit_mag(c: DesignCamera) -> float:
     return limit_for_snr_mag(detector_of(c), c.aperture_cm2, c.exposure_s, 3 * c.threshold_snr)
 
 
-def snr_for_position(sigma_px: float, c_bound: float = C_BOUND) -> float:
-    """S/N required for a centroid error, √C/σ: 293 for 1 % of a pixel, 147 for 2 %."""
-    return float(np.sqrt(c_bound) / sigma_px)
-
-
 def position_sigma_px(d: MoniteqDetector, star_electrons: float, exposure_s: float) -> float:
     """σ(P) = √(A σ²(G) + B/Q + C/Q²·(…)) with the upper bounds (§4.3)."""
     q = star_electrons
     noise2 = d.noise_e(exposure_s) ** 2
     return float(np.sqrt(A_BOUND * d.response_sigma**2 + B_BOUND / q + C_BOUND / q**2 * noise2))
-
-
-def longest_useful_s(d: MoniteqDetector, loss: float = 2.0) -> float:
-    """Exposure at which S/N is 1/loss of the maximum that the dark current spread allows (§4.4): 1.5 s."""
-    f2 = d.dark_share**2 * (loss**2 - 1)
-    return float((1 + np.sqrt(1 + 4 * f2 * d.fixed_e2)) / (2 * f2 * d.dark_e_s))
-
-
-def lens_area_cm2(
-    d: MoniteqDetector, v_mag: float, sigma_px: float, loss: float = 2.0, c_bound: float = C_BOUND
-) -> float:
-    """Lens area required to measure a star's position to σ with the longest useful exposure: √C·M f i/(e σ) (§4.4)."""
-    per_cm2 = star_e_s(1.0, v_mag)
-    return float(np.sqrt(c_bound) * loss * d.dark_share * d.dark_e_s / (per_cm2 * sigma_px))
-
-
-def tolerable_smear_px(pixel_over_sigma: float = 2.5, change: float = 0.5) -> float:
-    """Motion in one exposure that lowers pixel over σ by ``change``: √(24 Δr/r)/r px (§4.2, first order): 0.88."""
-    return float(np.sqrt(24 * change / pixel_over_sigma) / pixel_over_sigma)

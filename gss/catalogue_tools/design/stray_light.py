@@ -47,11 +47,6 @@ def stray_e_s(source: LightSource, effective_area_cm2: float) -> float:
     return source.irradiance_w_cm2 * effective_area_cm2 * E_PER_J
 
 
-def collection_efficiency(array_sr: float) -> float:
-    """Fraction of isotropically scattered light that the array collects: its solid angle over π (§5.2)."""
-    return array_sr / float(np.pi)
-
-
 def effective_area_cm2(angle_rad: float, shade_rad: float = float(np.radians(20.0))) -> float:
     """Effective area of Table 5.3, interpolated in the logarithm; NaN inside the exclusion angle.
 

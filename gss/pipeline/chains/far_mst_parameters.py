@@ -10,7 +10,6 @@ from scipy.special import bdtrc, ndtr
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
-from gss.domain.sensor import Sensor
 
 NAME = "far_mst"
 
@@ -142,11 +141,3 @@ def least_count(threshold_sigma: float, pixels: int) -> int:
         if pixels * chance * float(bdtrc(count - 2, others, chance)) < 1:
             return count
     return others + 1
-
-
-def limiting_magnitude(sensor: Sensor, parameters: FarMstParameters, exposure_s: float) -> float:
-    """V magnitude of a star whose noise-free spot has ``prefilter_count`` pixels above the threshold: 2πσ² ln(peak / level)."""
-    spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
-    level_e = parameters.threshold_sigma * parameters.noise_dn * sensor.gain_e_per_dn
-    star_e = level_e * spread_px2 * float(np.exp(parameters.prefilter_count / spread_px2))
-    return float(sensor.magnitude(star_e, exposure_s))

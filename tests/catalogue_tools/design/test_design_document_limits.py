@@ -20,11 +20,10 @@ def edge_mv(sigma_px: float) -> float:
     return 1e3 * limits_jacobs.edge_v(c, 6.0) / limits_jacobs.MARGIN
 
 
-def test_jacobs_prints_his_responsivity_dark_pattern_and_lens() -> None:
-    """Eq. H.4: 1.385 V/(lx s); eq. 9.8: 1.133 mV; eq. 9.1: 24.84 mm; eq. C.4: 1.05e-8 lx."""
+def test_jacobs_prints_his_responsivity_and_dark_pattern() -> None:
+    """Eq. H.4: 1.385 V/(lx s); eq. 9.8: 1.133 mV; eq. C.4: 1.05e-8 lx."""
     assert limits_jacobs.ICX059.responsivity_v_lx_s == pytest.approx(1.385, abs=5e-4)
     assert 1e3 * limits_jacobs.dsnu_v(1.0) == pytest.approx(1.133, abs=5e-4)
-    assert limits_jacobs.focal_for_diagonal_mm(6.1, np.radians(14)) == pytest.approx(24.84, abs=5e-3)
     assert limits_jacobs.star_lux(6.0) == pytest.approx(1.05e-8, rel=5e-3)
 
 
@@ -46,10 +45,8 @@ def test_jacobs_limit_is_where_the_edge_pixel_meets_the_dark_pattern() -> None:
     assert limits_jacobs.limit_mag(replace(ICX, exposure_s=0.1)) == pytest.approx(limit)
 
 
-def test_huffman_prints_his_largest_gain_and_our_dossier_his_ratios() -> None:
-    """Eq. 3.10: 117 e per count; SNR of eq. 3.18 with Table 4.1's values, without the superfluous gain."""
-    assert limits_huffman.largest_useful_gain(120_000, 10) == pytest.approx(117, abs=0.5)
-    assert limits_huffman.quantisation_e(117) == pytest.approx(33.8, abs=0.05)
+def test_huffman_prints_his_noise_and_our_dossier_his_ratios() -> None:
+    """SNR of eq. 3.18 with Table 4.1's values, without the superfluous gain."""
     table_4_1 = limits_huffman.HuffmanImager(np.pi * 1e-4, 0.1, 2.5, 41, 40)
     assert table_4_1.noise_e == pytest.approx(40.51, abs=0.01)
     table_7_1 = limits_huffman.HuffmanImager(1.77e-4, 0.1, 2.5, 41, 39)
@@ -85,29 +82,17 @@ def test_erlank_printed_limit_needs_less_than_two_pixels() -> None:
     assert [limits_erlank.pixels_covered(s) for s in (0.4, 1.2, 2.0)] == [1, 9, 25]
 
 
-def test_moniteq_prints_ratios_exposure_lens_and_smear() -> None:
-    """§4.4: S/N 293 and 147 for 1 and 2 %, 280 for the 50 mm lens in 4 s, 1.5 s useful, 0.88 px; 1″ of Table 4.2."""
+def test_moniteq_prints_ratios_and_errors() -> None:
+    """§4.4: S/N 280 for the 50 mm lens in 4 s; 1″ of Table 4.2."""
     d = limits_moniteq.MoniteqDetector()
-    assert limits_moniteq.snr_for_position(0.01) == pytest.approx(293, abs=0.5)
-    assert limits_moniteq.snr_for_position(0.02) == pytest.approx(147, abs=0.5)
     assert limits_moniteq.snr(d, 10.0, 6.0, 4.0) == pytest.approx(280, rel=0.02)
-    assert limits_moniteq.longest_useful_s(d) == pytest.approx(1.5, abs=0.05)
-    assert limits_moniteq.tolerable_smear_px() == pytest.approx(0.88, abs=0.005)
     for area, exposure, pixel, printed in ((10.0, 4.0, 91.0, 1.0), (28.95, 0.3, 53.0, 1.0), (28.95, 0.15, 53.0, 1.9)):
         star = limits_moniteq.star_e_s(area, 6.0) * exposure
         assert limits_moniteq.position_sigma_px(d, star, exposure) * pixel == pytest.approx(printed, abs=0.05)
 
 
-def test_moniteq_lens_area_belongs_to_a_smaller_constant() -> None:
-    """14.5 and 7.25 cm² follow with C = 7.4; the report's own bound of 8.6 gives 15.6 and 7.8 (errata)."""
-    d = limits_moniteq.MoniteqDetector()
-    for sigma, printed, ours in ((0.01, 14.5, 15.6), (0.02, 7.25, 7.8)):
-        assert limits_moniteq.lens_area_cm2(d, 6.0, sigma) == pytest.approx(ours, abs=0.05)
-        assert limits_moniteq.lens_area_cm2(d, 6.0, sigma, c_bound=7.4) == pytest.approx(printed, rel=0.01)
-
-
 def test_moniteq_stray_light_tables() -> None:
-    """Table 5.2: 1.46e-6 cm² sr, 9.5e14 and 2.0e10 e/s; Table 5.3 row by row; 2.7e-3 of scattered light is collected."""
+    """Table 5.2: 1.46e-6 cm² sr, 9.5e14 and 2.0e10 e/s; Table 5.3 row by row."""
     etendue = stray_light.pixel_etendue_cm2_sr(20, 20, 1.4)
     assert etendue == pytest.approx(1.46e-6, rel=5e-3)
     assert stray_light.imaged_e_s(stray_light.PRINTED_SUN, etendue) == pytest.approx(9.5e14, rel=0.01)
@@ -116,6 +101,5 @@ def test_moniteq_stray_light_tables() -> None:
     for (_, area), s, e in zip(stray_light.PRINTED_AREA_CM2, sun, earth, strict=True):
         assert stray_light.stray_e_s(stray_light.SUN, area) == pytest.approx(s, rel=6e-3)
         assert stray_light.stray_e_s(stray_light.EARTH, area) == pytest.approx(e, rel=6e-3)
-    assert stray_light.collection_efficiency(8.3e-3) == pytest.approx(2.7e-3, abs=1e-4)
     assert stray_light.effective_area_cm2(np.radians(27.0)) == pytest.approx(6.69e-16)
     assert np.isnan(stray_light.effective_area_cm2(np.radians(15.0)))
