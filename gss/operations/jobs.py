@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -80,7 +80,9 @@ class JobRun:
     keep: Keep
 
 
-Work = Callable[[JobRun], dict[str, Any]]
+JobResult = Mapping[str, object]
+"""What a job of its kind states at its end, as JSON; pages and commands read the parts that they know."""
+Work = Callable[[JobRun], JobResult]
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ class JobKind(Generic[R]):
 
     name: str
     request: type[R]
-    work: Callable[[R, JobRun], dict[str, Any]]
+    work: Callable[[R, JobRun], JobResult]
     renewed: Callable[[R], R] | None = None
     repeated: Callable[[R], R] | None = None
     older: Callable[[dict[str, Any]], dict[str, Any]] | None = None

@@ -6,7 +6,7 @@ import json
 import time
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from gss.operations.catalogues.catalogue_report import PreviewReport, preview_re
 from gss.operations.catalogues.catalogue_request import CatalogueRequest, build_request, with_camera
 from gss.operations.catalogues.star_lists import StarListService
 from gss.operations.clock import Now
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, Keep, Work
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Keep, Work
 from gss.operations.line.link import LinkService
 from gss.operations.requests import as_stored
 from gss.operations.transfers.flash_banks import CATALOGUE, FlashBanks
@@ -125,7 +125,7 @@ class CatalogueService:
         job = BuildJob(spec, at, request.bank_bytes, user=user)
         return self._jobs.begin("catalogue", f"build {spec.name or 'catalogue'}", job, self._work(request, job))
 
-    def _build(self, job: BuildJob, run: JobRun) -> dict[str, Any]:
+    def _build(self, job: BuildJob, run: JobRun) -> JobResult:
         request = build_request(job.asked, self._camera(job.asked), job.user, job.at)
         return self._work(replace(request, bank_bytes=job.bank_bytes or request.bank_bytes), job)(run)
 
@@ -137,7 +137,7 @@ class CatalogueService:
         # Long preparations run inside the job, where they report progress and can be cancelled.
         ready = None if too_heavy(plan(request), source) else prepare(request, source)
 
-        def work(run: JobRun) -> dict[str, Any]:
+        def work(run: JobRun) -> JobResult:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
 

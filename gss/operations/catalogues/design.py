@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -24,7 +24,7 @@ from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
 from gss.operations.catalogues.design_record import record_of
 from gss.operations.catalogues.design_values import DesignValues
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, Progress, nested_request
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress, nested_request
 from gss.operations.requests import Request
 from gss.store.models import Job
 
@@ -173,7 +173,7 @@ class DesignService:
         request_of(question, base)
         return self._jobs.begin("design", f"design {base.name}", DesignJob(question, user=user))
 
-    def _evaluate(self, job: DesignJob, run: JobRun) -> dict[str, Any]:
+    def _evaluate(self, job: DesignJob, run: JobRun) -> JobResult:
         base, rows = self._base(job.asked), self.document_rows()
         return {"design": answer(job.asked, base, self._stars, documents=rows, progress=run.progress)}
 

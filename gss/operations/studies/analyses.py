@@ -19,7 +19,7 @@ from gss.operations.clock import Now
 from gss.operations.contacts.contacts import ContactService
 from gss.operations.events import EventBus
 from gss.operations.frames.solve import Solver
-from gss.operations.jobs import JobKind, JobRun, JobService, Progress, Work
+from gss.operations.jobs import JobKind, JobResult, JobRun, JobService, Progress, Work
 from gss.operations.report.html import as_html
 from gss.operations.report.parts import report_from
 from gss.operations.report.pdf import as_pdf
@@ -100,7 +100,7 @@ class AnalysisService:
         name, work = self._work(job)
         return self._jobs.begin("analysis", name, job, work)
 
-    def _analyse(self, job: AnalysisJob, run: JobRun) -> dict[str, Any]:
+    def _analyse(self, job: AnalysisJob, run: JobRun) -> JobResult:
         return self._work(job)[1](run)
 
     def _work(self, job: AnalysisJob) -> tuple[str, Work]:
@@ -124,7 +124,7 @@ class AnalysisService:
             kind, of = wanted.kind, "simulated unit" if not first else counted(len(first), "frame")
         name = wanted.title or f"{kind}, {of}"
 
-        def work(run: JobRun) -> dict[str, Any]:
+        def work(run: JobRun) -> JobResult:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
             if isinstance(wanted, TelemetryAnalysis):

@@ -21,7 +21,7 @@ from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.frames.dark_frames import DARK, DarkFrames
 from gss.operations.frames.solve import Solver
-from gss.operations.jobs import JobKind, JobRun, JobService, Work
+from gss.operations.jobs import JobKind, JobResult, JobRun, JobService, Work
 from gss.operations.requests import as_stored
 from gss.operations.studies import bench
 from gss.operations.studies.bench_run import run_bench
@@ -90,7 +90,7 @@ class CalibrationService:
         title, work = self._work(job)
         return self._jobs.begin("calibration", title, job, work)
 
-    def _calibrate(self, job: CalibrationJob, run: JobRun) -> dict[str, Any]:
+    def _calibrate(self, job: CalibrationJob, run: JobRun) -> JobResult:
         return self._work(job)[1](run)
 
     def _work(self, job: CalibrationJob) -> tuple[str, Work]:
@@ -106,7 +106,7 @@ class CalibrationService:
         pairs = [self._shots.of(pair) for pair in wanted.flat_pairs] if isinstance(wanted, DetectorCalibration) else []
         priors = self._priors(wanted, of)
 
-        def work(run: JobRun) -> dict[str, Any]:
+        def work(run: JobRun) -> JobResult:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import Field
 
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, nested_request
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, nested_request
 from gss.operations.requests import Request
 from gss.operations.studies import experiments
 from gss.operations.studies.chain_report import ChainReports
@@ -69,7 +69,7 @@ class CampaignService:
         title = spec.names[0] if len(spec.names) == 1 else f"{len(spec.names)} experiments"
         return self._jobs.begin("experiments", title, ExperimentsJob(spec, user=user))
 
-    def _run(self, request: ExperimentsJob, run: JobRun) -> dict[str, Any]:
+    def _run(self, request: ExperimentsJob, run: JobRun) -> JobResult:
         return _experiments(request.asked, run, self._executor)
 
     def compare(self) -> list[ChainRecord]:

@@ -32,7 +32,7 @@ from gss.operations.frames.star_lists import (
     read_star_lists,
     without_distortion,
 )
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService
 from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.operations.requests import Id, Request
 from gss.operations.studies.camera_book import CameraBook
@@ -152,7 +152,7 @@ class ListRunService:
     def _read(self, data: bytes, name: str) -> StarLists:
         return self._parsing.parse(read_star_lists, data, name, classes=(StarLists,), what=name)
 
-    def _solve(self, request: ListRunJob, run: JobRun) -> dict[str, Any]:
+    def _solve(self, request: ListRunJob, run: JobRun) -> JobResult:
         row = self.get(request.run_id)
         profile = self._book.profile(row.camera)
         camera = without_distortion(profile.camera) if row.no_distortion else profile.camera

@@ -12,7 +12,7 @@ from gss.instruments.registry import Registry
 from gss.operations.clock import Monotonic, Now
 from gss.operations.events import EventBus
 from gss.operations.frames.solve import Solver
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService
 from gss.operations.studies.new_instrument_requests import PhotographOptions, PhotographsRequest
 from gss.operations.studies.night_frames import StoredShots
 from gss.operations.studies.photograph_package import PhotographPackage, make_package
@@ -60,7 +60,7 @@ class NewInstrumentService:
         title = f"instrument {request.name} from {counted(len(request.frame_ids), 'photograph')}"
         return self._jobs.begin(KIND, title, NewInstrumentJob(request, user=user))
 
-    def _make(self, job: NewInstrumentJob, run: JobRun) -> dict[str, Any]:
+    def _make(self, job: NewInstrumentJob, run: JobRun) -> JobResult:
         if run.checkpoint:  # the package was installed before the server stopped
             return run.checkpoint
         wanted = job.wanted

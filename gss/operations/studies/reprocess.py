@@ -23,7 +23,7 @@ from gss.instruments.registry import Registry
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.frames.observer import epoch_of_frame, observer_of_frame
 from gss.operations.frames.solve import CHAINS, options_of
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, Keep, Progress
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Keep, Progress
 from gss.operations.requests import ChainOptions, Id, Request
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.executor import Executor
@@ -153,7 +153,7 @@ class ReprocessService:
         )
         return [_task(f, request) for f in rows]
 
-    def _resume(self, job: ReprocessJob, run: JobRun) -> dict[str, Any]:
+    def _resume(self, job: ReprocessJob, run: JobRun) -> JobResult:
         """Continue a job from its stored request, after its checkpoint. Raises Conflict if the program's version has
         changed."""
         if job.version != __version__:

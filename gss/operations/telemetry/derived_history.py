@@ -11,7 +11,7 @@ from typing import Any
 from gss.domain.errors import BadInput
 from gss.instruments.dictionary.definitions import Value, Values
 from gss.operations.clock import Now
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService
 from gss.operations.telemetry.derived import ComputedParameter, DerivedParameters
 from gss.operations.telemetry.value_format import plain_values
 from gss.store import derived as store
@@ -62,7 +62,7 @@ class DerivedHistory:
         request = DeriveJob(name, start, end, user=user)
         return self._jobs.begin("derive", f"recompute {name}", request)
 
-    def _work(self, request: DeriveJob, run: JobRun) -> dict[str, Any]:
+    def _work(self, request: DeriveJob, run: JobRun) -> JobResult:
         parameter = self._derived.parameter(request.name)
         done: dict[str, Any] = run.checkpoint or {"at": request.start.isoformat(), "values": 0, "unknown": 0}
         at = datetime.fromisoformat(done["at"])

@@ -23,7 +23,7 @@ from gss.domain.errors import BadInput, CorruptData, GssError, NotFound
 from gss.operations.clock import Now, iso_z
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, Progress
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress
 from gss.operations.line.capture_files import capture_files, open_capture, plain_name
 from gss.operations.upkeep.clock_trust import BEHIND, ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
@@ -83,7 +83,7 @@ class BackupService:
     def _renewed(self, request: BackupJob) -> BackupJob:
         return replace(request, keep=stored_policy(self._database).backups_keep)
 
-    def _job(self, request: BackupJob, run: JobRun) -> dict[str, Any]:
+    def _job(self, request: BackupJob, run: JobRun) -> JobResult:
         if run.checkpoint:  # it was finished before the server stopped
             return run.checkpoint
         made = self.make(run.progress)

@@ -11,7 +11,7 @@ from typing import Any
 from gss.domain.callbacks import no_progress
 from gss.domain.errors import CorruptData, GssError, NotFound, StoreDown
 from gss.operations.accounts.audit import AuditService
-from gss.operations.jobs import JobKind, JobRequest, JobRun, JobService, Progress
+from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress
 from gss.operations.line.capture_files import PACKED, capture_files, plain_name
 from gss.operations.line.raw_capture import read_captures
 from gss.store import devices
@@ -170,7 +170,7 @@ class CheckStoreService:
         """Queue a check as a job; its result is the report."""
         return self._jobs.begin("check-store", "check the store", JobRequest(user=user))
 
-    def _work(self, _request: JobRequest, run: JobRun) -> dict[str, Any]:
+    def _work(self, _request: JobRequest, run: JobRun) -> JobResult:
         try:
             return check_store(self._database, self._blobs, self._captures, self._audit, run.progress).plain()
         except OSError as error:

@@ -19,7 +19,7 @@ from gss.domain.errors import Conflict
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
-from gss.operations.jobs import JobKind, JobRun, JobService
+from gss.operations.jobs import JobKind, JobResult, JobRun, JobService
 from gss.operations.line.capture_files import SizedFile, capture_sizes
 from gss.operations.line.link import LinkService
 from gss.operations.upkeep.clock_trust import ClockTrust
@@ -162,12 +162,12 @@ class RetentionService:
 
     # --- removal ------------------------------------------------------------------------------------------------
 
-    def work(self, request: RemovalJob, run: JobRun) -> dict[str, Any]:
+    def work(self, request: RemovalJob, run: JobRun) -> JobResult:
         """Run a removal. The lock excludes a concurrent backup, which must find the blobs that its rows reference."""
         with named_lock(self._lock, "", wait=True):
             return self._remove(request, run)
 
-    def _remove(self, request: RemovalJob, run: JobRun) -> dict[str, Any]:
+    def _remove(self, request: RemovalJob, run: JobRun) -> JobResult:
         """Remove step by step; the checkpoint holds the amounts removed and the blobs whose rows are already marked."""
         self._trust.require("retention")
         policy, confirmed = request.policy, request.confirmed
