@@ -11,7 +11,7 @@ from gss.store.models import Base, UtcDateTime
 
 
 def render_item(kind: str, item: Any, _context: Any) -> str | bool:
-    """Render our own column type as the plain type below it, because a migration must not depend on current code."""
+    """Render a column type of GSS as its underlying SQLAlchemy type, because a migration must not depend on current code."""
     return "sa.DateTime()" if kind == "type" and isinstance(item, UtcDateTime) else False
 
 

@@ -48,7 +48,7 @@ class AbortTap:
         self.port = int(self._server.getsockname()[1])
         self.aborts: queue.Queue[float] = queue.Queue()
         self.silent = threading.Event()
-        """While set, no data from the sensor reaches the ground, so commands wait for their reports."""
+        """While set, data from the sensor do not reach the ground, so commands wait for their reports."""
         self._code = load_dictionary().command("ABORT").code
         threading.Thread(target=self._accept, daemon=True).start()
 

@@ -81,7 +81,7 @@ def catalogues(quick: bool) -> list[BenchTable]:
     rows.append(_pointings(1_000 if quick else 1_000_000))
     conditions = (
         "GSS's Hipparcos stars, loaded in advance. Distance table: all pairs from zero distance. "
-        "Year: inclination 97°, every node, roll ±10°, pitch ±5°, yaw 130–140°, V 2.5–6, doubles out; estimated pairs. "
+        "Year: inclination 97°, every node, roll ±10°, pitch ±5°, yaw 130–140°, V 2.5–6, no doubles; number of pairs estimated. "
         "Full builds include image, manifest and 30 000 pointings."
     )
     return [BenchTable("catalogue", "Catalogue tools", conditions, SEED, rows)]

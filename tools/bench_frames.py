@@ -184,7 +184,7 @@ def chains(quick: bool) -> list[BenchTable]:
                 solve()
             duration_ms, result = timed_ms(solve)
             results[name].append((duration_ms, assess(result, truth, profile.camera).verdict))
-    rows = [(name, spread([ms for ms, _ in said]) | _verdicts([v for _, v in said])) for name, said in results.items()]
+    rows = [(name, spread([ms for ms, _ in runs]) | _verdicts([v for _, v in runs])) for name, runs in results.items()]
     conditions = (
         f"{len(results['cubestar'])} frames of the CubeStar camera (1024 x 512 px, its distortion), GSS's renderer, "
         f"random attitudes, stars to {DEEPER_MAG} mag below the limit of 3.8; lost in space, bank through the on-board format."

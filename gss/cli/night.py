@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from gss.operations.studies.night_frames import Shot
 
 UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
-"""Epoch for images without a time: only the intervals between them matter, and stars move little."""
+"""Epoch for images without a time: only the intervals between images matter, and stars move little."""
 
 
 def register(subparsers: Commands) -> None:
@@ -51,7 +51,7 @@ def register(subparsers: Commands) -> None:
         help="flat fields in pairs of the same illumination (with --darks)",
     )
     add_observer(p)
-    p.add_argument("--out", type=Path, metavar="FILE", help="write the whole result: .json, .html or .pdf")
+    p.add_argument("--out", type=Path, metavar="FILE", help="write the complete result: .json, .html or .pdf")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run_calibrate)
     p = subparsers.add_parser(

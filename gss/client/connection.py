@@ -1,4 +1,4 @@
-"""HTTP to the server: the token, errors as exceptions, and reading again while the server is away."""
+"""HTTP to the server: sends the token, raises errors as exceptions, and retries reads while the server is unavailable."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from gss.client.records import Json
 
 AGAIN_S = 0.5
 AWAY = (502, 503, 504)
-"""Answers of a proxy, or of a server that starts or stops."""
+"""Status codes of a proxy, or of a server that is starting or stopping."""
 
 
 class ServerConnection:
-    """Requests to ``address`` + "/api". ``reconnect_s``: how long a reading request is repeated while the server is away."""
+    """Requests to ``address`` + "/api". ``reconnect_s``: time for which reads are retried while the server is unavailable."""
 
     def __init__(self, address: str, token: str, timeout_s: float, reconnect_s: float) -> None:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
@@ -29,11 +29,11 @@ class ServerConnection:
         self._http.close()
 
     def get(self, path: str, **query: Json) -> Json:
-        """Return the JSON of a page; repeated while the server is away."""
+        """Return the JSON response of a path; retried while the server is unavailable."""
         return self.download(path, **query).json()
 
     def download(self, path: str, **query: Json) -> httpx2.Response:
-        """Return the answer of a page; repeated while the server is away."""
+        """Return the response of a path; retried while the server is unavailable."""
         deadline_s = time.monotonic() + self._reconnect_s
         while True:
             try:
@@ -44,7 +44,7 @@ class ServerConnection:
             time.sleep(AGAIN_S)
 
     def post(self, path: str, body: Mapping[str, Json] | None = None) -> Json:
-        """Send a change once and return the JSON of the answer."""
+        """Send a change once and return the JSON response."""
         return self._answer(lambda: self._http.post(path, json=body)).json()
 
     def upload(self, path: str, file: Path, form: Mapping[str, str]) -> Json:
@@ -62,14 +62,14 @@ class ServerConnection:
         kind = (
             NotAllowed if reply.status_code in (401, 403) else ServerAway if reply.status_code in AWAY else ClientError
         )
-        raise kind(_said(reply), reply.status_code)
+        raise kind(_error_text(reply), reply.status_code)
 
 
-def _said(reply: httpx2.Response) -> str:
-    """The server's own words, or the status if another program answered."""
+def _error_text(reply: httpx2.Response) -> str:
+    """Return the server's error message, or the status if the response is not from GSS."""
     try:
         problem = reply.json()
-        parts = [problem["message"], *(f"{word} {problem[word]}" for word in ("expected", "got") if problem[word])]
+        parts = [problem["message"], *(f"{part} {problem[part]}" for part in ("expected", "got") if problem[part])]
         return "; ".join(parts) + (f". Try: {problem['hint']}" if problem["hint"] else ".")
     except (ValueError, KeyError, TypeError):
         return f"The server answered {reply.status_code} {reply.reason_phrase}."

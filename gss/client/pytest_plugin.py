@@ -46,7 +46,7 @@ def unit(gss_client: Client) -> Iterator[Client]:
 
 @pytest.fixture
 def wait_for(unit: Client) -> Callable[..., TelemetryValue]:
-    """``wait_for(field, expected, within_s=10)``: wait for a value of ``packet.field``; TimedOut if it does not come.
+    """``wait_for(field, expected, within_s=10)``: wait for a value of ``packet.field``. Raises TimedOut if it is not received.
     ``expected``: the value, or a function that accepts a TelemetryValue."""
 
     def wait(field: str, expected: Expected, within_s: float = 10.0) -> TelemetryValue:
@@ -57,7 +57,8 @@ def wait_for(unit: Client) -> Callable[..., TelemetryValue]:
 
 @pytest.fixture
 def assert_telemetry(unit: Client) -> Callable[..., None]:
-    """``assert_telemetry(field, expected, within_s=10, tolerance=0)``: the test fails with the last value if it does not come."""
+    """``assert_telemetry(field, expected, within_s=10, tolerance=0)``: fail the test with the last value if the expected
+    one is not received."""
 
     def check(field: str, expected: Expected, within_s: float = 10.0, tolerance: float = 0.0) -> None:
         from gss.client.errors import TimedOut

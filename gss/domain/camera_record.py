@@ -29,4 +29,4 @@ def camera_from(record: Mapping[str, Any]) -> Camera:
     except (KeyError, TypeError, ValueError) as error:
         got = f"{type(error).__name__}: {error}"
         expected = f"a camera's geometry, distortion {' | '.join(MODELS)}"
-        raise CorruptData("this is not the record of a camera", expected=expected, got=got) from None
+        raise CorruptData("the stored camera is not valid", expected=expected, got=got) from None

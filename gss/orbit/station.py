@@ -1,4 +1,4 @@
-"""Ground stations: place, horizon mask and the directions in which they see a spacecraft."""
+"""Ground stations: position, horizon mask and directions to a spacecraft."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Mask = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class GroundStation:
-    """Geodetic place on WGS-84. ``mask``: (azimuth, elevation) of the horizon, rad, azimuth from north by east and increasing; it
-    is interpolated linearly all around. Empty: the horizon is flat. A spacecraft is in view above the mask and above
-    ``min_elevation_rad``."""
+    """Geodetic position on WGS-84. ``mask``: (azimuth, elevation) of the horizon, rad, azimuth from north by east and
+    increasing; it is interpolated linearly all around. If it is empty, the horizon is flat. A spacecraft is in view above
+    the mask and above ``min_elevation_rad``."""
 
     name: str
     latitude_rad: float
@@ -59,7 +59,7 @@ class GroundStation:
 
 
 def checked_station(station: GroundStation) -> GroundStation:
-    """Return the station if its numbers are valid. Raises BadInput naming the wrong one."""
+    """Return the station if its numbers are valid. Raises BadInput naming the invalid one."""
     _within("latitude", math.degrees(station.latitude_rad), -90.0, 90.0, "°")
     _within("longitude", math.degrees(station.longitude_rad), -180.0, 180.0, "°")
     _within("height", station.height_m, LOWEST_M, HIGHEST_M, " m")
@@ -84,10 +84,10 @@ def checked_station(station: GroundStation) -> GroundStation:
     return station
 
 
-def _within(what: str, value: float, low: float, high: float, unit: str) -> None:
+def _within(quantity: str, value: float, low: float, high: float, unit: str) -> None:
     if not (math.isfinite(value) and low - 1e-9 <= value <= high + 1e-9):
         raise BadInput(
-            f"{what} of the station is out of range",
+            f"{quantity} of the station is out of range",
             expected=f"{low:g}{unit} to {high:g}{unit}",
             got=f"{value:g}{unit}",
         )

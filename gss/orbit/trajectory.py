@@ -87,12 +87,12 @@ class EphemerisTrajectory:
 
     @property
     def epoch(self) -> datetime:
-        """First state."""
+        """Time of the first state."""
         return self.start
 
     @property
     def start(self) -> datetime:
-        """First state."""
+        """Time of the first state."""
         return _moment(float(self.times_s[0]))
 
     @property

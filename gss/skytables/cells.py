@@ -1,4 +1,4 @@
-"""Stars grouped by cells of the sky, to list the stars near a direction without a look at all of them."""
+"""Stars grouped by cells of the sky, to list the stars near a direction without a search through all of them."""
 
 from __future__ import annotations
 

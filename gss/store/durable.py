@@ -1,4 +1,4 @@
-"""Flushes files and folders to the disk, so that they survive a power failure."""
+"""Flush files and folders to the disk, so that they survive a power failure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 def sync_path(path: str | Path) -> None:
-    """Flush a file's bytes, or a folder's names, to the disk. OSError if that fails."""
+    """Flush a file's content, or a folder's list of files, to the disk. Raises OSError."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -1,4 +1,4 @@
-"""Instrument versions: frames, contacts and catalogues remember the version of the instrument package that made them
+"""Instrument versions: frames, contacts and catalogues store the version of the instrument package that made them
 
 The columns stay null in older rows: their version is unknown.
 """

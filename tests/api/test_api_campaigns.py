@@ -92,7 +92,7 @@ def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient)
     assert finished(client, again.json())["done"] == 2
 
 
-def test_reprocessing_with_changed_constants_is_compared_by_itself(client: TestClient) -> None:
+def test_reprocessing_with_changed_constants_is_compared_separately(client: TestClient) -> None:
     """Results with changed constants do not count as those of the chain, and have a separate row in the comparison."""
     body = {"chain": "oersted", "frame_ids": [1, 2], "profile": "cubestar", "options": {"min_area_px": "3"}}
     job = finished(client, client.post("/api/campaigns/reprocess", json=body).json())

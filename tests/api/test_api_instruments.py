@@ -111,7 +111,7 @@ def test_a_shipped_name_and_a_viewer_are_refused(server: dict[str, Any]) -> None
     assert ("carl", "failed") in made
 
 
-def test_an_archive_that_is_no_package_is_refused(server: dict[str, Any]) -> None:
+def test_an_archive_without_a_package_is_rejected(server: dict[str, Any]) -> None:
     """Random bytes, a foreign file and a zip bomb give a reason, not a failure of the server."""
     bomb = io.BytesIO()
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -180,7 +180,7 @@ def test_a_files_own_words_are_believed() -> None:
     assert besselian.epoch_jyear == pytest.approx(Time("B1950").jyear, abs=1e-6)
 
 
-def test_masked_values_are_no_zeros() -> None:
+def test_masked_values_are_not_read_as_zero() -> None:
     """Empty cells of integer and float columns in FITS and VOTable are unknown, not 0."""
     table = Table(
         {"hip": [1, 2, 3], "ra": [1.0, 2, 3], "dec": [1.0, 2, 3], "v": [3, 4, 5], "plx": [1.0, 2, 3]}, masked=True
@@ -363,7 +363,7 @@ def test_only_the_first_hundred_bad_rows_are_listed() -> None:
     assert [d.row for d in found.dropped] == list(range(2, 102))
 
 
-def test_a_hundred_thousand_rows_are_no_trouble() -> None:
+def test_a_hundred_thousand_rows_are_read() -> None:
     """A long list is read whole, with each bad row found."""
     n = 100_000
     rng = np.random.default_rng(0)

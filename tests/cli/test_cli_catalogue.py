@@ -164,7 +164,7 @@ def test_show_checks_and_says_what_is_inside(two_weeks, capsys):
         do("show", str(two_weeks[0]))
 
 
-def test_diff_lists_what_comes_and_goes(two_weeks, capsys):
+def test_diff_lists_added_and_removed_stars(two_weeks, capsys):
     """Two weeks on, part of the sky is new, part is gone, and what stays has not moved."""
     assert do("diff", *map(str, two_weeks), "--json") == 0
     d = json.loads(capsys.readouterr().out)

@@ -171,7 +171,7 @@ def test_a_name_is_on_one_line(name):
         do("build", "--name", name, "--mag-limit", "2")
 
 
-def test_a_manifest_nested_without_end_is_no_manifest(tmp_path):
+def test_a_deeply_nested_manifest_is_rejected(tmp_path):
     """A hundred thousand brackets are refused with words."""
     (tmp_path / "a.bin").write_bytes(b"x")
     (tmp_path / "a.bin.json").write_text("[" * 100_000)

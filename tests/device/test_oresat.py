@@ -157,7 +157,7 @@ def test_the_older_dictionary_has_whole_degrees(oresat: Instrument) -> None:
     assert not telemetry(events, "attitude")
 
 
-def test_a_part_of_an_attitude_or_a_wrong_length_is_no_attitude(oresat: Instrument) -> None:
+def test_an_incomplete_attitude_or_a_wrong_length_gives_no_attitude(oresat: Instrument) -> None:
     """Lost, repeated and damaged process data are counted or left out, never joined with those of another solve."""
     session = quiet(oresat)
     first, second, third = frame(0x3AC, "040100F15365"), frame(0x4AC, "0000803F00000000"), frame(0x1AD, "00" * 8)

@@ -66,7 +66,7 @@ def test_a_clock_set_back_is_accepted_with_the_second_packet_after_a_gap() -> No
     assert tracker.arrival(packet(15, 3)) is CURRENT
 
 
-def test_wrap_around_is_no_gap() -> None:
+def test_wrap_around_is_not_counted_as_a_gap() -> None:
     """16 383 is followed by 0."""
     tracker = SequenceTracker()
     for n in range(SEQUENCE_MODULO - 3, SEQUENCE_MODULO + 3):

@@ -43,7 +43,7 @@ def test_a_stuck_sensor_repeats_its_image_and_is_detected(bench: Bench) -> None:
     assert bench.status()["training_faults"] == 0
     bench.do("TAKE_IMAGE", slot=2)
     assert not (first.pixels == bench.tracker.slots[2].pixels).all()
-    assert [e.text for e in bench.device_events("TRAINING")][-1] == "stuck_sensor is over"
+    assert [e.text for e in bench.device_events("TRAINING")][-1] == "stuck_sensor ended"
 
 
 @pytest.mark.parametrize("bank", [3, 0])

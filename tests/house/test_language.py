@@ -108,6 +108,8 @@ ALLOWED: tuple[tuple[str, str, str], ...] = (
 )
 """Path, text of the line, and the reason why the word is the right one there."""
 
+WORD_BREAK = re.compile(r"(?<=[a-z])_(?=[a-z])")
+"""Underscore between the words of a name."""
 CODE_SPAN = re.compile(r"^```.*?^```|`[^`\n]+`|\]\([^)]*\)", re.MULTILINE | re.DOTALL)
 AVOIDED = re.compile("|".join(rf"(?<![A-Za-z])(?:{word})(?![A-Za-z])" for word in WORDS), re.IGNORECASE)
 
@@ -123,7 +125,8 @@ def tracked(root: Path, patterns: tuple[str, ...]) -> list[Path]:
 
 
 def findings(root: Path, patterns: tuple[str, ...]) -> Iterator[str]:
-    """Yield ``path:line: word: line`` of each word to avoid. Code and link targets in Markdown are not read."""
+    """Yield ``path:line: word: line`` of each word to avoid, also in names of Python. Code and link targets in Markdown are
+    not read."""
     for path in tracked(root, patterns):
         name = str(path.relative_to(root))
         text = path.read_text("utf-8")
@@ -132,7 +135,8 @@ def findings(root: Path, patterns: tuple[str, ...]) -> Iterator[str]:
         for number, line in enumerate(text.splitlines(), 1):
             if any(name == where and part in line for where, part, _ in ALLOWED):
                 continue
-            for match in AVOIDED.finditer(line):
+            words = WORD_BREAK.sub(" ", line) if path.suffix == ".py" else line
+            for match in AVOIDED.finditer(words):
                 yield f"{name}:{number}: {match[0]}: {line.strip()[:100]}"
 
 

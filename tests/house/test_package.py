@@ -135,7 +135,7 @@ def test_two_builds_give_the_same_bytes(unpacked: Path, sdist: Path, wheel: Path
     assert build(unpacked, "sdist", tmp_path / "source").read_bytes() == sdist.read_bytes()
 
 
-def test_experiments_are_a_wheel_of_their_own(root: Path, unpacked: Path, installed: Path, tmp_path: Path) -> None:
+def test_experiments_are_a_separate_wheel(root: Path, unpacked: Path, installed: Path, tmp_path: Path) -> None:
     """Without it, ``gss experiments`` names the command that installs it; with it, the experiments are listed. Both wheels require
     the same version."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith(("GSS_", "PYTHON"))}

@@ -82,7 +82,7 @@ def test_a_wrong_name_is_refused_with_line_field_and_reason(text: str, place: st
     assert reason in str(caught.value)
 
 
-def test_the_package_reports_a_mistake_of_its_own_file() -> None:
+def test_the_package_reports_the_file_that_has_the_mistake() -> None:
     """A package's own operations.yaml is checked when the package is read, and replaces the shared file."""
     with pytest.raises(BadInput, match=r"operations\.yaml, line 1"):
         load_instrument({**CUBESTAR, "operations.yaml": b"operations: {hello: {command: HULLO}}\n"})

@@ -45,7 +45,7 @@ def perfect(cam_from_icrs: np.ndarray, stars: Any) -> SolveResult:
     return SolveResult("reference", Outcome.SOLVED, "", CAMERA, (), centroids, matches, attitude, 0.0)
 
 
-def test_a_star_that_entered_the_frame_by_proper_motion_is_no_false_match(
+def test_a_star_that_entered_the_frame_by_proper_motion_is_not_a_false_match(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The server's own parts score it as correct; with the stars of the catalogue's epoch it would be wrong."""

@@ -310,15 +310,15 @@ def test_a_failed_step_is_retried_or_skipped_with_a_reason(console):
     steps = (STATUS, {"command": "FIND_CENTROIDS"}, STATUS)
     run = console.run_ends(console.runs.run(kept(console, *steps).id, [], user="ann"))
     first = run.steps[1]["command_id"]
-    again = console.run_ends(console.runs.go_on(run.id, "", [], user="ann"))
+    again = console.run_ends(console.runs.continue_run(run.id, "", [], user="ann"))
     assert (again.id, again.state, states(again)) == (run.id, "failed", ["completed", "failed", "waiting"])
     assert again.steps[0]["command_id"] == run.steps[0]["command_id"]
     assert again.steps[1]["command_id"] > first
-    passed = console.run_ends(console.runs.go_on(run.id, "no image tonight", [], user="ann"))
+    passed = console.run_ends(console.runs.continue_run(run.id, "no image tonight", [], user="ann"))
     assert (passed.state, states(passed)) == ("completed", ["completed", "skipped", "completed"])
     assert passed.steps[1]["detail"].startswith("by ann: no image tonight; before failed no_image")
     with pytest.raises(Conflict, match="only a failed run"):
-        console.runs.go_on(run.id, "", [], user="ann")
+        console.runs.continue_run(run.id, "", [], user="ann")
 
 
 def test_a_step_with_unknown_result_is_retried_with_its_id(console):
@@ -327,7 +327,7 @@ def test_a_step_with_unknown_result_is_retried_with_its_id(console):
     run = console.run_ends(console.runs.run(kept(console, {"command": "TAKE_IMAGE"}).id, [], user="ann"))
     assert states(run) == ["unknown"]
     console.sensor.deaf = False
-    again = console.run_ends(console.runs.go_on(run.id, "", [], user="ann"))
+    again = console.run_ends(console.runs.continue_run(run.id, "", [], user="ann"))
     assert (again.state, states(again)) == ("completed", ["completed"])
     assert again.steps[0]["command_id"] == run.steps[0]["command_id"]
     assert console.commands.get(again.steps[0]["command_id"]).attempts == 2
@@ -338,10 +338,10 @@ def test_hazards_after_the_failed_step_are_confirmed_again(console):
     stack = kept(console, {"command": "FIND_CENTROIDS"}, {"command": "POWER", "arguments": {"state": "off"}})
     run = console.run_ends(console.runs.run(stack.id, ["POWER"], user="ann"))
     with pytest.raises(BadInput, match="need confirmation"):
-        console.runs.go_on(run.id, "not needed", [], user="ann")
+        console.runs.continue_run(run.id, "not needed", [], user="ann")
     later = console.run_ends(
         console.runs.run(kept(console, {"command": "FIND_CENTROIDS"}, name="t").id, [], user="ann")
     )
     with pytest.raises(Conflict, match="another stack has run since"):
-        console.runs.go_on(run.id, "not needed", ["POWER"], user="ann")
-    assert console.run_ends(console.runs.go_on(later.id, "not needed", [], user="ann")).state == "completed"
+        console.runs.continue_run(run.id, "not needed", ["POWER"], user="ann")
+    assert console.run_ends(console.runs.continue_run(later.id, "not needed", [], user="ann")).state == "completed"

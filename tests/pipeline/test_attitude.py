@@ -45,7 +45,7 @@ def test_optimal_solvers_agree_with_scipy(name: str, n: int) -> None:
 
 @pytest.mark.parametrize("name", ["quest", "q_method", "svd", "foam"])
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 1)])
-def test_half_turns_are_no_singularity(name: str, axis: tuple[float, float, float]) -> None:
+def test_half_turns_are_not_a_singularity(name: str, axis: tuple[float, float, float]) -> None:
     """A turn of exactly 180° about any axis is found to rounding."""
     rng = np.random.default_rng(2)
     q = np.append(np.array(axis, float) / np.linalg.norm(axis), 0.0)
@@ -144,7 +144,7 @@ def test_covariance_of_one_direction_is_infinite() -> None:
         ([[0, 0, 1.0], [0, 1.0, 0]], [[1.0, 0, 0]], None),
     ],
 )
-def test_too_little_to_go_on_is_refused(observed: Array, reference: Array, weights: Array | None) -> None:
+def test_too_few_vectors_are_rejected(observed: Array, reference: Array, weights: Array | None) -> None:
     """Fewer than two different weighted directions, NaN, negative weights or unequal lists raise BadInput."""
     with pytest.raises(BadInput):
         attitude.quest(observed, reference, weights)

@@ -37,7 +37,7 @@ def test_gradient_is_followed() -> None:
     assert np.abs(level - truth[48:-48, 48:-48].ravel()).max() < 4.5
 
 
-def test_sizes_that_are_no_multiple_of_a_tile() -> None:
+def test_sizes_need_not_be_multiples_of_a_tile() -> None:
     """Odd sizes, thin frames and constant frames give finite meshes."""
     for shape in ((33, 65), (8, 200), (507, 507), (9, 9)):
         background = measure_background(np.full(shape, 7, np.uint8))

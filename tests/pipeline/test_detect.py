@@ -1,4 +1,4 @@
-"""Stars found in frames, and what is not taken for a star."""
+"""Detection of stars in frames, and rejection of spots that are not stars."""
 
 from __future__ import annotations
 
@@ -43,30 +43,31 @@ def cramer_rao_px(shape: tuple[int, int], x: float, y: float, flux_e: float, sig
 
 
 def grid(rng: np.random.Generator) -> Array:
-    """Well separated random places in a 256 x 512 frame."""
+    """Random positions far apart in a 256 x 512 frame."""
     rows, cols = np.meshgrid(np.arange(24, 240, 42), np.arange(24, 500, 42), indexing="ij")
     return np.column_stack([cols.ravel(), rows.ravel()]) + rng.uniform(-8, 8, (rows.size, 2))
 
 
-def nearest(found: Array, truth: Array) -> tuple[Array, Array]:
-    """Index and distance of the found star nearest to each true one."""
-    d = np.linalg.norm(truth[:, None] - found[None], axis=2)
+def nearest(detected: Array, truth: Array) -> tuple[Array, Array]:
+    """Index and distance of the detected star nearest to each true star."""
+    d = np.linalg.norm(truth[:, None] - detected[None], axis=2)
     return d.argmin(1), d.min(1)
 
 
-def test_positions_come_close_to_the_cramer_rao_bound() -> None:
-    """All stars of three magnitudes' range are found, nothing else, within 1.05 of the bound and with honest errors."""
+def test_position_errors_are_close_to_the_cramer_rao_bound() -> None:
+    """Exactly the stars of a range of three magnitudes are detected, with errors at most 1.05 times the bound and as large
+    as reported."""
     rng = np.random.default_rng(11)
     error, bound, sigma, extra = [], [], [], 0
     for _ in range(8):
         xy = grid(rng)
         flux = 65_000 * 10 ** (-0.4 * rng.uniform(0, 3, len(xy)))
-        found = find_stars(photograph(expected((256, 512), xy, flux, 1.0), rng), psf_sigma_px=1.0, saturation_dn=255)
-        index, distance = nearest(found.centroids.pixels, xy)
+        detected = find_stars(photograph(expected((256, 512), xy, flux, 1.0), rng), psf_sigma_px=1.0, saturation_dn=255)
+        index, distance = nearest(detected.centroids.pixels, xy)
         assert distance.max() < 1.0
-        extra += len(found.centroids) - len(set(index.tolist()))
-        error.append(found.centroids.pixels[index] - xy)
-        sigma.append(found.centroids.sigma_px[index])
+        extra += len(detected.centroids) - len(set(index.tolist()))
+        error.append(detected.centroids.pixels[index] - xy)
+        sigma.append(detected.centroids.sigma_px[index])
         bound.append(
             [cramer_rao_px((64, 64), x % 1 + 31, y % 1 + 31, f, 1.0) for (x, y), f in zip(xy, flux, strict=True)]
         )
@@ -89,33 +90,33 @@ def test_number_types_give_the_same_stars(kind: str) -> None:
     assert np.allclose(first.pixels, other.pixels, atol=5e-3)
 
 
-def test_width_is_found_on_foreign_frames() -> None:
-    """The point-spread function's width comes from the frame itself to a tenth of a pixel."""
+def test_width_is_measured_on_frames_of_unknown_cameras() -> None:
+    """The width of the point-spread function is measured from the frame to a tenth of a pixel."""
     rng = np.random.default_rng(13)
     xy = grid(rng)[:30]
     for sigma in (0.8, 1.5, 2.5):
-        found = find_stars(photograph(expected((256, 512), xy, np.full(30, 60_000.0), sigma), rng))
-        assert abs(found.psf_sigma_px - np.hypot(sigma, 0.29)) < 0.12
-        _, distance = nearest(found.centroids.pixels, xy)
+        detected = find_stars(photograph(expected((256, 512), xy, np.full(30, 60_000.0), sigma), rng))
+        assert abs(detected.psf_sigma_px - np.hypot(sigma, 0.29)) < 0.12
+        _, distance = nearest(detected.centroids.pixels, xy)
         assert np.median(distance) < 0.1
 
 
-def test_hot_pixels_by_the_thousand_are_not_stars() -> None:
-    """A thousand single hot pixels leave the stars in front and are named in the rejected regions."""
+def test_a_thousand_hot_pixels_are_not_taken_for_stars() -> None:
+    """With a thousand single hot pixels the brightest detections are the stars; the hot pixels are listed as rejected regions."""
     rng = np.random.default_rng(14)
     xy = grid(rng)[:15]
     frame = photograph(expected((256, 512), xy, np.full(15, 40_000.0), 1.1), rng)
     hot = rng.permutation(frame.size)[:1000]
     frame.ravel()[hot] = np.maximum(frame.ravel()[hot], rng.integers(60, 256, 1000)).astype(np.uint8)
-    found = find_stars(frame, psf_sigma_px=1.1)
-    _, distance = nearest(found.centroids.pixels, xy)
-    assert (distance < 1).sum() >= 13  # a hot pixel in the core of one or two spoils them
-    assert len(found.centroids) < 60
-    assert any(r.rejected for r in found.regions)
-    assert any("hot pixels" in note for note in found.notes)
+    detected = find_stars(frame, psf_sigma_px=1.1)
+    _, distance = nearest(detected.centroids.pixels, xy)
+    assert (distance < 1).sum() >= 13  # a hot pixel in the core spoils one or two of the stars
+    assert len(detected.centroids) < 60
+    assert any(r.rejected for r in detected.regions)
+    assert any("hot pixels" in note for note in detected.notes)
 
 
-def test_bright_column_is_not_a_row_of_stars() -> None:
+def test_a_bright_column_is_not_taken_for_stars() -> None:
     """A defect column gives no centroids."""
     rng = np.random.default_rng(15)
     frame = photograph(np.zeros((128, 128)), rng)
@@ -123,38 +124,38 @@ def test_bright_column_is_not_a_row_of_stars() -> None:
     assert len(find_stars(frame, psf_sigma_px=1.0).centroids) == 0
 
 
-def test_saturated_star_is_one_star_in_its_place() -> None:
-    """A star far above the ceiling gives one centroid, a tenth of a pixel from its place."""
+def test_a_saturated_star_gives_one_centroid() -> None:
+    """A star far above saturation gives one centroid within a tenth of a pixel."""
     rng = np.random.default_rng(16)
     xy = np.array([[60.3, 40.7], [100.2, 90.1], [30.4, 100.6]])
     frame = photograph(expected((128, 128), xy, np.array([600_000.0, 30_000.0, 25_000.0]), 1.2), rng)
-    found = find_stars(frame, psf_sigma_px=1.2, saturation_dn=255).centroids
-    assert len(found) == 3
-    assert np.hypot(*(found.pixels[0] - xy[0])) < 0.1
+    detected = find_stars(frame, psf_sigma_px=1.2, saturation_dn=255).centroids
+    assert len(detected) == 3
+    assert np.hypot(*(detected.pixels[0] - xy[0])) < 0.1
 
 
 def test_close_pair_is_measured_as_two() -> None:
-    """Two stars four sigmas apart come out as two, each within a tenth of a pixel."""
+    """Two stars four sigmas apart give two centroids, each within a tenth of a pixel."""
     rng = np.random.default_rng(17)
     xy = np.array([[60.3, 60.7], [64.6, 61.9]])
     frame = photograph(expected((128, 128), xy, np.array([60_000.0, 40_000.0]), 1.0), rng)
-    found = find_stars(frame, psf_sigma_px=1.0, saturation_dn=255).centroids
-    assert len(found) == 2
-    _, distance = nearest(found.pixels, xy)
+    detected = find_stars(frame, psf_sigma_px=1.0, saturation_dn=255).centroids
+    assert len(detected) == 2
+    _, distance = nearest(detected.pixels, xy)
     assert distance.max() < 0.1
 
 
-def test_trails_are_measured_at_their_middles() -> None:
-    """Stars drawn out by ten pixels are recognised as trails, with length, direction and the middles as positions."""
+def test_centroids_of_trails_are_their_midpoints() -> None:
+    """Stars smeared over ten pixels are recognised as trails, with length, direction and the midpoints as positions."""
     rng = np.random.default_rng(18)
     xy = grid(rng)[:24]
     angle = np.radians(25)
     along = np.linspace(-5, 5, 21)[:, None] * [np.cos(angle), np.sin(angle)]
     light = sum(expected((256, 512), xy + step, np.full(24, 200_000.0 / 21), 1.0) for step in along)
-    found = find_stars(photograph(np.asarray(light), rng))
-    assert 7 < found.streak_px < 13
-    assert abs(np.degrees(found.streak_direction_rad) - 25) < 5
-    _, distance = nearest(found.centroids.pixels, xy)
+    detected = find_stars(photograph(np.asarray(light), rng))
+    assert 7 < detected.streak_px < 13
+    assert abs(np.degrees(detected.streak_direction_rad) - 25) < 5
+    _, distance = nearest(detected.centroids.pixels, xy)
     assert np.median(distance) < 0.3
     assert (distance < 1.0).sum() >= 22
 
@@ -165,7 +166,7 @@ def test_constant_frames_have_no_stars(value: int) -> None:
     assert len(find_stars(np.full((64, 96), value, np.uint8)).centroids) == 0
 
 
-def test_noise_alone_gives_hardly_a_star() -> None:
+def test_noise_alone_gives_few_false_detections() -> None:
     """Four megapixels of noise give at most three false detections."""
     rng = np.random.default_rng(19)
     total = sum(
@@ -175,7 +176,7 @@ def test_noise_alone_gives_hardly_a_star() -> None:
     assert total <= 3
 
 
-def test_what_is_no_frame_is_refused() -> None:
+def test_arrays_that_are_not_frames_are_rejected() -> None:
     """Three axes, tiny arrays, complex numbers and NaN are BadInput."""
     bad = np.zeros((20, 20))
     bad[3, 4] = np.nan
@@ -184,8 +185,8 @@ def test_what_is_no_frame_is_refused() -> None:
             find_stars(array)
 
 
-def test_a_shape_that_noise_made_impossible_is_no_crash() -> None:
-    """Second moments below zero give the narrowest width there is, on both axes."""
+def test_second_moments_below_zero_give_the_narrowest_width() -> None:
+    """Noise can make second moments negative; both axes then have the minimum width."""
     assert widths_px(np.array([[-0.3, 0.1], [0.1, -0.2]])) == (NARROWEST_PX, NARROWEST_PX)
     low, high = widths_px(np.array([[4.0, 0.0], [0.0, 1.0]]))
     assert (low, high) == (1.0, 2.0)

@@ -87,7 +87,7 @@ def test_nearly_all_detections_get_their_right_name(name: str, share: float) -> 
 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
-def test_spots_that_are_no_stars_get_no_name(name: str) -> None:
+def test_spots_that_are_not_stars_get_no_name(name: str) -> None:
     """Thirty false stars per frame take no star's name and hardly keep true ones from theirs."""
     rng = np.random.default_rng(42)
     named = 0

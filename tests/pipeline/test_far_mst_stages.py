@@ -139,7 +139,7 @@ def test_maximum_likelihood_ignores_saturated_pixels() -> None:
     assert np.abs(error).max() < 0.1
 
 
-def test_lines_of_pixels_are_no_stars() -> None:
+def test_lines_of_pixels_are_not_taken_for_stars() -> None:
     """A cosmic ray's track among round stars is rejected for its aspect ratio, and the reason says so."""
     frame, at = _scene(10, 20_000.0, 20)
     frame[150:152, 300:340] = 700
@@ -148,7 +148,7 @@ def test_lines_of_pixels_are_no_stars() -> None:
     assert len(found.centroids) == len(at)
 
 
-def test_a_bright_sky_is_no_sky() -> None:
+def test_a_bright_sky_gives_no_stars() -> None:
     """Where a third of the pixels exceed a commanded threshold nothing is returned but a note."""
     rng = np.random.default_rng(11)
     frame = np.where(rng.random((200, 200)) < 0.4, 800, 20).astype(np.uint16)

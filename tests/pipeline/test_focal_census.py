@@ -51,7 +51,7 @@ def test_the_right_focal_length_meets_no_objection(false: int) -> None:
     assert refused <= 1
 
 
-def test_a_cluster_with_a_loose_roll_is_no_hiding_place() -> None:
+def test_a_cluster_with_an_uncertain_roll_does_not_hide_a_wrong_match() -> None:
     """Six stars within 40 px leave the roll open by many pixels at the rim: the census finds the rest all the same."""
     rng = np.random.default_rng(3)
     camera = CAMERA.with_focal_scaled(0.99)
@@ -63,7 +63,7 @@ def test_a_cluster_with_a_loose_roll_is_no_hiding_place() -> None:
     assert "focal length" in focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX)
 
 
-def test_a_small_error_of_calibration_is_no_objection() -> None:
+def test_a_small_error_of_calibration_does_not_reject_a_solution() -> None:
     """A quarter of a per cent moves no boresight by more than two pixels and is let pass."""
     rng = np.random.default_rng(4)
     pixels, stars = _field(rng, CAMERA.with_focal_scaled(1.002))

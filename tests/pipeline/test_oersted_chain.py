@@ -369,7 +369,7 @@ def test_a_bank_without_magnitudes_still_works() -> None:
     assert assess(result, truth, OWN.camera).cross_rad < 0.1 * OWN.camera.pixel_rad
 
 
-def test_regions_say_why_they_are_no_stars() -> None:
+def test_rejected_regions_state_the_reason() -> None:
     """Every region that is not among the centroids has a reason, such as being fainter than the limit."""
     detection = CHAIN.find_centroids(_frame(ORION)[0], _work("own"))
     kept = [r for r in detection.regions if not r.rejected]

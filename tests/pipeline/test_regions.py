@@ -77,7 +77,7 @@ def test_search_stops_at_the_star_limit() -> None:
     assert found.stopped == "search stopped at 20 stars"
 
 
-def test_exactly_the_star_limit_is_no_early_stop() -> None:
+def test_exactly_the_star_limit_is_not_an_early_stop() -> None:
     """Twenty stars and nothing else is a complete search."""
     assert search(_dots(*[8] * 20), 9, LIMITS).stopped == ""
 

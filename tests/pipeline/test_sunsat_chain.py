@@ -203,7 +203,7 @@ def test_pure_noise_is_never_solved(mode: Mode, trials: Any) -> None:
         assert _solve_list(centroids, _work(mode, _hint(rng, rotation, mode))).attitude is None
 
 
-def test_half_a_magnitude_off_is_no_lie() -> None:
+def test_an_error_of_half_a_magnitude_gives_no_wrong_answer() -> None:
     """All magnitudes 0.5 too faint: fewer solutions, none wrong."""
     rng = np.random.default_rng(12)
     solved = 0
@@ -271,7 +271,7 @@ def test_the_chain_runs_on_other_cameras(camera: str, limit_mag: float) -> None:
     assert verdicts["none"] <= 2
 
 
-def test_missing_stars_are_no_lie() -> None:
+def test_missing_stars_give_no_wrong_answer() -> None:
     """With a third of the stars missing at random most lists are still solved, none wrongly."""
     rng = np.random.default_rng(21)
     solved = 0
@@ -360,7 +360,7 @@ def test_too_few_stars_are_reported(n: int) -> None:
     assert result.reason == f"{n or 'no'} star{'' if n == 1 else 's'} found in the frame; 3 needed"
 
 
-def test_a_hint_elsewhere_is_no_attitude() -> None:
+def test_a_wrong_hint_gives_no_attitude() -> None:
     """A boresight hint 40° off ends as none; one beyond the allowed 2° too; no hint is refused."""
     centroids, _ = _list(np.random.default_rng(9), ORION, 0)
     for degrees in (2.5, 40.0):

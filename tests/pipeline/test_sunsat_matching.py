@@ -168,7 +168,7 @@ def test_two_different_answers_are_none() -> None:
 
 @pytest.mark.parametrize("way", ["match_groups", "star_vectors"])
 @pytest.mark.parametrize("n", [0, 1, 2])
-def test_fewer_than_three_stars_are_no_group(way: str, n: int) -> None:
+def test_fewer_than_three_stars_are_not_a_group(way: str, n: int) -> None:
     """ICLim ends at one: nothing below three stars."""
     guides = _sky(10)
     unit, v_mag = _observed(guides, _field(guides, 4))
@@ -188,7 +188,7 @@ def test_unknown_directions_take_no_part() -> None:
     }
 
 
-def test_an_exhausted_budget_is_no_answer() -> None:
+def test_an_exhausted_budget_gives_no_answer() -> None:
     """With a budget of one step the search ends without a group and says why; the count is the same every time."""
     guides = _sky(12)
     unit, v_mag = _observed(guides, _field(guides, 8))

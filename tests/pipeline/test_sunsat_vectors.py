@@ -102,7 +102,7 @@ def test_without_aberration_in_the_picture_the_correction_shows() -> None:
     assert off.max() > 1e-6
 
 
-def test_no_solution_is_no_vector() -> None:
+def test_a_failed_frame_gives_no_vector() -> None:
     """§4.1.7: without matches nothing follows the zero."""
     result = _seen(True)
     nothing = SolveResult("sunsat", Outcome.NONE, "dark", CAMERA, (), result.centroids, None, None, float("nan"))

@@ -1,4 +1,4 @@
-"""The audit record on both databases: it grows, and does nothing else."""
+"""The audit log on both databases: rows can be added, but not changed or removed."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ def audit(database, anchors) -> AuditService:
     ["UPDATE audit SET who = 'eve' WHERE seq = 2", "DELETE FROM audit", "DELETE FROM audit WHERE seq = 5"],
 )
 def test_the_database_itself_refuses_to_change_or_remove_a_row(audit, database, statement):
-    """Whatever program asks."""
+    """Triggers hold for every program that opens the database."""
     with pytest.raises(DBAPIError, match="append-only"), database.engine.begin() as connection:
         connection.execute(text(statement))
     assert audit.verify().problem == ""
     assert audit.verify().rows == 5
 
 
-def test_a_row_cannot_be_replaced_in_passing_either(audit, database):
-    """SQLite's INSERT OR REPLACE and PostgreSQL's TRUNCATE would go past the triggers on rows."""
+def test_a_row_cannot_be_replaced_by_other_statements(audit, database):
+    """SQLite's INSERT OR REPLACE and PostgreSQL's TRUNCATE would bypass the triggers on rows; both are rejected."""
     sqlite = database.engine.dialect.name == "sqlite"
     replace = "INSERT OR REPLACE INTO audit SELECT seq, at, 'eve', role, action, target, result, detail, address, previous, hash"
     with pytest.raises(DBAPIError, match="append-only"), database.engine.begin() as connection:
@@ -67,8 +67,8 @@ def test_a_row_cannot_be_replaced_in_passing_either(audit, database):
         ("DELETE FROM audit WHERE seq = 1", "rows 1 to 1 are missing"),
     ],
 )
-def test_who_takes_the_triggers_away_leaves_a_trace(audit, database, statement, problem):
-    """The chain of hashes shows which row."""
+def test_a_change_without_triggers_breaks_the_chain(audit, database, statement, problem):
+    """The chain of hashes identifies the row."""
     with database.engine.begin() as connection:
         if database.engine.dialect.name == "sqlite":
             connection.execute(text("DROP TRIGGER audit_no_update"))
@@ -79,8 +79,8 @@ def test_who_takes_the_triggers_away_leaves_a_trace(audit, database, statement, 
     assert audit.verify().problem == problem
 
 
-def test_a_row_before_the_first_one_shows(audit, database):
-    """Nothing refuses it, and nothing that follows names it: it is counted."""
+def test_rows_before_the_first_one_are_detected(audit, database):
+    """No trigger rejects such a row and no later hash depends on it; rows before the first are counted."""
     copy = "INSERT INTO audit SELECT -1, at, 'eve', role, action, target, result, detail, address, 'nothing', hash"
     with database.engine.begin() as connection:
         connection.execute(text(f"{copy} FROM audit WHERE seq = 2"))
@@ -99,9 +99,8 @@ def test_a_truncated_end_is_detected_with_an_exported_hash(audit, database, anch
     assert "was truncated" in audit.verify(noted).problem
 
 
-def test_a_guard_that_was_taken_away_is_missed(audit, database):
-    """Dropped, switched off, or put back in a form that refuses nothing: the record is not what it was, even while no row was
-    changed yet."""
+def test_a_missing_or_changed_trigger_is_detected(audit, database):
+    """A trigger that was dropped, disabled or replaced by one that rejects nothing is reported, even if no row was changed yet."""
     sqlite = database.engine.dialect.name == "sqlite"
     assert audit.verify().problem == ""
     weak = "CREATE TRIGGER audit_no_delete BEFORE DELETE ON audit BEGIN SELECT 1; END"
@@ -122,7 +121,7 @@ def test_a_guard_that_was_taken_away_is_missed(audit, database):
 
 
 def test_the_hash_includes_the_full_time_and_older_rows_still_verify(audit, database):
-    """An older row has milliseconds in its hash and stays valid; of a new one not even a microsecond can be changed."""
+    """An older row has milliseconds in its hash and stays valid; in a new row a change of one microsecond is detected."""
     sqlite = database.engine.dialect.name == "sqlite"
     with database.unit_of_work() as session:
         older = AuditRow(**{f: getattr(last(session), f) for f in FIELDS})
@@ -141,7 +140,7 @@ def test_the_hash_includes_the_full_time_and_older_rows_still_verify(audit, data
 
 
 def unguarded(database) -> None:
-    """Remove the triggers, as someone with access to the file would."""
+    """Remove the triggers, as an attacker with access to the file would."""
     sqlite = database.engine.dialect.name == "sqlite"
     names = ("audit_no_update", "audit_no_delete", "audit_no_replace") if sqlite else ("audit_no_change",)
     with database.engine.begin() as connection:
@@ -177,7 +176,7 @@ def test_a_truncated_end_contradicts_the_anchors(audit, database):
 
 
 def test_a_rewritten_log_contradicts_the_anchors(audit, database):
-    """Every hash is recomputed: only the file shows it."""
+    """Every hash is recomputed, so that only the anchor file reveals the change."""
     rewritten(database, without=2)
     assert audit.verify().rows == 4
     assert audit.verify().problem.startswith("row 2 differs from its anchor")
@@ -185,7 +184,7 @@ def test_a_rewritten_log_contradicts_the_anchors(audit, database):
 
 
 def test_a_removed_anchor_file_is_a_problem(audit, anchors):
-    """Rows are still written, and the file is not begun again."""
+    """Rows are still written, and no new file is started."""
     anchors.path.unlink()
     audit.begin_anchors()
     audit.record("ann", "x.y", "z", "done")
@@ -195,7 +194,7 @@ def test_a_removed_anchor_file_is_a_problem(audit, anchors):
 
 
 def test_the_log_of_an_older_version_is_anchored_from_its_last_row(database, anchors):
-    """Nothing is a problem before the file is begun."""
+    """A missing file is not a problem before the first row is anchored."""
     older = AuditService(database, now, anchors)
     for number in range(3):
         older.record("ann", "x.y", str(number), "done")
@@ -236,7 +235,8 @@ def test_a_row_is_stored_while_its_anchor_cannot_be_written(audit, anchors):
 
 
 def test_several_writers_make_one_chain(database, anchors):
-    """Two services as two processes would have them, four threads: every row is there once, each follows the one before."""
+    """Two services as two processes would have them, four threads: each row is stored once and contains the hash of the
+    previous row."""
     services = [AuditService(database, now, anchors) for _ in range(2)]
     services[0].begin_anchors()
 

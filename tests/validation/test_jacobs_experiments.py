@@ -47,7 +47,7 @@ def test_sub_catalogue_has_the_documents_size() -> None:
     assert missed <= 0.01 * total
 
 
-def test_tracking_goes_on_among_false_stars() -> None:
+def test_tracking_continues_among_false_stars() -> None:
     """One run each without and with 100 false stars: at least nine of ten frames right, none wrong, the same by seed."""
     made = jacobs_tracking(STARS, 25, 5, lambda _: None)
     assert [row[0] for row in made.rows] == [0, 100]

@@ -125,7 +125,7 @@ def test_what_the_campaign_once_found_stays_mended(camera: str, attitude: int) -
 
 
 @pytest.mark.parametrize(("camera", "attitude"), [("far_mst", 3636), ("far_mst", 4299), ("oersted", 3777)])
-def test_a_place_that_explains_a_fourth_of_the_stars_is_no_answer(camera: str, attitude: int) -> None:
+def test_an_attitude_that_explains_a_quarter_of_the_stars_is_rejected(camera: str, attitude: int) -> None:
     """Lists, mirrored or with false stars, whose best place named 3 of 27 to 11 of 42 stars: the reference answers none."""
     tested = subject(setting_of(camera, "reference"), propagate(load_stars(8.0), 2000.0))
     rng = np.random.default_rng([1, 910, CAMERAS.index(camera), attitude])

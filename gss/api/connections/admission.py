@@ -1,8 +1,8 @@
-"""Which connections stay open when there are too many.
+"""Decide which connections stay open when there are too many.
 
-A new connection is unauthenticated until its first request, so that it is always accepted; over the limit an older unauthenticated
-one is dropped for it. An authenticated connection is dropped only when another becomes authenticated over their limit, and only
-while it waits for its client.
+A new connection is unauthenticated until its first request, so it is always accepted; if the limit is exceeded, an older
+unauthenticated connection is dropped. An authenticated connection is dropped only if a further connection becomes
+authenticated above the limit for authenticated ones, and only while it waits for its client.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from ipaddress import IPv6Address, ip_address
 
 log = logging.getLogger("gss.connections")
 DESCRIPTORS_SHARE = 2
-"""Fraction of descriptors for connections, as a divisor; the others are for files, the database and the line."""
+"""Divisor of the number of file descriptors: this part is for connections, the others for files, the database and the line."""
 UNAUTHENTICATED_SHARE = 2
-"""Fraction of unauthenticated connections, as a divisor; the others are kept for signed-in users."""
+"""Divisor of the number of connections: this part may be unauthenticated; the others are reserved for signed-in users."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class ConnectionLimits:
 
     @classmethod
     def within(cls, most: int, descriptors: int, *, behind_proxy: bool) -> ConnectionLimits:
-        """Return the limits for ``most`` connections in a process with that many file descriptors. Behind a proxy all
+        """Return the limits for ``most`` connections in a process with ``descriptors`` file descriptors. Behind a proxy all
         clients share its address."""
         total = max(4, min(most, descriptors // DESCRIPTORS_SHARE))
         unauthenticated = total // UNAUTHENTICATED_SHARE
@@ -53,7 +53,7 @@ class Connection:
         self._waits: Callable[[], bool] | None = None
 
     def attach(self, transport: asyncio.Transport, waits: Callable[[], bool]) -> None:
-        """Attach the transport when the protocol starts. ``waits``: returns True while it waits for the client."""
+        """Attach the transport when the protocol starts. ``waits``: returns True while the protocol waits for the client."""
         self._transport, self._waits = transport, waits
 
     def mark_authenticated(self) -> None:
@@ -116,7 +116,7 @@ class Connections:
         return connection
 
     def ended(self, connection: Connection) -> None:
-        """Forget a closed connection."""
+        """Remove a closed connection."""
         self._users.pop(connection, None)
         pool = self._unauthenticated.get(connection.origin, {})
         pool.pop(connection, None)
@@ -150,7 +150,7 @@ class Connections:
                 self.ended(connection)
 
     def _move(self, connection: Connection) -> None:
-        """Count it as authenticated. Over the limit an idle one is dropped for it, of the same origin if there is one."""
+        """Count the connection as authenticated. Above the limit, drop an idle one, if possible of the same origin."""
         if connection not in self._unauthenticated.get(connection.origin, {}):
             return
         self.ended(connection)
@@ -169,7 +169,7 @@ class Connections:
 
 
 def _victim(pool: Pool) -> Connection:
-    """Return the oldest that waits for its client, or the oldest of all if every one is being answered."""
+    """Return the oldest connection that waits for its client, or the oldest of all if each has a request in progress."""
     return next((one for one in pool if one.waits_for_client), next(iter(pool)))
 
 

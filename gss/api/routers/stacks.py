@@ -11,7 +11,7 @@ from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.schemas.stacks import (
-    GoOnIn,
+    ContinueIn,
     RunIn,
     StackCheckOut,
     StackFileIn,
@@ -136,12 +136,12 @@ def stop_run(app: App, run_id: RowId, user: User) -> StackRunOut:
 
 
 @router.post("/stack-runs/{run_id}/go-on", dependencies=[need("stacks")])
-def go_on(app: App, run_id: RowId, body: GoOnIn, user: User, audit_note: AuditNote) -> StackRunOut:
+def continue_run(app: App, run_id: RowId, body: ContinueIn, user: User, audit_note: AuditNote) -> StackRunOut:
     """Continue the last run after a failure, by retrying the failed step or by skipping it with a reason. A retried
     command with an unknown result keeps its id."""
     row = app.commanding.stack_runs.get(run_id)
     audit_note(row.name, f"{'skip' if body.skip else 'retry'} step {row.step + 1}", body.skip)
-    return present.stacks.run(app.commanding.stack_runs.go_on(run_id, body.skip.strip(), body.confirm, user=user))
+    return present.stacks.run(app.commanding.stack_runs.continue_run(run_id, body.skip.strip(), body.confirm, user=user))
 
 
 def _named(name: str, steps: Sequence[Mapping[str, Any]]) -> str:

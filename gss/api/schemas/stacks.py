@@ -62,7 +62,7 @@ class RunIn(In):
     confirm: list[str] = Field(default_factory=list, max_length=200)
 
 
-class GoOnIn(RunIn):
+class ContinueIn(RunIn):
     """How to continue a failed run. ``skip``: reason for skipping the failed step; "" retries it."""
 
     skip: str = Field(default="", max_length=500)

@@ -45,7 +45,8 @@ def serve_behind_workers(
 ) -> None:
     """Serve until interrupted. ``listener``: the public socket, which the workers share; ``connections``: connection
     counter of this process for the public socket."""
-    with tempfile.TemporaryDirectory(prefix="gss-") as folder:  # of mode 0700; the path of a socket must be short
+    # mode 0700; the path of a Unix socket has a length limit
+    with tempfile.TemporaryDirectory(prefix="gss-") as folder:
         path = Path(folder) / NAME
         worker = partial(serve_worker, settings.model_dump_json(), NAME, path, listener)
         targets = {f"API worker {k + 1}": worker for k in range(settings.workers)}
@@ -73,7 +74,7 @@ def record(bus: EventBus, text: str) -> None:
     """Record the end of a process; log it if the store is down."""
     try:
         bus.record("server", "warning", text)
-    except GssError:  # the store is down; the workers are needed all the more
+    except GssError:  # the store is down; supervision must continue without the record
         log.exception("not recorded: %s", text)
 
 
@@ -92,7 +93,7 @@ class LinkServer(uvicorn.Server):
         self._leaving: threading.Thread | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start serving, on the public socket too while there is no worker."""
+        """Start serving on the private socket, and on the public socket while no worker is running."""
         await super().startup(sockets)
         if self.started:
             os.chmod(str(self.config.uds), 0o600)
@@ -100,7 +101,7 @@ class LinkServer(uvicorn.Server):
             self._fallback_task = self._loop.create_task(self._fallback_server.run(self.server_state))
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Stop in order on the first signal, at once on the second."""
+        """Stop gracefully on the first signal, immediately on the second."""
         if self._leaving is not None:
             super().handle_exit(signal.SIGINT, frame)
             return

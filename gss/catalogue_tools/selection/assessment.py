@@ -21,7 +21,7 @@ from gss.skytables.pairs import DistanceTable
 
 MAP_NSIDE = 32
 AMBIGUITY_NSIDE = 16
-# Planets fainter than this are not reported: they look like one star among many.
+# Planets fainter than this are not reported, because many stars are as bright.
 PLANET_MAG = 6.0
 SUN = "Sun"
 WAY_POINTS = 60
@@ -53,8 +53,8 @@ class MovingBody:
 
 @dataclass(frozen=True)
 class Assessment:
-    """Result of the assessment. ``ambiguity`` is None for fewer than three stars. ``blinded``: fraction of time by
-    hiding body, {} for none."""
+    """Result of the assessment. ``ambiguity`` is None for fewer than three stars. ``blinded``: fraction of time with the
+    camera blinded, by body; {} if none."""
 
     quality: Quality
     map: EnvelopeMap
@@ -76,24 +76,26 @@ class Assessment:
 
 
 def assess_catalogue(
-    p: BuildPlan, stars: StarTable, distances: DistanceTable, directory: StarTable | None = None
+    plan: BuildPlan, stars: StarTable, distances: DistanceTable, directory: StarTable | None = None
 ) -> Assessment:
     """Assess the stars in ICRS axes and their distances over the whole envelope of the plan.
 
     ``directory``: the stars that the device searches, among which confusion is possible; None: all.
     """
-    rng = np.random.default_rng(p.request.seed)
-    quality = assess(stars.icrs, p.envelope, p.shape, p.request.pointings, rng, distances, _tolerance_rad(p))
-    mistakes = ambiguity(p, p.envelope, stars if directory is None else directory, AMBIGUITY_NSIDE)
-    return Assessment(quality, envelope_map(p.envelope), mistakes, p.lifetime(), _blinded(p), wanderers(p))
+    rng = np.random.default_rng(plan.request.seed)
+    quality = assess(
+        stars.icrs, plan.envelope, plan.shape, plan.request.pointings, rng, distances, _tolerance_rad(plan)
+    )
+    mistakes = ambiguity(plan, plan.envelope, stars if directory is None else directory, AMBIGUITY_NSIDE)
+    return Assessment(quality, envelope_map(plan.envelope), mistakes, plan.lifetime(), _blinded(plan), wanderers(plan))
 
 
-def ambiguity(p: BuildPlan, envelope: Envelope, stars: StarTable, nside: int) -> AmbiguityMap | None:
-    """Map of where kept stars can be confused with others; None for fewer than three stars."""
+def ambiguity(plan: BuildPlan, envelope: Envelope, stars: StarTable, nside: int) -> AmbiguityMap | None:
+    """Map of the regions where kept stars can be confused with others; None for fewer than three stars."""
     if len(stars) < 3:
         return None
-    radius, longest = p.shape.equal_circle_rad, p.pair_max_rad
-    return ambiguity_map(stars.icrs, envelope, radius, _tolerance_rad(p), longest, nside=nside)
+    radius, longest = plan.shape.equal_circle_rad, plan.pair_max_rad
+    return ambiguity_map(stars.icrs, envelope, radius, _tolerance_rad(plan), longest, nside=nside)
 
 
 def envelope_map(envelope: Envelope, nside: int = MAP_NSIDE) -> EnvelopeMap:
@@ -102,15 +104,15 @@ def envelope_map(envelope: Envelope, nside: int = MAP_NSIDE) -> EnvelopeMap:
     return EnvelopeMap(nside, fraction, tuple(envelope.edges(at_end=False)), tuple(envelope.edges(at_end=True)))
 
 
-def wanderers(p: BuildPlan) -> tuple[MovingBody, ...]:
+def wanderers(plan: BuildPlan) -> tuple[MovingBody, ...]:
     """Return the Sun and all other bodies brighter than V 6 that cross the envelope; their images look like stars
     but are in no catalogue."""
-    request = p.request
+    request = plan.request
     if request.start is None:
         return ()
     step_days = max(1.0, request.days / WAY_POINTS)
     tracks = exclusions(request.start, request.days, limit_mag=PLANET_MAG, step_days=step_days)
-    inside = within(tracks, p.base.contains)
+    inside = within(tracks, plan.base.contains)
     return tuple(
         MovingBody(track.name, track.icrs, track.brightest_mag, float(inside[track.name].mean()))
         for track in tracks.tracks
@@ -124,14 +126,14 @@ def way_deg(body: MovingBody) -> list[tuple[float, float]]:
     return [(round(float(a), 3), round(float(d), 3)) for a, d in zip(ra, dec, strict=True)]
 
 
-def _tolerance_rad(p: BuildPlan) -> float:
-    return p.request.query_tolerance_px * p.profile.camera.pixel_rad
+def _tolerance_rad(plan: BuildPlan) -> float:
+    return plan.request.query_tolerance_px * plan.profile.camera.pixel_rad
 
 
-def _blinded(p: BuildPlan) -> dict[str, float]:
-    if not isinstance(p.envelope, OccultedEnvelope):
+def _blinded(plan: BuildPlan) -> dict[str, float]:
+    if not isinstance(plan.envelope, OccultedEnvelope):
         return {}
-    b = p.envelope.blinded
+    b = plan.envelope.blinded
     return {"earth": b.earth, "sun": b.sun, "moon": b.moon, "total": b.total}
 
 

@@ -59,7 +59,7 @@ def for_known_cameras(read: ImportedList, cameras: Collection[str]) -> ImportedL
     """Return the list without the name of its camera if that is not among ``cameras``, with a note."""
     if not read.camera or read.camera in cameras:
         return read
-    note = f"made for {read.camera}, which is not a camera profile here"
+    note = f"made for {read.camera}, for which no camera profile is installed"
     return replace(read, camera="", notes=(*read.notes, note))
 
 
@@ -70,7 +70,7 @@ def require_camera(camera: str, profile_name: str) -> None:
             "this star list is for another camera",
             expected=camera,
             got=profile_name,
-            hint="take the list's camera, or a list that names none",
+            hint="choose the camera of the list, or a list without a camera",
         )
 
 
@@ -86,12 +86,14 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
         number, reason, text = raw.broken[0]
         raise BadInput(
             "no row of the star list can be used",
-            expected="as many values in a row as the header names",
+            expected="as many values in each row as columns in the header",
             got=f"row {number}: {reason}: {text}",
-            hint="look for a comma at the end of the rows, or a decimal comma",
+            hint="check for a comma at the end of the rows, or decimal commas",
         )
     if not len(raw.rows):
-        raise BadInput("the star list is empty", expected="a row for each star", got="a header without rows")
+        raise BadInput(
+            "the star list is empty", expected="a header, then one row per star", got="a header without rows"
+        )
     require_numbers(raw, columns)
     notes: list[str] = []
     units = {name: unit_of(name, column, raw, mapping) for name, column in columns.items() if name in USUAL_UNITS}
@@ -105,7 +107,9 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
     if mapping.bad_rows == "refuse" and bad.count():
         first = bad.report(1)[0]
         raise BadInput(
-            f"row {first.row}, column {first.column}: {first.reason}", got=first.value, hint="mend it, or drop bad rows"
+            f"row {first.row}, column {first.column}: {first.reason}",
+            got=first.value,
+            hint="correct the row, or choose to drop rows that cannot be used",
         )
     if not good.any():
         first = bad.report(1)[0]
@@ -122,7 +126,7 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
             {int(n): names[i] for n, i in zip(numbers[good], np.flatnonzero(good), strict=True) if names[i]}
         )
     if "pm_ra" not in values or "pm_dec" not in values:
-        notes.append(f"no proper motions: places stay those of J{epoch:g}")
+        notes.append(f"no proper motions: positions stay those of J{epoch:g}")
     camera = (raw.camera or "").strip()[:LONGEST_CAMERA]
     return ImportedList(
         stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes), camera
@@ -144,8 +148,8 @@ def _epoch(raw: RawList, mapping: ListMapping) -> float:
     if stated is None and mapped is None:
         raise BadInput(
             "the star list does not state its epoch",
-            expected="the year of the places",
-            hint="say it with the list: --list-epoch 2000 in the shell, Epoch on the page",
+            expected="the year of the positions",
+            hint="state it: option --list-epoch 2000 in the shell, field Epoch on the page",
         )
     if stated is not None and mapped is not None and not abs(stated - mapped) < 0.01:
         raise BadInput(
@@ -170,7 +174,7 @@ def _frame(raw: RawList, columns: dict[str, str], mapping: ListMapping) -> str:
                 "the star list's frame is unknown",
                 expected="ICRS | FK5 | FK4",
                 got=raw.frame[:LONGEST_EPOCH],
-                hint="say it with the list: --list-frame in the shell, axes on the page",
+                hint="state it: option --list-frame in the shell, field Axes on the page",
             )
     if stated is None:
         name = columns["ra"].lower()
@@ -186,7 +190,7 @@ def _frame(raw: RawList, columns: dict[str, str], mapping: ListMapping) -> str:
         raise BadInput(
             "the star list does not state its frame",
             expected="icrs | fk5 | b1950",
-            hint="say it with the list: --list-frame in the shell, axes on the page",
+            hint="state it: option --list-frame in the shell, field Axes on the page",
         )
     return frame
 

@@ -1,4 +1,4 @@
-"""Fault injection for training: at once, for a time or by a seeded plan; line faults; motion of the sky."""
+"""Fault injection for training: immediate, for a duration, or by a seeded plan; line faults; motion of the sky."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ class PlannedFault:
 
 
 class Training:
-    """Handlers and timing of faults. ``sky_s``: returns simulated seconds of the sky. ``reset``: requests a watchdog reset."""
+    """Handlers and timing of faults. ``sky_s``: returns the simulated time of the sky in seconds. ``reset``: requests a
+    watchdog reset."""
 
     def __init__(
         self,
@@ -82,17 +83,17 @@ class Training:
         self._plan = sorted([*self._plan, *faults], key=lambda f: f.at_s)
 
     def advance(self) -> None:
-        """Advance the time: planned faults start, lasting ones end."""
+        """Start planned faults and end lasting ones whose time has come."""
         now_s = self._sky_s()
         while self._plan and self._plan[0].at_s <= now_s:
             planned = self._plan.pop(0)
             try:
                 self.inject(planned.fault, planned.value, planned.duration_s)
             except Rejection as refusal:
-                self._outbox.event("TRAINING", f"{planned.fault} did not strike: {refusal.detail}")
+                self._outbox.event("TRAINING", f"{planned.fault} was not injected: {refusal.detail}")
         for fault in [f for f, until_s in self._until_s.items() if until_s is not None and now_s >= until_s]:
             self._end(fault)
-            self._outbox.event("TRAINING", f"{fault} is over")
+            self._outbox.event("TRAINING", f"{fault} ended")
 
     def inject(self, fault: str, value: float = 0.0, duration_s: float = 0.0, request_id: int = 0) -> None:
         """Inject a fault now; value 0 uses its default size. "none" removes all faults.
@@ -131,7 +132,7 @@ class Training:
     def _corrupt(self, bank: str) -> None:
         size = self._memory.record.banks[bank].size
         if not size:
-            raise Rejection("bank_empty", f"bank {bank} holds nothing")
+            raise Rejection("bank_empty", f"bank {bank} is empty")
         rng = np.random.default_rng([self._memory.record.frames, size])
         for at in rng.choice(size, FLIPPED_BITS, replace=False):
             self._memory.flash.flip(self._memory.offset(bank) + int(at), int(rng.integers(8)))
@@ -196,7 +197,7 @@ class Training:
             self._tracker.sky.environment.line.disconnect(seconds)
         except BadInput as error:
             raise Rejection("out_of_range", str(error)) from error
-        self._outbox.event("TRAINING", f"the port vanishes for {seconds:.1f} s", request_id)
+        self._outbox.event("TRAINING", f"the port disappears for {seconds:.1f} s", request_id)
         return {}
 
     def sim_set_sky(self, a: Arguments, request_id: int) -> Returns:
@@ -215,7 +216,7 @@ class Training:
 
 def _sentence(fault: str, value: float, duration_s: float) -> str:
     if fault == "none":
-        return "every fault is taken back"
+        return "all faults are cleared"
     how_much = f" {value:g}" if fault in LIMITS else ""
     how_long = f" for {duration_s:g} s" if fault in LASTING and duration_s > 0 else ""
     return f"{fault}{how_much}{how_long}"

@@ -1,4 +1,4 @@
-"""The rows of stack runs: each change is stored and published."""
+"""Rows of stack runs. Stores and publishes each change."""
 
 from __future__ import annotations
 

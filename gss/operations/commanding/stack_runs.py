@@ -72,7 +72,7 @@ class StackRunner:
         self._bus.record("stack", "ok", f"{user} runs {stack.name}: {len(stack.steps)} steps", run_id=row.id)
         return row
 
-    def go_on(self, run_id: int, skip: str, confirm: Sequence[str], *, user: str) -> StackRun:
+    def continue_run(self, run_id: int, skip: str, confirm: Sequence[str], *, user: str) -> StackRun:
         """Continue the last run at the step that failed: retry it, or skip it if ``skip`` gives a reason. A command of
         unknown fate is resent with its id, so that the device does not execute it twice; any other is sent as a new command."""
         row = self._failed_last(run_id)

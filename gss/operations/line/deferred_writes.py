@@ -1,4 +1,4 @@
-"""Writes to the store in their order, kept while the store is down."""
+"""Queue of writes to the store, kept in order while the store is down."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ log = logging.getLogger("gss.store")
 
 
 class DeferredWrites:
-    """A queue of writes. Each must be all or nothing: one that raises StoreDown is called again by the next ``run``, before those
-    after it. Not thread-safe: used on the dispatch thread."""
+    """A queue of writes. Each write must be atomic: one that raises StoreDown is repeated by the next ``run`` before the
+    later ones. Not thread-safe: used on the dispatch thread."""
 
     def __init__(self) -> None:
         self._writes: deque[Callable[[], object]] = deque()
@@ -23,8 +23,8 @@ class DeferredWrites:
         self._writes.append(write)
 
     def run(self) -> None:
-        """Call the writes until none is left or the store is down. A write that raises anything else is dropped, and its error is
-        raised; the rest follow with the next ``run``."""
+        """Call the writes until none is left or the store is down. If a write raises another error, drop it and raise the
+        error; the next ``run`` continues with the later writes."""
         while self._writes:
             try:
                 self._writes[0]()

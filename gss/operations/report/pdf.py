@@ -1,4 +1,4 @@
-"""A report as PDF: the same parts and drawings, on A4."""
+"""Write a report as PDF on A4, with the parts and drawings of the page."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 FONTS = Path(__file__).parent.parent.parent / "web" / "fonts"
 FACES = {"latin": "ibm-plex-sans-latin", "greek": "ibm-plex-sans-greek"}
-"""The console's font, included in its pages; its letters are in two files."""
+"""Font of the console, from the built pages. Its glyphs are split into two files."""
 PLAIN = str.maketrans({"≤": "<=", "≥": ">=", "→": "to", "√": "root ", "⁻": "-", "₁": "1", "₂": "2", "₃": "3"})
 BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": "'", "−": "-", "×": "x", "Δ": "d", "ρ": "r"})
-"""Replacements for an installation without built pages, limited to letters that every PDF reader has."""
+"""Replacements for an installation without built pages, which can only use the glyphs of the standard PDF fonts."""
 MARGIN, LINE, LEADING = 42.0, 12.0, 1.3
 MOST_ROWS = 400
-"""Longer tables belong in the CSV; the report states how many rows were omitted."""
+"""Maximum number of rows of a table. The report states how many rows were omitted; the CSV file has all of them."""
 
 
 def as_pdf(report: Report, made: datetime) -> bytes:
@@ -47,7 +47,7 @@ class _Sheet:
     """The PDF under construction and the position of the next part."""
 
     def __init__(self, title: str) -> None:
-        from fpdf import FPDF  # imported late: it takes 0.5 s
+        from fpdf import FPDF  # imported here because the import takes 0.5 s
 
         self.pdf = FPDF(unit="pt", format="A4")
         self.pdf.set_auto_page_break(False)
@@ -81,7 +81,7 @@ class _Sheet:
         self.words(f"{word}{note.text}{stop} {note.hint}", colour="#a04600", gap=4)
 
     def section(self, section: Section) -> None:
-        """Add a heading with its content; the heading is on the page of the first drawing or of the first lines."""
+        """Add a heading with its content. A page break never separates the heading from the first drawing or lines."""
         first = 0.0 if section.facts or not section.drawings else self._drawn_height(section.drawings[0])
         self.room(60 + first)
         self.y += 8

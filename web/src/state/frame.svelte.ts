@@ -6,7 +6,7 @@ import type { Stretch } from '../sky/stretch';
 import { live } from './live.svelte';
 import { view } from './view.svelte';
 
-/** The newest frame of the device; an imported one only if there is none of the device. */
+/** The newest frame of the device, or the newest imported one if the device has none. */
 async function newest(): Promise<number | null> {
   if (live.latestDeviceFrame !== null) return live.latestDeviceFrame;
   const device = await api.frames({ limit: 1, source: 'device' });
@@ -39,22 +39,22 @@ export class FrameView {
   /** Not reactive: an effect that starts a load must not run again because the load has started. */
   private busy = false;
   private following = false;
-  private again = false;
+  private loadAgain = false;
 
   /** Loads a frame, or the newest one; pixels only if they differ. */
   async load(id: number | 'latest'): Promise<void> {
     // Frames may arrive faster than one is loaded: the one being loaded is shown, then the newest of those received
     // in the meantime.
     if (id === 'latest' && this.busy && this.following) {
-      this.again = true;
+      this.loadAgain = true;
       return;
     }
     this.following = id === 'latest';
     this.busy = true;
     await this.read(id);
     this.busy = false;
-    if (!this.again) return;
-    this.again = false;
+    if (!this.loadAgain) return;
+    this.loadAgain = false;
     await this.load('latest');
   }
 
@@ -62,17 +62,17 @@ export class FrameView {
     const turn = ++this.generation;
     this.loading = true;
     try {
-      const wanted = id === 'latest' ? await newest() : id;
+      const wantedId = id === 'latest' ? await newest() : id;
       if (turn !== this.generation) return;
-      if (wanted === null) {
+      if (wantedId === null) {
         this.detail = null;
         this.problem = '';
         return;
       }
       // New pixels are loaded together with the results computed from them.
-      const ahead = wanted === this.detail?.id ? null : this.readPixels(wanted);
+      const ahead = wantedId === this.detail?.id ? null : this.readPixels(wantedId);
       ahead?.catch(() => undefined);
-      const detail = await api.frame(wanted);
+      const detail = await api.frame(wantedId);
       if (turn !== this.generation) return;
       await this.showPixels(detail, ahead, turn);
       if (turn !== this.generation) return;
@@ -97,7 +97,7 @@ export class FrameView {
   /** Discard the load in progress; the displayed frame stays. */
   stop(): void {
     this.generation += 1;
-    this.again = false;
+    this.loadAgain = false;
     this.loading = false;
   }
 
@@ -136,7 +136,7 @@ export class FrameView {
     });
   }
 
-  /** Show a result that is not stored, or switch back and forth between it and the solution before. */
+  /** Show a result that is not stored, or switch between it and the previous solution. */
   preview(result: SolutionDetail | null): void {
     if (this.beforePreview === undefined) this.beforePreview = this.solution;
     this.solution = result;
