@@ -94,16 +94,16 @@ def _table(optics: Optics, count: int) -> BenchTable:
 def _rows(
     label: str, scenes: list[CentroidList], solvers: dict[str, Solver], optics: Optics
 ) -> list[tuple[str, dict[str, Value]]]:
-    said: dict[str, list[tuple[float, Array | None]]] = {name: [] for name in solvers}
+    results: dict[str, list[tuple[float, Array | None]]] = {name: [] for name in solvers}
     for solve in solvers.values():
         solve(scenes[0])
     for scene in scenes:
         for name, solve in solvers.items():
-            said[name].append(solve(scene))
-    ours_ms = float(np.median([ms for ms, _ in said["reference"]]))
+            results[name].append(solve(scene))
+    ours_ms = float(np.median([ms for ms, _ in results["reference"]]))
     few = sum(scene.true_stars < FEWEST for scene in scenes)
     rows = []
-    for name, answers in said.items():
+    for name, answers in results.items():
         durations = spread([ms for ms, _ in answers])
         ratio: dict[str, Value] = {"time_of_ours": float(durations["median_ms"] or 0) / ours_ms}
         rows.append((f"{label}, {name}", durations | ratio | _judged(answers, scenes, optics) | {"few": few}))

@@ -181,11 +181,13 @@ def transfers(quick: bool) -> list[BenchTable]:
     rows: list[tuple[str, dict[str, Value]]] = []
     for baud, rate in cases[len(ERROR_RATES) : len(ERROR_RATES) + 1] if quick else cases:
         label = f"{baud:,} Bd, bit error rate {rate:g}"
-        for way in ("frame down", "catalogue up"):
+        for direction in ("frame down", "catalogue up"):
             line = SimulatedLine(dictionary, golden, baud, FaultRates(bit_error_rate=rate))
             line.greet()
             line.picture()
-            rows.append((f"{label}, {way}", _transfer(line, golden.image if way == "catalogue up" else None)))
+            rows.append(
+                (f"{label}, {direction}", _transfer(line, golden.image if direction == "catalogue up" else None))
+            )
     conditions = (
         "Ground session and simulated device in one process, simulated time in steps of 10 ms, ten bits per byte; "
         "bit errors in both directions. One frame of 512 KiB comes down, or the factory catalogue goes up, is read back and "

@@ -100,7 +100,7 @@ async def _delays(name: str, events: AsyncIterator[bytes]) -> None:
 
 async def _measure_http(folder: str, keep: int) -> None:
     limits = httpx2.Limits(max_connections=None, max_keepalive_connections=keep)
-    how = "kept connection" if keep else "connection per request"
+    label = "kept connection" if keep else "connection per request"
     async with httpx2.AsyncHTTPTransport(uds=f"{folder}/http", limits=limits) as transport:
 
         async def request(method: str, path: str, body: bytes | None) -> bytes:
@@ -108,8 +108,8 @@ async def _measure_http(folder: str, keep: int) -> None:
             sent = httpx2.Request(method, f"http://link/{path}", headers=headers, content=body)
             return await (await transport.handle_async_request(sent)).aread()
 
-        await _timed(f"ABORT, httpx2, {how}", lambda: request("POST", "abort", ABORT_REQUEST), REQUESTS, 420)
-        await _timed(f"frame 512 KiB, httpx2, {how}", lambda: request("GET", "frame", None), FRAMES, 512 << 10)
+        await _timed(f"ABORT, httpx2, {label}", lambda: request("POST", "abort", ABORT_REQUEST), REQUESTS, 420)
+        await _timed(f"frame 512 KiB, httpx2, {label}", lambda: request("GET", "frame", None), FRAMES, 512 << 10)
         if keep:
             return
 

@@ -40,13 +40,13 @@ class BenchTable:
             "title": self.title,
             "conditions": self.conditions,
             "seed": self.seed,
-            "rows": [{"what": what, **values} for what, values in self.rows],
+            "rows": [{"what": label, **values} for label, values in self.rows],
             "skipped": self.skipped,
         }
 
     def cells(self) -> list[list[str]]:
         """Return header and rows as text."""
-        body = [[what, *(_text(values.get(name)) for name in self.columns)] for what, values in self.rows]
+        body = [[label, *(_text(values.get(name)) for name in self.columns)] for label, values in self.rows]
         return [["", *self.columns], *body]
 
     def text(self) -> str:

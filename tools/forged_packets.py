@@ -32,18 +32,18 @@ def forged(keys: LinkKeys, number: int, rng: np.random.Generator) -> Iterator[by
     ]
     for n in range(number):
         data = bytearray(packets[int(rng.integers(len(packets)))])
-        how = n % 6
-        if how == 0:  # one bit anywhere, with a counter that would be new
+        kind = n % 6
+        if kind == 0:  # one bit anywhere, with a counter that would be new
             data[-TRAILER_BYTES + 1 : -TRAILER_BYTES + 9] = (10**9 + n).to_bytes(8, "big")
             data[int(rng.integers(6, len(data)))] ^= 1 << int(rng.integers(8))
-        elif how == 1:
+        elif kind == 1:
             data[-TRAILER_BYTES:] = packets[int(rng.integers(len(packets)))][-TRAILER_BYTES:]
             data[-TRAILER_BYTES + 1 : -TRAILER_BYTES + 9] = (10**9 + n).to_bytes(8, "big")
-        elif how == 2:
+        elif kind == 2:
             data[-16:] = rng.bytes(16)
-        elif how == 3:
+        elif kind == 3:
             data[-TRAILER_BYTES:] = bytes([int(rng.integers(2))]) + (10**9 + n).to_bytes(8, "big") + rng.bytes(16)
-        elif how == 4:
+        elif kind == 4:
             packet = Packet(PacketType.COMMAND, int(rng.integers(256)), n + 1, rng.bytes(8), 0x1234, True)
             data = bytearray(encode_packet(packet)[:-CRC_BYTES])
         yield encode_frame(with_crc(bytes(data)))  # the sixth kind is a replay, unchanged

@@ -87,7 +87,7 @@ def _contact() -> tuple[list[tuple[float, int, bytes]], list[Packet]]:
         HostSession(load_dictionary()),
     )
     host.link_up(now_s)
-    receiver, said, packets = LineReceiver(from_device=True), [], []
+    receiver, stream, packets = LineReceiver(from_device=True), [], []
     for step in range(1200):
         now_s += 0.05
         up, _ = host.poll(now_s)
@@ -95,14 +95,14 @@ def _contact() -> tuple[list[tuple[float, int, bytes]], list[Packet]]:
         device.feed(up, now_s)
         frame = device.next_frame(now_s) or b""
         host.feed(frame, now_s)
-        said += [(1.7e9 + now_s, way, data) for way, data in ((1, up), (0, frame)) if data]
+        stream += [(1.7e9 + now_s, direction, data) for direction, data in ((1, up), (0, frame)) if data]
         packets += receiver.feed(frame)
         if step == 20:
             host.submit(host.encode("GET_STATUS", {}))
             host.submit(host.encode("TAKE_IMAGE", {}))
         if step == 200:
             host.transfers.start_download("frame", 1)
-    return said, packets
+    return stream, packets
 
 
 def _records(packets: list[Packet]) -> bytes:
@@ -165,8 +165,8 @@ def _paper() -> str:
 
 def seeds() -> Iterator[tuple[str, str, bytes]]:
     """Yield (target, name, bytes)."""
-    said, packets = _contact()
-    line = b"".join(data for _, way, data in said if way == 0)[:6000]
+    stream, packets = _contact()
+    line = b"".join(data for _, direction, data in stream if direction == 0)[:6000]
     yield "frames", "contact-cobs", line
     yield "frames", "contact-slip", b"".join(encode_frame(encode_packet(p), "slip") for p in packets[:8])
     for kind in PacketType:
@@ -176,8 +176,12 @@ def seeds() -> Iterator[tuple[str, str, bytes]]:
     yield "session", "greeted", _records(packets[:12])
     transfer = [p for p in packets if p.type in (PacketType.TRANSFER, PacketType.REPORT)]
     yield "session", "transfer", _records([p for p in transfer if len(p.payload) < 300][:20])
-    for name, part in (("contact", said[:40]), ("middle", said[200:230])):
-        yield "capture", name, b"".join(struct.pack("<dBI", s, way, len(d)) + d for s, way, d in part)[:8000]
+    for name, part in (("contact", stream[:40]), ("middle", stream[200:230])):
+        yield (
+            "capture",
+            name,
+            b"".join(struct.pack("<dBI", s, direction, len(d)) + d for s, direction, d in part)[:8000],
+        )
     yield "capture", "records", _records(packets[:12])
     for name, data in _pictures():
         yield "image", name, data

@@ -308,9 +308,9 @@ def dark_frame(data: bytes) -> None:
         from_bytes(data)
 
 
-def _require(holds: bool, what: str) -> None:
+def _require(holds: bool, problem: str) -> None:
     if not holds:
-        raise AssertionError(what)
+        raise AssertionError(problem)
 
 
 TARGETS: dict[str, Target] = {

@@ -108,8 +108,8 @@ class Seed:
         """Request ``path`` until ``done`` finds something in its answer, and return that."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            if found := done(self.request("GET", path)):
-                return found
+            if result := done(self.request("GET", path)):
+                return result
             time.sleep(0.3)
         raise TimeoutError(f"{path} did not show the expected state within {seconds} s")
 

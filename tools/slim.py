@@ -22,9 +22,9 @@ IMPORTED = ("astropy/tests",)
 
 def unneeded(packages: Path) -> list[Path]:
     """Return the files and folders of ``packages`` (a site-packages folder) that GSS never uses."""
-    found = [path for name in (PROGRAM, *UNUSED) if (path := packages / name).exists()]
+    paths = [path for name in (PROGRAM, *UNUSED) if (path := packages / name).exists()]
     suites = [folder for name in TESTED for folder in (packages / name).rglob("tests")]
-    return found + [folder for folder in suites if folder.relative_to(packages).as_posix() not in IMPORTED]
+    return paths + [folder for folder in suites if folder.relative_to(packages).as_posix() not in IMPORTED]
 
 
 def size(path: Path) -> int:

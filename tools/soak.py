@@ -71,9 +71,9 @@ class SoakReport:
 
     def growth(self) -> dict[str, tuple[float, float]]:
         """Return (MiB after warming up, MiB at the end) of each process that lived throughout."""
-        warm = [look for look in self.looks if look.at_s >= max(WARM_LEAST_S, WARM_SHARE * self.seconds)]
+        warm = [sample for sample in self.looks if sample.at_s >= max(WARM_LEAST_S, WARM_SHARE * self.seconds)]
         third = max(1, len(warm) // 3)
-        names = set.intersection(*(set(look.resident) for look in warm)) if warm else set()
+        names = set.intersection(*(set(sample.resident) for sample in warm)) if warm else set()
         return {n: (_mib(warm[:third], n), _mib(warm[-third:], n)) for n in sorted(names)}
 
     def problems(self) -> list[str]:
@@ -140,8 +140,8 @@ def _faults(log: StreamLog) -> list[str]:
     return faults
 
 
-def _mib(looks: Sequence[Look], name: str) -> float:
-    return statistics.median(look.resident[name] for look in looks) / 2**20
+def _mib(samples: Sequence[Look], name: str) -> float:
+    return statistics.median(sample.resident[name] for sample in samples) / 2**20
 
 
 async def soak(
@@ -166,11 +166,11 @@ async def soak(
     async with httpx2.AsyncClient(base_url=f"{server.address}/api", headers=server.headers, timeout=30) as http:
         least_late_s, next_word_s = float("inf"), 60.0
         while True:
-            look, offset_s = await _look(http, server, start_s)
+            sample, offset_s = await _look(http, server, start_s)
             least_late_s = min(least_late_s, offset_s)
-            look.line_late_s = offset_s - least_late_s
-            report.looks.append(look)
-            if look.at_s >= next_word_s:
+            sample.line_late_s = offset_s - least_late_s
+            report.looks.append(sample)
+            if sample.at_s >= next_word_s:
                 next_word_s += 60.0
                 say(_line(report))
             if time.monotonic() + LOOK_S >= end_s:
@@ -189,7 +189,7 @@ async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tup
     received_s, requested_s = datetime.fromisoformat(newest["received"]).timestamp(), time.time()
     pids = server.processes()
     bad = sum(int(counters[name]) for name in ("bad_crc", "too_long", "too_short", "undecodable"))
-    look = Look(
+    sample = Look(
         time.monotonic() - start_s,
         int(counters["good"]),
         bad,
@@ -200,16 +200,17 @@ async def _look(http: httpx2.AsyncClient, server: Served, start_s: float) -> tup
         {name: resident_bytes(pid) for name, pid in pids.items()},
         {name: processor_s(pid) for name, pid in pids.items()},
     )
-    return look, received_s - float(newest["device_time_s"])
+    return sample, received_s - float(newest["device_time_s"])
 
 
 def _line(report: SoakReport) -> str:
-    look = report.looks[-1]
-    memory = ", ".join(f"{name} {size / 2**20:.0f}" for name, size in look.resident.items())
+    sample = report.looks[-1]
+    memory = ", ".join(f"{name} {size / 2**20:.0f}" for name, size in sample.resident.items())
     jumps, dropped = sum(h.jumps for h in report.logs), sum(h.dropped for h in report.logs)
     return (
-        f"{look.at_s / 60:6.1f} min  {look.good} packets, gaps {look.gaps}, stored {look.stored}  "
-        f"late p95 {report.late_ms(0.95):.0f} ms, store {1e3 * look.store_late_s:.0f} ms, line {1e3 * look.line_late_s:.0f} ms  "
+        f"{sample.at_s / 60:6.1f} min  {sample.good} packets, gaps {sample.gaps}, stored {sample.stored}  "
+        f"late p95 {report.late_ms(0.95):.0f} ms, store {1e3 * sample.store_late_s:.0f} ms, "
+        f"line {1e3 * sample.line_late_s:.0f} ms  "
         f"jumps {jumps}, dropped {dropped}  MiB: {memory}"
     )
 

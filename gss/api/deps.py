@@ -26,17 +26,17 @@ def who_of(scope: Scope) -> identity.CallerIdentity | None:
     return caller
 
 
-def identity_still_valid(services: Services, who: identity.CallerIdentity) -> str:
+def identity_still_valid(services: Services, caller: identity.CallerIdentity) -> str:
     """Return the reason why the caller's identity is no longer valid, or "" if it still is. Reads the database; streams
     call it every few seconds."""
-    return services.accounts.accounts.ended_reason(who)
+    return services.accounts.accounts.ended_reason(caller)
 
 
 def _signed_in(request: Request) -> identity.CallerIdentity:
-    who = who_of(request.scope)
-    if who is None:
+    caller = who_of(request.scope)
+    if caller is None:
         raise NotSignedIn("not signed in", hint="sign in, or send Authorization: Bearer gss_…")
-    return who
+    return caller
 
 
 # These dependencies run on the event loop: the thread pool may be full, and ABORT must not wait for a thread.
@@ -48,8 +48,8 @@ CurrentUser = Annotated[identity.CallerIdentity, Depends(_who)]
 """The caller, with role and permissions."""
 
 
-async def _user(who: CurrentUser) -> str:
-    return who.name
+async def _user(caller: CurrentUser) -> str:
+    return caller.name
 
 
 User = Annotated[str, Depends(_user)]
@@ -79,8 +79,8 @@ class Need:
 
     async def __call__(self, request: Request) -> None:
         if self.permission != NO_SIGN_IN:
-            who = _signed_in(request)
-            require(who.permissions, self.permission, who.role)
+            caller = _signed_in(request)
+            require(caller.permissions, self.permission, caller.role)
 
 
 class Export:

@@ -47,7 +47,7 @@ class StoppableServer(uvicorn.Server):
         self._on_stop = on_stop
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Stop in order on the first signal, at once on the second."""
+        """Stop gracefully on the first signal, immediately on the second."""
         self._on_stop()
         super().handle_exit(sig, frame)
 

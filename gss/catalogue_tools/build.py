@@ -125,12 +125,12 @@ def preview(request: BuildRequest, source: StarSource | StarTable, *, mistakes: 
     p, origin = plan(request), _source(source)
     if (reason := too_heavy(p, origin)) is not None:
         raise reason
-    look = QuickLook(p)
-    _, selection = _select(p, origin, look)
+    quick_look = QuickLook(p)
+    _, selection = _select(p, origin, quick_look)
     stars = selection.kept
     pairs, size = estimated(p, stars)
-    coarse = ambiguity(p, look, searched(p, stars), MISTAKES_NSIDE) if mistakes else None
-    return Preview(p, selection, pairs, size, envelope_map(look, look.nside), coarse)
+    coarse = ambiguity(p, quick_look, searched(p, stars), MISTAKES_NSIDE) if mistakes else None
+    return Preview(p, selection, pairs, size, envelope_map(quick_look, quick_look.nside), coarse)
 
 
 def build(request: BuildRequest, source: StarSource | StarTable, progress: Progress | None = None) -> BuiltCatalogue:
@@ -179,14 +179,14 @@ def too_heavy(p: BuildPlan, source: StarSource | StarTable) -> BadInput | None:
     fields = base.looked_at if isinstance(base, BlockEnvelope) else 0
     stars = int(np.count_nonzero(_source(source).stars.v_mag <= p.request.rules.faint_mag))
     stars_looked_at = round(frame_looks(stars, p.request.rules, p.shape))
-    for count, most, what in (
+    for count, most, quantity in (
         (fields, MOST_FIELDS, "fields of the blocks"),
         (stars_looked_at, MOST_LOOKS, "stars in frames"),
     ):
         if count > most:
             return BadInput(
                 f"too many combinations for a preview: {count}",
-                expected=f"at most {most} {what}",
+                expected=f"at most {most} {quantity}",
                 got=str(count),
                 hint="build it as a job, or choose narrower limits, fewer stars or the exact method",
             )

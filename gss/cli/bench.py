@@ -31,7 +31,7 @@ def register(subparsers: Commands) -> None:
     def method(name: str, words: str, camera: bool = True) -> argparse.ArgumentParser:
         q = methods.add_parser(name, help=words, description=words)
         q.add_argument("--camera", metavar="INSTRUMENT", required=camera, help=CAMERA_HELP)
-        q.add_argument("--out", type=Path, metavar="FILE", help="write the whole result: .json, .html or .pdf")
+        q.add_argument("--out", type=Path, metavar="FILE", help="write the complete result: .json, .html or .pdf")
         q.add_argument("--json", action="store_true", help="print one JSON object")
         q.set_defaults(run=run_bench_command)
         return q
@@ -76,9 +76,9 @@ def run_bench_command(a: argparse.Namespace) -> int:
 
     profile = camera_of(a.camera) if a.camera else None
     files: Sequence[str] = getattr(a, "files", [])
-    wanted = _wanted(a, profile.name if profile else "", len(files))
+    bench_request = _wanted(a, profile.name if profile else "", len(files))
     shots = shots_of(files, None, None, getattr(a, "keep_aberration", True))
-    result = run_bench(Solver(registry().camera), wanted, profile, shots, show_progress)
+    result = run_bench(Solver(registry().camera), bench_request, profile, shots, show_progress)
     name = Path(files[0] if files else getattr(a, "file", None) or a.widths).name
     give_calibration(a, result, profile, name)
     return 0

@@ -122,7 +122,7 @@ def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = utc_n
 
 def request_of(a: argparse.Namespace, today: datetime) -> CatalogueRequest:
     """Return the request of parsed arguments. Raises BadInput."""
-    given = {
+    options = {
         "profile": a.profile,
         "format": a.format,
         "altitude_km": a.altitude_km,
@@ -150,7 +150,7 @@ def request_of(a: argparse.Namespace, today: datetime) -> CatalogueRequest:
         "reduced": a.reduced_frame,
         "name": a.name,
     }
-    values = given | _orbit(a) | _attitude(a) | catalogue_sky.values_of(a)
+    values = options | _orbit(a) | _attitude(a) | catalogue_sky.values_of(a)
     return request_from(CatalogueRequest, {name: value for name, value in values.items() if value is not None})
 
 

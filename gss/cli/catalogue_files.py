@@ -202,9 +202,9 @@ def run_timeline(arguments: argparse.Namespace) -> int:
     for s in history.stays:
         until = f"{s.ended:%Y-%m-%d %H:%M}" if s.ended else "now"
         valid = f", valid to {s.valid_to:%Y-%m-%d %H:%M}" if s.valid_to else ""
-        what = s.name or s.sha256[:8] or "–"
-        who = " ".join((s.how, s.user)).strip()
-        print(f"{s.bank:6} {s.state:8} {s.began:%Y-%m-%d %H:%M} to {until:16} {what}{valid} ({who})")
+        label = s.name or s.sha256[:8] or "–"
+        source = " ".join((s.how, s.user)).strip()
+        print(f"{s.bank:6} {s.state:8} {s.began:%Y-%m-%d %H:%M} to {until:16} {label}{valid} ({source})")
     for p in history.planned:
         print(f"{p.bank:6} {p.kind:10} {f'{p.at:%Y-%m-%d %H:%M}' if p.at else 'soon'} {p.text}")
     return 0

@@ -36,13 +36,13 @@ def export_commands(arguments: argparse.Namespace) -> int:
     from gss.settings import Settings
     from gss.wiring.build import build
 
-    wanted = filter_of(arguments)
+    command_filter = filter_of(arguments)
     services = build(Settings(**({"data": arguments.data} if arguments.data else {})))
     try:
         pieces = (
-            services.commanding.history.csv(wanted)
+            services.commanding.history.csv(command_filter)
             if arguments.format == "csv"
-            else services.commanding.history.json(wanted)
+            else services.commanding.history.json(command_filter)
         )
         if arguments.out is None:
             sys.stdout.writelines(pieces)

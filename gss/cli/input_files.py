@@ -28,13 +28,13 @@ def read_limited(path: Path, most_bytes: int) -> bytes:
     return data
 
 
-def read_file(name: str, what: str, most_bytes: int) -> bytes:
-    """Return the content of a file of the command line; ``what`` it should be. Raises BadInput, also where it cannot be read."""
+def read_file(name: str, kind: str, most_bytes: int) -> bytes:
+    """Return the content of a file of the command line; ``kind`` it should be. Raises BadInput, also where it cannot be read."""
     try:
         return read_limited(Path(name), most_bytes)
     except IsADirectoryError:
-        raise BadInput(f"{name} is a directory", expected=what, got="a directory") from None
+        raise BadInput(f"{name} is a directory", expected=kind, got="a directory") from None
     except FileNotFoundError:
-        raise BadInput(f"{name} does not exist", expected=what, got="no such file") from None
+        raise BadInput(f"{name} does not exist", expected=kind, got="no such file") from None
     except OSError as error:
         raise BadInput(f"{name} cannot be read", expected="a readable file", got=str(error.strerror or error)) from None

@@ -79,9 +79,9 @@ def run(a: argparse.Namespace) -> int:
     return 0
 
 
-def _text(name: str | None, what: str) -> str:
+def _text(name: str | None, kind: str) -> str:
     """Return the content of a file, "" without one."""
-    return "" if name is None else read_file(name, what, TEXT_BYTES).decode("utf-8", "replace")
+    return "" if name is None else read_file(name, kind, TEXT_BYTES).decode("utf-8", "replace")
 
 
 def _numbers(text: str) -> list[float]:

@@ -115,8 +115,8 @@ def orbit(arguments: argparse.Namespace) -> int:
         return 0
     data = sys.stdin.buffer.read() if str(arguments.file) == "-" else arguments.file.read_bytes()
     values = {"text": data.decode("utf-8", "replace"), "name": arguments.name, "source": arguments.source}
-    wanted = request_from(OrbitIn, values)
-    current, read = services.passes.spacecraft.set(wanted.text, name=wanted.name, source=wanted.source, user=_user())
+    request = request_from(OrbitIn, values)
+    current, read = services.passes.spacecraft.set(request.text, name=request.name, source=request.source, user=_user())
     _record(
         services, "orbit_import", current.row.spacecraft, f"{read.source_format} of {current.row.epoch:%Y-%m-%dT%H:%M}"
     )

@@ -101,7 +101,7 @@ def replay_captures(arguments: argparse.Namespace) -> int:
         raise NotFound("no such capture", got=", ".join(missing))
     unit = instruments.chosen(arguments)
     decoder = CaptureDecoder(unit.dictionary, arguments.framing or unit.link.framing)
-    said = 0
+    item_count = 0
     unread: list[Path] = []
     records = (
         read_received(arguments.files)
@@ -110,7 +110,7 @@ def replay_captures(arguments: argparse.Namespace) -> int:
     )
     items = decoded(records, decoder)
     for replayed in paced(items, arguments.speed, monotonic_s, time.sleep):
-        said += 1
+        item_count += 1
         facts = plain_item(replayed)
         print(json.dumps(facts, ensure_ascii=False) if arguments.json else _line(facts), flush=bool(arguments.speed))
     counters = decoder.received
@@ -121,12 +121,12 @@ def replay_captures(arguments: argparse.Namespace) -> int:
             hint="for bytes as another program received them use --received",
         )
     print(
-        f"{said} messages; {counters.bytes} bytes received, {counters.good} good packets, {counters.bad} damaged, "
+        f"{item_count} messages; {counters.bytes} bytes received, {counters.good} good packets, {counters.bad} damaged, "
         f"{counters.gaps} missing, {decoder.transfer_packets} of transfers, {decoder.foreign} of another dictionary, "
         f"{decoder.undecodable} unreadable",
         file=sys.stderr,
     )
-    return 0 if said else NOTHING_EXIT
+    return 0 if item_count else NOTHING_EXIT
 
 
 def plain_item(replayed: Replayed) -> dict[str, Any]:

@@ -52,10 +52,10 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.store.engine import sole_server
 
     names = ("host", "port", "data", "device", "simulator", "workers")
-    given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+    overrides = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     if arguments.unit:
-        given["units"] = ",".join(arguments.unit)
-    settings = Settings(**given)
+        overrides["units"] = ",".join(arguments.unit)
+    settings = Settings(**overrides)
     check_exposure(settings)
     units = _units(settings)
     more = f" with API workers ({settings.workers})" if settings.workers else ""

@@ -53,9 +53,9 @@ def _with_keep(parser: argparse.ArgumentParser) -> None:
 
 
 def _with_password(parser: argparse.ArgumentParser) -> None:
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument("--password-stdin", action="store_true", help="read the password from standard input")
-    how.add_argument("--ask", action="store_true", help="ask for the password on the terminal")
+    password_source = parser.add_mutually_exclusive_group()
+    password_source.add_argument("--password-stdin", action="store_true", help="read the password from standard input")
+    password_source.add_argument("--ask", action="store_true", help="ask for the password on the terminal")
 
 
 def list_users(arguments: argparse.Namespace) -> int:

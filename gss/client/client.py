@@ -59,7 +59,7 @@ class Client:
     def wait_connected(self, timeout_s: float = 30.0) -> Mapping[str, Json]:
         """Wait until the sensor answers. TimedOut if it does not."""
         return self._wait(
-            "the sensor to answer", lambda: found if (found := self.link())["connected"] else None, timeout_s
+            "the sensor to answer", lambda: status if (status := self.link())["connected"] else None, timeout_s
         )
 
     @contextmanager
@@ -233,19 +233,19 @@ class Client:
 
     # -- waiting
 
-    def _ended(self, record: Ended, read: Callable[[int], Ended], what: str, timeout_s: float) -> Ended:
+    def _ended(self, record: Ended, read: Callable[[int], Ended], expected: str, timeout_s: float) -> Ended:
         if record.ended:
             return record
-        return self._wait(what, lambda: found if (found := read(record.id)).ended else None, timeout_s)
+        return self._wait(expected, lambda: newest if (newest := read(record.id)).ended else None, timeout_s)
 
-    def _wait(self, what: str, look: Callable[[], T | None], timeout_s: float) -> T:
+    def _wait(self, expected: str, read: Callable[[], T | None], timeout_s: float) -> T:
         deadline_s = time.monotonic() + timeout_s
         while True:
-            value = look()
+            value = read()
             if value is not None:
                 return value
             if time.monotonic() > deadline_s:
-                raise TimedOut(f"Waited {timeout_s:g} s for {what}.")
+                raise TimedOut(f"Waited {timeout_s:g} s for {expected}.")
             time.sleep(POLL_S)
 
 

@@ -397,5 +397,5 @@ def clause(number: str) -> Clause:
 
 def section_markdown(section: str) -> str:
     """Return the clauses of a section as a Markdown list."""
-    mine = [c for c in CLAUSES if c.number.split(".")[0] == section]
-    return "\n".join(f"- **{c.number}** {c.text}" for c in mine)
+    clauses = [c for c in CLAUSES if c.number.split(".")[0] == section]
+    return "\n".join(f"- **{c.number}** {c.text}" for c in clauses)

@@ -143,8 +143,8 @@ class LinkWire:
             raise CorruptData("too short")
         if self._calculate is None:
             return packet
-        body, given = packet[: -self._check_bytes], packet[-self._check_bytes :]
-        if self._calculate(body) != int.from_bytes(given, self._check_order):
+        body, check = packet[: -self._check_bytes], packet[-self._check_bytes :]
+        if self._calculate(body) != int.from_bytes(check, self._check_order):
             self.bad_crc += 1
             raise CorruptData("wrong checksum")
         return body

@@ -50,8 +50,8 @@ def unpacked(data: bytes) -> tuple[int, int, bytes] | None:
     """Return type, number and content of a packet; None if its hash is wrong or it is too short."""
     if len(data) < HEAD.size + HASH_BYTES:
         return None
-    body, given = data[:-HASH_BYTES], data[-HASH_BYTES:]
-    if xxhash.xxh32_intdigest(body, SEED).to_bytes(HASH_BYTES, "little") != given:
+    body, received_hash = data[:-HASH_BYTES], data[-HASH_BYTES:]
+    if xxhash.xxh32_intdigest(body, SEED).to_bytes(HASH_BYTES, "little") != received_hash:
         return None
     return body[1], body[2], body[HEAD.size :]
 
@@ -105,14 +105,14 @@ class SagittaWire:
 
     def _read(self, kind: int, number: int, content: bytes) -> Answer:
         """Return the meaning of a packet. Raises CorruptData if it has none; the cause is counted."""
-        wanted = self._request.order.command.code if self._request is not None else -1
-        mine = kind & ~REPLY == wanted >> 6 and number == wanted & 0x3F
-        stage = Stage.COMPLETED if mine else None
+        expected_code = self._request.order.command.code if self._request is not None else -1
+        is_reply = kind & ~REPLY == expected_code >> 6 and number == expected_code & 0x3F
+        stage = Stage.COMPLETED if is_reply else None
         if kind == REPLY | READ_PARAMETER:
             return self._packet(PARAMETER_CODES + number, content, stage)
         if kind in (REPLY | REQUEST_TELEMETRY, REPLY | ASYNCHRONOUS):
             return self._stamped(number, content, stage)
-        if kind in (REPLY | SET_PARAMETER, REPLY | ACTION) and mine and self._request is not None:
+        if kind in (REPLY | SET_PARAMETER, REPLY | ACTION) and is_reply and self._request is not None:
             return self._status(self._request, content)
         self.unknown += 1
         raise CorruptData("no request has this response", got=f"type {kind:#04x}, number {number}")

@@ -241,8 +241,8 @@ class SdoClient:
         return self._written_segment()
 
     def _written_segment(self) -> bytes:
-        data, rest = self._to_write[:SEGMENT], self._to_write[SEGMENT:]
-        command = self._toggle | (SEGMENT - len(data)) << 1 | (not rest)
+        data, remaining = self._to_write[:SEGMENT], self._to_write[SEGMENT:]
+        command = self._toggle | (SEGMENT - len(data)) << 1 | (not remaining)
         return bytes([command]) + data.ljust(SEGMENT, b"\0")
 
     def _segment_written(self, message: bytes) -> bytes:

@@ -94,12 +94,12 @@ class TransferManager:
         transfer.grid_is_fixed = chunk_bytes is not None
         return self._queue(transfer, paused)
 
-    def _chunk_size(self, kind: str, wanted: int | None, direction: Direction) -> int:
+    def _chunk_size(self, kind: str, requested: int | None, direction: Direction) -> int:
         """Return the chunk size to request. Raises BadInput if the dictionary does not define the kind."""
         opening = self._dictionary.service("OPEN_DOWNLOAD")
         item = next(f for f in opening.fields if f.name == "kind")
         encode([item], {"kind": kind})  # type: ignore[list-item]  # an item of a service is an Item
-        return wanted or self._quality.chunk_bytes(direction)
+        return requested or self._quality.chunk_bytes(direction)
 
     def _queue(self, transfer: SessionTransfer, paused: str) -> int:
         if paused and not self.line_is_up:

@@ -90,10 +90,10 @@ def _number(kind: str, name: str, value: object) -> float:
     return float(value)
 
 
-def _fixed(kind: str, what: str, text: str) -> bytes:
+def _fixed(kind: str, field: str, text: str) -> bytes:
     data = text.encode()
     if not data or len(data) > 16 or b"\0" in data:
-        raise BadInput(f"{kind}: {what} does not fit", expected="1 – 16 bytes", got=repr(text))
+        raise BadInput(f"{kind}: {field} does not fit", expected="1 – 16 bytes", got=repr(text))
     return data.ljust(16, b"\0")
 
 

@@ -86,8 +86,8 @@ class TypeWriter:
     ) -> None:
         """Add a parameter or argument."""
         reference = "parameterTypeRef" if self._kind == "Parameter" else "argumentTypeRef"
-        given = {key: text for key, text in attributes.items() if text or key == "initialValue"}
-        made = named(entries, self._kind, name, {reference: type_name, **given})
+        non_empty = {key: text for key, text in attributes.items() if text or key == "initialValue"}
+        made = named(entries, self._kind, name, {reference: type_name, **non_empty})
         if purpose:
             ET.SubElement(made, "LongDescription").text = purpose
         add_facts(made, facts)

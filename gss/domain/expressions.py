@@ -96,10 +96,10 @@ def _kind(node: ExpressionNode, kinds: Mapping[str, ValueKind]) -> ValueKind:
         if operand_kinds[0] != operand_kinds[1]:
             _wrong_kind(node, f"two values of one kind, not {operand_kinds[0]} and {operand_kinds[1]}")
         return "bool"
-    wanted: ValueKind = "bool" if node.name in ("and", "or", "not") else "number"
-    if any(one != wanted for one in operand_kinds):
-        _wrong_kind(node, {"bool": "yes/no values, for example a comparison", "number": "numbers"}[wanted])
-    return "bool" if wanted == "bool" or node.name in COMPARISONS else "number"
+    operand_kind: ValueKind = "bool" if node.name in ("and", "or", "not") else "number"
+    if any(one != operand_kind for one in operand_kinds):
+        _wrong_kind(node, {"bool": "yes/no values, for example a comparison", "number": "numbers"}[operand_kind])
+    return "bool" if operand_kind == "bool" or node.name in COMPARISONS else "number"
 
 
 def _wrong_kind(node: CallNode, expected: str) -> NoReturn:

@@ -208,8 +208,8 @@ def _starts(trails: Trails, width2: float) -> list[Array]:
 def _best(trails: Trails, starts: list[Array], width2: float, e_per_dn: float) -> _Fitted:
     """Return the best fit from the first guess (pure roll) and from the ``PROMISING`` other guesses with the lowest χ²."""
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
-    looks = [_linear(trails, start, width2, trails.col, trails.row, variance, e_per_dn)[2] for start in starts]
-    tried = [0, *(int(k) + 1 for k in np.argsort(looks[1:])[:PROMISING])]
+    start_chi2 = [_linear(trails, start, width2, trails.col, trails.row, variance, e_per_dn)[2] for start in starts]
+    tried = [0, *(int(k) + 1 for k in np.argsort(start_chi2[1:])[:PROMISING])]
     fits = [_fit(trails, starts[k], width2, e_per_dn, turn=True) for k in tried]
     return min(fits, key=lambda f: f.chi2)
 

@@ -207,9 +207,9 @@ def find_constellations(
         certain = ~(mag[rows] > certain_mag(limit_mag, brightness_error)) & ~_companions(
             unit[rows], mag[rows], blend_rad
         )
-        kind, who, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
-        measured = features(unit[rows][who], unit[rows][first], unit[rows][second])
-        table = np.unique(np.column_stack([kind, rows[who], *_classes(*measured, classes)]), axis=0)
+        kind, owner, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
+        measured = features(unit[rows][owner], unit[rows][first], unit[rows][second])
+        table = np.unique(np.column_stack([kind, rows[owner], *_classes(*measured, classes)]), axis=0)
         # A constellation one class beyond the last still expands into the last class; those further out have no
         # reference.
         table = table[table[:, 3] <= MOST_DISTANCE + 1]

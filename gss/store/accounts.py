@@ -93,8 +93,8 @@ def open_sign_ins(session: Session, now: datetime) -> list[tuple[SignIn, User]]:
 
 def end_sign_ins(session: Session, user_id: int, now: datetime, reason: str) -> None:
     """End every session of a user."""
-    mine = (SignIn.user_id == user_id, SignIn.ended.is_(None))
-    session.execute(update(SignIn).where(*mine).values(ended=now, end_reason=reason))
+    criteria = (SignIn.user_id == user_id, SignIn.ended.is_(None))
+    session.execute(update(SignIn).where(*criteria).values(ended=now, end_reason=reason))
 
 
 def seen(session: Session, sign_in_id: int, at: datetime) -> None:
@@ -109,8 +109,8 @@ def used(session: Session, token_id: int, at: datetime) -> None:
 
 def user_of_device(session: Session, device_hash: str, since: datetime) -> int | None:
     """Return the id of the user who signed in with that device cookie since ``since``; None if it is unknown."""
-    mine = (SignIn.device_hash == device_hash, SignIn.created >= since)
-    return session.scalar(select(SignIn.user_id).where(*mine).limit(1))
+    criteria = (SignIn.device_hash == device_hash, SignIn.created >= since)
+    return session.scalar(select(SignIn.user_id).where(*criteria).limit(1))
 
 
 # --- tokens -------------------------------------------------------------------------------------------------------
@@ -185,10 +185,10 @@ def fresh_link(session: Session, kind: str, key_hash: str, now: datetime) -> One
 def take_link(session: Session, kind: str, key_hash: str, now: datetime) -> OneTimeLink | None:
     """Use up a link atomically: of two concurrent requests only one gets it. None if it is used, expired or unknown."""
     fresh = update(OneTimeLink).where(*_fresh(kind, key_hash, now)).values(used=now).returning(OneTimeLink.id)
-    taken = session.execute(fresh).scalar()
-    return None if taken is None else session.get(OneTimeLink, taken)
+    link_user = session.execute(fresh).scalar()
+    return None if link_user is None else session.get(OneTimeLink, link_user)
 
 
 def _fresh(kind: str, key_hash: str, now: datetime) -> tuple[ColumnElement[bool], ...]:
-    mine = (OneTimeLink.kind == kind, OneTimeLink.key_hash == key_hash)
-    return (*mine, OneTimeLink.used.is_(None), OneTimeLink.expires > now)
+    criteria = (OneTimeLink.kind == kind, OneTimeLink.key_hash == key_hash)
+    return (*criteria, OneTimeLink.used.is_(None), OneTimeLink.expires > now)

@@ -45,14 +45,14 @@ class Filter:
             conditions.append(Command.name.in_(self.names))
         if self.results:
             conditions.append(Command.result.in_(self.results))
-        for column, wanted in (
+        for column, value in (
             (Command.user, self.user or None),
             (Command.source, self.source or None),
             (Command.contact_id, self.contact_id),
             (Command.run_id, self.run_id),
         ):
-            if wanted is not None:
-                conditions.append(column == wanted)
+            if value is not None:
+                conditions.append(column == value)
         if self.text:
             columns = (Command.name, cast(Command.arguments, String), Command.detail, Command.resolved_note)
             searched = (*columns, cast(Command.values, String))

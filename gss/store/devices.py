@@ -70,9 +70,9 @@ def update_contact(
 ) -> None:
     """Update the given columns of a contact."""
     contact = session.get_one(Contact, contact_id)
-    given = {"device_id": device_id, "rx_bytes": rx_bytes, "tx_bytes": tx_bytes, "captures": captures, "note": note}
-    given |= {"instrument": instrument, "instrument_version": instrument_version}
-    for name, value in given.items():
+    values = {"device_id": device_id, "rx_bytes": rx_bytes, "tx_bytes": tx_bytes, "captures": captures, "note": note}
+    values |= {"instrument": instrument, "instrument_version": instrument_version}
+    for name, value in values.items():
         if value is not None:
             setattr(contact, name, value)
     if ended is not None:  # the clock may have been set back: a contact must not end before its start
@@ -120,16 +120,16 @@ Recorded = TypeVar("Recorded", Frame, Command, Transfer)
 
 def recorded(session: Session, kind: type[Recorded], contact_id: int, most: int) -> tuple[list[Recorded], int]:
     """Return the newest rows of a contact, oldest first, and their total number. ``kind``: Frame, Command or Transfer."""
-    mine = select(kind).where(kind.contact_id == contact_id)
-    newest = session.scalars(mine.order_by(kind.id.desc()).limit(most)).all()
-    total = session.scalar(select(func.count()).select_from(mine.with_only_columns(kind.id).subquery())) or 0
+    of_contact = select(kind).where(kind.contact_id == contact_id)
+    newest = session.scalars(of_contact.order_by(kind.id.desc()).limit(most)).all()
+    total = session.scalar(select(func.count()).select_from(of_contact.with_only_columns(kind.id).subquery())) or 0
     return list(reversed(newest)), total
 
 
 def downloaded_bytes(session: Session, contact_id: int, kinds: Sequence[str]) -> int:
     """Return the total size of a contact's downloads of these kinds."""
-    mine = select(func.sum(Transfer.size)).where(Transfer.contact_id == contact_id, Transfer.direction == "down")
-    return int(session.scalar(mine.where(Transfer.kind.in_(kinds))) or 0)
+    total = select(func.sum(Transfer.size)).where(Transfer.contact_id == contact_id, Transfer.direction == "down")
+    return int(session.scalar(total.where(Transfer.kind.in_(kinds))) or 0)
 
 
 def count_events(session: Session, start: datetime, end: datetime) -> int:

@@ -54,9 +54,9 @@ def page(
     to the operational ground solution: solved, none, a verdict (correct, imprecise, wrong), or unsolved if there is
     no such solution yet."""
     query = select(Frame)
-    for column, wanted in ((Frame.source, source or None), (Frame.mode, mode or None), (Frame.contact_id, contact_id)):
-        if wanted is not None:
-            query = query.where(column == wanted)
+    for column, value in ((Frame.source, source or None), (Frame.mode, mode or None), (Frame.contact_id, contact_id)):
+        if value is not None:
+            query = query.where(column == value)
     if start is not None:
         query = query.where(Frame.taken >= start)
     if end is not None:
@@ -201,9 +201,9 @@ def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
 def pin(session: Session, frame_id: int, solution_id: int) -> None:
     """Make a solution the operational one of its frame, replacing any other."""
     _lock(session, [frame_id])
-    mine = update(Solution).where(Solution.frame_id == frame_id)
-    session.execute(mine.where(Solution.operational).values(operational=False))
-    session.execute(mine.where(Solution.id == solution_id).values(operational=True))
+    of_frame = update(Solution).where(Solution.frame_id == frame_id)
+    session.execute(of_frame.where(Solution.operational).values(operational=False))
+    session.execute(of_frame.where(Solution.id == solution_id).values(operational=True))
 
 
 def _lock(session: Session, frame_ids: Sequence[int]) -> None:
@@ -214,8 +214,8 @@ def _lock(session: Session, frame_ids: Sequence[int]) -> None:
 
 def solved_by(session: Session, chain: str, version: str, options: str) -> set[int]:
     """Return the frames that this version of a chain has processed on the ground with these changed constants."""
-    mine = (Solution.chain == chain, Solution.version == version, Solution.options == options)
-    query = select(Solution.frame_id).where(Solution.origin == "ground", Solution.replay.is_(None), *mine)
+    criteria = (Solution.chain == chain, Solution.version == version, Solution.options == options)
+    query = select(Solution.frame_id).where(Solution.origin == "ground", Solution.replay.is_(None), *criteria)
     return set(session.scalars(query.distinct()))
 
 
@@ -282,10 +282,10 @@ def _runs(session: Session, ids: Any) -> list[FrameRun]:
 
 def runs_of(session: Session, key: ChainKey, most: int) -> list[FrameRun]:
     """Return the newest result of a chain for each of the ``most`` newest frames it ran on, oldest frame first."""
-    mine = (Solution.chain == key.chain, Solution.version == key.version, Solution.options == key.options)
+    criteria = (Solution.chain == key.chain, Solution.version == key.version, Solution.options == key.options)
     newest = (
         select(func.max(Solution.id))
-        .where(Solution.origin == "ground", Solution.replay.is_(None), *mine)
+        .where(Solution.origin == "ground", Solution.replay.is_(None), *criteria)
         .group_by(Solution.frame_id)
         .order_by(Solution.frame_id.desc())
         .limit(most)

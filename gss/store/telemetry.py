@@ -113,7 +113,7 @@ def page(
     behind it, oldest first."""
     order = TelemetryPacket.id.desc() if after_id is None else TelemetryPacket.id
     query = select(TelemetryPacket).order_by(order).limit(limit)
-    wanted = (
+    columns = (
         (TelemetryPacket.packet, packet, "__eq__"),
         (TelemetryPacket.contact_id, contact_id, "__eq__"),
         (TelemetryPacket.received, start, "__ge__"),
@@ -121,7 +121,7 @@ def page(
         (TelemetryPacket.id, before_id, "__lt__"),
         (TelemetryPacket.id, after_id, "__gt__"),
     )
-    for column, value, compare in wanted:
+    for column, value, compare in columns:
         if value is not None:
             query = query.where(getattr(column, compare)(value))
     return list(session.scalars(query))

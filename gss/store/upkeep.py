@@ -228,17 +228,17 @@ def thin_packets(
     if after is not None:
         rows = rows.where(TelemetryPacket.received >= after)
     packets = session.execute(rows.order_by(TelemetryPacket.received, TelemetryPacket.id).limit(limit)).all()
-    gone: list[int] = []
+    removed: list[int] = []
     last, last_kept = None, None
     for row_id, received in packets:
         bucket = received.timestamp() // every_s
         if bucket == last:
-            gone.append(row_id)
+            removed.append(row_id)
         else:
             last, last_kept = bucket, received
-    _remove(session, gone)
+    _remove(session, removed)
     # The next call starts at the packet that was kept, so that later ones in the same interval are deleted too.
-    return len(gone), last_kept if len(packets) == limit else None
+    return len(removed), last_kept if len(packets) == limit else None
 
 
 def _remove(session: Session, ids: Sequence[int]) -> None:

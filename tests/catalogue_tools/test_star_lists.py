@@ -352,7 +352,7 @@ def test_numbers_of_other_lists_are_not_hipparcos_numbers() -> None:
 def test_list_without_motions_says_so() -> None:
     """Places without proper motions stay where they are, are flagged, and the report says for which year they hold."""
     found = read_star_list(_csv("1,1,1,3"), "csv", SAID)
-    assert found.notes == ("no proper motions: places stay those of J2000",)
+    assert found.notes == ("no proper motions: positions stay those of J2000",)
     assert np.all(found.stars.flags & FLAG_NO_PROPER_MOTION)
 
 

@@ -84,21 +84,21 @@ def erlank_4_4(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
     made = bench(stars)
     rows: list[tuple[Cell, ...]] = []
     for k, (cutoff, papers) in enumerate(TABLE_4_4.items()):
-        for how, (paper_stars, paper_enough) in zip(HOWS, papers, strict=True):
-            progress((k + HOWS.index(how) / 3) / len(TABLE_4_4))
-            tallies = run(made, stars.brighter_than(cutoff), how, 0, trials, np.random.default_rng([seed, k]))
+        for mode, (paper_stars, paper_enough) in zip(HOWS, papers, strict=True):
+            progress((k + HOWS.index(mode) / 3) / len(TABLE_4_4))
+            tallies = run(made, stars.brighter_than(cutoff), mode, 0, trials, np.random.default_rng([seed, k]))
             texts = [tallies[name] for name in TRIES]
             named = "/".join(str(t.false_names) for t in texts[:3])
             rows += [
                 (
-                    f"V {cutoff}, {how}: stars matched",
+                    f"V {cutoff}, {mode}: stars matched",
                     f"{paper_stars} %",
                     *(t.stars_text() for t in texts),
                     named,
                     None,
                 ),
                 (
-                    f"V {cutoff}, {how}: images with more than two",
+                    f"V {cutoff}, {mode}: images with more than two",
                     f"{paper_enough:g} %",
                     *(t.enough_text() for t in texts),
                     named,
@@ -123,15 +123,15 @@ def erlank_4_5(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
     made = bench(stars)
     rows: list[tuple[Cell, ...]] = []
     for k, (false, papers) in enumerate(TABLE_4_5.items()):
-        for how, paper in zip((LOST, ASSISTED), papers, strict=True):
-            progress((k + (how == ASSISTED) / 2) / len(TABLE_4_5))
+        for mode, paper in zip((LOST, ASSISTED), papers, strict=True):
+            progress((k + (mode == ASSISTED) / 2) / len(TABLE_4_5))
             rng = np.random.default_rng([seed, 100 + k])
-            tallies = run(made, stars.brighter_than(BANK_MAG), how, false, trials, rng)
+            tallies = run(made, stars.brighter_than(BANK_MAG), mode, false, trials, rng)
             texts = [tallies[name] for name in TRIES]
             named = "/".join(str(t.false_names) for t in texts[:3])
             rows.append(
                 (
-                    f"{false} false, {how}: images with more than two",
+                    f"{false} false, {mode}: images with more than two",
                     f"{paper} %",
                     *(t.enough_text() for t in texts),
                     named,
@@ -188,7 +188,7 @@ def _conditions(made: Bench) -> tuple[str, ...]:
     )
 
 
-def run(made: Bench, seen: StarTable, how: str, false: int, trials: int, rng: np.random.Generator) -> dict[str, Tally]:
+def run(made: Bench, seen: StarTable, mode: str, false: int, trials: int, rng: np.random.Generator) -> dict[str, Tally]:
     """Run each matching method on the same images."""
     tallies = {name: Tally() for name in TRIES}
     for _ in range(trials):
@@ -197,8 +197,8 @@ def run(made: Bench, seen: StarTable, how: str, false: int, trials: int, rng: np
         error = rng.normal(size=truth.pixels.shape)
         spurious = rng.uniform((-0.5, -0.5), (made.camera.columns - 0.5, made.camera.rows - 0.5), (false, 2))
         spurious_mag = rng.uniform(2.0, BANK_MAG, false)
-        hint = rough_hint(attitude, HINT_ERROR_RAD if how == ASSISTED else 0.0, rng)
-        prior = None if how == LOST else hint
+        hint = rough_hint(attitude, HINT_ERROR_RAD if mode == ASSISTED else 0.0, rng)
+        prior = None if mode == LOST else hint
         for name, sigma_px, factor in (
             ("document", FINE_PX, 1.0),
             ("document, 0.3 px", COARSE_PX, 1.0),

@@ -92,11 +92,17 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
     )
 
 
-def _row(title: str, true: float, found: Estimate | None, digits: int = 3) -> tuple[Cell, ...]:
-    if found is None:
+def _row(title: str, true: float, estimate: Estimate | None, digits: int = 3) -> tuple[Cell, ...]:
+    if estimate is None:
         return (title, f"{true:.{digits}g}", None, "not found", "no")
-    interval = f"{found.low:.{digits}g} – {found.high:.{digits}g}"
-    return (title, f"{true:.{digits}g}", f"{found.value:.{digits}g}", interval, "yes" if found.contains(true) else "no")
+    interval = f"{estimate.low:.{digits}g} – {estimate.high:.{digits}g}"
+    return (
+        title,
+        f"{true:.{digits}g}",
+        f"{estimate.value:.{digits}g}",
+        interval,
+        "yes" if estimate.contains(true) else "no",
+    )
 
 
 def _scaled(e: Estimate, factor: float, offset: float = 0.0) -> Estimate:
@@ -179,11 +185,11 @@ def _pixels(health: MissionHealth, made: Year, profile: CameraProfile) -> list[t
         for c, k in right
         if c.half_life_s is not None and np.isfinite(damage.half_life_days[k])
     ]
-    found = {k for _, k in right}
+    detected = {k for _, k in right}
     megapixels = profile.camera.rows * columns / 1e6
     return [
         ("least dark current of a warm pixel, e/s", None, f"{health.warm_e_s:.0f}", None, None),
-        ("damaged pixels above it", str(len(strong)), _share([k in found for k in sorted(strong)]), None, None),
+        ("damaged pixels above it", str(len(strong)), _share([k in detected for k in sorted(strong)]), None, None),
         ("onset within its interval", "95 %", _share([_dated(c, damage.onset_day[k]) for c, k in right]), None, None),
         (
             "dark current in the first frame, within its interval",
@@ -221,8 +227,8 @@ def _dated(course: PixelCourse, day: float) -> bool:
     return course.onset_s is not None and course.onset_s.contains(START_S + day * DAY_S)
 
 
-def _level(found: Estimate, true_e_s: float) -> bool:
-    return found.contains(float(true_e_s))
+def _level(estimate: Estimate, true_e_s: float) -> bool:
+    return estimate.contains(float(true_e_s))
 
 
 def _share(hits: list[bool]) -> str | None:

@@ -58,7 +58,7 @@ def huffman_8_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
     """Compare frames solved, work and error growth of the matchers. ``trials``: sequences of 14 frames."""
     camera = shipped_camera("far_mst").camera
     catalogue = _catalogue(stars.brighter_than(BANK_MAG), camera)
-    tallies = {(name, how): _Tally() for name in PAPER_8_2 for how in ("document", "bound")}
+    tallies = {(name, tolerance): _Tally() for name in PAPER_8_2 for tolerance in ("document", "bound")}
     for track in range(trials):
         progress(track / trials)
         shots = sequence(
@@ -68,8 +68,8 @@ def huffman_8_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
         start = clock() if clock else 0.0
         lists = [find_centroids(shot.pixels, base).centroids for shot in shots]
         detect_s = clock() - start if clock else 0.0
-        for (name, how), tally in tallies.items():
-            p = replace(base, acceptance=how, matcher=name if name.startswith("n") else "auto", max_centroids=32)
+        for (name, tolerance), tally in tallies.items():
+            p = replace(base, acceptance=tolerance, matcher=name if name.startswith("n") else "auto", max_centroids=32)
             start = clock() if clock else 0.0
             attitudes = (
                 _catalogue_run(lists, camera, catalogue, p)
@@ -94,7 +94,7 @@ def huffman_8_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
             "median error of the last frame, ″",
             "its median σ, ″",
         ),
-        tuple(_row(name, how, t, reference) for (name, how), t in tallies.items()),
+        tuple(_row(name, tolerance, t, reference) for (name, tolerance), t in tallies.items()),
         (
             f"{trials} tracks of {FRAMES} frames, 1° per frame, block filter at 1 σ, sky to V {SKY_MAG:g}, Table 7.1 with g = 1",
             f"bank V ≤ {BANK_MAG:g}, directory of the eight brightest per field; σ of a centroid after eq. 4.2; wrong: more than "
@@ -161,9 +161,9 @@ def _error_rad(attitude: Attitude, truth: Array) -> float:
     return pointing_difference_rad(matrix_from_quaternion(attitude.quaternion), truth)[0]
 
 
-def _row(name: str, how: str, t: _Tally, reference_s: float) -> tuple[Cell, ...]:
+def _row(name: str, tolerance: str, t: _Tally, reference_s: float) -> tuple[Cell, ...]:
     return (
-        f"{TITLES[name]}, {how}",
+        f"{TITLES[name]}, {tolerance}",
         "all",
         share_text(t.solved, t.frames),
         t.wrong,

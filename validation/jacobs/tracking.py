@@ -154,13 +154,13 @@ def jacobs_fig_2_7(stars: StarTable, trials: int, seed: int, progress: Progress)
     cost: list[float] = []
     for number, count in enumerate((10, 30, 100, 200, 300, 600, 900)):
         progress(number / 7)
-        area = looks = accepted = 0
+        area = pointings = accepted = 0
         for _ in range(trials):
             level = np.zeros((60, 60))
             row, col = np.indices(level.shape) - rng.uniform(29.0, 30.0, 2)[:, None, None]
             level[row**2 + col**2 <= count / np.pi] = 20.0
             size = int(find_blobs(level, parameters.threshold_dn).area_px.sum())
-            area, looks = area + size, looks + 4 * size
+            area, pointings = area + size, pointings + 4 * size
             accepted += len(find_stars(level, parameters).centroids)
         mean = area / trials
         areas.append(mean)
@@ -170,7 +170,7 @@ def jacobs_fig_2_7(stars: StarTable, trials: int, seed: int, progress: Progress)
                 count,
                 PAPER_FIG_2_7_MS.get(count),
                 cost[-1],
-                looks / trials,
+                pointings / trials,
                 "star" if 2 * accepted > trials else "no star",
             )
         )

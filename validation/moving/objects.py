@@ -83,15 +83,15 @@ def _searched(profile: CameraProfile, stars: StarTable, sky: KnownSky, of: Popul
             frames.append(spots)
             frame_of.append(k)
     linked = link(frames, TOP_RATE_RAD_S) if frames else Linked([], [], [], [])
-    found = [
+    detected = [
         _compared(t, frame_of, made, of, camera.pixel_rad, streak)
         for tracks, streak in ((linked.moving, False), (linked.streaks, True))
         for t in tracks
     ]
     true = [t for t in made.tracks if np.count_nonzero(t.on) >= FEWEST_FRAMES]
-    rows = {f.row for f in found}
+    rows = {f.row for f in detected}
     return _Result(
-        found,
+        detected,
         [float(np.median(t.snr[t.on])) for t in true],
         [float(np.median(t.trail_px[t.on])) for t in true],
         [t.row in rows for t in true],
@@ -127,16 +127,16 @@ def _compared(
 
 
 def _experiment(profile: CameraProfile, results: list[_Result], trials: int, seed: int) -> Experiment:
-    found = [f for r in results for f in r.found]
-    linked, streaks = [f for f in found if not f.streak], [f for f in found if f.streak]
-    right = [f for f in found if f.row >= 0]
+    detected = [f for r in results for f in r.found]
+    linked, streaks = [f for f in detected if not f.streak], [f for f in detected if f.streak]
+    right = [f for f in detected if f.row >= 0]
     z = np.concatenate([f.z for f in right]) if right else np.zeros((0, 2))
     off = np.concatenate([f.off_px for f in right]) if right else np.zeros(0)
     snr = np.array([s for r in results for s in r.snr])
     trail = np.array([t for r in results for t in r.trail_px])
     seen = np.array([s for r in results for s in r.seen], bool)
     named = [f for f in right if f.name]
-    wrong = [f for f in found if f.name and f.name != f"SIM {f.row}"]
+    wrong = [f for f in detected if f.name and f.name != f"SIM {f.row}"]
     rows: list[tuple[Cell, ...]] = [
         (
             "precision, tracklets",

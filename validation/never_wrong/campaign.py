@@ -49,10 +49,10 @@ class CampaignSettings:
         for text, value in (("attitudes", self.attitudes), ("frames", self.frames)):
             if not 0 <= value <= MOST_ATTITUDES:
                 raise BadInput(f"number of {text} is out of range", expected=f"0 – {MOST_ATTITUDES}", got=str(value))
-        for what, choices, selected in (("camera", CAMERAS, self.cameras), ("chain", CHAINS, self.chains)):
+        for dimension, choices, selected in (("camera", CAMERAS, self.cameras), ("chain", CHAINS, self.chains)):
             unknown = [name for name in selected if name not in choices]
             if unknown:
-                raise BadInput(f"unknown {what}", expected=" | ".join(choices), got=", ".join(unknown))
+                raise BadInput(f"unknown {dimension}", expected=" | ".join(choices), got=", ".join(unknown))
 
 
 def keys(run_campaign: CampaignSettings) -> list[Shard | FrameShard]:

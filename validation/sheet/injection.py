@@ -190,24 +190,24 @@ def _row(case: _Case, sheet: PerformanceSheet, calm: PerformanceSheet, seen: lis
     beside = ", ".join(moved) or "none"
     if not case.row:
         return (case.title, "–", None, None, None, None, beside)
-    found = _figure(sheet, case.row, MAIN[case.row])
-    if found is None:
+    figure = _figure(sheet, case.row, MAIN[case.row])
+    if figure is None:
         return (case.title, case.row, case.injected, None, "not measured", "no", beside)
     injected = case.injected
     if case.row == "temporal-noise":
         injected = _scatter_rad(seen)
     if case.row == "field-of-view":
         injected = _star_error_px(case.unit.camera, seen)
-    size, unit = (ARCSEC_RAD, "″") if found.unit.startswith("rad") else SIZES.get(found.unit, (1.0, found.unit))
-    inside = None if injected is None else "yes" if found.low <= injected <= found.high else "no"
+    size, unit = (ARCSEC_RAD, "″") if figure.unit.startswith("rad") else SIZES.get(figure.unit, (1.0, figure.unit))
+    inside = None if injected is None else "yes" if figure.low <= injected <= figure.high else "no"
     if injected is None:
-        inside = "moved" if not _meet(found, _figure(calm, case.row, MAIN[case.row])) else "not moved"
+        inside = "moved" if not _meet(figure, _figure(calm, case.row, MAIN[case.row])) else "not moved"
     return (
         case.title,
-        f"{case.row}, {found.name}",
+        f"{case.row}, {figure.name}",
         None if injected is None else f"{injected / size:.3g} {unit}".strip(),
-        f"{found.value / size:.3g} {unit}".strip(),
-        f"{found.low / size:.3g} – {found.high / size:.3g}",
+        f"{figure.value / size:.3g} {unit}".strip(),
+        f"{figure.low / size:.3g} – {figure.high / size:.3g}",
         inside,
         beside,
     )

@@ -119,17 +119,17 @@ class ShippedUnit:
         """Run the unit's cycle at a constant rate; an iteration longer than the period takes whole periods."""
         start, period_s = random_attitude(rng), self.timing.cycle_ms / 1000
         exposure_s = self.exposure_s(float(np.linalg.norm(rate_rad_s)), documented.shortens)
-        known, mode, time_s = PriorState(), Mode.LOST_IN_SPACE, 0.0
+        prior, mode, time_s = PriorState(), Mode.LOST_IN_SPACE, 0.0
         if documented.hint_deg:
             radius_rad = float(np.radians(documented.hint_deg))
             axis = rng.normal(size=3)
             turn = rotation_from_vector(axis / np.linalg.norm(axis) * radius_rad * rng.random())
-            known = PriorState(commanded=quaternion_from_matrix(turn @ start), commanded_radius_rad=radius_rad)
+            prior = PriorState(commanded=quaternion_from_matrix(turn @ start), commanded_radius_rad=radius_rad)
             mode = Mode.ASSISTED
         for _ in range(cycles):
             attitude = rotation_from_vector(-rate_rad_s * time_s) @ start
-            quaternion = self._one(tally, attitude, rate_rad_s, known, mode, time_s, exposure_s, rng)
-            known, mode = known.after(quaternion, time_s), self.chain.next_mode(mode, quaternion is not None)
+            quaternion = self._one(tally, attitude, rate_rad_s, prior, mode, time_s, exposure_s, rng)
+            prior, mode = prior.after(quaternion, time_s), self.chain.next_mode(mode, quaternion is not None)
             time_s += period_s * max(1.0, float(np.ceil(tally.work_ms[-1] / 1000 / period_s)))
 
     def _one(
@@ -137,7 +137,7 @@ class ShippedUnit:
         tally: _Tally,
         attitude: Array,
         rate_rad_s: Array,
-        known: PriorState,
+        prior: PriorState,
         requested: Mode,
         time_s: float,
         exposure_s: float,
@@ -148,9 +148,9 @@ class ShippedUnit:
         frame = render(
             self._sky, profile.camera, profile.sensor, attitude, exposure_s, rng, rate_rad_s=rate_rad_s, chip=self._chip
         )
-        mode = known.usable(requested, time_s, chain.oldest_attitude_s)
-        parameters = chain.parameters(profile, exposure_s, Commanded(hint_radius_rad=known.radius_rad(mode)), mode)
-        work = Work(profile.camera, self._catalogue, parameters, mode, known.hint(mode, time_s))
+        mode = prior.usable(requested, time_s, chain.oldest_attitude_s)
+        parameters = chain.parameters(profile, exposure_s, Commanded(hint_radius_rad=prior.radius_rad(mode)), mode)
+        work = Work(profile.camera, self._catalogue, parameters, mode, prior.hint(mode, time_s))
         detection = chain.find_centroids(frame.pixels, work)
         matching = chain.match_stars(detection.centroids, work)
         solution = chain.calculate_attitude(matching, detection.centroids, work)

@@ -22,8 +22,8 @@ class Compress:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
-        wanted = scope["type"] == "http" and "gzip" in Headers(scope=scope).get("accept-encoding", "")
-        await self._app(scope, receive, _Packer(send) if wanted and not scope["path"].startswith(NEVER) else send)
+        accepts_gzip = scope["type"] == "http" and "gzip" in Headers(scope=scope).get("accept-encoding", "")
+        await self._app(scope, receive, _Packer(send) if accepts_gzip and not scope["path"].startswith(NEVER) else send)
 
 
 class _Packer:

@@ -34,19 +34,19 @@ class Authenticator:
         missing, or if the CSRF check fails; 429 or 503 if the lookup fails."""
         token, cookie = bearer(headers), session_key(headers)
         try:
-            who = await self._known(token, cookie, scope) if token or cookie else None
+            caller = await self._known(token, cookie, scope) if token or cookie else None
         except RateLimited as error:
             return problem(429, error.message, error.expected, hint=error.hint, retry_after_s=error.retry_after_s)
         except GssError as error:
             return problem(503, error.message, error.expected, error.got, error.hint)
-        scope["state"]["who"] = who
+        scope["state"]["who"] = caller
         if is_open(scope):
             if is_change(scope) and MARK.lower() not in headers:
                 return problem(403, "the header X-GSS is missing", "X-GSS: 1", hint="send the header X-GSS: 1")
             return None
-        if who is None:
+        if caller is None:
             return _unauthenticated(bool(token), bool(cookie))
-        if is_change(scope) and who.kind == "session" and not same(headers.get(MARK, ""), who.csrf):
+        if is_change(scope) and caller.kind == "session" and not same(headers.get(MARK, ""), caller.csrf):
             return problem(
                 403,
                 "the CSRF token is missing or wrong",

@@ -38,10 +38,10 @@ class Record:
         if not _is_changed(scope, route):
             await work()
             return
-        state, who = scope["state"], scope["state"]["who"]
+        state, caller = scope["state"], scope["state"]["who"]
         intent = Intent(
-            who=who.name if who else UNAUTHENTICATED,
-            role=who.role if who else "",
+            who=caller.name if caller else UNAUTHENTICATED,
+            role=caller.role if caller else "",
             action=_action(route),
             target=_target(scope),
             address=state["address"],
@@ -73,18 +73,18 @@ class Record:
         denied = status in DENIED
         if scope.get("gss.forwarded") or not (denied or _is_changed(scope, route) or is_export(route)):
             return
-        who: CallerIdentity | None = state["who"]
+        caller: CallerIdentity | None = state["who"]
         action, detail = _action(route), state["detail"]
-        if status == 429 or (who is None and status >= 400):
-            key = f"{who.name if who else state['address']} {action} {'denied' if denied else 'failed'}"
-            skipped = None if who is None and status == 429 else self._unauthenticated.seen(key)
+        if status == 429 or (caller is None and status >= 400):
+            key = f"{caller.name if caller else state['address']} {action} {'denied' if denied else 'failed'}"
+            skipped = None if caller is None and status == 429 else self._unauthenticated.seen(key)
             if skipped is None:
                 return
             detail = f"{detail}; {skipped} similar entries were omitted" if skipped else detail
-        name = state.get("named") or (who.name if who else UNAUTHENTICATED)
+        name = state.get("named") or (caller.name if caller else UNAUTHENTICATED)
         result: Result = "denied" if denied else "done" if status < 400 else "failed"
         target = _target(scope)
-        place = {"role": who.role if who else "", "address": state["address"]}
+        place = {"role": caller.role if caller else "", "address": state["address"]}
         write = functools.partial(self._audit.record, name, action, target, result, detail, **place)
         try:
             await anyio.to_thread.run_sync(write)

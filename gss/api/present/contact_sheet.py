@@ -124,13 +124,13 @@ def _attitude_facts(report: ReportOut) -> list[Fact]:
 def _record(report: ReportOut) -> Section:
     r = report.record
     share = math.floor(1e4 * r.share) / 100
-    said = f"{r.held} of {r.expected} housekeeping packets ({share:.2f} %); {r.unexplained} gaps without a cause"
+    text = f"{r.held} of {r.expected} housekeeping packets ({share:.2f} %); {r.unexplained} gaps without a cause"
     gaps = [[_clock(g.start), _clock(g.end), f"{g.missing}", g.cause] for g in r.gaps]
     silences = [[_clock(g.start), _clock(g.end), f"{g.seconds:.1f} s", g.cause] for g in report.contact.gaps]
     tables = [Table("Missing by sequence", ["from", "to", "missing", "cause"], gaps)]
     if silences:
         tables.append(Table("No good packet for more than 3 s", ["from", "to", "for", "cause"], silences))
-    return Section("Record", said, tables=tables)
+    return Section("Record", text, tables=tables)
 
 
 def _plots(report: ReportOut) -> list[Plot]:
@@ -168,6 +168,6 @@ def _clock(at: datetime | None) -> str:
 
 
 def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
+    minutes, seconds_left = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min {rest:02d} s" if hours else f"{minutes} min {rest:02d} s"
+    return f"{hours} h {minutes:02d} min {seconds_left:02d} s" if hours else f"{minutes} min {seconds_left:02d} s"

@@ -164,15 +164,15 @@ def replay(state: ReplayState) -> ReplayOut:
 
 def replay_command(replayed: Replayed) -> ReplayCommandOut:
     """Return a command of a replayed contact."""
-    said = replayed.item
-    assert isinstance(said, CommandSaid)  # noqa: S101 - the topic carries nothing else
+    report = replayed.item
+    assert isinstance(report, CommandSaid)  # noqa: S101 - the topic carries nothing else
     return ReplayCommandOut(
         at=moment(replayed.at_s),
-        request_id=said.request_id,
-        name=said.name,
-        stage=said.stage,
-        arguments={name: plain(value) for name, value in said.values.items()},
-        detail=said.detail,
+        request_id=report.request_id,
+        name=report.name,
+        stage=report.stage,
+        arguments={name: plain(value) for name, value in report.values.items()},
+        detail=report.detail,
     )
 
 

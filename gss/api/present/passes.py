@@ -78,7 +78,7 @@ def passes(table: PassTable) -> PassesOut:
         days=table.days,
         problem=table.problem,
         warnings=warnings,
-        passes=[one(found, table.passes) for found in table.passes],
+        passes=[one(entry, table.passes) for entry in table.passes],
     )
 
 

@@ -65,7 +65,7 @@ def limits(book: LimitBook) -> LimitsOut:
 
 def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
     """Return the limits in force for one field."""
-    rule, given = book.rule(packet, field), book.given(field)
+    rule, override = book.rule(packet, field), book.given(field)
     return LimitOut(
         key=f"{packet}.{field.name}",
         packet=packet,
@@ -83,10 +83,10 @@ def limit(book: LimitBook, packet: str, field: TelemetryField) -> LimitOut:
         changed=rule.changed,
         note=rule.note,
         dictionary=GivenLimitsOut(
-            watch=given.limits.watch,
-            warning=given.limits.warning,
-            critical=given.limits.critical,
-            persistence=given.persistence,
+            watch=override.limits.watch,
+            warning=override.limits.warning,
+            critical=override.limits.critical,
+            persistence=override.persistence,
         ),
     )
 

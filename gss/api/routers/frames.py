@@ -54,8 +54,8 @@ def list_frames(
 ) -> FramePage:
     """Frames, newest first, taken from ``start`` to before ``end``. ``outcome`` and star counts refer to the
     operational ground result."""
-    wanted = {"source": source, "outcome": outcome, "mode": mode, "contact_id": contact, "start": start, "end": end}
-    total, rows = app.frames.frames.page(limit, offset, **wanted, least_stars=least_stars, most_stars=most_stars)
+    filters = {"source": source, "outcome": outcome, "mode": mode, "contact_id": contact, "start": start, "end": end}
+    total, rows = app.frames.frames.page(limit, offset, **filters, least_stars=least_stars, most_stars=most_stars)
     return FramePage(
         total=total, modes=app.frames.frames.modes(), frames=[present.frames.frame(frame, best) for frame, best in rows]
     )
@@ -207,12 +207,12 @@ def replay_frame(app: App, frame_id: RowId) -> FrameReplayOut:
 
 
 @router.post("/{frame_id}/upload", status_code=201, dependencies=[need("frames.transfer")])
-def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, who: CurrentUser) -> TransferOut:
+def upload_frame(app: App, frame_id: RowId, body: FrameUploadIn, caller: CurrentUser) -> TransferOut:
     """Send a stored frame to the sensor's image memory. With ``solve`` it is also solved on board; those commands need
     their own permission."""
     if body.solve:
-        who.require("command.attitude")
-    app.commanding.authority.check(who.name)
+        caller.require("command.attitude")
+    app.commanding.authority.check(caller.name)
     return present.records.transfer(app.intake.images.upload(frame_id, body.slot, solve=body.solve))
 
 

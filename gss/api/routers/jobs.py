@@ -28,20 +28,20 @@ def read_job(app: App, job_id: RowId) -> JobOut:
 
 
 @router.post("/{job_id}/cancel", dependencies=[need("jobs.cancel")])
-def cancel_job(app: App, job_id: RowId, who: CurrentUser, audit_note: AuditNote) -> JobOut:
+def cancel_job(app: App, job_id: RowId, caller: CurrentUser, audit_note: AuditNote) -> JobOut:
     """Cancel a job. Allowed for the user who started it and for users who may start this kind."""
     job = app.base.jobs.get(job_id)
     audit_note(job.title)
-    if not started_by(job, who.name):
-        who.require(permission_of(job))
+    if not started_by(job, caller.name):
+        caller.require(permission_of(job))
     return present.records.job(app.base.jobs.cancel(job_id))
 
 
 @router.post("/{job_id}/again", status_code=202, dependencies=[need("jobs.cancel")])
-def start_again(app: App, job_id: RowId, who: CurrentUser, audit_note: AuditNote) -> JobOut:
+def start_again(app: App, job_id: RowId, caller: CurrentUser, audit_note: AuditNote) -> JobOut:
     """Repeat an ended job from its stored request, as a new job. Needs the permission to start this kind. Values taken
     from settings, such as the retention policy, are the current ones."""
     job = app.base.jobs.get(job_id)
     audit_note(job.title)
-    who.require(permission_of(job))
-    return present.records.job(app.base.jobs.again(job_id, user=who.name))
+    caller.require(permission_of(job))
+    return present.records.job(app.base.jobs.again(job_id, user=caller.name))

@@ -31,8 +31,8 @@ def override(app: App, user: User, key: str, body: LimitIn, audit_note: AuditNot
     """Override the limits of a field ``packet.name``. The override applies in every limit set until it is deleted."""
     limits = Limits(_range(body.watch), _range(body.warning), _range(body.critical))
     packet, field = app.telemetry.telemetry.limits.find(key)
-    wanted = Rule(limits, field.persistence if body.persistence is None else body.persistence)
-    audit_note(f"{key} from {words(app.telemetry.telemetry.limits.rule(packet, field))} to {words(wanted)}", body.note)
+    rule = Rule(limits, field.persistence if body.persistence is None else body.persistence)
+    audit_note(f"{key} from {words(app.telemetry.telemetry.limits.rule(packet, field))} to {words(rule)}", body.note)
     app.telemetry.telemetry.limits.override(key, limits, body.persistence, user=user, note=body.note)
     return present.telemetry.limit(app.telemetry.telemetry.limits, *app.telemetry.telemetry.limits.find(key))
 

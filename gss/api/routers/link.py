@@ -46,7 +46,7 @@ async def _opening(request: Request) -> OneAtATime:
 @router.post("/link/open", dependencies=[need("link.open")])
 async def open_link(
     app: App,
-    who: CurrentUser,
+    caller: CurrentUser,
     body: LinkOpenIn,
     audit_note: AuditNote,
     opening: Annotated[OneAtATime, Depends(_opening)],
@@ -56,9 +56,9 @@ async def open_link(
 
     def open_now() -> LinkOut:
         audit_note(f"from {_port(app)} to {body.url}")
-        app.commanding.authority.check(who.name)
+        app.commanding.authority.check(caller.name)
         address = parse_line_address(body.url)
-        if who.role != "admin" and not _is_known(app, address):
+        if caller.role != "admin" and not _is_known(app, address):
             raise not_allowed(body.url)
         app.line.link.open(body.url)
         return present.link.link(app.upkeep.status.header())

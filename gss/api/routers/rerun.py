@@ -57,10 +57,10 @@ def _scope(
     analysis: int | None,
     campaign: int | None,
 ) -> Scope:
-    given = [bool(frames), *(v is not None for v in (around, contact, calibration, analysis, campaign))]
-    if sum(given) != 1:
+    selectors = [bool(frames), *(v is not None for v in (around, contact, calibration, analysis, campaign))]
+    if sum(selectors) != 1:
         expected = "one of frames, around, contact, calibration, analysis, campaign"
-        raise BadInput("no data selected for the recording", expected=expected, got=f"{sum(given)} of them")
+        raise BadInput("no data selected for the recording", expected=expected, got=f"{sum(selectors)} of them")
     if around is not None:
         return app.recordings.scopes.around(around, SIDE)
     if contact is not None:
@@ -75,7 +75,7 @@ def _scope(
 
 
 @router.get("/live", response_class=StreamingResponse)
-async def live_recording(request: Request, app: App, who: CurrentUser) -> StreamingResponse:
+async def live_recording(request: Request, app: App, caller: CurrentUser) -> StreamingResponse:
     """Live recording until the connection or the session ends. Sent in pieces: a length in four bytes, little-endian,
     then a complete .rrd; a length of zero is a keep-alive."""
     loop, news = asyncio.get_running_loop(), asyncio.Event()
@@ -84,14 +84,14 @@ async def live_recording(request: Request, app: App, who: CurrentUser) -> Stream
         if not loop.is_closed():
             loop.call_soon_threadsafe(news.set)
 
-    first, live = await asyncio.to_thread(app.recordings.live.open, wake, who.name)
+    first, live = await asyncio.to_thread(app.recordings.live.open, wake, caller.name)
 
     async def pieces() -> AsyncIterator[bytes]:
         yield _framed(first)
         while not app.stopping.is_set() and not await request.is_disconnected():
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(news.wait(), PING_S)
-            if await asyncio.to_thread(identity_still_valid, app, who):
+            if await asyncio.to_thread(identity_still_valid, app, caller):
                 return
             await asyncio.sleep(GATHER_S)  # a frame and its solution arrive as several messages
             news.clear()

@@ -40,11 +40,11 @@ def in_turn(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[Session
 @router.get("/session", dependencies=[OPEN])
 def read_session(app: App, request: Request) -> SessionOut:
     """Current session. Does not extend the session."""
-    who = who_of(request.scope)
-    if who is None:
+    caller = who_of(request.scope)
+    if caller is None:
         needed = app.accounts.accounts.users.set_up_needed()
         return SessionOut(signed_in=False, set_up_needed=needed, several_units=_several(app))
-    return _session_out(app, who)
+    return _session_out(app, caller)
 
 
 @router.post("/session", dependencies=[OPEN])
@@ -76,15 +76,17 @@ def sign_out(app: App, request: Request, response: Response) -> None:
 
 @router.put("/session/password", dependencies=[SELF])
 @in_turn
-def change_password(app: App, request: Request, response: Response, who: CurrentUser, body: PasswordBody) -> SessionOut:
+def change_password(
+    app: App, request: Request, response: Response, caller: CurrentUser, body: PasswordBody
+) -> SessionOut:
     """Change the caller's password. All sessions of this user end; this browser gets a new one."""
-    if who.kind != "session" or who.user_id is None:
+    if caller.kind != "session" or caller.user_id is None:
         raise Conflict("tokens have no password", hint="sign in")
     address, agent = _from(request)
-    app.accounts.accounts.sessions.check_password(who, body.old)
-    app.accounts.accounts.users.set_password(who.user_id, body.new)
+    app.accounts.accounts.sessions.check_password(caller, body.old)
+    app.accounts.accounts.users.set_password(caller.user_id, body.new)
     return _open(
-        app, request, response, app.accounts.accounts.sessions.begin(who.user_id, address=address, agent=agent)
+        app, request, response, app.accounts.accounts.sessions.begin(caller.user_id, address=address, agent=agent)
     )
 
 
@@ -147,14 +149,14 @@ def _open(app: Services, request: Request, response: Response, opened: NewSessio
     return _session_out(app, opened.who)
 
 
-def _session_out(app: Services, who: identity.CallerIdentity) -> SessionOut:
+def _session_out(app: Services, caller: identity.CallerIdentity) -> SessionOut:
     return SessionOut(
         signed_in=True,
-        name=who.name,
-        role=who.role,
-        permissions=sorted(who.permissions),
-        csrf=who.csrf,
-        expires=who.expires,
+        name=caller.name,
+        role=caller.role,
+        permissions=sorted(caller.permissions),
+        csrf=caller.csrf,
+        expires=caller.expires,
         several_units=_several(app),
     )
 

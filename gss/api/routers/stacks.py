@@ -141,7 +141,9 @@ def continue_run(app: App, run_id: RowId, body: ContinueIn, user: User, audit_no
     command with an unknown result keeps its id."""
     row = app.commanding.stack_runs.get(run_id)
     audit_note(row.name, f"{'skip' if body.skip else 'retry'} step {row.step + 1}", body.skip)
-    return present.stacks.run(app.commanding.stack_runs.continue_run(run_id, body.skip.strip(), body.confirm, user=user))
+    return present.stacks.run(
+        app.commanding.stack_runs.continue_run(run_id, body.skip.strip(), body.confirm, user=user)
+    )
 
 
 def _named(name: str, steps: Sequence[Mapping[str, Any]]) -> str:

@@ -17,26 +17,26 @@ def list_tokens(app: App) -> list[TokenOut]:
 
 
 @router.post("", status_code=201, dependencies=[ADMIN])
-def add_token(app: App, who: CurrentUser, body: TokenIn, audit_note: AuditNote) -> NewTokenOut:
+def add_token(app: App, caller: CurrentUser, body: TokenIn, audit_note: AuditNote) -> NewTokenOut:
     """Create an API token. Its key is shown only once. It cannot have more permissions than its creator."""
     only = f", only {', '.join(body.scopes)}" if body.scopes else ""
     audit_note(f"{body.name} as {body.role} for {body.days:g} days{only}")
-    who.require_all(body.role, body.scopes)
+    caller.require_all(body.role, body.scopes)
     made = app.accounts.accounts.tokens.add(
         body.name,
         body.role,
         body.days,
-        by=who.name,
-        owner_id=who.user_id,
+        by=caller.name,
+        owner_id=caller.user_id,
         scopes=body.scopes,
-        until=who.handed_out_until,
+        until=caller.handed_out_until,
     )
     return NewTokenOut(token=TokenOut.model_validate(made.row), key=made.key)
 
 
 @router.delete("/{token_id}", status_code=204, dependencies=[ADMIN])
-def revoke_token(app: App, token_id: RowId, who: CurrentUser, audit_note: AuditNote) -> None:
+def revoke_token(app: App, token_id: RowId, caller: CurrentUser, audit_note: AuditNote) -> None:
     """Revoke an API token. It stops working at once. Tokens and links made with it become invalid, and users created with
     it are disabled."""
-    revoked = app.accounts.accounts.tokens.revoke(token_id, caller_id=who.user_id)
+    revoked = app.accounts.accounts.tokens.revoke(token_id, caller_id=caller.user_id)
     audit_note(revoked.row.name, revoked.voided)

@@ -25,10 +25,10 @@ def list_transfers(app: App, limit: Annotated[int, Query(ge=1, le=500)] = 20) ->
 
 
 @router.post("/download", status_code=201, dependencies=[need("frames.transfer|catalogues.upload|tables")])
-def download(app: App, who: CurrentUser, body: TransferIn) -> TransferOut:
+def download(app: App, caller: CurrentUser, body: TransferIn) -> TransferOut:
     """Download an image or a part of it, a bank, or a table from the device. Each kind needs its own permission."""
-    who.require(permission_of(body.kind))
-    app.commanding.commands.require_user(who.name)
+    caller.require(permission_of(body.kind))
+    app.commanding.commands.require_user(caller.name)
     region = Part(**body.region.model_dump()) if body.region else None
     view = app.frames.downloads.start(body.kind, slot=body.slot, bank=body.bank, region=region, side_px=body.side_px)
     return present.records.transfer(view)
@@ -48,16 +48,16 @@ def pause(app: App, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
 
 
 @router.post("/{transfer_id}/resume", dependencies=[need("frames.transfer|catalogues.upload|tables")])
-def resume(app: App, who: CurrentUser, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
+def resume(app: App, caller: CurrentUser, transfer_id: RowId, audit_note: AuditNote) -> TransferOut:
     """Resume a transfer with the missing chunks; also one that failed or was aborted, in this or an earlier run of the
     server. Needs the same permission as starting it."""
-    app.commanding.commands.check_user(who.name)
+    app.commanding.commands.check_user(caller.name)
     row = app.transfers.transfers.get(transfer_id).row
     audit_note(_named(row))
-    who.require(permission_of(row.kind))
+    caller.require(permission_of(row.kind))
     if row.options.get("solve"):
-        who.require("command.attitude")
-    app.commanding.commands.require_user(who.name)
+        caller.require("command.attitude")
+    app.commanding.commands.require_user(caller.name)
     return present.records.transfer(app.transfers.transfers.resume(transfer_id))
 
 

@@ -19,16 +19,16 @@ def list_users(app: App) -> list[UserOut]:
 
 
 @router.post("/users", status_code=201, dependencies=[ADMIN])
-def add_user(app: App, who: CurrentUser, body: UserIn, audit_note: AuditNote) -> LinkedUserOut:
+def add_user(app: App, caller: CurrentUser, body: UserIn, audit_note: AuditNote) -> LinkedUserOut:
     """Create a user. Returns the one-time link to set the password."""
     audit_note(f"{body.name} as {body.role}")
-    who.require_all(body.role, ())
-    row = app.accounts.accounts.users.add(body.name, body.role, by=who.name)
-    return _linked(row, app.accounts.accounts.users.password_link(row.id, who.handed_out_until, by=who.name))
+    caller.require_all(body.role, ())
+    row = app.accounts.accounts.users.add(body.name, body.role, by=caller.name)
+    return _linked(row, app.accounts.accounts.users.password_link(row.id, caller.handed_out_until, by=caller.name))
 
 
 @router.put("/users/{user_id}", dependencies=[ADMIN])
-def change_user(app: App, user_id: RowId, who: CurrentUser, body: UserChangeIn, audit_note: AuditNote) -> UserOut:
+def change_user(app: App, user_id: RowId, caller: CurrentUser, body: UserChangeIn, audit_note: AuditNote) -> UserOut:
     """Change a user's role, or enable or disable the user. Applies from the next request; disabling ends all sessions. If an
     admin is demoted or disabled, the users that this admin created are disabled too, unless ``keep_created``."""
     before = app.accounts.accounts.users.get(user_id)
@@ -39,27 +39,27 @@ def change_user(app: App, user_id: RowId, who: CurrentUser, body: UserChangeIn, 
         "created users kept" if body.keep_created else "",
     )
     audit_note(*done)
-    who.require_all(before.role, ())
-    who.require_all(body.role or before.role, ())
+    caller.require_all(before.role, ())
+    caller.require_all(body.role or before.role, ())
     changed = app.accounts.accounts.users.change(
-        user_id, role=body.role, enabled=body.enabled, keep_created=body.keep_created, caller_id=who.user_id
+        user_id, role=body.role, enabled=body.enabled, keep_created=body.keep_created, caller_id=caller.user_id
     )
     audit_note(*done, changed.voided)
     return _user(changed.user)
 
 
 @router.post("/users/{user_id}/link", status_code=201, dependencies=[ADMIN])
-def new_password_link(app: App, user_id: RowId, who: CurrentUser, audit_note: AuditNote) -> LinkedUserOut:
+def new_password_link(app: App, user_id: RowId, caller: CurrentUser, audit_note: AuditNote) -> LinkedUserOut:
     """Create a new one-time password link for a user. Earlier links become invalid."""
     named = app.accounts.accounts.users.get(user_id)
     audit_note(named.name)
-    who.require_all(named.role, ())
-    link = app.accounts.accounts.users.password_link(user_id, who.handed_out_until, by=who.name)
+    caller.require_all(named.role, ())
+    link = app.accounts.accounts.users.password_link(user_id, caller.handed_out_until, by=caller.name)
     return _linked(app.accounts.accounts.users.get(user_id), link)
 
 
 @router.get("/sessions", dependencies=[ADMIN])
-def list_sessions(app: App, who: CurrentUser) -> list[SignInOut]:
+def list_sessions(app: App, caller: CurrentUser) -> list[SignInOut]:
     """Open sessions, most recently used first."""
     return [
         SignInOut(
@@ -71,7 +71,7 @@ def list_sessions(app: App, who: CurrentUser) -> list[SignInOut]:
             expires=row.expires,
             address=row.address,
             agent=row.agent,
-            own=who.kind == "session" and who.key_id == row.id,
+            own=caller.kind == "session" and caller.key_id == row.id,
         )
         for row, user in app.accounts.accounts.sessions.active()
     ]

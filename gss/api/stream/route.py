@@ -135,9 +135,9 @@ class EventStream(Response):
 )
 async def stream(request: Request, app: App, last_event_id: Annotated[str | None, Header()] = None) -> EventStream:
     """Event stream of everything that happens. Reconnect with ``Last-Event-ID`` to receive the recorded events since then first."""
-    who = who_of(request.scope)
+    caller = who_of(request.scope)
     after, valid = resumed_after(last_event_id or ""), _valid(request, app)
-    return EventStream(app, request.app.state.broadcaster, after, valid, who.name if who else "")
+    return EventStream(app, request.app.state.broadcaster, after, valid, caller.name if caller else "")
 
 
 def resumed_after(number: str) -> int | None:
@@ -147,8 +147,8 @@ def resumed_after(number: str) -> int | None:
 
 
 def _valid(request: Request, app: Services) -> Valid | None:
-    who = who_of(request.scope)
-    return None if who is None else lambda: identity_still_valid(app, who)
+    caller = who_of(request.scope)
+    return None if caller is None else lambda: identity_still_valid(app, caller)
 
 
 async def _send(send: Send, data: bytes) -> None:

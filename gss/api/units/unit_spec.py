@@ -71,9 +71,9 @@ def _check_unique(message: str, values: list[str], expected: str) -> None:
 def check_combination(settings: Settings) -> None:
     """Raise BadInput for settings that serve one unit only."""
     single = {"device": settings.device, "simulator": settings.simulator, "workers": settings.workers}
-    given = ", ".join(f"--{name}" for name, value in single.items() if value)
-    if given:
-        raise BadInput("this option cannot be used with --unit", got=given, hint=f"give each line as {EXPECTED}")
+    conflicting = ", ".join(f"--{name}" for name, value in single.items() if value)
+    if conflicting:
+        raise BadInput("this option cannot be used with --unit", got=conflicting, hint=f"give each line as {EXPECTED}")
 
 
 def unit_settings(settings: Settings, unit: UnitSpec, number: int) -> Settings:

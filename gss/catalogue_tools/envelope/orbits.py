@@ -127,14 +127,14 @@ def node_rate_rad_s(inclination_rad: float, altitude_m: float) -> float:
     return float(-1.5 * J2 * mean_motion * (EARTH_RADIUS_M / radius_m) ** 2 * np.cos(inclination_rad))
 
 
-def ordered(what: str, limits: Range, hint: str = "") -> Range:
+def ordered(quantity: str, limits: Range, hint: str = "") -> Range:
     """Return the limits if they are finite and in order; BadInput otherwise."""
     low, high = float(limits[0]), float(limits[1])
     if not (np.isfinite(low) and np.isfinite(high)):
-        raise BadInput(f"{what} is not a number", expected="two finite limits", got=f"{low} to {high}")
+        raise BadInput(f"{quantity} is not a number", expected="two finite limits", got=f"{low} to {high}")
     if low > high:
         got = f"{np.degrees(low):g}° to {np.degrees(high):g}°"
-        raise BadInput(f"{what}: the minimum is above the maximum", expected="minimum:maximum", got=got, hint=hint)
+        raise BadInput(f"{quantity}: the minimum is above the maximum", expected="minimum:maximum", got=got, hint=hint)
     return low, high
 
 

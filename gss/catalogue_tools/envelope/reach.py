@@ -92,28 +92,28 @@ def reachable(
     reached = np.zeros(len(unit), bool)
     half = np.concatenate([[np.ptp(spin_rad)], np.asarray(high) - low]) / 2
     centre = np.concatenate([[np.mean(spin_rad)], (np.asarray(high) + low) / 2])
-    who, centres = np.arange(len(unit)), np.broadcast_to(centre, (len(unit), 4))
+    owner, centres = np.arange(len(unit)), np.broadcast_to(centre, (len(unit), 4))
     off_axis = np.hypot(unit[:, 0], unit[:, 1])
-    while len(who):
-        if len(who) > MOST_BOXES:
-            reached[who] = True
+    while len(owner):
+        if len(owner) > MOST_BOXES:
+            reached[owner] = True
             break
-        body = _turned(_spun(unit[who], centres[:, 0], base_from_pivot), centres[:, 1:])
+        body = _turned(_spun(unit[owner], centres[:, 0], base_from_pivot), centres[:, 1:])
         v = body @ cam_from_body.T
         # Spin comes first, about pivot z, and moves a direction at most in proportion to its distance from that axis.
-        spun = half[0] * off_axis[who]
+        spun = half[0] * off_axis[owner]
         other = spun + half[1] + half[2]
         # Yaw comes last, about body z, and hardly moves a direction near that axis.
         slack = other + half[3] * np.minimum(1.0, np.hypot(body[:, 0], body[:, 1]) + other)
         near = shape.may_be_within(v, slack)
-        reached[who[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True
-        keep = near & ~reached[who]
-        who, centres = who[keep], centres[keep]
-        widest = int(np.argmax(half * [off_axis[who].max(initial=0.0), 1, 1, 1]))
+        reached[owner[near & (shape.inside(v) | (slack <= tolerance_rad))]] = True
+        keep = near & ~reached[owner]
+        owner, centres = owner[keep], centres[keep]
+        widest = int(np.argmax(half * [off_axis[owner].max(initial=0.0), 1, 1, 1]))
         half[widest] /= 2
         step = np.zeros(4)
         step[widest] = half[widest]
-        who, centres = np.concatenate([who, who]), np.concatenate([centres - step, centres + step])
+        owner, centres = np.concatenate([owner, owner]), np.concatenate([centres - step, centres + step])
     return reached
 
 

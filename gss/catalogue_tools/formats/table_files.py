@@ -130,13 +130,13 @@ def _bytes_of(name: str, block: Block, columns: Columns) -> bytes:
         raise CorruptData(f"table {name} holds what does not fit its type", got=str(error)) from None
 
 
-def _require_whole(what: str, values: np.ndarray[Any, Any], low: int, high: int) -> None:
+def _require_whole(quantity: str, values: np.ndarray[Any, Any], low: int, high: int) -> None:
     """Raise CorruptData unless all values are whole numbers within the type. A cast would silently turn NaN into 0
     and wrap 256 in a byte."""
     whole = values.dtype.kind in "iu" or (values.dtype.kind == "f" and bool(np.all(values == np.floor(values))))
     if len(values) and not (whole and low <= values.min() and values.max() <= high):
         raise CorruptData(
-            f"{what} holds what does not fit its type",
+            f"{quantity} holds what does not fit its type",
             expected=f"whole numbers of {low} to {high}",
             got=f"{values.min()} to {values.max()}",
         )

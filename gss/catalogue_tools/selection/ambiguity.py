@@ -168,19 +168,19 @@ class _Neighbours:
 def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Array], tolerance_rad: float) -> Array:
     """(m,) number of other triangles that match each one: find pairs that match the first side, in both directions,
     then third stars by the second side, then check the third side."""
-    who, row = expanded(*table.pairs.ranges(sides[0] - tolerance_rad, sides[0] + tolerance_rad))
-    who = np.concatenate([who, who])
+    owner, row = expanded(*table.pairs.ranges(sides[0] - tolerance_rad, sides[0] + tolerance_rad))
+    owner = np.concatenate([owner, owner])
     i = np.concatenate([table.pairs.first[row], table.pairs.second[row]])
     j = np.concatenate([table.pairs.second[row], table.pairs.first[row]])
-    keys = i * 4.0 + sides[1][who]
+    keys = i * 4.0 + sides[1][owner]
     ascending = np.argsort(keys)  # searchsorted is three times as fast with ordered keys
-    keys, who, i, j = keys[ascending], who[ascending], i[ascending], j[ascending]
+    keys, owner, i, j = keys[ascending], owner[ascending], i[ascending], j[ascending]
     step, at = expanded(
         np.searchsorted(table.key, keys - tolerance_rad), np.searchsorted(table.key, keys + tolerance_rad)
     )
-    who, i, j, k = who[step], i[step], j[step], table.neighbour[at]
-    like = (np.abs(separation_rad(unit[j], unit[k]) - sides[2][who]) <= tolerance_rad) & (j != k)
-    who, triangles = who[like], np.stack([i[like], j[like], k[like]], axis=-1)
-    other = (np.sort(triangles, axis=1) != np.sort(trios[who], axis=1)).any(axis=1)
-    named = np.unique(np.column_stack([who[other], np.sort(triangles[other], axis=1)]), axis=0)
+    owner, i, j, k = owner[step], i[step], j[step], table.neighbour[at]
+    like = (np.abs(separation_rad(unit[j], unit[k]) - sides[2][owner]) <= tolerance_rad) & (j != k)
+    owner, triangles = owner[like], np.stack([i[like], j[like], k[like]], axis=-1)
+    other = (np.sort(triangles, axis=1) != np.sort(trios[owner], axis=1)).any(axis=1)
+    named = np.unique(np.column_stack([owner[other], np.sort(triangles[other], axis=1)]), axis=0)
     return np.bincount(named[:, 0], minlength=len(trios)).astype(float)

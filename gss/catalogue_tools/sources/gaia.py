@@ -171,15 +171,16 @@ def _with_hipparcos(gaia: StarTable, g_mag: Array, hipparcos: StarTable) -> Star
     away, row = cKDTree(hipparcos.icrs).query(gaia.icrs, distance_upper_bound=SAME_STAR_RAD)
     matched = np.flatnonzero(np.isfinite(away))
     matched = matched[np.lexsort((gaia.v_mag[matched], row[matched]))]
-    mine, first = np.unique(row[matched], return_index=True)
-    theirs = matched[first]
+    hipparcos_row, first = np.unique(row[matched], return_index=True)
+    gaia_row = matched[first]
     hip, b_v, parallax, flags = gaia.hip.copy(), gaia.b_v.copy(), gaia.parallax_rad.copy(), gaia.flags.copy()
     motion, v_mag = gaia.proper_motion_rad_yr.copy(), gaia.v_mag.copy()
-    still = (flags[theirs] & FLAG_NO_PROPER_MOTION) > 0
-    motion[theirs[still]] = hipparcos.proper_motion_rad_yr[mine[still]]
-    hip[theirs], b_v[theirs], parallax[theirs] = hipparcos.hip[mine], hipparcos.b_v[mine], hipparcos.parallax_rad[mine]
-    flags[theirs] = hipparcos.flags[mine]
-    v_mag[theirs] = v_from_g(g_mag[theirs], b_v[theirs])
+    still = (flags[gaia_row] & FLAG_NO_PROPER_MOTION) > 0
+    motion[gaia_row[still]] = hipparcos.proper_motion_rad_yr[hipparcos_row[still]]
+    hip[gaia_row], b_v[gaia_row] = hipparcos.hip[hipparcos_row], hipparcos.b_v[hipparcos_row]
+    parallax[gaia_row] = hipparcos.parallax_rad[hipparcos_row]
+    flags[gaia_row] = hipparcos.flags[hipparcos_row]
+    v_mag[gaia_row] = v_from_g(g_mag[gaia_row], b_v[gaia_row])
     return replace(gaia, hip=hip, b_v=b_v, parallax_rad=parallax, flags=flags, proper_motion_rad_yr=motion, v_mag=v_mag)
 
 

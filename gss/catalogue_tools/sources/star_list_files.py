@@ -64,9 +64,7 @@ def read_columns(data: bytes, kind: str) -> RawList:
     if kind not in readers:
         raise BadInput("unknown kind of star list", expected=" | ".join(readers), got=str(kind))
     if not data.strip():
-        raise BadInput(
-            "the star list is empty", expected=f"a {kind} table with a row for each star", got="an empty file"
-        )
+        raise BadInput("the star list is empty", expected=f"a {kind} table with one row per star", got="an empty file")
     if data.startswith(PACKED):
         raise BadInput(
             "the star list is compressed",

@@ -182,10 +182,10 @@ def check_votable(data: bytes) -> None:
         ) from None
 
 
-def _count(what: str, text: str) -> int:
+def _count(quantity: str, text: str) -> int:
     """Parse a whole number from a VOTable attribute; the length is limited because int() is slow for many digits."""
     if not re.fullmatch(r"\s{0,9}\d{1,18}\s{0,9}", text, re.ASCII):
-        raise BadInput(f"{what} of the VOTable is not a number", expected="a whole number", got=text[:SHOWN])
+        raise BadInput(f"{quantity} of the VOTable is not a number", expected="a whole number", got=text[:SHOWN])
     return int(text)
 
 

@@ -155,12 +155,12 @@ def factor_of(name: str, unit: str) -> float:
 def columns_of(names: list[str], mapping: ListMapping) -> dict[str, str]:
     """Map our fields to the file's columns; BadInput if a required column is missing or a field is ambiguous."""
     columns: dict[str, str] = {}
-    for ours, theirs in mapping.columns.items():
-        if theirs not in names:
+    for ours, column in mapping.columns.items():
+        if column not in names:
             raise BadInput(
-                f"the star list has no column {theirs!r}", expected=" | ".join(names), got=f"{ours} = {theirs}"
+                f"the star list has no column {column!r}", expected=" | ".join(names), got=f"{ours} = {column}"
             )
-        columns[ours] = theirs
+        columns[ours] = column
     plain: dict[str, list[str]] = {}
     for name in names:
         plain.setdefault(_plain(name), []).append(name)

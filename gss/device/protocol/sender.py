@@ -64,8 +64,8 @@ class LineSender:
 
 def encode_frame(packet: bytes, framing: str = "cobs") -> bytes:
     """Return the frame of a packet, with both delimiters."""
-    how = framing_named(framing)
-    return how.delimiter + how.encode(packet) + how.delimiter
+    frame_format = framing_named(framing)
+    return frame_format.delimiter + frame_format.encode(packet) + frame_format.delimiter
 
 
 def encode_packet(packet: Packet, signer: PacketSigner | None = None) -> bytes:

@@ -41,9 +41,9 @@ class Openings:
 
     def _new_id(self) -> int:
         record = self._memory.record
-        taken = record.next_session
-        record.next_session = taken % 0xFFFF + 1
-        return taken
+        session_id = record.next_session
+        record.next_session = session_id % 0xFFFF + 1
+        return session_id
 
     @staticmethod
     def _checked_chunk(values: Mapping[str, Value]) -> int:

@@ -226,9 +226,9 @@ def _earth_pointing(arguments: argparse.Namespace, own: Mounting, orbit: Orbit) 
     return EarthPointing(orbit, BODY_FROM_CAM[mounting].T, (roll, pitch, yaw))
 
 
-def _angles(text: str, what: str) -> tuple[float, float, float]:
+def _angles(text: str, option: str) -> tuple[float, float, float]:
     try:
         first, second, third = map(float, text.split(","))
     except ValueError:
-        raise BadInput("unreadable angles", expected=f"{what} in degrees", got=text) from None
+        raise BadInput("unreadable angles", expected=f"{option} in degrees", got=text) from None
     return first, second, third

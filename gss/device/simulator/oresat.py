@@ -249,23 +249,23 @@ class OresatUnit:
         self._work_s = self._now_s + delay_s + EXPOSURE_S + SOLVE_S
         self._expose()
         quaternion, rate_rad_s = measured(self._world, self._now_s - SOLVE_S - EXPOSURE_S / 2, SIGMA_ARCSEC)
-        known = float(np.linalg.norm(rate_rad_s)) <= FASTEST_RAD_S
-        if known or OLDER in self._world.dialects:
-            self._publish(matrix_from_quaternion(quaternion), known)
+        attitude_known = float(np.linalg.norm(rate_rad_s)) <= FASTEST_RAD_S
+        if attitude_known or OLDER in self._world.dialects:
+            self._publish(matrix_from_quaternion(quaternion), attitude_known)
         if not delay_s:
             self._enter(STANDBY)
 
-    def _publish(self, cam_from_icrs: Array, known: bool) -> None:
+    def _publish(self, cam_from_icrs: Array, attitude_known: bool) -> None:
         lost_from_icrs = LOST_FROM_CAM @ cam_from_icrs
         unix_s = self._unix_s()
         time = int(unix_s % DAY_S * 1000) if MIDNIGHT in self._world.dialects else int(unix_s)
         if OLDER in self._world.dialects:
-            angles = _degrees(lost_from_icrs) if known else (0, 0, 0)
+            angles = _degrees(lost_from_icrs) if attitude_known else (0, 0, 0)
             self._network.send_message(0x380 + NODE, struct.pack("<B3h", self._status, *angles))
             self._network.send_message(0x480 + NODE, struct.pack("<I", time))
             return
         i, j, k, real = (float(q) for q in quaternion_from_matrix(lost_from_icrs))
-        self._network.send_message(0x380 + NODE, struct.pack("<BBI", self._status, known, time))
+        self._network.send_message(0x380 + NODE, struct.pack("<BBI", self._status, attitude_known, time))
         self._network.send_message(0x480 + NODE, struct.pack("<2f", real, i))
         self._network.send_message(0x181 + NODE, struct.pack("<2f", j, k))
 

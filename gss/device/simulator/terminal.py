@@ -301,15 +301,15 @@ class Terminal:
         """
         if not self._out:
             return True
-        taken = self._line.write(self._out)
-        if taken is None:
-            taken = len(self._out)
-            self._control.down.counts.bytes_lost_disconnected += 0 if self._connected else taken
-        self._out = self._out[taken:]
+        accepted = self._line.write(self._out)
+        if accepted is None:
+            accepted = len(self._out)
+            self._control.down.counts.bytes_lost_disconnected += 0 if self._connected else accepted
+        self._out = self._out[accepted:]
         if not self._out:
             self._blocked_s = None
             return True
-        if taken or self._blocked_s is None:
+        if accepted or self._blocked_s is None:
             self._blocked_s = now_s
         elif now_s - self._blocked_s > GIVE_UP_S:
             self._control.down.counts.bytes_lost_unread += len(self._out)

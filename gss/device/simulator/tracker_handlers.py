@@ -224,11 +224,11 @@ class TrackerHandlers:
 
     def take_image(self, a: Arguments, request_id: int) -> Task:
         exposure_ms = int(a["exposure_ms"]) or self._tracker.exposure_ms
-        taken = yield from self._expose(int(a["slot"]), exposure_ms, request_id)
+        exposure = yield from self._expose(int(a["slot"]), exposure_ms, request_id)
         frame = self._tracker.imager.stored(int(a["slot"]))
         if frame.truth is not None:
             self._outbox.telemetry(truth_report(frame.number, frame.truth), request_id)
-        return taken
+        return exposure
 
     def _expose(self, slot: int, exposure_ms: int, request_id: int) -> Task:
         tracker = self._tracker
@@ -246,10 +246,10 @@ class TrackerHandlers:
 
     def run_iteration(self, a: Arguments, request_id: int) -> Task:
         tracker, slot = self._tracker, int(a["slot"])
-        taken = yield from self._expose(slot, tracker.exposure_ms, request_id)
+        exposure = yield from self._expose(slot, tracker.exposure_ms, request_id)
         self._processor.progress(60)
         yield from self._iterate(slot, request_id)
-        return {"frame_number": taken["frame_number"], "outcome": "solved" if self._tracker.solved else "none"}
+        return {"frame_number": exposure["frame_number"], "outcome": "solved" if self._tracker.solved else "none"}
 
     def list_frames(self, _: Arguments, request_id: int) -> Returns:
         frames = sorted(self._tracker.slots.items())

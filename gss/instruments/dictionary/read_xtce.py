@@ -216,14 +216,14 @@ class _Document:
             )
 
     def _significance(self, command: Element) -> Row:
-        given = command.child("DefaultSignificance")
-        if given is None:
+        element = command.child("DefaultSignificance")
+        if element is None:
             return {}
-        given.checked("", "consequenceLevel reasonForWarning")
-        level = given.attributes.get("consequenceLevel", "normal")
+        element.checked("", "consequenceLevel reasonForWarning")
+        level = element.attributes.get("consequenceLevel", "normal")
         if level not in HAZARDS:
-            raise given.error("this level is not supported", expected=", ".join(HAZARDS), got=level[:40])
-        reason = given.attributes.get("reasonForWarning", "" if level == "normal" else f"marked {level}")
+            raise element.error("this level is not supported", expected=", ".join(HAZARDS), got=level[:40])
+        reason = element.attributes.get("reasonForWarning", "" if level == "normal" else f"marked {level}")
         return {"hazard": HAZARDS[level]} | ({"hazard_reason": reason} if reason else {})
 
     def _limits(self, command: Element) -> Row:
@@ -249,15 +249,15 @@ class _Document:
         comparison.checked("", "parameterRef comparisonOperator value useCalibratedValue")
         operator = comparison.attributes.get("comparisonOperator", "==")
         op = next((name for name, sign in OPERATORS.items() if sign == operator), None)
-        found = self._containers.housekeeping(comparison.get("parameterRef"))
-        if op is None or found is None:
+        field = self._containers.housekeeping(comparison.get("parameterRef"))
+        if op is None or field is None:
             raise comparison.error("is not a comparison of a value of the packet housekeeping")
         text = comparison.get("value")
-        kind = found["type"]
+        kind = field["type"]
         value: Any = text if kind == "enum" or kind.startswith("str") else None
         if value is None:
             value = text.lower() == "true" if kind == "bool" else comparison.number(text)
-        return {"field": found["name"], "op": op, "value": value}
+        return {"field": field["name"], "op": op, "value": value}
 
 
 def dictionary_of(name: str, data: bytes, byte_order: str | None) -> Dictionary:

@@ -91,19 +91,19 @@ class AccountService:
         """Return the identity of the token, or None if it is not valid. Raises RateLimited after too many invalid tokens from that
         address. Without ``touch`` nothing is written."""
         hashed = f"token {key_hash(key)}"
-        who = self._recall(hashed, lambda: self.tokens.who(key, touch=touch))
-        if who is None:
+        caller = self._recall(hashed, lambda: self.tokens.who(key, touch=touch))
+        if caller is None:
             self.attempts.begin([(f"token {address}", BY_TOKEN_ADDRESS)])
-        return who
+        return caller
 
-    def ended_reason(self, who: CallerIdentity) -> str:
+    def ended_reason(self, caller: CallerIdentity) -> str:
         """Return why a session or token is no longer valid; "" while it is. Long-lived connections call this every few
         seconds."""
         try:
             over = (
-                self.sessions.ended_reason(who.key_id)
-                if who.kind == "session"
-                else self.tokens.ended_reason(who.key_id)
+                self.sessions.ended_reason(caller.key_id)
+                if caller.kind == "session"
+                else self.tokens.ended_reason(caller.key_id)
             )
         except NotFound:
             return "it was removed"
@@ -125,7 +125,7 @@ class AccountService:
             return "", frozenset()
         return user.role, permissions_of(user.role)
 
-    def _recall(self, hashed: str, look: Callable[[], CallerIdentity | None]) -> CallerIdentity | None:
+    def _recall(self, hashed: str, find: Callable[[], CallerIdentity | None]) -> CallerIdentity | None:
         with self._lock:
             at_s, remembered_value = self._remembered.get(hashed, (0.0, None))
             if remembered_value is not None and self._monotonic_s() - at_s < REMEMBERED_S:
@@ -133,15 +133,15 @@ class AccountService:
             changes = self._changes
         read_s = self._monotonic_s()
         try:
-            who = look()
+            caller = find()
         except StoreDown:
             if remembered_value is not None and read_s - at_s < IN_NEED_S:
                 return remembered_value
             raise
         with self._lock:
             self._remembered.pop(hashed, None)
-            if who is not None and changes == self._changes:  # otherwise it may have been read before the change
-                self._remembered[hashed] = (read_s, who)
+            if caller is not None and changes == self._changes:  # otherwise it may have been read before the change
+                self._remembered[hashed] = (read_s, caller)
             while len(self._remembered) > MOST_REMEMBERED:
                 self._remembered.popitem(last=False)
-        return who
+        return caller

@@ -200,8 +200,8 @@ class AuditService:
 
     def _verify_guards(self) -> str:
         with self._database.unit_of_work() as session:
-            gone = store.missing_guards(session)
-        return f"the database no longer rejects changes of the audit log: {', '.join(gone)}" if gone else ""
+            missing = store.missing_guards(session)
+        return f"the database no longer rejects changes of the audit log: {', '.join(missing)}" if missing else ""
 
 
 def hash_of(row: AuditRow, timespec: str = "microseconds") -> str:

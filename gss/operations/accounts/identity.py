@@ -39,8 +39,8 @@ class CallerIdentity:
     def require_all(self, role: str, scopes: Iterable[str]) -> None:
         """Raise NotPermitted unless the caller has every permission of the role with these scopes: callers cannot grant more
         than they have."""
-        for wanted in sorted(permissions_of(role, scopes)):
-            self.require(wanted)
+        for permission in sorted(permissions_of(role, scopes)):
+            self.require(permission)
 
     @property
     def handed_out_until(self) -> datetime | None:

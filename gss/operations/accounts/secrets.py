@@ -30,6 +30,6 @@ def csrf_of(key: str) -> str:
     return hashlib.sha256(b"gss csrf " + key.encode("utf-8", "replace")).hexdigest()
 
 
-def same(given: str, expected: str) -> bool:
+def same(received: str, expected: str) -> bool:
     """Compare two secrets in constant time."""
-    return secrets.compare_digest(given.encode("utf-8", "replace"), expected.encode("utf-8", "replace"))
+    return secrets.compare_digest(received.encode("utf-8", "replace"), expected.encode("utf-8", "replace"))

@@ -77,10 +77,10 @@ class SignInService:
             self.sign_out(old_key)
         return self.begin(row.id, address=address, agent=agent)
 
-    def check_password(self, who: CallerIdentity, password: str) -> None:
+    def check_password(self, caller: CallerIdentity, password: str) -> None:
         """Raise NotPermitted unless it is the user's password; attempts are limited per user."""
-        row = self._named(who.name)
-        keys = [(f"own password of {who.user_id}", BY_NAME)]
+        row = self._named(caller.name)
+        keys = [(f"own password of {caller.user_id}", BY_NAME)]
         self._attempts.begin(keys)
         if not self._passwords.verify(row.password_hash if row else "", password):
             raise NotPermitted("wrong current password", hint="try again, or ask an admin for a password link")

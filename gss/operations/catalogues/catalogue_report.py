@@ -192,7 +192,7 @@ def report_again(manifest: BuildManifest, camera: CameraProfile, source: StarSou
 
 
 def _choice(selection: Selection, envelope: EnvelopeMap, plan: BuildPlan) -> ChoiceValues:
-    way = sweep(plan.base, plan.shape)
+    swept = sweep(plan.base, plan.shape)
     return {
         "funnel": [
             {"label": f.label, "stars": f.stars, "kind": "drop" if f.dropped else "keep"} for f in selection.funnel
@@ -203,9 +203,9 @@ def _choice(selection: Selection, envelope: EnvelopeMap, plan: BuildPlan) -> Cho
             "fraction": [round(float(x), 4) for x in envelope.fraction],
             "outline_start": [_line(edge) for edge in envelope.edges_start],
             "outline_end": [_line(edge) for edge in envelope.edges_end],
-            "sweep_over": way.over,
-            "sweep": [_line(field, 2) for field in way.fields],
-            "boresights": _line(way.boresights, 2) if len(way.boresights) else [],
+            "sweep_over": swept.over,
+            "sweep": [_line(field, 2) for field in swept.fields],
+            "boresights": _line(swept.boresights, 2) if len(swept.boresights) else [],
         },
     }
 

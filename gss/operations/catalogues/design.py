@@ -135,8 +135,8 @@ def answer(
         finally:
             # After a cancel, queued work must not be run first.
             pool.shutdown(wait=True, cancel_futures=True)
-    mine = () if request.camera in [r.camera for r in documents] else (_row(request.camera, stars),)
-    return record_of(report, base, (*mine, *documents), 1000 * (time.perf_counter() - start_s))
+    own_row = () if request.camera in [r.camera for r in documents] else (_row(request.camera, stars),)
+    return record_of(report, base, (*own_row, *documents), 1000 * (time.perf_counter() - start_s))
 
 
 def document_rows(cameras: Iterable[CameraProfile], stars: StarTable) -> tuple[TradeRow, ...]:

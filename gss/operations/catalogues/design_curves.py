@@ -145,11 +145,11 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
 
 def _points(papers: Sequence[PaperValue]) -> list[MarkValue]:
     """Return the documents' values by magnitude limit."""
-    wanted = {f"p_fewer_{n}_by_limit": f"fewer than {n}" for n in NEED}
+    labels = {f"p_fewer_{n}_by_limit": f"fewer than {n}" for n in NEED}
     return [
-        {"x": p.x, "y": 100 * p.value, "label": wanted[p.figure], "source": p.source}
+        {"x": p.x, "y": 100 * p.value, "label": labels[p.figure], "source": p.source}
         for p in papers
-        if p.figure in wanted
+        if p.figure in labels
     ]
 
 

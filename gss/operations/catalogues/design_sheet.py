@@ -20,7 +20,9 @@ TRADE = ("camera", "f, mm", "f/", "field, °", "pixel, ″", "limit V", "stars",
 def design_sheet(record: DesignValues) -> Report:
     """Return the complete report."""
     changed = ", ".join(f"{k} {record['camera'][k]:g} (was {_plain(record['base'][k])})" for k in record["changed"])
-    looks = f"{record['histogram']['pointings']} pointings for the histogram, {record['looks']} for curves and accuracy"
+    sample_sizes = (
+        f"{record['histogram']['pointings']} pointings for the histogram, {record['looks']} for curves and accuracy"
+    )
     sections = [
         Section("Figures", tables=[_figures(group, rows) for group, rows in _groups(record["figures"])]),
         Section("Curves", drawings=[_curve(c) for c in record["curves"] if c["lines"]]),
@@ -32,7 +34,7 @@ def design_sheet(record: DesignValues) -> Report:
     camera = "; ".join(f"{k} {_plain(v)}" for k, v in record["camera"].items() if k != "name")
     return Report(
         f"Camera design: {record['profile']}{', edited' if changed else ''}",
-        "; ".join([changed or "as in the document", record["sky"], looks]),
+        "; ".join([changed or "as in the document", record["sky"], sample_sizes]),
         [*sections, Section("All numbers of the camera", camera)],
         [Note(n) for n in (*record["notes"], record["baffle_problem"]) if n],
     )
@@ -106,5 +108,5 @@ def _baffle(b: BaffleValues) -> Outline:
         lines += [[(z, side * wall(z)), (z, side * r)] for z, r in b["edges_mm"]]
     lens = b["lens_radius_mm"]
     stages = "One stage" if b["kind"] == "one" else "Two stages"
-    said = f"{stages}, {b['length_mm']:.1f} mm long, ⌀ {2 * outer:.1f} mm, keeps out from {b['exclusion_deg']:.1f}°"
-    return Outline(said, lines, [[(0.0, -lens), (0.0, lens)]])
+    text = f"{stages}, {b['length_mm']:.1f} mm long, ⌀ {2 * outer:.1f} mm, keeps out from {b['exclusion_deg']:.1f}°"
+    return Outline(text, lines, [[(0.0, -lens), (0.0, lens)]])

@@ -230,16 +230,16 @@ def check_record(probe: Probe, findings: Findings) -> None:
     reports = [p for p in packets if p.type is PacketType.REPORT]
     findings.check("2.4", "reports", bool(reports) and all(p.request_id or p.payload[:1] == REJECTED for p in reports))
     for row in d.telemetry:
-        mine = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
-        if not mine:
+        matching = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
+        if not matching:
             findings.skip("5.3", row.name, "none came")
             continue
         records: set[str] = set()
-        for packet in mine:
+        for packet in matching:
             try:
                 records |= set(problems(row, decode(row.fields, packet.payload)))
             except CorruptData as error:
                 records.add(str(error))
-        findings.check("5.3", f"{row.name} ({len(mine)})", not records, "; ".join(sorted(records)))
+        findings.check("5.3", f"{row.name} ({len(matching)})", not records, "; ".join(sorted(records)))
     unknown = {p.code for p in packets if p.type is PacketType.TELEMETRY and d.packet_of_code(p.code) is None}
     findings.check("5.3", "packets of the dictionary only", not unknown, f"codes {sorted(unknown)}" if unknown else "")

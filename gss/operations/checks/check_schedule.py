@@ -66,10 +66,10 @@ def check_schedule(probe: Probe, findings: Findings) -> None:
     findings.check("4.16", "a time in the past", past.is_("failed", "out_of_range"), past.text)
     far = schedule(probe, now_s + FAR_S, status)
     number = far.last.values.get("schedule_id", 0) if far.last else 0
-    taken = probe.order("CANCEL", {"schedule_id": number})
-    findings.check("4.19", "CANCEL of one", taken.is_("completed"), taken.text)
+    cancelled = probe.order("CANCEL", {"schedule_id": number})
+    findings.check("4.19", "CANCEL of one", cancelled.is_("completed"), cancelled.text)
     row = d.packet("schedule_entry")
-    reported = [decode(row.fields, p.payload).values for p in taken.packets if p.code == row.code]
+    reported = [decode(row.fields, p.payload).values for p in cancelled.packets if p.code == row.code]
     findings.check("4.19", "the entry is cancelled", any(t.get("state") == "cancelled" for t in reported))
     again = probe.order("CANCEL", {"schedule_id": number})
     findings.check("4.19", "CANCEL of it again", again.is_("failed", "not_found"), again.text)

@@ -32,12 +32,12 @@ def _said(name: str, reply: Mapping[str, Value]) -> str:
 def check_downloads(probe: Probe, findings: Findings) -> None:
     """Check clauses 6.1 and 6.5: a thumbnail, the active catalogue against its bank_info, and requests for content that does
     not exist."""
-    taken = probe.order("TAKE_IMAGE", {"slot": 0})
+    exposure = probe.order("TAKE_IMAGE", {"slot": 0})
     with findings.trying("6.5", "thumbnail"):
         done = probe.device.download("thumbnail", 0, _silent)
         right = hashlib.sha256(done.data).hexdigest() == done.sha256
         findings.check("6.5", "thumbnail: hash as announced", right, f"{len(done.data)} B")
-        number = taken.last.values.get("frame_number") if taken.last else None
+        number = exposure.last.values.get("frame_number") if exposure.last else None
         findings.check("6.5", "thumbnail: frame number", done.frame_number == number, f"{done.frame_number}")
     with findings.trying("6.5", "catalogue"):
         active = next(b for b in probe.banks() if b["active"])

@@ -73,7 +73,7 @@ class DirectDevice:
         transfer_id = self._session.transfers.start_download(kind, target, part=part)
         return self._finish(transfer_id, f"the download of {kind} {target}", watch)
 
-    def _finish(self, transfer_id: int, what: str, watch: Watch) -> TransferDone:
+    def _finish(self, transfer_id: int, transfer_name: str, watch: Watch) -> TransferDone:
         """Wait for the end of a transfer. Raises Conflict if the device ends it, LinkDown if it stalls or the line ends."""
         stored_bytes, moved_s = -1, self._now_s()
         for event in self._events():
@@ -82,12 +82,12 @@ class DirectDevice:
             if isinstance(event, TransferUpdate) and event.transfer_id == transfer_id:
                 watch(event)
                 if event.state in ENDS:
-                    raise Conflict(f"{what} ended as {event.state}", got=event.reason)
+                    raise Conflict(f"{transfer_name} ended as {event.state}", got=event.reason)
                 if event.stored_bytes != stored_bytes:
                     stored_bytes, moved_s = event.stored_bytes, self._now_s()
             if self._now_s() - moved_s > STALLED_S:
-                raise LinkDown(f"{what} stalled", got=f"no new data stored for {STALLED_S:g} s")
-        raise LinkDown(f"the line closed before the end of {what}")
+                raise LinkDown(f"{transfer_name} stalled", got=f"no new data stored for {STALLED_S:g} s")
+        raise LinkDown(f"the line closed before the end of {transfer_name}")
 
     def command(self, name: str, arguments: Mapping[str, Value]) -> CommandUpdate:
         """Send a command and wait until it is completed. Raises Conflict if it is rejected, fails or gets no report."""

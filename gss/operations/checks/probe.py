@@ -193,16 +193,16 @@ class Probe:
 
     def reports(self, request_id: int, start: int) -> list[ReceivedReport]:
         """Return the reports on a request among the packets from ``start`` on; their times are unknown."""
-        mine = [p for p in self.tap.packets[start:] if self._reports_on(p, request_id)]
-        return [self._report(p, 0.0) for p in mine]
+        matching = [p for p in self.tap.packets[start:] if self._reports_on(p, request_id)]
+        return [self._report(p, 0.0) for p in matching]
 
     # --- reports from the device --------------------------------------------------------------------------------
 
     def telemetry(self, packets: tuple[Packet, ...] | list[Packet], name: str) -> list[Decoded]:
         """Return the telemetry of one name among packets. Raises CorruptData if it does not fit its layout."""
         row = self.dictionary.packet(name)
-        mine = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
-        return [decode(row.fields, p.payload) for p in mine]
+        matching = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
+        return [decode(row.fields, p.payload) for p in matching]
 
     def status(self) -> Mapping[str, Value]:
         """Return current housekeeping in engineering units. Raises Conflict if none arrives."""

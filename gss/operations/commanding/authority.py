@@ -139,11 +139,11 @@ class AuthorityService:
                 or user != (row.holder if row.transfer == REQUEST else row.transfer_user)
             ):
                 raise Conflict("no request or offer of command authority waits for your answer", got=_waiting(row))
-            before, after, said = row.holder, row.transfer_user, words or row.transfer_note
-            store.end(session, row, self._now(), user, f"handed over to {after}{_said(said)}")
+            before, after, text = row.holder, row.transfer_user, words or row.transfer_note
+            store.end(session, row, self._now(), user, f"handed over to {after}{_said(text)}")
             session.flush()
             store.take(session, checked_user(after), self._now())
-        self._record_event("ok", f"{before} handed command authority over to {after}{_said(said)}", user)
+        self._record_event("ok", f"{before} handed command authority over to {after}{_said(text)}", user)
         return self.state()
 
     def decline(self, user: str, note: str) -> AuthorityState:
@@ -155,11 +155,11 @@ class AuthorityService:
                 raise Conflict("no request or offer of command authority concerns you", got=_waiting(row))
             maker = row.transfer_user if row.transfer == REQUEST else row.holder
             other = row.holder if user == row.transfer_user else row.transfer_user
-            whose = "the" if user == maker else f"{other}'s"
+            owner = "the" if user == maker else f"{other}'s"
             verb = "withdrew" if user == maker else "refused"
             kind = row.transfer
             store.put_transfer(session, row, "", "", "", None)
-        self._record_event("watch", f"{user} {verb} {whose} {kind} of command authority{_said(words)}", user)
+        self._record_event("watch", f"{user} {verb} {owner} {kind} of command authority{_said(words)}", user)
         return self.state()
 
     def break_(self, user: str, reason: str) -> AuthorityState:
@@ -207,10 +207,10 @@ def _of_another(row: Authority | None, user: str) -> Authority:
     return row
 
 
-def _of_holder(row: Authority | None, user: str, what: str) -> Authority:
+def _of_holder(row: Authority | None, user: str, kind: str) -> Authority:
     if row is None or row.holder != user:
         raise Conflict(
-            f"only the holder can {what} command authority", expected=user, got=row.holder if row else "no user"
+            f"only the holder can {kind} command authority", expected=user, got=row.holder if row else "no user"
         )
     return row
 

@@ -160,8 +160,8 @@ class ScheduleService:
         at_device_s = float(row[names.at_s])
         payload, length = row[names.payload], int(row[names.length])
         at, uncertainty_s = moment_of(clock, at_device_s)
-        given = {COMMAND_CODE: row[names.command_code], PAYLOAD: payload, LENGTH: length}
-        inner = scheduled(operations.dictionary, given)
+        values = {COMMAND_CODE: row[names.command_code], PAYLOAD: payload, LENGTH: length}
+        inner = scheduled(operations.dictionary, values)
         risk = risk_of(operations, *inner) if inner else None
         return Entry(
             schedule_id=int(row[names.schedule_id]),

@@ -113,13 +113,13 @@ def _order(
     room = schedule.argument(operations.argument(Operation.SCHEDULE, PAYLOAD)).size
     if len(payload) > room:
         raise BadInput(f"{inner.name} is too long", expected=f"at most {room} bytes", got=str(len(payload)))
-    given: dict[str, Value] = {
+    values: dict[str, Value] = {
         AT_S: at_device_s,
         COMMAND_CODE: inner.code,
         LENGTH: len(payload),
         PAYLOAD: payload.ljust(room, b"\0").hex(),
     }
-    return operations.call(Operation.SCHEDULE, given).arguments
+    return operations.call(Operation.SCHEDULE, values).arguments
 
 
 def moment_of(clock: Correlation | None, device_s: float | None) -> tuple[datetime | None, float | None]:

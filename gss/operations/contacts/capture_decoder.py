@@ -102,10 +102,10 @@ class CaptureDecoder:
             raise CorruptData("unknown command code", got=str(packet.code))
         stage, facts = read_report(packet, command, self._dictionary)
         detail = " ".join(word for word in (facts["reason"], facts["detail"]) if word)
-        said: list[Item] = [CommandSaid(packet.request_id, command.name, stage.value, facts["values"], detail)]
+        items: list[Item] = [CommandSaid(packet.request_id, command.name, stage.value, facts["values"], detail)]
         if command.name == "HELLO" and stage is Stage.COMPLETED:
-            said.append(read_hello(facts["values"], packet.time_s, self._dictionary))
-        return said
+            items.append(read_hello(facts["values"], packet.time_s, self._dictionary))
+        return items
 
     def _telemetry(self, packet: Packet) -> list[Item]:
         telemetry = self._reader.read(packet)

@@ -160,8 +160,8 @@ class _Evidence:
         risen = self.risen(a_s, b_s, contact_id)
         lost, damaged = risen.get("gaps", 0), sum(risen.get(name, 0) for name in DAMAGE)
         if lost > 0:
-            how = f"; {damaged:g} packets with a bad checksum or length were received" if damaged else ""
-            return f"lost on the line: {lost:g} packets missing by their sequence counts{how}"
+            damage = f"; {damaged:g} packets with a bad checksum or length were received" if damaged else ""
+            return f"lost on the line: {lost:g} packets missing by their sequence counts{damage}"
         if damaged > 0:
             return f"damaged on the line: {damaged:g} packets with a bad checksum or length"
         return UNEXPLAINED

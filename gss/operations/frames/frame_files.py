@@ -170,10 +170,10 @@ def _picture_meta(image: Any) -> Meta:
         seconds = inner.get(0x829A)
         if seconds and _believable_s(float(seconds)):
             meta["exposure_s"] = float(seconds)
-        taken = inner.get(0x9003) or exif.get(0x0132)
-        if isinstance(taken, str):
+        taken_at = inner.get(0x9003) or exif.get(0x0132)
+        if isinstance(taken_at, str):
             meta["taken_at"] = _believable(
-                datetime.strptime(taken.strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+                datetime.strptime(taken_at.strip("\0 "), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
             )
         meta |= picture_optics(exif, inner, image.size)
     except (ValueError, TypeError, ZeroDivisionError, OSError, SyntaxError, KeyError):
@@ -280,13 +280,13 @@ def _fits_meta(header: Any) -> Meta:
         if isinstance(value, int | float) and _believable_s(value):
             meta["exposure_s"] = float(value)
             break
-    taken = header.get("DATE-OBS")
-    if isinstance(taken, str) and taken:
+    taken_at = header.get("DATE-OBS")
+    if isinstance(taken_at, str) and taken_at:
         try:
-            when = datetime.fromisoformat(taken.strip())
+            when = datetime.fromisoformat(taken_at.strip())
             meta["taken_at"] = _believable(when.replace(tzinfo=UTC) if when.tzinfo is None else when.astimezone(UTC))
         except (ValueError, OverflowError):
-            meta["date-obs"] = taken
+            meta["date-obs"] = taken_at
     if header.get("GSSABERR") is False:
         meta[WITHOUT_ABERRATION] = "yes"
     for key in ("INSTRUME", "TELESCOP", "OBJECT"):
@@ -309,8 +309,8 @@ def _believable(moment: datetime) -> datetime:
 def _finished(array: NDArray[np.generic], meta: Meta, name: str) -> ImportedFrame:
     """Check the values and convert them to one of the three types."""
     pixels, bits = _plain(array, name)
-    exposure, taken = meta.pop("exposure_s", None), meta.pop("taken_at", None)
-    return ImportedFrame(np.ascontiguousarray(pixels), bits, exposure, taken, {k: str(v) for k, v in meta.items()})
+    exposure, taken_at = meta.pop("exposure_s", None), meta.pop("taken_at", None)
+    return ImportedFrame(np.ascontiguousarray(pixels), bits, exposure, taken_at, {k: str(v) for k, v in meta.items()})
 
 
 def _plain(array: NDArray[np.generic], name: str) -> tuple[NDArray[np.generic], int]:

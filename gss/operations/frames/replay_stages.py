@@ -81,8 +81,8 @@ def first_difference(stages: Sequence[ReplayStage]) -> str:
     return next((s.difference for s in stages if s.verdict is StageVerdict.DIFFERS), "equal")
 
 
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _judged(
@@ -99,25 +99,25 @@ def _judged(
 
 
 def _regions(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
-    theirs, detection = record.detected.get("regions_invalid"), rerun.detection
-    if theirs is None or detection is None:
+    device, detection = record.detected.get("regions_invalid"), rerun.detection
+    if device is None or detection is None:
         return ReplayStage(
             "regions rejected", StageVerdict.NOT_SENT, "not sent", _ground(detection and detection.invalid)
         )
-    ours = min(255, detection.invalid)
-    text = f"regions rejected differ: {theirs} on board, {ours} on the ground"
-    return _judged("regions rejected", str(theirs), str(ours), int(theirs) != ours, text)
+    on_ground = min(255, detection.invalid)
+    text = f"regions rejected differ: {device} on board, {on_ground} on the ground"
+    return _judged("regions rejected", str(device), str(on_ground), int(device) != on_ground, text)
 
 
 def _black(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
-    theirs, detection = record.detected.get("background_dn"), rerun.detection
-    if theirs is None or detection is None:
+    device, detection = record.detected.get("background_dn"), rerun.detection
+    if device is None or detection is None:
         return ReplayStage(
             "black level", StageVerdict.NOT_SENT, "not sent", _ground(detection and f"{detection.black_dn:.4g} DN")
         )
-    ours = detection.black_dn
-    text = f"black level differs: {theirs:.6g} DN on board, {ours:.6g} DN on the ground"
-    return _judged("black level", f"{theirs:.6g} DN", f"{ours:.6g} DN", not _near(float(theirs), ours), text)
+    on_ground = detection.black_dn
+    text = f"black level differs: {device:.6g} DN on board, {on_ground:.6g} DN on the ground"
+    return _judged("black level", f"{device:.6g} DN", f"{on_ground:.6g} DN", not _near(float(device), on_ground), text)
 
 
 def _ground(value: Any) -> str:
@@ -129,23 +129,23 @@ def _near(a: float, b: float) -> bool:
 
 
 def _count(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
-    theirs, ours = len(record.centroids), len(rerun.result.centroids)
-    text = f"centroids differ: {theirs} on board, {ours} on the ground"
-    return _judged("centroids", str(theirs), str(ours), theirs != ours, text)
+    device, on_ground = len(record.centroids), len(rerun.result.centroids)
+    text = f"centroids differ: {device} on board, {on_ground} on the ground"
+    return _judged("centroids", str(device), str(on_ground), device != on_ground, text)
 
 
 def _places(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
-    theirs = np.array([[row["col_px"], row["row_px"]] for row in record.centroids], float).reshape(-1, 2)
-    ours = rerun.result.centroids.pixels
-    n = min(len(theirs), len(ours))
-    gap = np.abs(theirs[:n] - ours[:n]).max(axis=1) if n else np.zeros(0)
+    device = np.array([[row["col_px"], row["row_px"]] for row in record.centroids], float).reshape(-1, 2)
+    on_ground = rerun.result.centroids.pixels
+    n = min(len(device), len(on_ground))
+    gap = np.abs(device[:n] - on_ground[:n]).max(axis=1) if n else np.zeros(0)
     off = np.flatnonzero(gap > WIRE_PX)
     if not len(off):
         shown = f"{_counted(n, 'place')}" if n else "none"
         return _judged("places", shown, shown, False, difference_px=float(gap.max()) if n else None)
     k = int(off[0])
     arcsec = float(gap[k]) * rerun.result.camera.pixel_rad / ARCSEC_RAD
-    a, b = (f"{k}: {p[0]:.4f}, {p[1]:.4f}" for p in (theirs[k], ours[k]))
+    a, b = (f"{k}: {p[0]:.4f}, {p[1]:.4f}" for p in (device[k], on_ground[k]))
     text = f"centroid {k} differs by {gap[k]:.4f} px"
     return _judged("places", a, b, True, text, difference_px=float(gap[k]), difference_arcsec=arcsec)
 
@@ -153,17 +153,17 @@ def _places(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
 def _light(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     c = rerun.result.centroids  # the peak is sent as an integer
     for k, row in enumerate(record.centroids[: len(c)]):
-        ours = {"flux_dn": float(c.flux_dn[k]), "peak_dn": int(c.peak_dn[k]), "area_px": float(c.area_px[k])}
-        for name, value in ours.items():
+        on_ground = {"flux_dn": float(c.flux_dn[k]), "peak_dn": int(c.peak_dn[k]), "area_px": float(c.area_px[k])}
+        for name, value in on_ground.items():
             if name in row and not _near(float(row[name]), value):
-                what = name.rpartition("_")[0]
-                text = f"{what} of centroid {k} differs: {row[name]:g} on board, {value:g} on the ground"
-                return _judged("light", f"{k}: {what} {row[name]:g}", f"{k}: {what} {value:g}", True, text)
+                quantity = name.rpartition("_")[0]
+                text = f"{quantity} of centroid {k} differs: {row[name]:g} on board, {value:g} on the ground"
+                return _judged("light", f"{k}: {quantity} {row[name]:g}", f"{k}: {quantity} {value:g}", True, text)
     shown = "flux, peak and area"
     return _judged("light", shown, shown, False)
 
 
-def _ours_matched(rerun: Rerun) -> dict[int, tuple[int, float]] | None:
+def _ground_matched(rerun: Rerun) -> dict[int, tuple[int, float]] | None:
     """Return row of the bank and weight by centroid, from the chain's matching."""
     m = rerun.matching
     if m is None:
@@ -171,25 +171,25 @@ def _ours_matched(rerun: Rerun) -> dict[int, tuple[int, float]] | None:
     return {int(i): (int(m.row[i]), float(m.weight[i])) for i in m.selected}
 
 
-def _theirs_matched(record: OnboardRecord) -> dict[int, tuple[int, float]]:
+def _device_matched(record: OnboardRecord) -> dict[int, tuple[int, float]]:
     return {int(row["centroid"]): (int(row["star"]), float(row["weight"])) for row in record.matches}
 
 
 def _matches(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
-    theirs, ours = _theirs_matched(record), _ours_matched(rerun)
-    if ours is None:
+    device, on_ground = _device_matched(record), _ground_matched(rerun)
+    if on_ground is None:
         matches = rerun.result.matches
         if matches is None or record.attitude is None or record.attitude.get("outcome") != "solved":
-            return ReplayStage("matches", StageVerdict.NOT_COMPARED, _counted(len(theirs), "star"), "–")
-        text = f"matches differ: {len(theirs)} on board, {len(matches)} on the ground"
-        return _judged("matches", str(len(theirs)), str(len(matches)), len(theirs) != len(matches), text)
-    odd = sorted(i for i in theirs.keys() | ours.keys() if _row(theirs, i) != _row(ours, i))
+            return ReplayStage("matches", StageVerdict.NOT_COMPARED, _counted(len(device), "star"), "–")
+        text = f"matches differ: {len(device)} on board, {len(matches)} on the ground"
+        return _judged("matches", str(len(device)), str(len(matches)), len(device) != len(matches), text)
+    odd = sorted(i for i in device.keys() | on_ground.keys() if _row(device, i) != _row(on_ground, i))
     if not odd:
-        return _judged("matches", _counted(len(theirs), "star"), _counted(len(ours), "star"), False)
-    a, b = (", ".join(_name(side, i, record) for i in odd[:SHOWN]) for side in (theirs, ours))
-    first, second = (_star(side, odd[0], record) for side in (theirs, ours))
+        return _judged("matches", _counted(len(device), "star"), _counted(len(on_ground), "star"), False)
+    a, b = (", ".join(_name(side, i, record) for i in odd[:SHOWN]) for side in (device, on_ground))
+    first, second = (_star(side, odd[0], record) for side in (device, on_ground))
     text = f"matches differ: centroid {odd[0]} is {first} on board, {second} on the ground"
-    return _judged("matches", f"{len(theirs)}: {a}", f"{len(ours)}: {b}", True, text)
+    return _judged("matches", f"{len(device)}: {a}", f"{len(on_ground)}: {b}", True, text)
 
 
 def _row(side: Mapping[int, tuple[int, float]], centroid: int) -> int | None:
@@ -209,38 +209,39 @@ def _name(side: Mapping[int, tuple[int, float]], centroid: int, record: OnboardR
 
 
 def _weights(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
-    theirs, ours = _theirs_matched(record), _ours_matched(rerun)
-    if ours is None:
-        return ReplayStage("weights", StageVerdict.NOT_COMPARED, _counted(len(theirs), "weight"), "–")
-    for i in sorted(theirs.keys() & ours.keys()):
-        if not _near(theirs[i][1], ours[i][1]):
-            text = f"weight of centroid {i} differs: {theirs[i][1]:g} on board, {ours[i][1]:g} on the ground"
-            return _judged("weights", f"{i}: {theirs[i][1]:g}", f"{i}: {ours[i][1]:g}", True, text)
-    both = len(theirs.keys() & ours.keys())
+    device, on_ground = _device_matched(record), _ground_matched(rerun)
+    if on_ground is None:
+        return ReplayStage("weights", StageVerdict.NOT_COMPARED, _counted(len(device), "weight"), "–")
+    for i in sorted(device.keys() & on_ground.keys()):
+        if not _near(device[i][1], on_ground[i][1]):
+            text = f"weight of centroid {i} differs: {device[i][1]:g} on board, {on_ground[i][1]:g} on the ground"
+            return _judged("weights", f"{i}: {device[i][1]:g}", f"{i}: {on_ground[i][1]:g}", True, text)
+    both = len(device.keys() & on_ground.keys())
     return _judged("weights", _counted(both, "weight"), _counted(both, "weight"), False)
 
 
 def _mode(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     if record.attitude is None or "mode" not in record.attitude:
         return ReplayStage("mode", StageVerdict.NOT_SENT, "not sent", _ground(getattr(rerun.matching, "mode", None)))
-    theirs = str(record.attitude["mode"])
-    ours = theirs if rerun.matching is None else str(rerun.matching.mode)
-    text = f"mode differs: {theirs} on board, {ours} on the ground"
-    return _judged("mode", theirs.replace("_", " "), ours.replace("_", " "), theirs != ours, text)
+    device = str(record.attitude["mode"])
+    on_ground = device if rerun.matching is None else str(rerun.matching.mode)
+    text = f"mode differs: {device} on board, {on_ground} on the ground"
+    return _judged("mode", device.replace("_", " "), on_ground.replace("_", " "), device != on_ground, text)
 
 
 def _outcome(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     if record.attitude is None:
         return ReplayStage("outcome", StageVerdict.NOT_SENT, "not sent", str(rerun.result.outcome))
-    theirs = "solved" if record.attitude.get("outcome") == "solved" else "none"
-    ours = "solved" if rerun.result.outcome is Outcome.SOLVED else "none"
-    if theirs != ours:
-        text = f"outcome differs: {theirs} on board, {ours} on the ground"
-        return _judged("outcome", theirs, f"{ours}: {rerun.result.reason}".rstrip(": "), True, text)
-    said = str(record.attitude.get("reason") or "")
+    device = "solved" if record.attitude.get("outcome") == "solved" else "none"
+    on_ground = "solved" if rerun.result.outcome is Outcome.SOLVED else "none"
+    if device != on_ground:
+        text = f"outcome differs: {device} on board, {on_ground} on the ground"
+        return _judged("outcome", device, f"{on_ground}: {rerun.result.reason}".rstrip(": "), True, text)
+    stated_reason = str(record.attitude.get("reason") or "")
     reported = rerun.result.reason.encode()[:REASON_BYTES].decode(errors="ignore")
-    text = f"reason differs: “{said}” on board, “{reported}” on the ground"
-    return _judged("outcome", said or theirs, reported or ours, bool(said) and said != reported, text)
+    text = f"reason differs: “{stated_reason}” on board, “{reported}” on the ground"
+    differs = bool(stated_reason) and stated_reason != reported
+    return _judged("outcome", stated_reason or device, reported or on_ground, differs, text)
 
 
 def _quaternion(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
@@ -251,14 +252,14 @@ def _quaternion(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
         return ReplayStage(
             "quaternion", verdict, "none" if none else "not sent", "none" if attitude is None else "has one"
         )
-    theirs = np.array([float(reported[f"quaternion_{a}"]) for a in "xyzw"])
-    theirs = theirs * (1.0 if theirs @ attitude.quaternion >= 0 else -1.0)
-    step = float(np.abs(theirs - attitude.quaternion).max())
+    device = np.array([float(reported[f"quaternion_{a}"]) for a in "xyzw"])
+    device = device * (1.0 if device @ attitude.quaternion >= 0 else -1.0)
+    step = float(np.abs(device - attitude.quaternion).max())
     cross_rad, about_rad = pointing_difference_rad(
-        matrix_from_quaternion(theirs / np.linalg.norm(theirs)), attitude.cam_from_icrs
+        matrix_from_quaternion(device / np.linalg.norm(device)), attitude.cam_from_icrs
     )
     arcsec = float(np.hypot(cross_rad, about_rad)) / ARCSEC_RAD
-    a, b = (" ".join(f"{v:.12f}" for v in q) for q in (theirs, attitude.quaternion))
+    a, b = (" ".join(f"{v:.12f}" for v in q) for q in (device, attitude.quaternion))
     differs = step > WIRE_QUATERNION
     text = f"quaternion differs by {step:.1e}"
     px = cross_rad / rerun.result.camera.pixel_rad
@@ -271,10 +272,10 @@ def _sigma(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
         return ReplayStage(
             "standard deviations", StageVerdict.NOT_COMPARED if reported else StageVerdict.NOT_SENT, "–", "–"
         )
-    theirs = [float(reported[f"sigma_{axis}_arcsec"]) for axis in ("cross", "roll")]
-    ours = [float(s) / ARCSEC_RAD for s in attitude.sigma_rad]
+    device = [float(reported[f"sigma_{axis}_arcsec"]) for axis in ("cross", "roll")]
+    on_ground = [float(s) / ARCSEC_RAD for s in attitude.sigma_rad]
     differs = any(
-        not (_near(a, b) or not (math.isfinite(a) or math.isfinite(b))) for a, b in zip(theirs, ours, strict=True)
+        not (_near(a, b) or not (math.isfinite(a) or math.isfinite(b))) for a, b in zip(device, on_ground, strict=True)
     )
-    a, b = (f"{s[0]:.2f}″ across, {s[1]:.2f}″ about" for s in (theirs, ours))
+    a, b = (f"{s[0]:.2f}″ across, {s[1]:.2f}″ about" for s in (device, on_ground))
     return _judged("standard deviations", a, b, differs, f"standard deviations differ: {a} on board, {b} on the ground")

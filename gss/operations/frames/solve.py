@@ -245,14 +245,14 @@ def _camera_of(
     """Return the requested profile and geometry; both None for an unknown camera. Raises BadInput."""
     ways = [
         name
-        for name, given in (
+        for name, stated in (
             ("profile", request.profile is not None),
             ("whole camera", request.known is not None),
             ("camera", request.camera is not None),
             ("field of view", request.fov_rad is not None),
             ("blind", request.blind),
         )
-        if given
+        if stated
     ]
     if len(ways) != 1:
         raise BadInput(

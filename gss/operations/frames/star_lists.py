@@ -79,8 +79,8 @@ def _read_npz(data: bytes, name: str) -> StarLists:
     except (zipfile.BadZipFile, ValueError, OSError, EOFError, KeyError, NotImplementedError) as error:
         raise BadInput(f"{name} cannot be read", expected=EXPECTED, got=str(error)[:200]) from None
     for array_name, array in arrays.items():
-        wanted = "iu" if array_name == "first" else "iuf"
-        if array.ndim != 1 or array.dtype.kind not in wanted:
+        kinds = "iu" if array_name == "first" else "iuf"
+        if array.ndim != 1 or array.dtype.kind not in kinds:
             kind = "integers" if array_name == "first" else "numbers"
             got = f"shape {array.shape}, type {array.dtype}"
             raise BadInput(f"{array_name} in {name} is of the wrong kind", expected=f"one row of {kind}", got=got)

@@ -114,8 +114,8 @@ class InstrumentService:
         return self._instruments.find(name, version).files
 
     def _checked(self, data: bytes, filename: str) -> CheckedPackage:
-        what = filename or "the package"
-        return self._parsing.parse(check_zip, data, classes=(CheckedPackage,), what=what)
+        label = filename or "the package"
+        return self._parsing.parse(check_zip, data, classes=(CheckedPackage,), what=label)
 
     def _counts(self) -> list[UseCount]:
         with self._database.unit_of_work() as session:

@@ -39,20 +39,20 @@ class SensorKnowledge:
         if operation is Operation.RESET:
             self.forget()
         elif operation in (Operation.SET_HINT, Operation.SET_ORBIT, Operation.SET_PRIOR):
-            given = self._as_received(operation, arguments)
+            received = self._as_received(operation, arguments)
             if operation is Operation.SET_HINT:
-                ra, dec, roll = (math.radians(given[f"{a}_deg"]) for a in ("ra", "dec", "roll"))
+                ra, dec, roll = (math.radians(received[f"{a}_deg"]) for a in ("ra", "dec", "roll"))
                 quaternion = quaternion_from_matrix(cam_from_icrs(ra, dec, roll))
-                radius_rad = math.radians(given["uncertainty_deg"])
+                radius_rad = math.radians(received["uncertainty_deg"])
                 self.known = replace(self.known, commanded=quaternion, commanded_radius_rad=radius_rad)
             elif operation is Operation.SET_ORBIT:
                 raan, inclination, latitude = (
-                    math.radians(given[f"{a}_deg"]) for a in ("raan", "inclination", "latitude")
+                    math.radians(received[f"{a}_deg"]) for a in ("raan", "inclination", "latitude")
                 )
-                orbit = KnownOrbit(raan, inclination, latitude, 1000.0 * given["altitude_km"], given["epoch_s"])
+                orbit = KnownOrbit(raan, inclination, latitude, 1000.0 * received["altitude_km"], received["epoch_s"])
                 self.known = replace(self.known, orbit=orbit)
             else:
-                self.known = replace(self.known, apriori=_apriori(given))
+                self.known = replace(self.known, apriori=_apriori(received))
 
     def _as_received(self, operation: Operation, arguments: Mapping[str, Any]) -> Mapping[str, float]:
         """Return the standard arguments as the device receives them: with defaults, and rounded to the encoded width."""

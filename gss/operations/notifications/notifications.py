@@ -34,7 +34,7 @@ Send = Callable[[Target, OutgoingMessage], str]
 
 
 @dataclass(frozen=True)
-class _Wanted:
+class _Notification:
     """A notification that the rules require; ``key`` is unique, so that it is created once."""
 
     key: str
@@ -90,8 +90,10 @@ class NotificationService:
         if self.rules.target(target) is None:
             raise NotFound("There is no such target", got=target, hint="the page Admin, Notifications lists them")
         now = self._now()
-        wanted = _Wanted(f"test {target} {now.isoformat()}", "test", target, "ok", f"Test message by {user}.", now)
-        (row,) = self._add([wanted])
+        notification = _Notification(
+            f"test {target} {now.isoformat()}", "test", target, "ok", f"Test message by {user}.", now
+        )
+        (row,) = self._add([notification])
         return row
 
     def tick(self) -> None:
@@ -126,7 +128,7 @@ class NotificationService:
 
     # --- what to send -------------------------------------------------------------------------------------------
 
-    def _of_alarms(self, unanswered: Sequence[Alarm], texts: dict[int, str]) -> Iterator[_Wanted]:
+    def _of_alarms(self, unanswered: Sequence[Alarm], texts: dict[int, str]) -> Iterator[_Notification]:
         now = self._now()
         for rule in self.rules.rules:
             for row in unanswered:
@@ -137,9 +139,9 @@ class NotificationService:
                         text += (
                             ")" if step == 0 else f", not acknowledged for {rule.escalate[step - 1].after_min:g} min)"
                         )
-                        yield _Wanted(key, rule.name, target, row.worst, text, rule.due(row.worst, now), row.id)
+                        yield _Notification(key, rule.name, target, row.worst, text, rule.due(row.worst, now), row.id)
 
-    def _of_events(self) -> Iterator[_Wanted]:
+    def _of_events(self) -> Iterator[_Notification]:
         events = self._bus.after(self._seq, 500)
         now = self._now()
         for event in events:
@@ -148,10 +150,10 @@ class NotificationService:
                     for target in rule.to:
                         key = f"event {event.seq} {rule.name} {target}"
                         text = f"{event.text} ({event.kind}, {event.at:%Y-%m-%d %H:%M:%SZ})"
-                        yield _Wanted(key, rule.name, target, event.severity, text, rule.due(event.severity, now))
+                        yield _Notification(key, rule.name, target, event.severity, text, rule.due(event.severity, now))
             self._seq = event.seq
 
-    def _add(self, messages: Sequence[_Wanted]) -> list[Notification]:
+    def _add(self, messages: Sequence[_Notification]) -> list[Notification]:
         if not messages:
             return []
         now = self._now()

@@ -122,8 +122,8 @@ class NotificationRule(_Strict):
     @property
     def words(self) -> str:
         """The rule as a sentence."""
-        what = f"events {', '.join(self.kinds)}" if self.on == "event" else "alarms"
-        parts = [f"{what} of level {self.level} or worse to {', '.join(self.to)}"]
+        subject = f"events {', '.join(self.kinds)}" if self.on == "event" else "alarms"
+        parts = [f"{subject} of level {self.level} or worse to {', '.join(self.to)}"]
         parts += [f"after {e.after_min:g} min without acknowledgement also to {', '.join(e.to)}" for e in self.escalate]
         if self.quiet:
             parts.append(f"waits from {self.quiet.start:%H:%M} to {self.quiet.end:%H:%M} UTC below {self.quiet.unless}")

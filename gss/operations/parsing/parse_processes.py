@@ -142,7 +142,7 @@ class ParseProcesses:
             retry_after_s=self._turns.wait_s,
         )
 
-    def _ask(self, job: bytes, data: bytes, what: str) -> tuple[bytes, bytearray]:
+    def _ask(self, job: bytes, data: bytes, subject: str) -> tuple[bytes, bytearray]:
         while True:
             child = self._take()
             answer = child.ask(job, data)
@@ -153,7 +153,7 @@ class ParseProcesses:
             if self._stopped:
                 raise Busy("the server is stopping", hint="send the file again later", retry_after_s=self._turns.wait_s)
             if not child.ended_idle:
-                raise self._killed(child, what)
+                raise self._killed(child, subject)
 
     def _take(self) -> _Child:
         with self._lock:
@@ -191,40 +191,40 @@ class ParseProcesses:
         with self._lock:
             self._children.discard(child)
 
-    def _error(self, error: dict[str, str], what: str) -> GssError:
+    def _error(self, error: dict[str, str], subject: str) -> GssError:
         kind = error.pop("kind")
         if kind in EXPECTED_ERRORS:
             message = error.pop("message")
             return EXPECTED_ERRORS[kind](message, **error)
         if kind == "MemoryError":
-            return self._too_costly(what, "memory", f"{self._limits.memory_bytes >> 20} MiB")
-        log.error("%s could not be read: %s", what, error["log"])
+            return self._too_costly(subject, "memory", f"{self._limits.memory_bytes >> 20} MiB")
+        log.error("%s could not be read: %s", subject, error["log"])
         return BadInput(
-            f"{what} cannot be read",
+            f"{subject} cannot be read",
             expected="a file that the library for its kind can read",
             got=error["got"][:200],
             hint="save it again with another program; the server's log has the details",
         )
 
-    def _killed(self, child: _Child, what: str) -> BadInput:
+    def _killed(self, child: _Child, subject: str) -> BadInput:
         if child.timed_out or child.code == -signal.SIGALRM:
-            return self._too_costly(what, "time", f"{self._limits.wall_s:g} s")
+            return self._too_costly(subject, "time", f"{self._limits.wall_s:g} s")
         if child.code == -signal.SIGXCPU:
-            return self._too_costly(what, "processor time", f"{self._limits.cpu_s:g} s")
+            return self._too_costly(subject, "processor time", f"{self._limits.cpu_s:g} s")
         if child.reply_too_large:
-            return self._too_costly(what, "result", f"{self._limits.result_bytes >> 20} MiB of content")
-        how = signal.Signals(-child.code).name if child.code < 0 else f"exit code {child.code}"
-        log.error("the reader process of %s ended with %s", what, how)
+            return self._too_costly(subject, "result", f"{self._limits.result_bytes >> 20} MiB of content")
+        end = signal.Signals(-child.code).name if child.code < 0 else f"exit code {child.code}"
+        log.error("the reader process of %s ended with %s", subject, end)
         return BadInput(
-            f"{what} cannot be read: the reader process crashed or ran out of memory",
+            f"{subject} cannot be read: the reader process crashed or ran out of memory",
             expected=f"a file that can be read with {self._limits.memory_bytes >> 20} MiB of memory",
-            got=how,
+            got=end,
             hint="save it again with another program, or send a smaller file",
         )
 
-    def _too_costly(self, what: str, limit: str, amount: str) -> TooCostly:
+    def _too_costly(self, subject: str, limit: str, amount: str) -> TooCostly:
         return TooCostly(
-            f"{what} is too expensive to read: the limit of {limit} was reached",
+            f"{subject} is too expensive to read: the limit of {limit} was reached",
             expected=f"at most {amount}",
             got="more; the reader process was stopped",
             hint="send a smaller file, or save it uncompressed with another program",

@@ -291,7 +291,7 @@ class ProcedureRunner:
                 before, step = (row.current, len(row.entries), row.entries[-1:]), run.document.step(row.current)
                 entry = open_entry(row)
                 if entry is not None:
-                    row = self._settled(self._actions.go_on(run, row, entry))
+                    row = self._settled(self._actions.continue_step(run, row, entry))
                 elif row.automatic and run.held_since is None and self._actions.needs_no_one(run, step):
                     request = StepRequest(row.user, confirm=self._actions.confirmation(step))
                     row = self._settled(self._actions.perform(run, step, request))

@@ -191,7 +191,7 @@ class StepActions:
             self._record.freeze(run.id, "completed", "") if following is None else self._record.move(run.id, following)
         )
 
-    def go_on(self, run: ActiveRun, row: ProcedureRun, entry: StepEntry) -> ProcedureRun:
+    def continue_step(self, run: ActiveRun, row: ProcedureRun, entry: StepEntry) -> ProcedureRun:
         """Follow the step under way; end it if it is done."""
         step = run.document.step(row.current)
         if entry.kind == "command":

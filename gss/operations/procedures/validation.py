@@ -45,11 +45,11 @@ def expressions_of(step: ProcedureStep) -> Sequence[str]:
 
 def command_of(step: ProcedureStep, operations: StandardOperations) -> tuple[CommandDefinition, Mapping[str, Value]]:
     """Return the command of a step with all its arguments. Raises BadInput, NotFound."""
-    name, given = command_words(step.words)
+    name, arguments = command_words(step.words)
     command = operations.dictionary.command(name)
     if operations.of_command(name) is Operation.ABORT:
         raise BadInput("ABORT cannot be a step of a procedure", expected="another command")
-    return command, check_arguments(command, {key: _typed(command, key, text) for key, text in given.items()})
+    return command, check_arguments(command, {key: _typed(command, key, text) for key, text in arguments.items()})
 
 
 def confirmation_of(step: ProcedureStep, operations: StandardOperations) -> str:

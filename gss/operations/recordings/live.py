@@ -42,13 +42,13 @@ class LiveRecording:
     def piece(self) -> bytes:
         """Return everything since the last piece as a complete .rrd; empty if nothing of it is shown."""
         messages, dropped = self._mailbox.take()
-        wanted = [m for m in messages if m.topic in TOPICS]
-        if not wanted and not dropped:
+        relevant = [m for m in messages if m.topic in TOPICS]
+        if not relevant and not dropped:
             return b""
         # A frame and its solutions arrive as several messages, so it is drawn once, in its current state.
-        seen = {m.payload.id if m.topic == "frame" else m.payload.frame_id for m in wanted if m.topic in TOPICS[:2]}
-        pictures = {m.payload.id for m in wanted if m.topic == "frame"}
-        for message in wanted:
+        seen = {m.payload.id if m.topic == "frame" else m.payload.frame_id for m in relevant if m.topic in TOPICS[:2]}
+        pictures = {m.payload.id for m in relevant if m.topic == "frame"}
+        for message in relevant:
             self._small(message)
         for frame_id in sorted(seen):
             self._frame(frame_id, picture=frame_id in pictures)

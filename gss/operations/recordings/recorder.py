@@ -69,7 +69,7 @@ class Recorder:
             if best.quaternion is not None:
                 self._camera(best, detail.frame.taken)
         for solution in detail.solutions:
-            self._said(solution)
+            self._summary(solution)
         self._figures(detail)
 
     def telemetry(self, received: datetime, values: Mapping[str, Any]) -> None:
@@ -133,8 +133,8 @@ class Recorder:
         bad = [r for r in detail["regions"] if r["rejected"]]
         corners = np.array([[r["col_min"], r["row_min"]] for r in bad], float).reshape(-1, 2)
         ends = np.array([[r["col_max"] + 1, r["row_max"] + 1] for r in bad], float).reshape(-1, 2)
-        said = [r["rejected"] for r in bad]
-        boxes = self._rr.Boxes2D(mins=corners, sizes=ends - corners, colors=ORANGE, labels=said, show_labels=False)
+        reasons = [r["rejected"] for r in bad]
+        boxes = self._rr.Boxes2D(mins=corners, sizes=ends - corners, colors=ORANGE, labels=reasons, show_labels=False)
         self._stream.log("camera/image/rejected", boxes)
         self._points("camera/image/centroids", detail["stars"], WHITE, 1.0)
         self._points("camera/image/matched", [s for s in detail["stars"] if s.get("hip")], GREEN, 6.0)
@@ -172,10 +172,10 @@ class Recorder:
         ball = rr.Ellipsoids3D(half_sizes=[[EARTH_RADIUS] * 3], colors=(39, 80, 110), fill_mode="solid")
         self._stream.log("sky/earth", ball)
 
-    def _said(self, solution: Solution) -> None:
+    def _summary(self, solution: Solution) -> None:
         solved = solution.outcome == "solved"
-        said = f"{solution.matched} of {solution.found} stars" if solved else solution.reason
-        words = f"{solution.origin} {solution.chain}: {solution.outcome}, {said}"
+        text = f"{solution.matched} of {solution.found} stars" if solved else solution.reason
+        words = f"{solution.origin} {solution.chain}: {solution.outcome}, {text}"
         self._stream.log("log/solutions", self._rr.TextLog(words, level="INFO" if solved else "WARN"))
 
     def _figures(self, detail: FrameDetail) -> None:

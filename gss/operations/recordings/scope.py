@@ -88,6 +88,6 @@ class Scopes:
         if len(ids) > MOST_FRAMES:
             raise BadInput("too many frames", expected=f"at most {MOST_FRAMES}", got=str(len(ids)))
         with self._database.unit_of_work() as session:
-            taken = [frames.get(session, i).taken for i in sorted(set(ids))]
+            times = [frames.get(session, i).taken for i in sorted(set(ids))]
         margin = timedelta(seconds=MARGIN_S)
-        return Scope(name, use, tuple(sorted(set(ids))), min(taken) - margin, max(taken) + margin)
+        return Scope(name, use, tuple(sorted(set(ids))), min(times) - margin, max(times) + margin)

@@ -58,9 +58,9 @@ class Recordings:
 
     def _pictures(self, recorder: Recorder, scope: Scope) -> Iterator[Step]:
         with self._database.unit_of_work() as session:
-            taken = sorted((frames.get(session, i).taken, i) for i in scope.frame_ids)
-        every = -(-len(taken) // MOST_PICTURES)
-        for k, (moment, frame_id) in enumerate(taken):
+            times = sorted((frames.get(session, i).taken, i) for i in scope.frame_ids)
+        every = -(-len(times) // MOST_PICTURES)
+        for k, (moment, frame_id) in enumerate(times):
             yield moment, 0, partial(self.frame, recorder, frame_id, k % every == 0)
 
     def frame(self, recorder: Recorder, frame_id: int, picture: bool = True) -> None:

@@ -190,9 +190,9 @@ def _shares(pen: Pen, shares: Shares) -> None:
     for k, (name, size) in enumerate(shares.parts):
         colour, length = COLOURS[k % len(COLOURS)], WIDTH * size / max(shares.whole, 1e-9)
         pen.box(at, TOP, length, 13, fill=colour)
-        said = f"{name} {size:.0f} {shares.unit}"
-        pen.text(words, TOP + 25, said, size=7.5, colour=colour)
-        at, words = at + length, words + 4.2 * len(said) + 12
+        label = f"{name} {size:.0f} {shares.unit}"
+        pen.text(words, TOP + 25, label, size=7.5, colour=colour)
+        at, words = at + length, words + 4.2 * len(label) + 12
     pen.box(0, TOP, WIDTH, 13, stroke=SOFT)
 
 

@@ -16,8 +16,8 @@ STEP_DEG = 30
 def draw_world(pen: Pen, world: WorldMap) -> None:
     """Draw it with its upper left corner at (0, 0)."""
     pen.text(LEFT, 11, world.title, size=8.5)
-    known = [v for line in world.values for v in line if v is not None]
-    low, high = (min(known), max(known)) if known else (0.0, 1.0)
+    levels = [v for line in world.values for v in line if v is not None]
+    low, high = (min(levels), max(levels)) if levels else (0.0, 1.0)
     down, across = 180.0 / len(world.values), 360.0 / len(world.values[0])
     for j, line in enumerate(world.values):
         for i, value in enumerate(line):
@@ -36,7 +36,7 @@ def draw_world(pen: Pen, world: WorldMap) -> None:
         pen.text(_place(degrees, 0)[0], bottom + 10, _east(degrees), size=7, colour=SOFT, anchor="middle")
     for degrees in (-60, -30, 0, 30, 60):
         pen.text(LEFT - 4, _place(0, degrees)[1] + 2.5, _north(degrees), size=7, colour=SOFT, anchor="end")
-    span = f"{low:.3g} to {high:.3g} {world.unit}" if known else "no frame with a known place"
+    span = f"{low:.3g} to {high:.3g} {world.unit}" if levels else "no frame with a known place"
     pen.text(LEFT, bottom + 23, f"{span}; {world.note}" if world.note else span, size=7.5, colour=SOFT)
 
 

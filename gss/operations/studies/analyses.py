@@ -105,45 +105,45 @@ class AnalysisService:
 
     def _work(self, job: AnalysisJob) -> tuple[str, Work]:
         """Return the name and work function of an analysis, after looking up its inputs."""
-        wanted = job.wanted
+        analysis_request = job.wanted
         first: list[Shot] = []
         other: list[Shot] = []
-        if isinstance(wanted, TelemetryAnalysis):
-            self._contacts.detail(wanted.contact)
-            kind, of = "telemetry", f"contact {wanted.contact}"
-        elif isinstance(wanted, MovingRequest | HealthRequest):
-            self._book.profile(wanted.profile)
-            first = self._shots.of(wanted.frame_ids)
-            kind = "health" if isinstance(wanted, HealthRequest) else "moving objects"
+        if isinstance(analysis_request, TelemetryAnalysis):
+            self._contacts.detail(analysis_request.contact)
+            kind, of = "telemetry", f"contact {analysis_request.contact}"
+        elif isinstance(analysis_request, MovingRequest | HealthRequest):
+            self._book.profile(analysis_request.profile)
+            first = self._shots.of(analysis_request.frame_ids)
+            kind = "health" if isinstance(analysis_request, HealthRequest) else "moving objects"
             of = counted(len(first), "frame")
         else:
-            self._book.profile(wanted.profile)
-            if wanted.other_ids:
-                self._book.profile(wanted.other_profile)
-            first, other = self._shots.of(wanted.frame_ids), self._shots.of(wanted.other_ids)
-            kind, of = wanted.kind, "simulated unit" if not first else counted(len(first), "frame")
-        name = wanted.title or f"{kind}, {of}"
+            self._book.profile(analysis_request.profile)
+            if analysis_request.other_ids:
+                self._book.profile(analysis_request.other_profile)
+            first, other = self._shots.of(analysis_request.frame_ids), self._shots.of(analysis_request.other_ids)
+            kind, of = analysis_request.kind, "simulated unit" if not first else counted(len(first), "frame")
+        name = analysis_request.title or f"{kind}, {of}"
 
         def work(run: JobRun) -> JobResult:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
-            if isinstance(wanted, TelemetryAnalysis):
-                made = self._of_contact(wanted)
-            elif isinstance(wanted, SheetRequest):
-                made = self._sheet(wanted, first, other, run.progress)
-            elif isinstance(wanted, MovingRequest):
-                made = self._moving(wanted, first, run.progress)
-            elif isinstance(wanted, HealthRequest):
-                made = self._health(wanted, first, run.progress)
+            if isinstance(analysis_request, TelemetryAnalysis):
+                made = self._of_contact(analysis_request)
+            elif isinstance(analysis_request, SheetRequest):
+                made = self._sheet(analysis_request, first, other, run.progress)
+            elif isinstance(analysis_request, MovingRequest):
+                made = self._moving(analysis_request, first, run.progress)
+            elif isinstance(analysis_request, HealthRequest):
+                made = self._health(analysis_request, first, run.progress)
             else:
-                made = self._of_frames(wanted, first, other, run.progress)
+                made = self._of_frames(analysis_request, first, other, run.progress)
             row = Analysis(
                 kind=made.kind,
                 title=name[:120],
                 created=self._now(),
                 author=job.user,
                 tool=f"gss {__version__}",
-                request=as_stored(wanted),
+                request=as_stored(analysis_request),
                 result={"report": made.report.as_dict(), "figures": made.figures},
             )
             with self._database.unit_of_work() as session:

@@ -178,10 +178,10 @@ def earlier_request(stored: dict[str, Any]) -> dict[str, Any]:
     """Convert a request that version 0.4 stored, with radians and the title beside it."""
     if "title" not in stored:
         return stored
-    wanted = dict(stored["wanted"])
-    if "contact_id" in wanted:
-        wanted = {"kind": "telemetry", "contact": wanted["contact_id"]}
+    request = dict(stored["wanted"])
+    if "contact_id" in request:
+        request = {"kind": "telemetry", "contact": request["contact_id"]}
     else:
-        rate = wanted.pop("commanded_rad_s", None)
-        wanted["commanded_deg_s"] = None if rate is None else math.degrees(rate)
-    return {"wanted": wanted | {"title": stored["title"]}, "user": stored.get("user", "")}
+        rate = request.pop("commanded_rad_s", None)
+        request["commanded_deg_s"] = None if rate is None else math.degrees(rate)
+    return {"wanted": request | {"title": stored["title"]}, "user": stored.get("user", "")}

@@ -189,14 +189,14 @@ def _found(kind: str, result: dict[str, Any], warnings: Sequence[Any]) -> Calibr
     return CalibrationInput(kind, {}, result | {"warnings": [as_record(w) for w in warnings]})
 
 
-def table(rows: Rows, columns: int, what: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def table(rows: Rows, columns: int, title: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return (n, columns) numbers. Raises BadInput naming the first invalid row."""
     if not 1 <= len(rows) <= MOST_ROWS:
-        raise BadInput(f"invalid data: not {what}", expected=f"1 to {MOST_ROWS} rows", got=str(len(rows)))
+        raise BadInput(f"invalid data: not {title}", expected=f"1 to {MOST_ROWS} rows", got=str(len(rows)))
     for k, row in enumerate(rows):
         if len(row) != columns or not np.isfinite(np.asarray(row, float)).all():
             got = ", ".join(f"{v:g}" for v in row)
-            raise BadInput(f"invalid row {k + 1}: not {what}", expected=f"{columns} numbers", got=got or "nothing")
+            raise BadInput(f"invalid row {k + 1}: not {title}", expected=f"{columns} numbers", got=got or "nothing")
     return np.asarray(rows, float)
 
 

@@ -14,9 +14,9 @@ ZERO_C_K = 273.15
 
 
 def _centre(c: Mapping[str, Any]) -> list[Section]:
-    way = "circle through the positions" if c["circle"] else "centre of the box around all positions"
+    method = "circle through the positions" if c["circle"] else "centre of the box around all positions"
     facts = [
-        Fact("optical centre", f"{number(c['col_px'], 7)}, {number(c['row_px'], 7)}", "px", way),
+        Fact("optical centre", f"{number(c['col_px'], 7)}, {number(c['row_px'], 7)}", "px", method),
         Fact("σ", number(c["sigma_px"], 2), "px", "per axis"),
         Fact("radius of the circle", number(c["radius_px"], 3), "px"),
         Fact("extent of the positions", f"{number(c['box_px'][0], 3)} x {number(c['box_px'][1], 3)}", "px"),

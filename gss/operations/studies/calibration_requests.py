@@ -185,11 +185,11 @@ Wanted = Annotated[
 ]
 
 
-def check_frames(what: str, ids: Sequence[int], fewest: int) -> None:
+def check_frames(purpose: str, ids: Sequence[int], fewest: int) -> None:
     """Raise BadInput if there are too few or too many frames, or duplicates."""
     if not fewest <= len(ids) <= MOST_FRAMES or len(set(ids)) != len(ids):
         raise BadInput(
-            f"{what} cannot be used",
+            f"{purpose} cannot be used",
             expected=f"{fewest} to {MOST_FRAMES} different frames",
             got=f"{len(ids)}, {len(set(ids))} different",
         )

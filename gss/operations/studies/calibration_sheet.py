@@ -42,12 +42,12 @@ def calibration_sheet(row: Calibration) -> Report:
     sections = [section for name, make in makers.items() if name in result for section in make(result[name])]
     sections += _account(result)
     notes = [Note(w["text"], w["hint"], w["severe"], w["code"]) for w in result.get("warnings", [])]
-    for name, what in (
+    for name, title in (
         ("photometry_problem", "magnitudes were not calibrated"),
         ("psf_problem", "spots were not measured"),
     ):
         if name in result:
-            notes.append(Note(f"{what}: {result[name]}"))
+            notes.append(Note(f"{title}: {result[name]}"))
     subtitle = f"{row.name}, {row.created:%Y-%m-%d %H:%M}Z, by {row.author}, {row.tool}"
     return Report(f"Calibration {row.id} of {row.profile}", subtitle, sections, notes)
 

@@ -95,16 +95,20 @@ class CalibrationService:
 
     def _work(self, job: CalibrationJob) -> tuple[str, Work]:
         """Return the title and work function of a calibration, after looking up its inputs."""
-        wanted = job.wanted
-        profile = self._camera(wanted)
+        calibration_request = job.wanted
+        profile = self._camera(calibration_request)
         of = profile.name if profile else FOREIGN
-        shots = self._shots.of(wanted.frames)
+        shots = self._shots.of(calibration_request.frames)
         # Restores the order of frame_ids, which matches the settings of a focus run.
-        if isinstance(wanted, BenchCalibration):
-            place = {frame_id: k for k, frame_id in enumerate(wanted.frames)}
+        if isinstance(calibration_request, BenchCalibration):
+            place = {frame_id: k for k, frame_id in enumerate(calibration_request.frames)}
             shots.sort(key=lambda shot: place[shot.frame_id or 0])
-        pairs = [self._shots.of(pair) for pair in wanted.flat_pairs] if isinstance(wanted, DetectorCalibration) else []
-        priors = self._priors(wanted, of)
+        pairs = (
+            [self._shots.of(pair) for pair in calibration_request.flat_pairs]
+            if isinstance(calibration_request, DetectorCalibration)
+            else []
+        )
+        priors = self._priors(calibration_request, of)
 
         def work(run: JobRun) -> JobResult:
             if run.checkpoint:  # the row was stored before the server stopped
@@ -113,18 +117,18 @@ class CalibrationService:
             def progress(share: float, text: str) -> None:
                 run.progress(round(STEPS * share), STEPS, text)
 
-            calibration = self._make(wanted, profile, shots, pairs, priors, progress)
+            calibration = self._make(calibration_request, profile, shots, pairs, priors, progress)
             row = Calibration(
                 profile=of,
                 kind=calibration.kind,
-                name=wanted.name or f"{of} {calibration.kind}",
+                name=calibration_request.name or f"{of} {calibration.kind}",
                 created=self._now(),
                 author=job.user,
                 tool=f"gss {__version__}",
-                request=as_stored(wanted),
+                request=as_stored(calibration_request),
                 values=calibration.values,
                 result=calibration.result,
-                note=wanted.note,
+                note=calibration_request.note,
             )
             with self._database.unit_of_work() as session:
                 store.add_calibration(session, row)
@@ -133,8 +137,8 @@ class CalibrationService:
             self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {job.user}")
             return result
 
-        what = counted(len(shots), "frame") if shots else "the bench"
-        return f"calibrate {of} from {what}", work
+        source = counted(len(shots), "frame") if shots else "the bench"
+        return f"calibrate {of} from {source}", work
 
     def _camera(self, request: Wanted) -> CameraProfile | None:
         """Return the documented camera; for a calibration from stars, with the detector calibration if one is in use."""
@@ -222,8 +226,8 @@ class CalibrationService:
         if not key:
             flat = np.zeros((profile.camera.rows, profile.camera.columns), np.float32)
             return DarkPattern(flat, bad, profile.sensor.exposure_s)
-        known = self._darks.pattern(key)
-        return replace(known, bad=np.unique(np.concatenate([known.bad, bad]), axis=0))
+        stored_pattern = self._darks.pattern(key)
+        return replace(stored_pattern, bad=np.unique(np.concatenate([stored_pattern.bad, bad]), axis=0))
 
     # --- queries ------------------------------------------------------------------------------------------------
 

@@ -66,30 +66,30 @@ class ChainReports:
         """Return the report of a chain against another one; None: each frame's operational result. Raises NotFound if one of
         them never ran."""
         with self._database.unit_of_work() as session:
-            mine = store.runs_of(session, key, MOST_FRAMES)
-            ids = [run.frame_id for run in mine]
+            own_runs = store.runs_of(session, key, MOST_FRAMES)
+            ids = [run.frame_id for run in own_runs]
             others = (
                 store.operational_runs(session, ids)
                 if against is None
                 else store.runs_of(session, against, MOST_FRAMES)
             )
-        for wanted, runs in ((key, mine), (against, others)):
-            if wanted is not None and not runs:
-                raise NotFound("no result of this chain on a stored frame", got=name_of(wanted))
+        for run_key, runs in ((key, own_runs), (against, others)):
+            if run_key is not None and not runs:
+                raise NotFound("no result of this chain on a stored frame", got=name_of(run_key))
         other = {run.frame_id: run for run in others}
         compared = GROUND_RESULT if against is None else name_of(against)
-        judged = [_judged(run, other.get(run.frame_id)) for run in mine]
-        failures = [f for run, state in zip(mine, judged, strict=True) if (f := _failure(run, state, compared))]
+        judged = [_judged(run, other.get(run.frame_id)) for run in own_runs]
+        failures = [f for run, state in zip(own_runs, judged, strict=True) if (f := _failure(run, state, compared))]
         sections = [
-            _summary(mine),
+            _summary(own_runs),
             _comparison(judged, compared),
-            Section("Errors", drawings=[p for p in (_errors(mine), _differences(judged, compared)) if p]),
-            Section("When and where", drawings=[_over_time(mine), _over_sky(mine, other)]),
-            _reasons(mine),
+            Section("Errors", drawings=[p for p in (_errors(own_runs), _differences(judged, compared)) if p]),
+            Section("When and where", drawings=[_over_time(own_runs), _over_sky(own_runs, other)]),
+            _reasons(own_runs),
         ]
-        notes = [Note(f"Only the newest {MOST_FRAMES} frames are covered.")] if len(mine) == MOST_FRAMES else []
-        days = dict.fromkeys(f"{run.taken:%Y-%m-%d}" for run in (mine[0], mine[-1]))
-        subtitle = f"{counted(len(mine), 'frame')}, {' to '.join(days)}, against {compared}"
+        notes = [Note(f"Only the newest {MOST_FRAMES} frames are covered.")] if len(own_runs) == MOST_FRAMES else []
+        days = dict.fromkeys(f"{run.taken:%Y-%m-%d}" for run in (own_runs[0], own_runs[-1]))
+        subtitle = f"{counted(len(own_runs), 'frame')}, {' to '.join(days)}, against {compared}"
         return ChainReport(
             Report(
                 f"Chain {name_of(key)}", subtitle, [s for s in sections if s.facts or s.drawings or s.tables], notes
@@ -209,8 +209,8 @@ def _over_sky(runs: Sequence[FrameRun], other: Mapping[int, FrameRun]) -> Plot:
     """Boresights of the frames; of one without a solution, that of the other result."""
     placed = [(run.solved, run if run.solved else other.get(run.frame_id)) for run in runs]
 
-    def dots(label: str, wanted: Callable[[bool], bool]) -> Series:
-        at = [_place(o) for solved, o in placed if wanted(solved) and o is not None and o.solved]
+    def dots(label: str, select: Callable[[bool], bool]) -> Series:
+        at = [_place(o) for solved, o in placed if select(solved) and o is not None and o.solved]
         return Series(label, [a for a, _ in at], [d for _, d in at], "dots")
 
     series = [dots("solved", bool), dots("no solution", lambda solved: not solved)]

@@ -66,24 +66,24 @@ class DaskExecutor:
         client, remaining, run = self._connected(), iter(items), f"gss-{uuid.uuid4().hex[:12]}"
         running: deque[Any] = deque()
         shares: dict[int, float] = defaultdict(float)
-        given = taken = 0
+        submitted = collected = 0
         client.subscribe_topic(run, lambda event: shares.update([event[1]]))
         try:
             while True:
                 ahead = AHEAD * max(1, self.workers)
                 while len(running) < ahead and (more := next(remaining, _END)) is not _END:
                     # A unique key per item, so that equal items are separate and results of another run are never used.
-                    key = f"{run}-{given}"
+                    key = f"{run}-{submitted}"
                     running.append(
-                        client.submit(_on_worker, gss.__version__, work, more, run, given, key=key, pure=False)
+                        client.submit(_on_worker, gss.__version__, work, more, run, submitted, key=key, pure=False)
                     )
-                    given += 1
+                    submitted += 1
                 if not running:
                     return
-                result: Result = self._result(running[0], partial(shares.__getitem__, taken), waiting)
+                result: Result = self._result(running[0], partial(shares.__getitem__, collected), waiting)
                 running.popleft()
-                shares.pop(taken, None)
-                taken += 1
+                shares.pop(collected, None)
+                collected += 1
                 yield result
         finally:
             client.unsubscribe_topic(run)

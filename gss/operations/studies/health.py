@@ -51,9 +51,9 @@ def places_below(orbit_at: Callable[[float], Trajectory | None]) -> GroundPlaces
     return places
 
 
-def orbit_within(given: Sequence[Trajectory]) -> Callable[[float], Trajectory | None]:
+def orbit_within(trajectories: Sequence[Trajectory]) -> Callable[[float], Trajectory | None]:
     """Return the nearest of the given orbits at the Unix times for which one is defined."""
-    return lambda at_s: orbit_covering(given, datetime.fromtimestamp(at_s, UTC))
+    return lambda at_s: orbit_covering(trajectories, datetime.fromtimestamp(at_s, UTC))
 
 
 def sensor_health(solver: Solver, run: AnalysisRun, beside: Surroundings, progress: ProgressCallback) -> AnalysisResult:

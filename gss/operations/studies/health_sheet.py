@@ -84,8 +84,8 @@ def _summary(health: MissionHealth) -> list[Fact]:
 
 
 def _span(values: Array) -> str:
-    known = values[np.isfinite(values)]
-    return f"{known.min():.1f} to {known.max():.1f}".replace("-", "−") if len(known) else "unknown"
+    finite = values[np.isfinite(values)]
+    return f"{finite.min():.1f} to {finite.max():.1f}".replace("-", "−") if len(finite) else "unknown"
 
 
 def _trends(health: MissionHealth) -> Table:
@@ -221,9 +221,9 @@ def _dark_facts(health: MissionHealth) -> list[Fact]:
 
 def _dark_plots(health: MissionHealth) -> list[Drawing]:
     made: list[Drawing] = []
-    known = np.isfinite(health.temperature_c)
-    if known.any():
-        at = Series("frames", numbers(health.temperature_c[known]), maybe(health.level_dn[known]), "dots")
+    measured = np.isfinite(health.temperature_c)
+    if measured.any():
+        at = Series("frames", numbers(health.temperature_c[measured]), maybe(health.level_dn[measured]), "dots")
         made.append(Plot("Sky level against temperature", "temperature, °C", "DN", [at]))
     over = Series("frames", numbers(health.times_s), maybe(health.level_dn), "dots")
     return [*made, Plot("Sky level", "UTC", "DN", [over], time=True)]
@@ -238,11 +238,11 @@ def _hit_facts(health: MissionHealth) -> list[Fact]:
 
 def world_of_hits(health: MissionHealth) -> WorldMap:
     """Return the mean number of hits per frame over latitude and longitude."""
-    known = np.isfinite(health.place_rad).all(axis=1)
-    north, east = np.degrees(health.place_rad[known]).T if known.any() else (np.zeros(0), np.zeros(0))
+    located = np.isfinite(health.place_rad).all(axis=1)
+    north, east = np.degrees(health.place_rad[located]).T if located.any() else (np.zeros(0), np.zeros(0))
     bins = (180 // CELL_DEG, 360 // CELL_DEG)
     edges = ((-90, 90), (-180, 180))
-    total, _, _ = np.histogram2d(north, east, bins=bins, range=edges, weights=health.particles[known].astype(float))
+    total, _, _ = np.histogram2d(north, east, bins=bins, range=edges, weights=health.particles[located].astype(float))
     frames, _, _ = np.histogram2d(north, east, bins=bins, range=edges)
     mean = np.where(frames > 0, total / np.maximum(frames, 1), np.nan)[::-1]
     return WorldMap(

@@ -101,7 +101,7 @@ def solve_shots(
 ) -> SolvedFrame:
     """Solve shots of a known camera, of one with a known width of field, or blind. ``camera``: its geometry, if better known
     than the profile's. Raises BadInput if none is solved."""
-    taken: list[tuple[Shot, SolveResult, FrameStars]] = []
+    used: list[tuple[Shot, SolveResult, FrameStars]] = []
     account: list[dict[str, Any]] = []
     for k, shot in enumerate(shots):
         progress(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
@@ -114,8 +114,8 @@ def solve_shots(
         stars = matched_stars(solver, shot, pixels, result, profile)
         account.append({"name": shot.name, "used": stars is not None, "reason": "" if stars else result.reason})
         if stars is not None:
-            taken.append((shot, result, stars))
-    if not taken:
+            used.append((shot, result, stars))
+    if not used:
         first = account[0]["reason"] if account else "no frame"
         raise BadInput(
             "no frame could be solved",
@@ -123,8 +123,8 @@ def solve_shots(
             got=first,
             hint="check that the camera is the right one",
         )
-    start = profile.camera if profile else taken[0][1].camera
-    return SolvedFrame([t[0] for t in taken], [t[1] for t in taken], [t[2] for t in taken], start, account)
+    start = profile.camera if profile else used[0][1].camera
+    return SolvedFrame([t[0] for t in used], [t[1] for t in used], [t[2] for t in used], start, account)
 
 
 def stack(shots: Sequence[Shot], profile: CameraProfile) -> NDArray[Any]:

@@ -45,18 +45,20 @@ def sheet_of_frames(
             None if temperature is None else temperature_at(series.times_s, *temperature),
             velocity,
         )
-    given = SheetInput(profile.camera, series, star_sightings(run.results, profile.camera), reference)
+    sheet_input = SheetInput(profile.camera, series, star_sightings(run.results, profile.camera), reference)
     chain = next((r.chain for r in run.results if r is not None), "")
-    return _sheet(given, profile, SheetSource(profile.name, profile.title, chain, "frames", subject_of(run), seed))
+    return _sheet(
+        sheet_input, profile, SheetSource(profile.name, profile.title, chain, "frames", subject_of(run), seed)
+    )
 
 
 def sheet_of_simulation(
     solver: Solver, profile: CameraProfile, chain: str, seed: int, progress: ProgressCallback
 ) -> AnalysisResult:
     """Return the sheet of a simulated unit."""
-    given = simulated_input(solver, profile, chain, seed, progress)
-    subject = f"simulated unit of {profile.name}, {len(given.series)} frames, seed {seed}, chain {chain}"
-    return _sheet(given, profile, SheetSource(profile.name, profile.title, chain, "simulated", subject, seed))
+    sheet_input = simulated_input(solver, profile, chain, seed, progress)
+    subject = f"simulated unit of {profile.name}, {len(sheet_input.series)} frames, seed {seed}, chain {chain}"
+    return _sheet(sheet_input, profile, SheetSource(profile.name, profile.title, chain, "simulated", subject, seed))
 
 
 def _sheet(sheet_input: SheetInput, profile: CameraProfile, of: SheetSource) -> AnalysisResult:

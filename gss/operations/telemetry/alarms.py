@@ -178,14 +178,14 @@ class AlarmService:
         if row.state not in ("raised", "acked"):
             return
         now = self._now()
-        how = "back in limits" if judged else "not checked, the cycle is stopped"
+        why = "back in limits" if judged else "not checked, the cycle is stopped"
         if row.state == "acked":
             self._change(
-                row, "ok", f"{title_of(self._dictionary, row)}: {how}; closed", state="closed", cleared=now, closed=now
+                row, "ok", f"{title_of(self._dictionary, row)}: {why}; closed", state="closed", cleared=now, closed=now
             )
         else:
             self._change(
-                row, "ok", f"{title_of(self._dictionary, row)}: {how}; not acknowledged", state="cleared", cleared=now
+                row, "ok", f"{title_of(self._dictionary, row)}: {why}; not acknowledged", state="cleared", cleared=now
             )
 
     def _happened(self, key: Key, state: State, text: str) -> None:

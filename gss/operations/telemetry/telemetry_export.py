@@ -30,9 +30,9 @@ def export(
     Columns: received (UTC), device_time_s, contact, packet, then one per key. form: converted = engineering values as stored,
     raw = values as transmitted, formatted = text as displayed.
     """
-    for name, given, valid in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
-        if given not in valid:
-            raise BadInput(f"unknown {name}", expected=" | ".join(valid), got=given)
+    for name, value, valid in (("form", form, FORMS), ("format", file_format, tuple(FORMATS))):
+        if value not in valid:
+            raise BadInput(f"unknown {name}", expected=" | ".join(valid), got=value)
     columns, rows = archive.rows(keys, start, end)
     shaped = (_shaped(columns, row, values, form) for row, values in rows)
     return _csv(columns, shaped) if file_format == "csv" else _parquet(columns, shaped, form)

@@ -143,17 +143,17 @@ class BankHistoryService:
             elif operation is Operation.ACTIVATE:
                 self._trial = True
 
-    def _tried(self, trial: bool, how: str) -> None:
+    def _tried(self, trial: bool, source: str) -> None:
         """Switch the active bank between trial and active, because bank reports do not say which one it is."""
         if trial == self._trial or self._device_id is None:
             return
         self._trial = trial
         with self._lock, self._database.unit_of_work() as session:
             for row in store.still_so(session, self._device_id):
-                if row.state == (ACTIVE if trial else TRIAL) and how != "fell back":
+                if row.state == (ACTIVE if trial else TRIAL) and source != "fell back":
                     again = {"bank": row.bank, "state": TRIAL if trial else ACTIVE, "sha256": row.sha256}
                     activate = self._link.roles.operations.title(Operation.ACTIVATE)
-                    cause = (activate if trial else how, self._cause[1])
+                    cause = (activate if trial else source, self._cause[1])
                     store.add(session, self._next(row, **again, cause=cause))
 
     def _update_from_report(self, info: Mapping[str, Any]) -> None:

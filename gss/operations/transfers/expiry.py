@@ -27,15 +27,15 @@ class ExpiryWatch:
         """Raise, update or end the alarm; when another catalogue becomes active, the alarm of the previous one ends."""
         stay, now = self._history.active(), self._now()
         catalogue = stay.catalogue if stay else None
-        mine = _key(catalogue) if catalogue else None
+        current = _key(catalogue) if catalogue else None
         for key in self._alarms.open_keys():
-            if key[0] == CATALOGUE and key != mine:
+            if key[0] == CATALOGUE and key != current:
                 self._alarms.watch(key, State.OK, 0.0, "", "")
-        if catalogue is None or mine is None:
+        if catalogue is None or current is None:
             return
         state, limit = _judged(catalogue, now, self._watch_days)
         left = days_left(catalogue.valid_to, now)
-        self._alarms.watch(mine, state, round(left or 0.0, 2), f"Catalogue {catalogue.name} {limit}", limit)
+        self._alarms.watch(current, state, round(left or 0.0, 2), f"Catalogue {catalogue.name} {limit}", limit)
 
 
 def _key(catalogue: Catalogue) -> Key:

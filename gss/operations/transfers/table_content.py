@@ -83,11 +83,11 @@ def triplet_bytes(
     stars: StarTable, profile: CameraProfile, image: bytes, changes: Mapping[str, Any]
 ) -> tuple[bytes, dict[str, Scalar]]:
     """Return bytes and statistics of the triplet table of a bank image, whose star list is ``stars``. Raises BadInput."""
-    wanted = _triplet_defaults(profile) | dict(changes)
-    unknown = set(wanted) - set(TRIPLET_LIMITS)
+    parameters = _triplet_defaults(profile) | dict(changes)
+    unknown = set(parameters) - set(TRIPLET_LIMITS)
     if unknown:
         raise BadInput("unknown value", expected=", ".join(TRIPLET_LIMITS), got=", ".join(sorted(unknown)))
-    numbers = {name: _within(name, wanted[name]) for name in TRIPLET_LIMITS}
+    numbers = {name: _within(name, parameters[name]) for name in TRIPLET_LIMITS}
     table = triplets_of(
         stars,
         TripletClasses.of(math.radians(numbers["uncertainty_arcsec"] / 3600)),

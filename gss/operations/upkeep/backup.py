@@ -126,17 +126,17 @@ class BackupService:
             first = {r.sha256 for r in store.references(session)}
         dump(self._url, file)
         with self._database.unit_of_work() as session:
-            wanted = first | {r.sha256 for r in store.references(session)}
+            hashes = first | {r.sha256 for r in store.references(session)}
         pool, copied = BlobStore(str(self._folder / POOL)), {}
         captures = capture_files(self._captures)
-        total = len(wanted) + len(captures)
-        for k, key in enumerate(sorted(wanted)):
+        total = len(hashes) + len(captures)
+        for k, key in enumerate(sorted(hashes)):
             progress(k, total, f"{k} of {total} files")
             size = self._copy(pool, key)
             if size is not None:
                 copied[key] = size
         stored: dict[str, str] = {}
-        for k, path in enumerate(captures, len(wanted)):
+        for k, path in enumerate(captures, len(hashes)):
             progress(k, total, f"{k} of {total} files")
             try:
                 with open_capture(path) as capture:

@@ -70,9 +70,9 @@ def check_store(
     return report
 
 
-def _look(report: StoreReport, name: str, look: Callable[[], None]) -> None:
+def _look(report: StoreReport, name: str, check: Callable[[], None]) -> None:
     try:
-        look()
+        check()
     except (CorruptData, StoreDown, OSError, ValueError) as error:
         report.findings.append(Finding(name, ERROR, str(error)))
 
@@ -93,12 +93,12 @@ def _database(report: StoreReport, database: Database, progress: Progress) -> No
 
 def _blobs(report: StoreReport, database: Database, blobs: BlobStore, progress: Progress) -> None:
     with database.unit_of_work() as session:
-        wanted: dict[str, store.Reference] = {}
+        expected: dict[str, store.Reference] = {}
         for reference in store.references(session):
-            wanted.setdefault(reference.sha256, reference)
+            expected.setdefault(reference.sha256, reference)
     missing, damaged, unequal = [], [], []
-    for k, (key, reference) in enumerate(wanted.items()):
-        progress(k, len(wanted), f"reading bytes, {k} of {len(wanted)}")
+    for k, (key, reference) in enumerate(expected.items()):
+        progress(k, len(expected), f"reading bytes, {k} of {len(expected)}")
         try:
             size = len(blobs.get(key))
         except NotFound:
@@ -109,10 +109,10 @@ def _blobs(report: StoreReport, database: Database, blobs: BlobStore, progress: 
             continue
         if reference.size is not None and size != reference.size:
             unequal.append(f"{reference.by}: {size} B instead of {reference.size}")
-    report.add("missing files", missing, f"all {len(wanted)} exist", "are missing: restore them from a backup")
+    report.add("missing files", missing, f"all {len(expected)} exist", "are missing: restore them from a backup")
     report.add("damaged files", damaged, "all hashes match", "are damaged: restore them from a backup")
     report.add("wrong file sizes", unequal, "all sizes match", "do not have the recorded size")
-    orphans = [key for key in blobs.keys() if key not in wanted]  # noqa: SIM118 - no dictionary
+    orphans = [key for key in blobs.keys() if key not in expected]  # noqa: SIM118 - no dictionary
     size = sum(blobs.size(key) for key in orphans[:1000])
     words = f"are no longer referenced, {size} B in the first {min(len(orphans), 1000)}"
     report.add("unused files", orphans, "none", words, NOTE)
@@ -123,7 +123,7 @@ def _captures(report: StoreReport, database: Database, folder: Path, progress: P
         contacts = [row for row, *_ in devices.list_contacts(session, 1_000_000)]
     files = {plain_name(path): path for path in capture_files(folder)}
     named = {str(c["file"]): c for contact in contacts for c in contact.captures or ()}
-    gone = sorted(set(named) - set(files))
+    missing = sorted(set(named) - set(files))
     torn: list[str] = []
 
     def unread(file: Path, count: int) -> None:
@@ -138,7 +138,9 @@ def _captures(report: StoreReport, database: Database, folder: Path, progress: P
         for name, entry in named.items()
         if name in files and files[name].suffix != PACKED and files[name].stat().st_size < int(str(entry["bytes"]))
     ]
-    report.add("removed captures", gone, "every file exists", "files are missing: retention removes the oldest", NOTE)
+    report.add(
+        "removed captures", missing, "every file exists", "files are missing: retention removes the oldest", NOTE
+    )
     report.add(
         "truncated captures", torn, f"{len(files)} files, all complete", "files end in an incomplete record", NOTE
     )

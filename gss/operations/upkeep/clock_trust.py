@@ -67,13 +67,13 @@ class ClockTrust:
             self._keep(clock_state.now, "gss")
         return clock_state
 
-    def require(self, what: str) -> None:
+    def require(self, action: str) -> None:
         """Raise Conflict if the clock is in doubt."""
         clock_state = self.state()
         if clock_state.doubt:
             trusted = iso_z(clock_state.trusted, "seconds") if clock_state.trusted else "not known"
             raise Conflict(
-                f"{what}: nothing is deleted while the server's clock is in doubt",
+                f"{action}: nothing is deleted while the server's clock is in doubt",
                 expected=f"a time up to {self._pause / DAY:g} days after the last trusted time, {trusted}",
                 got=f"{iso_z(clock_state.now, 'seconds')}: {clock_state.doubt}",
                 hint=HINT,

@@ -32,8 +32,10 @@ class ClockWatch:
         if abs(jump_s) <= JUMP_S:
             return
         self.last_jump_s, self._steady_from_s = jump_s, mono_s
-        way = "forward" if jump_s > 0 else "back"
-        text = f"the server's clock jumped {way} by {abs(jump_s):.1f} s; times before and after are not comparable"
+        direction = "forward" if jump_s > 0 else "back"
+        text = (
+            f"the server's clock jumped {direction} by {abs(jump_s):.1f} s; times before and after are not comparable"
+        )
         for put_right in self._jumped:
             put_right(jump_s)
         self._bus.record("clock", "warning", text, jump_s=round(jump_s, 3))

@@ -58,12 +58,12 @@ class DiskGuard:
         level = State.WARNING if free < self.watch_bytes else State.OK
         return DiskState(free, total, level, text)
 
-    def check(self, what: str, needed_bytes: int = 0) -> None:
-        """Raise StoreDown if ``what`` would leave too little space."""
+    def check(self, purpose: str, needed_bytes: int = 0) -> None:
+        """Raise StoreDown if ``purpose`` would leave too little space."""
         free, _ = self._usage(self.folder)
         if free - needed_bytes < self.stop_bytes:
             raise StoreDown(
-                f"the disk is nearly full: no room for {what}",
+                f"the disk is nearly full: no room for {purpose}",
                 expected=f"at least {megabytes(self.stop_bytes + needed_bytes)} free",
                 got=megabytes(free),
                 hint="free space, or let retention remove old pixels (Admin, Retention)",

@@ -206,9 +206,9 @@ class HealthService:
     def samples(self) -> Iterator[MetricSample]:
         """Yield the current metrics."""
         counters = self._link.counters
-        for way, c in (("sent", counters.sent), ("received", counters.received)):
-            yield _counter("gss_link_bytes_total", "Bytes on the line.", c.bytes, direction=way)
-            yield _counter("gss_link_packets_total", "Good packets on the line.", c.good, direction=way)
+        for label, c in (("sent", counters.sent), ("received", counters.received)):
+            yield _counter("gss_link_bytes_total", "Bytes on the line.", c.bytes, direction=label)
+            yield _counter("gss_link_packets_total", "Good packets on the line.", c.good, direction=label)
         received = counters.received
         for cause in ("bad_crc", "too_long", "too_short", "unframed", "unknown", "undecodable"):
             help_text = "Packets or bytes that could not be used."
@@ -258,11 +258,11 @@ def memory_bytes() -> tuple[int, int]:
     return pages * PAGE_BYTES, most
 
 
-def _looked(look: Callable[[], HealthCheck]) -> HealthCheck:
+def _looked(check: Callable[[], HealthCheck]) -> HealthCheck:
     try:
-        return look()
+        return check()
     except (GssError, OSError) as error:
-        name = getattr(look, "__name__", "check").strip("_").removesuffix("_check").replace("_", " ")
+        name = getattr(check, "__name__", "check").strip("_").removesuffix("_check").replace("_", " ")
         return HealthCheck(name, "critical", None, str(error))
 
 

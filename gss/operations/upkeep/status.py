@@ -119,11 +119,11 @@ class StatusService:
 
     def _run(self) -> None:
         while not self._stop.wait(TICK_S):
-            for look in (*self._tickers, self._publish):
+            for tick in (*self._tickers, self._publish):
                 try:
-                    look()
+                    tick()
                 except Exception:  # a full disk or a locked database must not end the status thread
-                    log.exception("%r failed", look)
+                    log.exception("%r failed", tick)
 
     def _publish(self) -> None:
         self._bus.publish("link", self.header())

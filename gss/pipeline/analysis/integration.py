@@ -38,13 +38,13 @@ def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
     """Compute the curve from runs of an Earth-fixed camera, keyed by exposure time in seconds. Runs that cannot be analysed are
     omitted with a warning. Raises BadInput with fewer than two usable times."""
     rows: list[tuple[float, float, float, float, int, float]] = []
-    said: list[Advice] = []
+    advice: list[Advice] = []
     for exposure_s in sorted(runs):
         series = runs[exposure_s]
         try:
             test = earth_fixed(series)
         except GssError as error:
-            said.append(Advice("short-run", f"{exposure_s:g} s was left out: {error}", "more frames at this time"))
+            advice.append(Advice("short-run", f"{exposure_s:g} s was left out: {error}", "more frames at this time"))
             continue
         across = float(np.hypot(test.body[0].noise_rad, test.body[1].noise_rad) / np.sqrt(2))
         steps = max(1, test.solved - 1)
@@ -71,5 +71,5 @@ def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
         table[:, 5],
         float(fit[1]),
         float(np.sqrt(covariance[1, 1])),
-        tuple(said),
+        tuple(advice),
     )

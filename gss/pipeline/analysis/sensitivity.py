@@ -62,14 +62,14 @@ def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
     limits = np.array(
         [share_interval(int(s), int(n)) if n else (np.nan, np.nan) for s, n in zip(seen, stars, strict=True)]
     )
-    said: list[Advice] = []
+    advice: list[Advice] = []
     if ceiling < 0.95:
         text = f"only {100 * ceiling:.0f} % even of the bright stars were found"
-        said.append(Advice("ceiling", text, "clouds, doubles, saturated stars, or stars at the edge of the field"))
+        advice.append(Advice("ceiling", text, "clouds, doubles, saturated stars, or stars at the edge of the field"))
     if mag_50 > v.max() - 0.5:
-        said.append(Advice("shallow", "the limit is at the end of the catalogue", "a deeper catalogue", True))
+        advice.append(Advice("shallow", "the limit is at the end of the catalogue", "a deeper catalogue", True))
     return Sensitivity(
-        mag_50, sigma, mag_90, mag_50 - mag_90, ceiling, edges, stars, seen, limits[:, 0], limits[:, 1], tuple(said)
+        mag_50, sigma, mag_90, mag_50 - mag_90, ceiling, edges, stars, seen, limits[:, 0], limits[:, 1], tuple(advice)
     )
 
 

@@ -76,12 +76,12 @@ def series_of(times_s: Sequence[float], results: Sequence[SolveResult | None]) -
     return AttitudeSeries(at, quaternion[order], covariance[order], centroids[order], matches[order], residual[order])
 
 
-def usable(series: AttitudeSeries, what: str) -> AttitudeSeries:
+def usable(series: AttitudeSeries, quantity: str) -> AttitudeSeries:
     """Return the solved frames. Raises BadInput if there are too few or their times are not ascending."""
     good = series.only(series.solved)
     if len(good) < FEWEST:
         raise BadInput(
-            f"too few attitudes for {what}",
+            f"too few attitudes for {quantity}",
             expected=f"{FEWEST} solved frames",
             got=f"{len(good)} of {len(series)}",
             hint="frames of stars of one night, taken one after the other",

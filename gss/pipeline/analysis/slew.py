@@ -73,7 +73,7 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
     mean_rate = float(along.mean())
     warnings = [
         *check_series(series),
-        *_said(mean_rate, mean_sigma, commanded_rad_s, axis, rate),
+        *_advice(mean_rate, mean_sigma, commanded_rad_s, axis, rate),
         *_doubts(rate, sigma, claimed),
     ]
     return SlewTest(
@@ -101,8 +101,8 @@ def _scatter(rate: Array, axis: Array) -> Array:
     return np.asarray((rate @ frame.T).std(axis=0, ddof=1))
 
 
-def _said(measured_rate: float, sigma: float, commanded: float, axis: Array, rate: Array) -> list[Advice]:
-    said: list[Advice] = []
+def _advice(measured_rate: float, sigma: float, commanded: float, axis: Array, rate: Array) -> list[Advice]:
+    advice: list[Advice] = []
     speed = float(np.median(np.linalg.norm(rate, axis=1)))
     far = max(abs(measured_rate - commanded), abs(speed - commanded)) > FAR_OFF_SHARE * commanded
     if far:
@@ -111,29 +111,31 @@ def _said(measured_rate: float, sigma: float, commanded: float, axis: Array, rat
             f"where {np.degrees(commanded):.5g}°/s were commanded"
         )
         hint = "other frames, other times, or another command: this is not a run at that rate"
-        said.append(Advice("rate", text, hint, severe=True))
+        advice.append(Advice("rate", text, hint, severe=True))
     elif abs(measured_rate - commanded) > max(OFF_SIGMAS * sigma, OFF_SHARE * commanded):
         text = f"measured {np.degrees(measured_rate):.5g}°/s where {np.degrees(commanded):.5g}°/s were commanded"
-        said.append(Advice("rate", text, "the mount's rate, the frames' times, or the turn of the Earth left out"))
+        advice.append(Advice("rate", text, "the mount's rate, the frames' times, or the turn of the Earth left out"))
     along = rate @ axis
     spread = robust_sigma(along)
     changing = float(np.ptp(np.polyval(np.polyfit(np.arange(len(along)), along, 1), [0, len(along) - 1])))
     if len(along) >= 10 and changing > max(6 * spread / np.sqrt(len(along)) * 3.5, 0.05 * commanded):
-        said.append(Advice("unsteady", "the rate changes over the run", "leave out the start and the end of the slew"))
-    return said
+        advice.append(
+            Advice("unsteady", "the rate changes over the run", "leave out the start and the end of the slew")
+        )
+    return advice
 
 
 def _doubts(rate: Array, sigma: Array, claimed: float) -> list[Advice]:
     """Return warnings if the attitudes are not those of a constant rotation."""
-    said: list[Advice] = []
+    advice: list[Advice] = []
     speed = np.linalg.norm(rate, axis=1)
     moving = rate[speed > 0] / speed[speed > 0, None]
     agree = float(np.linalg.norm(moving.mean(axis=0))) if len(moving) else 0.0
     if agree < FEWEST_AGREE:
         text = f"the intervals turn about different axes: their mean unit axis is {agree:.2f} long, one axis gives 1"
-        said.append(Advice("axes", text, "frames of one slew, in the order they were taken", severe=True))
+        advice.append(Advice("axes", text, "frames of one slew, in the order they were taken", severe=True))
     scatter = float(np.sqrt(np.mean(sigma**2)))
     if scatter > OVER_CLAIM * claimed > 0:
         text = f"the rates scatter {scatter / claimed:.0f} times as much as the attitudes claim"
-        said.append(Advice("scatter", text, "wrong attitudes, wrong times, or a mount that shakes", severe=True))
-    return said
+        advice.append(Advice("scatter", text, "wrong attitudes, wrong times, or a mount that shakes", severe=True))
+    return advice

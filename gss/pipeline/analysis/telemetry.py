@@ -51,13 +51,13 @@ def telemetry_statistics(series: AttitudeSeries) -> TelemetryFigures:
     deviation = turn_between(middle, q[at])
     factor = np.sqrt(MIDDLE_VARIANCE)
     noise = np.array([robust_sigma(deviation[:, k]) / factor if len(at) > 2 else np.nan for k in range(3)])
-    said = list(check_series(series))
+    advice = list(check_series(series))
     if len(at) < 10:
         text = f"only {len(at)} times three attitudes follow each other evenly"
-        said.append(Advice("few", text, "a longer run, or telemetry at a steady rate", len(at) < 3))
+        advice.append(Advice("few", text, "a longer run, or telemetry at a steady rate", len(at) < 3))
     plain = np.sqrt(np.mean(deviation**2, axis=0)) / factor if len(at) else np.full(3, np.nan)
     if len(at) >= 10 and (plain > 2 * noise).any():
-        said.append(
+        advice.append(
             Advice("shaking", "some attitudes are far off their neighbours", "jitter, or wrong attitudes among them")
         )
     claimed = np.sqrt(np.mean(np.diagonal(good.covariance_rad2, axis1=1, axis2=2), axis=0))
@@ -72,5 +72,5 @@ def telemetry_statistics(series: AttitudeSeries) -> TelemetryFigures:
         outage if outage > 1.5 * usual else 0.0,
         float(good.matches.mean()),
         len(at),
-        tuple(said),
+        tuple(advice),
     )

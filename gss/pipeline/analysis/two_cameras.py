@@ -48,17 +48,17 @@ def two_cameras(first: AttitudeSeries, second: AttitudeSeries) -> Consistency:
     drift = np.array([np.polyfit(at_s, deviation[:, k], 1)[0] for k in range(3)])
     axes = axis_figures(AXES, deviation, np.ones(len(at_s), bool), at_s, claimed, drift)
     chi = float(np.sqrt(np.mean([(x.sigma_rad / x.claimed_rad) ** 2 for x in axes])))
-    said: list[Advice] = []
+    advice: list[Advice] = []
     for x in axes:
         if abs(x.drift_rad_s) > 5 * x.drift_sigma_rad_s:
             text = f"{x.name}: the mounting drifts by {np.degrees(x.drift_rad_s) * 3600 * 3600:.3g}″ an hour"
-            said.append(Advice("drift", text, "warmth that bends the structure, or clocks that run apart"))
+            advice.append(Advice("drift", text, "warmth that bends the structure, or clocks that run apart"))
     if np.isfinite(chi) and chi > 1.5:
         text = f"the two differ {chi:.1f} times more than their own covariances say"
-        said.append(
+        advice.append(
             Advice("covariance", text, "calibrate both cameras; errors that change slowly are not in a covariance")
         )
-    return Consistency(mean, a.times_s, deviation, axes, chi, len(a), tuple(said))
+    return Consistency(mean, a.times_s, deviation, axes, chi, len(a), tuple(advice))
 
 
 def _together(a: AttitudeSeries, b: AttitudeSeries) -> tuple[AttitudeSeries, AttitudeSeries]:

@@ -129,15 +129,15 @@ def _made(
     cell = np.clip((places + 0.5) / np.array([camera.columns, camera.rows]) * GRID, 0, GRID - 1).astype(int)
     covered = len(set(map(tuple, cell.tolist()))) / GRID**2
     values = tuple(float(getattr(camera if n.endswith("_px") else camera.distortion, n)) for n in NAMES)
-    said: list[Advice] = []
+    advice: list[Advice] = []
     if len(off) < FEW_IMAGES:
-        said.append(Advice("few-frames", f"the board was found in {counted(len(off), 'picture')}", "take 10 to 20"))
+        advice.append(Advice("few-frames", f"the board was found in {counted(len(off), 'picture')}", "take 10 to 20"))
     if covered < COVERED:
         text = f"corners of the board in {covered:.0%} of the field only"
-        said.append(Advice("one-part", text, "move the board until it has been in every corner of the picture"))
+        advice.append(Advice("one-part", text, "move the board until it has been in every corner of the picture"))
     if max(leaning_rad) < UPRIGHT_RAD:
         text = "the board faced the camera in all pictures: the focal length is uncertain"
-        said.append(Advice("focal", text, "lean the board by 30° in some, or take the focal length from stars"))
+        advice.append(Advice("focal", text, "lean the board by 30° in some, or take the focal length from stars"))
     rms_all = float(np.sqrt(np.mean(residual**2)))
     detected = tuple(c is not None for c in corners)
     return CheckerboardCalibration(
@@ -151,5 +151,5 @@ def _made(
         places,
         residual,
         covered,
-        tuple(said),
+        tuple(advice),
     )

@@ -89,7 +89,7 @@ def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
         excess[order],
         noisy[:, ::-1],
         level,
-        tuple(_said(cube, level, alone, typical_noise)),
+        tuple(_advice(cube, level, alone, typical_noise)),
     )
 
 
@@ -116,19 +116,19 @@ def _cube(frames: Frames, fewest: int) -> NDArray[np.float32]:
     return np.stack([np.asarray(f, np.float32) for f in frames])
 
 
-def _said(cube: NDArray[np.float32], level: Array, alone: Array, noise: float) -> list[Advice]:
-    said: list[Advice] = []
+def _advice(cube: NDArray[np.float32], level: Array, alone: Array, noise: float) -> list[Advice]:
+    advice: list[Advice] = []
     if len(cube) < FEW_FRAMES:
-        said.append(
+        advice.append(
             Advice("few-frames", counted(len(cube), "dark frame"), "take ten or more: the median is then quieter")
         )
     drift = float(np.ptp(level))
     if drift > max(2.0, noise):
         text = f"the level changed by {drift:.1f} DN between the frames"
-        said.append(Advice("drift", text, "let the camera come to its temperature, and cover the lens"))
+        advice.append(Advice("drift", text, "let the camera come to its temperature, and cover the lens"))
     low = float(np.percentile(cube, 2))
     if float(np.mean(cube <= 0)) > LIT_SHARE and low <= 0:
-        said.append(Advice("bias", "many pixels read zero: the noise is cut off", "raise the bias of the read-out"))
+        advice.append(Advice("bias", "many pixels read zero: the noise is cut off", "raise the bias of the read-out"))
     # Large smooth structure in dark frames indicates stray light or heat.
     rows, columns = alone.shape
     if min(rows, columns) >= 32:
@@ -136,8 +136,8 @@ def _said(cube: NDArray[np.float32], level: Array, alone: Array, noise: float) -
         middle = np.median(blocks, axis=(1, 3))
         if float(np.ptp(middle)) > max(3.0, 2 * noise):
             text = f"the level differs by {np.ptp(middle):.1f} DN over the detector"
-            said.append(Advice("light", text, "light or heat comes in: cover the lens and the room's light"))
-    return said
+            advice.append(Advice("light", text, "light or heat comes in: cover the lens and the room's light"))
+    return advice
 
 
 @dataclass(frozen=True)
@@ -173,8 +173,8 @@ def pixel_response(flats: Frames, dark_dn: NDArray[Any] | float) -> Response:
     noise = float(np.median(cube.std(axis=0, ddof=1) / smooth)) * float(np.sqrt(np.pi / 2 / len(cube)))
     spread = float(np.sqrt(max(robust_sigma(response.ravel()) ** 2 - noise**2, 0.0)))
     dead = np.argwhere(response < DEAD_RESPONSE)[:, ::-1]
-    said: tuple[Advice, ...] = ()
+    advice: tuple[Advice, ...] = ()
     if float(np.ptp(smooth)) > 0.5 * float(np.median(smooth)):
         text = "the light differs by more than half over the detector"
-        said = (Advice("uneven", text, "a diffuser in front of the lens; vignetting is better had from stars"),)
-    return Response(response.astype(np.float32), spread, dead, said)
+        advice = (Advice("uneven", text, "a diffuser in front of the lens; vignetting is better had from stars"),)
+    return Response(response.astype(np.float32), spread, dead, advice)

@@ -53,10 +53,10 @@ def dark_against_temperature(temperature_k: Array, dark_e_s: Array, relative_sig
     sigma = float(np.sqrt(fit.covariance[1, 1]))
     # d(ln D)/dT = exponent / T².
     doubling = float(np.log(2)) * reference**2 / exponent if exponent > 0 else float("inf")
-    said: list[Advice] = []
+    advice: list[Advice] = []
     if not 0.4 * EXPONENT_K < exponent < 2.2 * EXPONENT_K:
         text = f"the exponent is {exponent:.0f} K; silicon has {EXPONENT_K:.0f} to twice that"
-        said.append(Advice("law", text, "is the temperature that of the detector, and the bias taken away?"))
+        advice.append(Advice("law", text, "is the temperature that of the detector, and the bias taken away?"))
     return DarkLaw(
         float(np.exp(level)),
         reference,
@@ -66,5 +66,5 @@ def dark_against_temperature(temperature_k: Array, dark_e_s: Array, relative_sig
         doubling,
         doubling * sigma / abs(exponent) if exponent else float("nan"),
         np.expm1(fit.residual),
-        tuple(said),
+        tuple(advice),
     )

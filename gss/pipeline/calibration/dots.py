@@ -55,24 +55,30 @@ def optical_centre(dots_px: Array) -> OpticalCentre:
     angle = np.sort(np.arctan2(off[:, 1] - b, off[:, 0] - a))
     gap = float(np.max(np.diff(np.append(angle, angle[0] + 2 * np.pi))))
     circle = radius > ROUND * scatter and gap < 2 * np.pi * (1 - TURN_COVERED / 2)
-    said: list[Advice] = []
+    advice: list[Advice] = []
     if box.max() > FULL_BOX_PX and not circle:
         text = f"the dot wandered over {box[0]:.0f} x {box[1]:.0f} px"
-        said.append(
+        advice.append(
             Advice("far-dot", text, "move the dot nearer to the axis, until it hardly shifts as the camera turns")
         )
     if gap > 2 * np.pi * (1 - TURN_COVERED):
         text = f"{np.degrees(gap):.0f}° of the turn have no place of the dot"
-        said.append(Advice("one-part", text, "turn the camera through the whole circle, in steps of 10° to 30°"))
+        advice.append(Advice("one-part", text, "turn the camera through the whole circle, in steps of 10° to 30°"))
     if circle:
         sigma = scatter * float(np.sqrt(2 / len(dots)))
         return OpticalCentre(
-            float(middle[0] + a), float(middle[1] + b), sigma, radius, (float(box[0]), float(box[1])), True, tuple(said)
+            float(middle[0] + a),
+            float(middle[1] + b),
+            sigma,
+            radius,
+            (float(box[0]), float(box[1])),
+            True,
+            tuple(advice),
         )
     corner = (dots.max(axis=0) + dots.min(axis=0)) / 2
     sigma = float(np.std(dots)) / float(np.sqrt(len(dots)))
     return OpticalCentre(
-        float(corner[0]), float(corner[1]), sigma, radius, (float(box[0]), float(box[1])), False, tuple(said)
+        float(corner[0]), float(corner[1]), sigma, radius, (float(box[0]), float(box[1])), False, tuple(advice)
     )
 
 
@@ -132,13 +138,13 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
     sigma = float(np.sqrt(along @ covariance[:2, :2] @ along))
     across = np.array([-along[1], along[0]])
     turn_sigma = float(np.sqrt(across @ covariance[:2, :2] @ across)) / max(tilt, 1e-12)
-    said: list[Advice] = []
+    advice: list[Advice] = []
     if tilt < 3 * sigma:
         text = f"the tilt of {np.degrees(tilt):.3f}° is within its error of {np.degrees(sigma):.3f}°"
-        said.append(Advice("no-tilt", text, "take it as none, or a dot farther out and more turns"))
+        advice.append(Advice("no-tilt", text, "take it as none, or a dot farther out and more turns"))
     direction = float(np.arctan2(fit.x[1], fit.x[0])) % (2 * np.pi)
     return DetectorTilt(
-        tilt, direction, (sigma, turn_sigma), float(fit.x[2]), angle, distance, residual, rms, tuple(said)
+        tilt, direction, (sigma, turn_sigma), float(fit.x[2]), angle, distance, residual, rms, tuple(advice)
     )
 
 

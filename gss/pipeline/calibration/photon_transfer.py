@@ -83,10 +83,10 @@ def photon_transfer(
         read_sigma = float(np.hypot(gain * read2_sigma / (2 * np.sqrt(read2)), read * gain_sigma / gain))
     full = float(signal[~fitted].min() * gain) if (~fitted).any() else float("nan")
     response = _response([lv for lv, f in zip(levels, fitted, strict=True) if f], signal[fitted])
-    said = tuple(_said(dark is not None, departure, full))
+    advice = tuple(_advice(dark is not None, departure, full))
     bias_dn = float("nan") if dark is None else bias
     return PhotonTransfer(
-        gain, gain_sigma, read, read_sigma, bias_dn, response, full, departure, signal, variance, fitted, said
+        gain, gain_sigma, read, read_sigma, bias_dn, response, full, departure, signal, variance, fitted, advice
     )
 
 
@@ -110,18 +110,18 @@ def _line(
     return slope, floor, float(sigma[0]) / slope**2, float(sigma[1]), departure
 
 
-def _said(with_dark: bool, departure: float, full_well_e: float) -> list[Advice]:
-    said: list[Advice] = []
+def _advice(with_dark: bool, departure: float, full_well_e: float) -> list[Advice]:
+    advice: list[Advice] = []
     if not with_dark:
         hint = "add two frames with the lens covered, shortest exposure"
-        said.append(Advice("no-dark", "no dark pair: signals count from zero DN", hint))
+        advice.append(Advice("no-dark", "no dark pair: signals count from zero DN", hint))
     if departure > NOT_LINEAR:
         text = f"variances depart by up to {departure:.0%} from a line"
-        said.append(Advice("not-linear", text, "even light, no automatic gain, raw frames"))
+        advice.append(Advice("not-linear", text, "even light, no automatic gain, raw frames"))
     if not np.isfinite(full_well_e):
         text = "no level reached saturation: the full well is unknown"
-        said.append(Advice("no-full-well", text, "add brighter pairs"))
-    return said
+        advice.append(Advice("no-full-well", text, "add brighter pairs"))
+    return advice
 
 
 def _level(pair: FlatPair) -> tuple[float, float, float, int]:

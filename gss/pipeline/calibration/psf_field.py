@@ -85,7 +85,7 @@ def psf_over_field(
         float(np.median(sigma)),
         lean,
         ResidualMap(widths.col_px, widths.row_px, np.zeros_like(widths.mean_px), widths.rms_px, widths.count),
-        tuple(_said(surface, errors, lean, centre, corner, ratio, direction)),
+        tuple(_advice(surface, errors, lean, centre, corner, ratio, direction)),
     )
 
 
@@ -97,21 +97,21 @@ def _surface(pixels: Array, sigma: Array, camera: Camera) -> tuple[Array, Array]
     return fit.coefficients, np.sqrt(np.diag(fit.covariance))
 
 
-def _said(
+def _advice(
     surface: Array, errors: Array, lean: float, centre: float, corner: float, ratio: Array, direction: Array
 ) -> list[Advice]:
-    said: list[Advice] = []
+    advice: list[Advice] = []
     sure = float(np.hypot(surface[1], surface[2])) > TILT_SIGMAS * float(np.hypot(errors[1], errors[2]))
     if sure and lean > 0.2:
         towards = float(np.degrees(np.arctan2(surface[2], surface[1])))
         text = f"stars widen towards {towards:.0f}° from +col to +row, σ² by {lean:.0%} from side to side"
-        said.append(Advice("tilt", text, "the detector is tilted against the focal plane, or the lens is decentred"))
+        advice.append(Advice("tilt", text, "the detector is tilted against the focal plane, or the lens is decentred"))
     if corner > 1.3 * centre and surface[3] > TILT_SIGMAS * errors[3]:
         text = f"σ grows from {centre:.2f} px in the middle to {corner:.2f} px in the corner"
-        said.append(Advice("curvature", text, "focus for two thirds of the way out, or stop the lens down"))
+        advice.append(Advice("curvature", text, "focus for two thirds of the way out, or stop the lens down"))
     long = ratio > 1.25
     together = float(np.abs(np.mean(np.exp(2j * direction[long])))) if long.any() else 0.0
     if long.mean() > 0.5 and together > 0.8:
         text = f"most stars are long in one direction, {np.median(ratio):.1f} times"
-        said.append(Advice("streaks", text, "the camera moved during the exposure: fix it, or expose shorter"))
-    return said
+        advice.append(Advice("streaks", text, "the camera moved during the exposure: fix it, or expose shorter"))
+    return advice

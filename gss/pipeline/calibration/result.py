@@ -125,9 +125,9 @@ class CameraCalibration:
         vector = vector.without(tuple(n for n in vector.free if n not in self.names))
         free = len(vector.free)
         turn_over, moved_over = (d.reshape(2 * GRID * GRID, -1) for d in self._slopes(self._grid(), vector))
-        taken = np.linalg.lstsq(turn_over, moved_over, rcond=None)[0]
+        fitted_turn = np.linalg.lstsq(turn_over, moved_over, rcond=None)[0]
         turn, moved = self._slopes(np.asarray(pixels, float), vector)
-        left = moved - turn @ taken.reshape(3, free)
+        left = moved - turn @ fitted_turn.reshape(3, free)
         scale = np.array([self._factor(n) for n in vector.free])
         inside = self.covariance / np.outer(scale, scale)
         return np.asarray(np.sqrt(np.maximum(np.einsum("nkp,pq,nkq->n", left, inside, left) / 2, 0)))

@@ -99,7 +99,7 @@ def _known_names(priors: Mapping[str, Prior], models: Sequence[str]) -> None:
         )
 
 
-def _enough(screened: ScreenedFrames, given: int) -> None:
+def _enough(screened: ScreenedFrames, frame_count: int) -> None:
     stars = sum(map(len, screened.frames))
     unknowns = 3 * len(screened.frames) + 4
     if screened.frames and 2 * stars > unknowns:
@@ -109,7 +109,7 @@ def _enough(screened: ScreenedFrames, given: int) -> None:
     raise BadInput(
         "these frames do not suffice for a calibration",
         expected=f"more than {max(unknowns, 10) // 2} stars matched",
-        got=f"{stars} in {len(screened.frames)} of {counted(given, 'frame')}" + (f" ({why})" if why else ""),
+        got=f"{stars} in {len(screened.frames)} of {counted(frame_count, 'frame')}" + (f" ({why})" if why else ""),
         hint=hint,
     )
 
@@ -213,7 +213,7 @@ def _made(
     parameters, covariance = _parameters(fit)
     after_figures = residual_figures(fit.residual_px, stars.sigma_px, fit.used, fit.freedom)
     before_figures = residual_figures(before, stars.sigma_px, clean)
-    warnings = [*screened.warnings, *poor_data(stars.pixels[fit.used], stars.frames, size), *_said(fit, trial, start)]
+    warnings = [*screened.warnings, *poor_data(stars.pixels[fit.used], stars.frames, size), *_advice(fit, trial, start)]
     if after_figures.rms_px > WORSE * before_figures.rms_px:
         text = f"worse than the camera before: {after_figures.rms_px:.2f} px after {before_figures.rms_px:.2f} px"
         warnings.append(
@@ -247,18 +247,18 @@ def _parameters(fit: Adjusted) -> tuple[tuple[Parameter, ...], Array]:
     return tuple(made), covariance
 
 
-def _said(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
-    said: list[Advice] = []
+def _advice(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
+    advice: list[Advice] = []
     believed = vector_of(start, fit.vector.model, 1.0).values["focal_px"]
     ratio = fit.vector.values["focal_px"] / believed
     if abs(ratio - 1) > PLATE_SCALE:
         text = f"the focal length is {ratio:.4f} times what was believed ({believed:.1f} px)"
-        said.append(
+        advice.append(
             Advice("plate-scale", text, "wrong camera profile, binning or pitch? If not, the calibrated one is right")
         )
     if trial.frozen:
         names = ", ".join(f.name for f in trial.frozen)
-        said.append(
+        advice.append(
             Advice(
                 "unsupported",
                 f"the stars do not determine {names}; held",
@@ -267,8 +267,8 @@ def _said(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
         )
     rejected = float(np.mean(~fit.used))
     if rejected > 0.1:
-        said.append(Advice("rejected", f"{rejected:.0%} of the stars do not fit", "false matches, or double stars"))
-    return said
+        advice.append(Advice("rejected", f"{rejected:.0%} of the stars do not fit", "false matches, or double stars"))
+    return advice
 
 
 def _frames(screened: ScreenedFrames, stars: StarStack, fit: Adjusted) -> tuple[FrameFit, ...]:

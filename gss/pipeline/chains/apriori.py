@@ -98,7 +98,7 @@ class PriorState:
     @property
     def earlier(self) -> tuple[Array, ...]:
         """Quaternions of the attitudes before the last one."""
-        return tuple(known.quaternion for known in self.series[1:])
+        return tuple(entry.quaternion for entry in self.series[1:])
 
     @property
     def rate_rad_s(self) -> float:
@@ -140,7 +140,7 @@ class PriorState:
     def _last(self, at_s: float) -> AttitudePrior | None:
         if not self.series:
             return None
-        ages_s = tuple(at_s - known.time_s for known in self.series)
+        ages_s = tuple(at_s - entry.time_s for entry in self.series)
         # Without frame times, or after a step of the device's clock, the steps are taken as equal.
         if not all(b > a for a, b in pairwise((0.0, *ages_s))):
             ages_s = ()
@@ -157,6 +157,6 @@ class PriorState:
         (None), only the last attitude is kept, and the next one starts a new series. ``time_s`` NaN: unknown."""
         if quaternion is None:
             return replace(self, series=self.series[:1], failed=True)
-        before = () if self.failed else tuple(known for known in self.series if not known.time_s >= time_s)
+        before = () if self.failed else tuple(entry for entry in self.series if not entry.time_s >= time_s)
         series = (TimedAttitude(quaternion, time_s), *before)[: 1 + REMEMBERED_ATTITUDES]
         return PriorState(series, orbit=self.orbit, apriori=self.apriori)

@@ -174,12 +174,12 @@ def _identify_known(
 ) -> SolveResult:
     view = field_of(centroids, camera)
     with trace.stage("identify"):
-        result, said = _where(view, camera, stars, hint, fast)
+        result, note = _where(view, camera, stars, hint, fast)
         if result.evidence is None and deeper is not None and len(view) > MANY_MORE * _expected(stars, camera):
             stars = deeper()
             again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT, fast=fast)
             result = result if again.evidence is None else again
-    base = unsolved(camera, centroids, detections, (*(detections.notes if detections else ()), *said))
+    base = unsolved(camera, centroids, detections, (*(detections.notes if detections else ()), *note))
     evidence = result.evidence
     if evidence is None:
         with trace.stage("why not"):

@@ -134,9 +134,9 @@ class SunsatParameters:
         return self.residual_tolerances * self.distance_tolerance_rad
 
 
-def _one_of(what: str, got: str, choices: tuple[str, ...]) -> None:
+def _one_of(parameter: str, got: str, choices: tuple[str, ...]) -> None:
     if got not in choices:
-        raise BadInput(f"unknown {what}", expected=" | ".join(choices), got=got)
+        raise BadInput(f"unknown {parameter}", expected=" | ".join(choices), got=got)
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> SunsatParameters:

@@ -85,15 +85,15 @@ def fuse(heads: Sequence[BodyAttitude]) -> FusedAttitude:
     measured = np.stack([h.quaternion for h in heads])
     quaternion = measured[int(np.argmax(np.linalg.det(weights)))]
     for _ in range(ROUNDS):
-        rest = turn_between(np.broadcast_to(quaternion, measured.shape), measured)
-        step = covariance @ np.einsum("nij,nj->i", weights, rest)
+        residual = turn_between(np.broadcast_to(quaternion, measured.shape), measured)
+        step = covariance @ np.einsum("nij,nj->i", weights, residual)
         quaternion = turned(quaternion, step)
         if float(np.linalg.norm(step)) < SETTLED_RAD:
             break
     if len(heads) == 1:
         return FusedAttitude(quaternion, covariance, None)
-    rest = turn_between(np.broadcast_to(quaternion, measured.shape), measured)
-    chi2 = float(np.einsum("ni,nij,nj->", rest, weights, rest))
+    residual = turn_between(np.broadcast_to(quaternion, measured.shape), measured)
+    chi2 = float(np.einsum("ni,nij,nj->", residual, weights, residual))
     return FusedAttitude(quaternion, covariance, _tested(chi2, 3 * (len(heads) - 1)))
 
 

@@ -86,5 +86,5 @@ def _along(first: MeasuredAttitude, last: MeasuredAttitude, time_s: float, sigma
     turn = turn_between(first.attitude.quaternion[None], last.attitude.quaternion[None])[0]
     rate = -turn / step_s
     covariance = (1 - part) ** 2 * first.attitude.covariance_rad2 + part**2 * last.attitude.covariance_rad2
-    there = BodyAttitude(turned(first.attitude.quaternion, part * turn), covariance)
-    return AttitudeAt(there, rate, sigma_s**2 * np.outer(rate, rate))
+    interpolated = BodyAttitude(turned(first.attitude.quaternion, part * turn), covariance)
+    return AttitudeAt(interpolated, rate, sigma_s**2 * np.outer(rate, rate))

@@ -79,10 +79,10 @@ def candidates(maps: NDArray[np.float32]) -> NDArray[np.intp]:
     best = (mean - np.median(mean)) / max(robust_sigma(mean[::SAMPLED].astype(float)), 1e-9) - ALWAYS_SIGMAS
     for z in _steps(flat, noise):
         np.maximum(best, z - STEP_SIGMAS, out=best)
-    found = np.flatnonzero(best > 0)
-    if len(found) > MOST_CANDIDATES:
-        found = np.sort(found[np.argsort(best[found])[-MOST_CANDIDATES:]])
-    return found
+    changed = np.flatnonzero(best > 0)
+    if len(changed) > MOST_CANDIDATES:
+        changed = np.sort(changed[np.argsort(best[changed])[-MOST_CANDIDATES:]])
+    return changed
 
 
 def _block_noise(flat: NDArray[np.float32]) -> Array:

@@ -108,11 +108,11 @@ def _light(health: MissionHealth, end_s: float) -> Estimate | None:
     """Return the magnitudes lost against the zero point, as the weighted mean over the star colours; None without a trend. The
     interval includes how much the colours differ."""
     trends = [health.figure(f"light of {name} stars").trend for name, _, _ in COLOURS]
-    known = [value_at(t, end_s) for t in trends if t is not None]
-    if not known:
+    trend_values = [value_at(t, end_s) for t in trends if t is not None]
+    if not trend_values:
         return None
-    values = np.array([e.value for e in known])
-    weights = np.array([1 / max(e.high - e.low, 1e-6) ** 2 for e in known])
+    values = np.array([e.value for e in trend_values])
+    weights = np.array([1 / max(e.high - e.low, 1e-6) ** 2 for e in trend_values])
     mean = float(values @ weights / weights.sum())
     half = float(np.sqrt(0.25 / weights.sum() + np.var(values)))
     return Estimate(mean, mean - half, mean + half)

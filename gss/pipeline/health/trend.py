@@ -117,11 +117,11 @@ def fit_trend(
     at: list[int] = []
     fit = fit_linear(np.column_stack(columns), y, s)
     while len(at) < most_jumps:
-        found = _best_jump(np.column_stack(columns), y, s, at, fit)
-        if found is None:
+        jump = _best_jump(np.column_stack(columns), y, s, at, fit)
+        if jump is None:
             break
-        at.append(found)
-        columns.append((np.arange(len(t)) >= found).astype(float))
+        at.append(jump)
+        columns.append((np.arange(len(t)) >= jump).astype(float))
         fit = fit_linear(np.column_stack(columns), y, s)
         at, columns, fit = _moved(columns, smooth, at, y, s, fit)
     return _trend(t, columns, smooth, at, y, s, fit, middle_s, mean_c)

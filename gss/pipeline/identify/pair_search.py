@@ -150,7 +150,7 @@ class PairSearch:
         out = []
         strong = np.flatnonzero(votes >= need)
         for which in strong[np.argsort(-votes[strong], kind="stable")][:MOST_CANDIDATES]:
-            mine = np.flatnonzero(h == which)
-            widest = mine[np.argmax(np.abs(seen[mine]))]
+            members = np.flatnonzero(h == which)
+            widest = members[np.argmax(np.abs(seen[members]))]
             out.append((int(a[which]), int(b[which]), int(k[widest]), int(c[widest])))
         return out

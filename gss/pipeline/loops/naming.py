@@ -128,13 +128,13 @@ def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, 
                 d2 = across * across + down * down
                 if d2 > widest * widest:
                     continue
-                theirs = 10 ** (-0.4 * (v_mag[star[b]] - 5))
+                companion_flux = 10 ** (-0.4 * (v_mag[star[b]] - 5))
                 # Light that a second Gaussian adds to the matched filter of the first; it also shifts the fitted centre.
-                overlap = theirs * math.exp(-d2 / (4 * psf_px * psf_px))
+                overlap = companion_flux * math.exp(-d2 / (4 * psf_px * psf_px))
                 light += overlap
                 moved_col += overlap * across
                 moved_row += overlap * down
-                if theirs > COMPARABLE * own:
+                if companion_flux > COMPARABLE * own:
                     apart = math.sqrt(d2)
                     reach[a] = min(reach[a], RESOLVED * apart if apart > UNRESOLVED_SIGMA * psf_px else 0.0)
         bright[a] = 5 - 2.5 * math.log10(light)

@@ -253,11 +253,11 @@ def _whole_line(
 
 def _without_pieces(sources: list[_Source], variance: float) -> list[_Source]:
     """Drop the sources that are parts of a brighter line: a faint trail exceeds the threshold in several pieces."""
-    kept: list[_Source] = []
+    complete: list[_Source] = []
     margin_px = PIECE_WIDTHS * float(np.sqrt(variance))
     for source in sorted(sources, key=lambda s: -s.fit.flux_dn):
         place = np.array(source.pixel) + source.fit.centre_px
-        for line in kept:
+        for line in complete:
             length = line.fit.length_px
             if length <= LONG_WIDTHS * np.sqrt(variance):
                 continue
@@ -266,8 +266,8 @@ def _without_pieces(sources: list[_Source], variance: float) -> list[_Source]:
             if beside < margin_px and abs(float(along @ off)) < length / 2 + margin_px:
                 break
         else:
-            kept.append(source)
-    return kept
+            complete.append(source)
+    return complete
 
 
 def _is_sharp(cut: Cutout, fit: LineFit, free: tuple[int, ...], variance: float) -> bool:

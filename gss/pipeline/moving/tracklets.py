@@ -105,24 +105,24 @@ def link(
     candidates = _candidates(frames, free, top_rate_rad_s, progress)
     moving: list[Tracklet] = []
     resting: list[Tracklet] = []
-    taken: set[tuple[int, int]] = set()
+    used: set[tuple[int, int]] = set()
     doubtful: set[tuple[int, int]] = set()
     paths: list[SkyMotion] = []
     for hits, motion, chance in sorted(candidates, key=lambda c: (-len(c[0]), c[1].chi2)):
         own = {(h.frame, h.row) for h in hits}
-        if own & taken:
+        if own & used:
             continue
         if chance > MOST_CHANCE:
             doubtful |= own
             continue
-        taken |= own
+        used |= own
         made = _tracklet(frames, hits, motion, chance)
         (resting if made.rests else moving).append(made)
         paths.append(motion)
     streaks = []
     for k, frame in enumerate(frames):
         for row in range(len(frame)):
-            if (k, row) in taken or reasons[k][row]:
+            if (k, row) in used or reasons[k][row]:
                 continue
             if _on_path(frame, row, paths):
                 reasons[k][row] = BESIDE
