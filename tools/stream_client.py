@@ -17,7 +17,7 @@ RECONNECT_S = 0.2
 
 @dataclass
 class StreamLog:
-    """Statistics of one client. ``late_s``: of each header bar, from the server's clock to ours (the same machine)."""
+    """Statistics of one client. ``late_s``: age in seconds of each header bar on arrival; server and client use the same clock."""
 
     messages: int = 0
     bytes: int = 0

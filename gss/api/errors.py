@@ -30,6 +30,7 @@ from gss.domain.errors import (
     RateLimited,
     StoreDown,
     TooCostly,
+    as_sentence,
 )
 from gss.operations.accounts.permissions import ROLES
 
@@ -98,7 +99,7 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def unknown(_request: Request, error: Exception) -> JSONResponse:
-        return problem(500, "internal error of the server. The log has the details under this id", cause=error)
+        return problem(500, "internal error of the server. The server's log has the details under this id", cause=error)
 
 
 def problem(
@@ -110,8 +111,8 @@ def problem(
     cause: Exception | None = None,
     retry_after_s: float = 0.0,
 ) -> JSONResponse:
-    """Return the error response and write it to the log."""
-    texts = {"message": message, "expected": expected, "got": got, "hint": hint}
+    """Return the error response and write it to the log. Message and hint become sentences."""
+    texts = {"message": as_sentence(message), "expected": expected, "got": got, "hint": as_sentence(hint)}
     body = ProblemOut(id=uuid.uuid4().hex[:8], **{name: _printable(text) for name, text in texts.items()})
     log.log(logging.ERROR if status >= 500 else logging.INFO, "%s %s %s", body.id, status, message, exc_info=cause)
     later = {"Retry-After": str(math.ceil(retry_after_s))} if retry_after_s else {}

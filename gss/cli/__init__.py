@@ -94,13 +94,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return int(arguments.run(arguments))
     except GssError as error:
-        print(f"gss: {error}", file=sys.stderr)
+        print(f"gss: {error.sentences()}", file=sys.stderr)
         return BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound | Conflict) else FAILED_EXIT
     except ValueError as error:
         if getattr(error, "title", "") != "Settings":
             raise
         words = " ".join(str(error).split())
-        print(f"gss: a setting cannot be used: {words}. Try: docs/settings.md, gss serve --help", file=sys.stderr)
+        print(f"gss: A setting cannot be used: {words}. See docs/settings.md or gss serve --help.", file=sys.stderr)
         return BAD_INPUT_EXIT
     except BrokenPipeError:
         # The reader has closed the pipe, as `| head` does. Redirect the output, so that the flush at exit does not
@@ -112,5 +112,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"gss: {error.strerror or error}{where}", file=sys.stderr)
         return FAILED_EXIT
     except KeyboardInterrupt:
-        print("gss: interrupted", file=sys.stderr)
+        print("gss: Interrupted.", file=sys.stderr)
         return 130

@@ -132,7 +132,7 @@ def _listen(host: str, port: int) -> socket.socket:
     try:
         listener.bind((host, port))
         prefer_requests(listener)
-        listener.listen(128)  # from here on a browser waits instead of being refused
+        listener.listen(128)  # from now on connections wait instead of being refused
     except OSError as error:
         listener.close()
         raise Conflict(

@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
             try:
                 codes.append(_one(name, arguments, parsing, solver, sequencer, truths.get(Path(name).name)))
             except GssError as error:
-                print(f"gss: {error}", file=sys.stderr)
+                print(f"gss: {error.sentences()}", file=sys.stderr)
                 codes.append(BAD_INPUT_EXIT if isinstance(error, BadInput | NotFound) else FAILED_EXIT)
     return _worst(codes)
 

@@ -69,7 +69,8 @@ def _error_text(reply: httpx2.Response) -> str:
     """Return the server's error message, or the status if the response is not from GSS."""
     try:
         problem = reply.json()
-        parts = [problem["message"], *(f"{part} {problem[part]}" for part in ("expected", "got") if problem[part])]
-        return "; ".join(parts) + (f". Try: {problem['hint']}" if problem["hint"] else ".")
+        facts = "; ".join(f"{part} {problem[part]}" for part in ("expected", "got") if problem[part])
+        sentences = (problem["message"], f"{facts[:1].upper()}{facts[1:]}." if facts else "", problem["hint"])
+        return " ".join(text for text in sentences if text)
     except (ValueError, KeyError, TypeError):
         return f"The server answered {reply.status_code} {reply.reason_phrase}."

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class ClientError(Exception):
-    """The server refused a request. ``status``: HTTP status; 0 if there was no answer."""
+    """The server rejected a request. ``status``: HTTP status; 0 if there was no response."""
 
     def __init__(self, message: str, status: int = 0) -> None:
         super().__init__(message)
@@ -25,11 +25,11 @@ class ServerAway(ClientError):
 
 
 class TimedOut(ClientError):
-    """What was waited for did not happen in time."""
+    """A wait reached its timeout."""
 
 
 class CommandFailed(ClientError):
-    """A command ended in another state than completed."""
+    """A command did not complete."""
 
     def __init__(self, command: Command) -> None:
         super().__init__(f"{command.text}: {command.result}. {command.detail}".rstrip(". ") + ".")
@@ -37,7 +37,7 @@ class CommandFailed(ClientError):
 
 
 class TransferFailed(ClientError):
-    """A transfer ended without all its bytes."""
+    """A transfer ended before it was complete."""
 
     def __init__(self, transfer: Transfer) -> None:
         super().__init__(f"Transfer {transfer.id} ({transfer.subject}): {transfer.state}. {transfer.reason}".rstrip())

@@ -33,8 +33,8 @@ def _converted(value: Json, annotation: str) -> Json:
 
 @dataclass(frozen=True)
 class Command(ClientRecord):
-    """One command. ``result``: queued … completed, rejected, failed, unknown, resolved or withdrawn. ``values``: what the
-    sensor reported with its completion."""
+    """One command. ``result``: queued … completed, rejected, failed, unknown, resolved or withdrawn. ``values``: values
+    that the sensor reported with completion."""
 
     id: int
     name: str
@@ -47,7 +47,7 @@ class Command(ClientRecord):
 
     @property
     def ended(self) -> bool:
-        """True when nothing more happens without a person."""
+        """True if only a user can change the state."""
         return self.result in ("completed", "rejected", "failed", "unknown", "resolved", "withdrawn")
 
 
@@ -106,12 +106,12 @@ class Transfer(ClientRecord):
 
     @property
     def ended(self) -> bool:
-        """True when no more bytes are expected."""
+        """True if no more bytes are expected."""
         return self.complete or self.state in ("failed", "aborted")
 
     @property
     def complete(self) -> bool:
-        """True when all bytes have arrived and were checked."""
+        """True if all bytes were received and verified."""
         return self.state in ("done", "verified", "committed", "active")
 
 
@@ -130,7 +130,7 @@ class Job(ClientRecord):
 
     @property
     def ended(self) -> bool:
-        """True when the job has stopped."""
+        """True if the job has ended."""
         return self.state in ("done", "failed", "cancelled")
 
 

@@ -15,7 +15,7 @@ class CameraProfile:
     """One camera as the algorithms need it.
 
     ``transmission``: of the lens. ``chain``: name of the on-board chain that a unit with this camera runs. ``formats``:
-    on-board catalogue formats that the unit reads, its own first; ``matching_formats``: those that hold all that its
+    on-board catalogue formats that the unit reads, its native one first; ``matching_formats``: those with all data that its
     matching needs. ``sources``: source of each number, or the reason for choosing it.
     """
 

@@ -3,6 +3,11 @@
 
 from __future__ import annotations
 
+import re
+
+PLAIN_WORD = re.compile(r"[a-z][a-z'’-]*(?=[ ,;]|$)")
+"""First word of a text that may begin with a capital. Names of fields, files and commands keep their letters."""
+
 
 class GssError(Exception):
     """Base class of expected failures. ``expected``, ``got`` and ``hint`` are shown on the page and in the terminal."""
@@ -19,6 +24,22 @@ class GssError(Exception):
             parts.append(f"got {self.got}")
         text = "; ".join(parts)
         return f"{text}. Try: {self.hint}" if self.hint else text
+
+    def sentences(self) -> str:
+        """Return the whole text for a reader: what happened, what was expected and received, what to do next."""
+        facts = [f"{name} {text}" for name, text in (("expected", self.expected), ("got", self.got)) if text]
+        return " ".join(as_sentence(text) for text in (self.message, "; ".join(facts), self.hint) if text)
+
+
+def as_sentence(text: str) -> str:
+    """Return a message as a sentence with a capital letter and a period; "" stays "".
+
+    Messages in exceptions begin in lower case and have no period, because other messages quote them. They become sentences
+    where they leave the program: in HTTP responses and in the terminal.
+    """
+    first = PLAIN_WORD.match(text)
+    start = text[:1].upper() + text[1:] if first else text
+    return start if not start or start.endswith((".", "!", "?", "…")) else f"{start}."
 
 
 class BadInput(GssError):

@@ -31,7 +31,7 @@ class ReadOrbit:
 
 
 def read_orbit(text: str) -> ReadOrbit:
-    """Read an orbit file. Raises BadInput that names what is wrong."""
+    """Read an orbit file. Raises BadInput naming the invalid part."""
     if len(text) > LARGEST_CHARACTERS:
         raise BadInput(
             "the orbit file is too large",
@@ -71,7 +71,7 @@ def orbit_covering(orbits: Sequence[Trajectory], moment: datetime) -> Trajectory
 
 
 def stored_orbit(kind: OrbitKind, text: str) -> Trajectory:
-    """Return the orbit of a stored text."""
+    """Parse the text of a stored orbit."""
     return TleTrajectory.of(text) if kind == "tle" else read_oem(text)[1]
 
 

@@ -51,5 +51,5 @@ def _time(seconds: float) -> str:
 
 
 def _plain(name: str) -> str:
-    """Return a name as a TDM can hold it: printable ASCII on one line."""
+    """Return a name as printable ASCII on one line, as the format requires."""
     return "".join(c if " " <= c <= "~" else "_" for c in name).strip() or "UNKNOWN"

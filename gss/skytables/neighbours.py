@@ -1,4 +1,4 @@
-"""Neighbour relations: a star list as a network of links for a search to follow (Moniteq 1983 §6.1).
+"""Neighbour relations: a star list as a network of links that a search follows (Moniteq 1983 §6.1).
 
 The stars lie on a sphere; each edge of their convex hull links two neighbours. All faces are triangles, so n stars have
 3n − 6 links. The document builds the hull after Preparata and Hong; the result does not depend on the algorithm.

@@ -34,7 +34,7 @@ def client_of(signed_in: Callable[..., dict[str, str]]) -> Callable[..., TestCli
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory, client_of: Callable[..., TestClient]) -> Iterator[TestClient]:
-    """A client that may make changes."""
+    """Client of an admin."""
     folder: Path = tmp_path_factory.mktemp("data")
     with client_of(build(Settings(data=folder))) as client:
         yield client
@@ -65,7 +65,7 @@ def app(app_of: Callable[..., FastAPI]) -> FastAPI:
 
 @pytest.fixture(scope="module")
 def clients(app: FastAPI, signed_in: Callable[..., dict[str, str]]) -> dict[str, TestClient]:
-    """One browser for each role on that server, and as "" one that is not signed in."""
+    """One browser for each role on that server; the browser with the key "" is not signed in."""
     made = {role: signed_in(app.state.services, role, f"the {role}") for role in ROLES} | {"": {"X-GSS": "1"}}
     return {
         role: TestClient(app, base_url="http://localhost", headers=headers, raise_server_exceptions=False)

@@ -143,7 +143,7 @@ def test_a_star_list_is_read_reported_and_built_from(client: TestClient) -> None
         ),
         ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"mapping": '{"epoch_jyear": 1000}'}, "poch"),
         ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"mapping": "what"}, "column mapping"),
-        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"profile": "hubble"}, "unknown instrument"),
+        ("a.csv", "id,ra_deg,dec_deg,v_mag\n1,10,10,3\n", {"profile": "hubble"}, "Unknown instrument"),
     ],
 )
 def test_each_invalid_list_is_rejected_with_a_message(
@@ -194,15 +194,15 @@ def test_a_list_for_another_camera_is_rejected(client: TestClient) -> None:
     data = write_star_list(load_stars(3.0), "csv")
     row = client.post("/api/catalogues/sources", files={"file": ("s.csv", data)}, data={"profile": "sunsat"}).json()
     reply = client.post("/api/catalogues/preview", json={"source": "list", "star_list": row["id"], "faint_mag": 2.5})
-    assert (reply.status_code, reply.json()["message"]) == (400, "this star list is for another camera")
+    assert (reply.status_code, reply.json()["message"]) == (400, "This star list is for another camera.")
     assert (reply.json()["expected"], reply.json()["got"]) == ("sunsat", "cubestar")
     stating = {"file": ("s.csv", b"# camera = sunsat\n" + data)}
     refused = client.post("/api/catalogues/sources", files=stating, data={"profile": "cubestar"})
-    assert (refused.status_code, refused.json()["message"]) == (400, "this star list is for another camera")
+    assert (refused.status_code, refused.json()["message"]) == (400, "This star list is for another camera.")
     row = client.post("/api/catalogues/sources", files=stating).json()
     assert row["profile"] == "sunsat"
     reply = client.post("/api/catalogues", json={"source": "list", "star_list": row["id"], "faint_mag": 2.5})
-    assert (reply.status_code, reply.json()["message"]) == (400, "this star list is for another camera")
+    assert (reply.status_code, reply.json()["message"]) == (400, "This star list is for another camera.")
 
 
 def test_the_selection_of_stars_is_configurable_and_reported(client: TestClient) -> None:
@@ -231,7 +231,7 @@ def test_the_selection_of_stars_is_configurable_and_reported(client: TestClient)
     assert "Screening list" in client.get(f"/api/catalogues/{detail['id']}/report.html").text
     both = requested | {"body_from_cam": [1, 0, 0, 0, 1, 0, 0, 0, 1]}
     reply = client.post("/api/catalogues/preview", json=both)
-    assert (reply.status_code, reply.json()["message"]) == (400, "two mountings were given")
+    assert (reply.status_code, reply.json()["message"]) == (400, "Two mountings were given.")
 
 
 def test_difference_of_two_stored_catalogues(client: TestClient, pair: Any) -> None:
@@ -302,7 +302,7 @@ def test_banks_by_date(client: TestClient, pair: Any) -> None:
     with a message.
     """
     empty = client.get("/api/catalogues/timeline")
-    assert (empty.status_code, empty.json()["message"]) == (404, "no banks recorded")
+    assert (empty.status_code, empty.json()["message"]) == (404, "No banks recorded.")
     now = datetime.now(UTC)
     with client.app.state.services.base.database.unit_of_work() as session:  # type: ignore[attr-defined]
         facts = {"profile": "cubestar", "firmware": "1", "simulated": True, "dictionary_hash": "0"}

@@ -93,7 +93,7 @@ def test_authority_is_taken_released_and_broken(console):
     assert console.request("GET", "/authority", user="bob")["mine"] is False
     assert console.request("GET", "/link")["authority"] == "ann"
     refused = console.send("GET_STATUS", 409, user="bob")
-    assert (refused["message"], refused["got"]) == ("command authority is held by ann", "")
+    assert (refused["message"], refused["got"]) == ("Command authority is held by ann.", "")
     console.request("POST", "/authority/release", 409, user="bob")
     console.request("POST", "/authority/break", 422, user="bob", json={"reason": ""})
     console.request("POST", "/authority/break", 400, user="bob", json={"reason": "   "})

@@ -34,6 +34,6 @@ def test_an_invalid_expression_is_refused_with_its_position(client: TestClient) 
     """The page shows message, expectation and what was found."""
     reply = client.post("/api/telemetry/derived", json=SUPPLY | {"expression": "2 * housekeeping.supply_3v3_v )"})
     assert reply.status_code == 400
-    assert reply.json()["message"] == "The expression has an error at position 31"
+    assert reply.json()["message"] == "The expression has an error at position 31."
     reply = client.post("/api/telemetry/derived/check", json={"expression": "housekeeping.mode"})
-    assert reply.json()["message"] == "The result of the expression is text"
+    assert reply.json()["message"] == "The result of the expression is text."

@@ -32,7 +32,7 @@ def test_a_foreign_page_can_neither_read_nor_change(client):
     unmarked = client.build_request("POST", "/api/link/close")
     del unmarked.headers["X-GSS"]
     reply = client.send(unmarked)
-    assert (reply.status_code, reply.json()["message"]) == (403, "the CSRF token is missing or wrong")
+    assert (reply.status_code, reply.json()["message"]) == (403, "The CSRF token is missing or wrong.")
 
 
 def test_our_own_page_is_accepted(client):

@@ -88,7 +88,7 @@ def test_uploads_beyond_the_limit_are_rejected(app: FastAPI, admin: TestClient) 
     taken = [places.acquire(blocking=False) for _ in range(count)]
     try:
         reply = send(admin, "a.csv", b"id,ra,dec,v\n1,2,3,4\n")
-        assert (reply.status_code, reply.json()["message"]) == (503, "the server is reading other files")
+        assert (reply.status_code, reply.json()["message"]) == (503, "The server is reading other files.")
         assert int(reply.headers["retry-after"]) > 0
         assert admin.post("/api/commands/abort").status_code == 409
     finally:

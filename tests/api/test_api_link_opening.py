@@ -36,6 +36,6 @@ def test_hanging_openings_leave_every_other_route_answering(client: TestClient, 
     assert set(counts) == {409, 503}, counts
     assert counts[409] > MANY - 5
     refused = next(answer.json() for answer in answers if answer.status_code == 409)
-    assert (refused["message"], bool(refused["hint"])) == ("another line is being opened", True)
+    assert (refused["message"], bool(refused["hint"])) == ("Another line is being opened.", True)
     assert client.post("/api/link/open", json={"url": "/dev/ttyNOWHERE"}).status_code == 404
     assert [thread for thread in threading.enumerate() if thread.name == "open link"] == []

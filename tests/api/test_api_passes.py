@@ -110,7 +110,7 @@ def test_bad_orbits_change_nothing(fresh: TestClient, tle_of: TleOf) -> None:
     reply = fresh.put("/api/spacecraft", json={"text": wrong})
     assert (reply.status_code, "wrong checksum" in reply.json()["message"]) == (400, True)
     old = fresh.put("/api/spacecraft", json={"text": tle_of(90)})
-    assert (old.status_code, old.json()["message"]) == (400, "the orbit is too old")
+    assert (old.status_code, old.json()["message"]) == (400, "The orbit is too old.")
     assert len(fresh.get("/api/spacecraft").json()["history"]) == 1
 
 

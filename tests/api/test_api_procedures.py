@@ -27,7 +27,7 @@ def test_an_operator_stores_runs_and_exports_a_procedure(client: TestClient) -> 
     assert client.post(f"{place}/step", json={"step": "status"}).status_code == 409
     assert client.post(f"{place}/step", json={"step": "read"}).json()["current"] == "status"
     refused = client.post(f"{place}/step", json={"step": "status"})
-    assert (refused.status_code, refused.json()["message"]) == (409, "the line is down")
+    assert (refused.status_code, refused.json()["message"]) == (409, "The line is down.")
     assert client.post(f"{place}/skip", json={"step": "status", "reason": "no line"}).json()["current"] == "done"
     ended = client.post(f"{place}/step", json={"step": "done", "note": "fine"}).json()
     assert (ended["state"], ended["intact"]) == ("completed", True)

@@ -223,7 +223,7 @@ def test_a_built_catalogue_keeps_request_manifest_and_quality(client):
     manifest = json.loads(client.get(f"/api/catalogues/{detail['id']}/manifest.json").text)
     assert manifest["image_sha256"] == detail["sha256"]
     reply = client.post(f"/api/catalogues/{detail['id']}/upload", json={"bank": "A"})
-    assert (reply.status_code, reply.json()["message"]) == (409, "no device has answered")
+    assert (reply.status_code, reply.json()["message"]) == (409, "No device has answered.")
 
 
 def test_commands_are_checked_without_a_link(client):
@@ -306,7 +306,7 @@ def test_invalid_characters_are_rejected_with_a_message(client, text):
 def test_only_link_addresses_are_opened(client, url):
     """No scheme that writes files or loads code, and no option inside an address."""
     reply = client.post("/api/link/open", json={"url": url.encode().decode("unicode_escape")})
-    assert (reply.status_code, reply.json()["message"]) == (400, "invalid line address")
+    assert (reply.status_code, reply.json()["message"]) == (400, "Invalid line address.")
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def test_one_stream_too_many_gets_429_with_a_retry_time():
     start, body = asyncio.run(run())
     assert start["status"] == 429
     assert dict(start["headers"])[b"retry-after"] == b"10"
-    assert json.loads(body["body"])["message"] == "too many open event streams"
+    assert json.loads(body["body"])["message"] == "Too many open event streams."
 
 
 def test_a_client_that_left_before_the_first_byte_does_not_count():

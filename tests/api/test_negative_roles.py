@@ -106,7 +106,7 @@ def test_nothing_is_read_without_signing_in(app: FastAPI, clients: dict[str, Tes
     assert {"/api/stream", "/api/rerun/{name}", "/metrics", "/api/contacts/{contact_id}/captures/{file}"} <= set(paths)
     for path in [*paths, "/api/openapi.json", "/api/nothing-here", "/api", "/metrics/"]:
         reply = clients[""].get(with_ids(path))
-        assert (reply.status_code, reply.json()["message"]) == (401, "not signed in"), path
+        assert (reply.status_code, reply.json()["message"]) == (401, "Not signed in."), path
 
 
 def test_admin_data_are_hidden_from_other_roles(app: FastAPI, clients: dict[str, TestClient]) -> None:

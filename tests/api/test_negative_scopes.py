@@ -52,7 +52,7 @@ def test_every_route_rejects_a_token_with_all_scopes_but_its_own(app: FastAPI) -
             clients[permission] = scoped(app, f"all but {permission}", *others)
         reply = clients[permission].request(method, path)
         assert (reply.status_code, method, path) == (403, method, path)
-        assert "permission required:" in reply.json()["message"]
+        assert "Permission required:" in reply.json()["message"]
     assert len(clients) > 30
 
 
@@ -83,6 +83,6 @@ def test_abort_as_a_command_needs_the_scope_too(app: FastAPI) -> None:
     """A token that may send commands of ABORT's group still needs stop for it."""
     abort = {"name": "ABORT", "arguments": {}, "confirm": ""}
     may = scoped(app, "with stop", "view", "command.link", "stop").post("/api/commands", json=abort)
-    assert (may.status_code, may.json()["message"]) == (409, "ABORT was not sent: the line is down")
+    assert (may.status_code, may.json()["message"]) == (409, "ABORT was not sent: the line is down.")
     refused = scoped(app, "without stop", "view", "command.link").post("/api/commands", json=abort)
-    assert (refused.status_code, refused.json()["message"]) == (403, "permission required: stop")
+    assert (refused.status_code, refused.json()["message"]) == (403, "Permission required: stop.")

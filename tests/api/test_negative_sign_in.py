@@ -158,7 +158,7 @@ def test_signing_out_ends_the_session_permanently(services: Services, anonymous:
     assert anonymous.delete("/api/session").status_code == 204
     assert services.accounts.accounts.who_has_cookie(key) is None
     anonymous.cookies.set("gss_session", key)
-    assert anonymous.get("/api/link").json()["message"] == "the session has ended"
+    assert anonymous.get("/api/link").json()["message"] == "The session has ended."
 
 
 @pytest.mark.parametrize("mark", [None, "", "1", "0" * 64])
@@ -167,7 +167,7 @@ def test_a_change_without_the_sessions_csrf_token_is_rejected(anonymous: TestCli
     sign_in(anonymous)
     del anonymous.headers["X-GSS"]
     reply = anonymous.post("/api/authority/take", headers={} if mark is None else {"X-GSS": mark})
-    assert (reply.status_code, reply.json()["message"]) == (403, "the CSRF token is missing or wrong")
+    assert (reply.status_code, reply.json()["message"]) == (403, "The CSRF token is missing or wrong.")
 
 
 def test_the_csrf_token_of_another_session_is_rejected(services: Services, anonymous: TestClient) -> None:
@@ -223,7 +223,7 @@ def test_links_are_used_once_and_not_guessed(services: Services, anonymous: Test
     assert anonymous.post("/api/password-links", json=body).json()["name"] == "new"
     refused.append(anonymous.post("/api/password-links", json=body))
     assert [(r.status_code, r.json()["message"]) for r in refused] == [
-        (403, "this link is invalid, expired or already used")
+        (403, "This link is invalid, expired or already used.")
     ] * 3
 
 

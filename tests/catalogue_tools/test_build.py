@@ -1,4 +1,4 @@
-"""From request to verified image: funnel, quality, manifest, cancellation, and every wrong request."""
+"""From request to verified image: funnel, quality, manifest, cancellation, and invalid requests."""
 
 import json
 from dataclasses import replace
@@ -55,8 +55,8 @@ def sunsat(stars):
     return build(SUNSAT, stars)
 
 
-def test_image_holds_the_kept_stars_at_the_middle_of_use(sunsat):
-    """The image decodes to the kept stars, their positions those of the middle of validity."""
+def test_the_image_contains_the_kept_stars_at_mid_validity(sunsat):
+    """The image decodes to the kept stars, with positions for the middle of the validity."""
     onboard = decode(sunsat.image, np.array(sunsat.manifest.hip))
     assert np.array_equal(onboard.hip, sunsat.selection.kept.hip)
     assert separation_rad(onboard.icrs, sunsat.stars.icrs).max() < 1e-6
@@ -77,7 +77,7 @@ def test_funnel_adds_up(sunsat):
     assert sunsat.selection.count(Fate.DOUBLE) > 0
 
 
-def test_close_doubles_go_unless_the_neighbour_is_harmless(sunsat, stars):
+def test_close_doubles_are_removed_unless_the_neighbour_is_faint(sunsat, stars):
     """No kept star has a neighbour of V ≤ 6 within the separation that is less than 2.5 mag fainter, or brighter."""
     others = sunsat.selection.candidates
     distance = separation_rad(sunsat.stars.icrs[:, None], others.icrs[None])
@@ -127,7 +127,7 @@ def test_jacobs_statistics_of_the_whole_sky(stars):
 
 
 def test_quality_report_is_consistent(sunsat):
-    """The histogram counts every pointing; the worst field really has so few stars, and is inside the envelope."""
+    """The histogram counts every pointing; the worst field has the reported number of stars and is inside the envelope."""
     q = sunsat.quality
     assert q.histogram.sum() == q.pointings == 2000
     assert q.histogram[: q.worst_stars].sum() == 0 < q.histogram[q.worst_stars]
@@ -136,7 +136,7 @@ def test_quality_report_is_consistent(sunsat):
 
 
 def test_preview_agrees_with_the_build(stars, sunsat):
-    """The quick look shows the same stars and the same map, and its size is right."""
+    """The preview has the same stars, map and size as the build."""
     quick = preview(SUNSAT, stars)
     assert np.array_equal(quick.selection.kept.hip, sunsat.stars.hip)
     assert quick.pairs == len(sunsat.distances)
@@ -175,8 +175,8 @@ def test_manifest_survives_and_proves_the_image(sunsat):
     assert content["quantisation"]["position_rad"] < 1e-6
 
 
-def test_changed_manifest_is_found(sunsat):
-    """A manifest edited by hand, or something else altogether, is refused."""
+def test_a_changed_manifest_is_rejected(sunsat):
+    """A manifest edited by hand and a file of another kind are rejected."""
     with pytest.raises(CorruptData, match="changed after it was written"):
         read_manifest(sunsat.manifest.as_json().replace("two weeks", "ten weeks"))
     with pytest.raises(CorruptData, match="not a catalogue manifest"):
@@ -184,7 +184,7 @@ def test_changed_manifest_is_found(sunsat):
 
 
 def test_whole_sky_does_not_expire(stars):
-    """CubeStar's whole-sky catalogue: 411 stars, the document's kind of table, no end of validity."""
+    """CubeStar's whole-sky catalogue has 411 stars, the document's kind of table, and no end of validity."""
     built = build(replace(WHOLE_SKY, start=START), stars)
     assert len(built.stars) == 411
     assert len(built.distances) == pytest.approx(11_486 * (411 / 405) ** 2, rel=0.06)
@@ -231,8 +231,8 @@ def test_progress_rises_and_can_cancel(stars):
         ({"rules": SelectionRules(9.0)}, "not that deep"),
     ],
 )
-def test_each_impossible_request_says_what_is_wrong(stars, change, words):
-    """Every kind of impossible request ends in a clear sentence, and builds nothing."""
+def test_each_impossible_request_is_rejected_with_a_message(stars, change, words):
+    """Each impossible request is rejected with a clear message, and nothing is built."""
     with pytest.raises(GssError, match=words):
         build(replace(SUNSAT, **{"rules": SelectionRules(6.0), **change}), stars)
 
@@ -245,14 +245,14 @@ def test_each_impossible_request_says_what_is_wrong(stars, change, words):
         ((6.0, 2.0, -0.1), "cannot be negative"),
     ],
 )
-def test_impossible_rules_are_named(arguments, words):
+def test_impossible_magnitude_limits_are_rejected(arguments, words):
     """Magnitude limits out of order or not numbers."""
     with pytest.raises(BadInput, match=words):
         SelectionRules(*arguments)
 
 
-def test_limits_that_leave_no_star_are_named(stars):
-    """No star so bright, no star in the envelope, and too few left are three different sentences."""
+def test_limits_that_leave_no_star_are_rejected(stars):
+    """No star of that brightness, no star in the envelope, and too few stars left have different messages."""
     with pytest.raises(BadInput, match="leaves no stars"):
         build(replace(SUNSAT, rules=SelectionRules(-1.9)), stars)
     still = AttitudeLimits("inertial", ra_rad=1.0, dec_rad=-1.0)
@@ -263,8 +263,8 @@ def test_limits_that_leave_no_star_are_named(stars):
         build(replace(SUNSAT, orbit=None, attitude=sirius, rules=SelectionRules(0.0)), stars)
 
 
-def test_spoiled_star_tables_are_named(stars):
-    """NaN rows and numbers that occur twice are found before anything is built."""
+def test_invalid_star_tables_are_rejected(stars):
+    """NaN rows and duplicate numbers are detected before anything is built."""
     few = stars.take(np.arange(200))
     icrs = few.icrs.copy()
     icrs[7, 1] = np.nan

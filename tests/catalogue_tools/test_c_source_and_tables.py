@@ -1,4 +1,4 @@
-"""A bank image as C source and as tables of other programs, and back to the very same bytes."""
+"""Bank images exported as C source and as tables, and read back to the same bytes."""
 
 import io
 import json
@@ -50,7 +50,7 @@ def image_of(format_name):
 
 
 def test_c_source_is_the_golden_file():
-    """Letter for letter as written before, from CubeStar's golden image."""
+    """The source of CubeStar's golden image equals the stored file."""
     image = (GOLDEN / "onboard-cubestar.bin").read_bytes()
     assert c_source(image) == (GOLDEN / "onboard-cubestar.c").read_text()
     assert read_c_source((GOLDEN / "onboard-cubestar.c").read_text()) == image
@@ -58,7 +58,7 @@ def test_c_source_is_the_golden_file():
 
 @pytest.mark.parametrize("name", IMAGES)
 def test_c_source_reads_back_to_the_image(name):
-    """What is pasted into firmware is the image, byte for byte."""
+    """The arrays in the source contain the image, byte for byte."""
     assert read_c_source(c_source(image_of(name))) == image_of(name)
 
 
@@ -97,8 +97,8 @@ def test_other_c_sources_are_rejected(text):
         ("gss-layout: [", "gss-layout: (", "layout line of the C source is damaged"),
     ],
 )
-def test_a_changed_c_source_is_found(old, new, words):
-    """A number changed, left out or too large, an array renamed: found."""
+def test_a_changed_c_source_is_rejected(old, new, words):
+    """A changed, missing or too large number and a renamed array are detected."""
     text = c_source(image_of("cubestar"))
     assert old in text
     with pytest.raises(CorruptData, match=words):
@@ -110,16 +110,16 @@ def test_a_changed_c_source_is_found(old, new, words):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", IMAGES)
-def test_tables_come_back_to_the_very_same_image(name, kind):
-    """FITS, CSV, ECSV and Parquet lose nothing: the same bytes, and the same file each time."""
+def test_tables_read_back_to_the_same_image(name, kind):
+    """FITS, CSV, ECSV and Parquet give the same image bytes, and exporting twice gives the same file."""
     data = export_table(image_of(name), kind)
     assert import_table(data, kind) == image_of(name)
     if kind != "fits":
         assert data == export_table(image_of(name), kind)
 
 
-def test_fits_tables_are_for_any_reader():
-    """Astropy alone finds the stars of the bank in their own columns and units of single precision."""
+def test_fits_tables_are_readable_with_astropy():
+    """Astropy reads the stars of the bank with their columns and units, in single precision."""
     image = image_of("far-mst")
     with fits.open(io.BytesIO(export_table(image, "fits"))) as hdus:
         hdus.verify("exception")
@@ -129,8 +129,8 @@ def test_fits_tables_are_for_any_reader():
         assert np.array_equal(pairs["second"], decode(image).distances.second)
 
 
-def test_parquet_tables_are_for_any_reader():
-    """PyArrow alone finds packed pairs as their three whole numbers."""
+def test_parquet_tables_are_readable_with_pyarrow():
+    """PyArrow reads packed pairs as three integers."""
     with zipfile.ZipFile(io.BytesIO(export_table(image_of("sunsat-5"), "parquet"))) as archive:
         table = pq.read_table(io.BytesIO(archive.read("pairs.parquet")))
     kept = decode(image_of("sunsat-5")).distances
@@ -184,8 +184,8 @@ def rezipped(data, name, change):
         ("bytes_header.csv", lambda b: b.replace(b"\n0\n", b"\n0.5\n", 1), "does not fit its type"),
     ],
 )
-def test_a_changed_table_is_found(name, change, words):
-    """A cell, a column, a row or a file that is not what it was: found."""
+def test_a_changed_table_is_rejected(name, change, words):
+    """A changed cell, column, row or file is detected."""
     with pytest.raises(CorruptData, match=words):
         import_table(rezipped(export_table(image_of("cubestar"), "csv"), name, change), "csv")
 
@@ -193,7 +193,7 @@ def test_a_changed_table_is_found(name, change, words):
 @pytest.mark.parametrize("kind", ["csv", "parquet", "fits"])
 @settings(deadline=None)
 @given(st.data())
-def test_any_changed_byte_of_a_file_is_found_or_harmless(kind, data):
+def test_a_changed_byte_of_a_file_is_detected_or_harmless(kind, data):
     """A byte changed anywhere in the file gives the same image or a clear error, never another image."""
     image = image_of("sunsat")
     broken = bytearray(export_table(image, kind))
@@ -202,7 +202,7 @@ def test_any_changed_byte_of_a_file_is_found_or_harmless(kind, data):
         assert import_table(bytes(broken), kind) == image
 
 
-def test_star_list_for_people_in_parquet():
+def test_the_readable_star_list_is_exported_to_parquet():
     """Rows, Hipparcos numbers and degrees, as in CSV."""
     names = [f.name for f in fields(BuildManifest) if f.type == "str"]
     empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
@@ -213,8 +213,8 @@ def test_star_list_for_people_in_parquet():
     assert table["hip"].to_pylist() == stars.hip.tolist()
 
 
-def test_any_name_goes_into_a_fits_card():
-    """Accents fall off, what has no ASCII form is a question mark, line breaks too; a long name keeps its length."""
+def test_any_name_can_be_written_to_a_fits_card():
+    """Accents are removed, characters without an ASCII form and line breaks become question marks; long names are not shortened."""
     names = [f.name for f in fields(BuildManifest) if f.type == "str"]
     empty = {n: {} for n in ("parameters", "envelope", "counts", "bytes_by_part", "quality", "quantisation")}
     given_name = "Nächte 2026 – Straße\n星" + "x" * 90

@@ -1,4 +1,4 @@
-"""What a request may ask of the choice of stars: sizes before the build, a screening list, a reduced catalogue, the thinning."""
+"""Options of a request for the selection of stars: size estimates, screening list, reduced catalogue, thinning."""
 
 import json
 from dataclasses import replace
@@ -46,8 +46,8 @@ def stars():
     return load_stars()
 
 
-def test_a_reduced_directory_that_fits_is_not_refused_early(stars):
-    """far-mst to V 6 fits a bank that the pairs of all its stars would overflow, and its preview says about how large it is."""
+def test_a_reduced_directory_that_fits_is_accepted(stars):
+    """far-mst to V 6 fits a bank that the pairs of all stars would overflow, and the preview estimates its size."""
     request = BuildRequest(shipped_camera("far_mst"), "far-mst", SelectionRules(6.0), bank_bytes=600_000, pointings=300)
     assert len(prepare(request, stars).selection.kept) > 5000
     quick, built = preview(request, stars), build(request, stars)
@@ -58,8 +58,8 @@ def test_a_reduced_directory_that_fits_is_not_refused_early(stars):
 
 @pytest.mark.parametrize("profile", ["oersted", "aim"])
 @pytest.mark.parametrize("faint_mag", [4.5, 6.0])
-def test_the_size_of_a_small_patch_is_known_before(stars, profile, faint_mag):
-    """Formats of triplets and links say in the preview what the image takes, on a patch of the sky."""
+def test_the_preview_states_the_size_of_a_small_region(stars, profile, faint_mag):
+    """For formats with triplets or links the preview states the size of the image of a small region."""
     request = replace(PATCH, profile=shipped_camera(profile), format_name=profile, rules=SelectionRules(faint_mag))
     quick, built = preview(request, stars), build(request, stars)
     assert len(quick.selection.kept) == pytest.approx(len(built.stars), abs=1)
@@ -67,8 +67,8 @@ def test_the_size_of_a_small_patch_is_known_before(stars, profile, faint_mag):
     assert quick.pairs == len(built.distances) == 0
 
 
-def test_the_screening_list_drops_and_says_how_many(stars):
-    """Stars with the marks of Moniteq's table are gone, each counted in the funnel, and the manifest says why."""
+def test_the_screening_list_removes_and_counts_stars(stars):
+    """Stars flagged by Moniteq's table are removed and counted in the funnel, and the manifest states the reasons."""
     plain = build(BAND, stars)
     built = build(replace(BAND, rules=SelectionRules(5.0, screening=ScreeningRules())), stars)
     marks = screen(stars.brighter_than(5.0))
@@ -83,8 +83,8 @@ def test_the_screening_list_drops_and_says_how_many(stars):
     assert built.manifest.counts["on the screening list"] == gone
 
 
-def test_the_screening_list_may_only_name(stars):
-    """With the action list every star stays, and the funnel and the manifest name those that are on it."""
+def test_the_screening_list_can_be_informative_only(stars):
+    """With the action "list" every star is kept, and the funnel and the manifest list those on the screening list."""
     listed = build(replace(BAND, rules=SelectionRules(5.0, screening=ScreeningRules("list"))), stars)
     assert listed.sha256 == build(BAND, stars).sha256
     paper = listed.manifest.assessment["screening"]
@@ -94,7 +94,8 @@ def test_the_screening_list_may_only_name(stars):
 
 
 def test_companions_and_false_triples_have_limits(stars):
-    """A star goes when more others lie in its ring than allowed, counted one by one; so says the limit on triples."""
+    """A star is removed if more stars lie in its ring than permitted, counted by brute force; the same holds for the limit
+    on triples."""
     marks = {"doubles": False, "variables": False, "fast": False}
     ring = {"arc_rad": deg(8)[0], "tolerance_rad": deg(0.05)[0]}
     by_count = replace(WHOLE, rules=SelectionRules(5.0, screening=ScreeningRules(most_companions=1, **marks, **ring)))
@@ -127,7 +128,8 @@ def test_any_format_may_have_a_reduced_catalogue(stars):
 
 
 def test_thinning_by_frames_fills_every_frame(stars):
-    """Upright frames of the camera's shape hold the wanted number, or all there are, and the funnel says which fields it was."""
+    """Upright frames of the camera's shape contain the requested number of stars, or all available ones, and the funnel
+    names the fields."""
     request = replace(
         WHOLE,
         profile=shipped_camera("cubestar"),
@@ -146,7 +148,7 @@ def test_thinning_by_frames_fills_every_frame(stars):
 
 
 def test_choices_are_restored_from_their_parameters():
-    """A request with all choices survives its manifest, and an older one is read as without them."""
+    """A request with all options is restored from its manifest; an older manifest is read without them."""
     rules = SelectionRules(5.0, thinning="frames", screening=ScreeningRules("list", most_companions=3, most_false=0.1))
     request = replace(WHOLE, rules=rules, reduced=ReducedFrame(*deg(30, 24)))
     plain = json.loads(json.dumps(parameters_of(request)))
@@ -170,6 +172,6 @@ def test_choices_are_restored_from_their_parameters():
     ],
 )
 def test_impossible_choices_are_named(make, words):
-    """A choice that cannot be made is refused with what was expected."""
+    """An impossible option is rejected with the expected values."""
     with pytest.raises(BadInput, match=words):
         make()

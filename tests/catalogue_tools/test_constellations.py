@@ -1,4 +1,4 @@
-"""The constellations' figures join the stars that they should."""
+"""The lines of the constellations connect the correct stars."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SHARED = {("Aur", "Elnath"), ("Peg", "Alpheratz")}
 
 @pytest.fixture(scope="module")
 def bright() -> StarTable:
-    """Our own table as far as it is joined."""
+    """Stars of GSS's table that belong to lines of constellations."""
     return load_stars().brighter_than(FAINTEST_JOINED_MAG)
 
 
@@ -33,7 +33,7 @@ def test_every_designation_is_a_star_of_our_own_table(bright: StarTable) -> None
 
 
 def test_every_star_lies_in_the_constellation_by_its_official_border(bright: StarTable) -> None:
-    """Outside truth: the borders of 1930 as astropy has them; two stars are borrowed from a neighbour."""
+    """Independent check with the borders of 1930 from astropy; two stars belong to a neighbouring constellation."""
     found = figures(bright)
     ours = [(figure.short, hip) for figure in found for line in figure.lines for hip in line]
     rows = [bright.row_of_hip[hip] for _, hip in ours]
@@ -46,7 +46,7 @@ def test_every_star_lies_in_the_constellation_by_its_official_border(bright: Sta
 
 
 def test_no_segment_crosses_the_sky(bright: StarTable) -> None:
-    """A wrong star of the same name would make one that does."""
+    """A wrong star of the same name would give a long segment."""
     ends = [pair for figure in figures(bright) for line in figure.lines for pair in pairwise(line)]
     first, second = (bright.icrs[[bright.row_of_hip[pair[k]] for pair in ends]] for k in (0, 1))
     angle_rad = np.arccos(np.clip(np.sum(first * second, axis=1), -1, 1))

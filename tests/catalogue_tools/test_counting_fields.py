@@ -1,4 +1,4 @@
-"""Counting stars in a million fields: the fast way against asking every field about every star."""
+"""Counting stars in many fields: the fast algorithm against brute force."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -21,7 +21,7 @@ def attitudes(count, seed=3):
 
 @pytest.mark.parametrize("name", shipped_registry().cameras_with_chain())
 def test_counts_are_those_of_brute_force(name):
-    """Every camera: identical to asking the field about each star."""
+    """For every camera the counts equal a test of each star in each field."""
     shape, unit, cam = FieldShape(shipped_camera(name).camera), load_stars(5.0).icrs, attitudes(3000)
     counts = stars_per_field(unit, cam, shape)
     assert np.array_equal(counts[:400], [shape.inside(unit @ a.T).sum() for a in cam[:400]])
@@ -43,8 +43,8 @@ def test_threads_count_the_same():
         assert np.array_equal(stars_per_field(unit, cam, shape), stars_per_field(unit, cam, shape, pool.map))
 
 
-def test_both_ways_of_counting_add_up():
-    """Stars over fields and fields over stars are the same pairs, with a shadow too, and a shadow only takes away."""
+def test_both_ways_of_counting_agree():
+    """Stars per field and fields per star give the same pairs, also with occultation, which only removes pairs."""
     shape, unit, cam = FieldShape(shipped_camera("cubestar").camera), load_stars(4.0).icrs, attitudes(4000)
     nadir = attitudes(4000, 9)[:, 0]
     shadow = Shadow(nadir, 1.2)
@@ -64,7 +64,7 @@ def test_nothing_to_count_is_zero():
 
 
 @pytest.mark.parametrize("nside", [1, 3, 8, 64])
-def test_pixels_are_astropys_and_no_wider_than_said(nside):
+def test_pixels_equal_astropys_and_lie_within_the_stated_radius(nside):
     """Pixel numbers of random directions are those of astropy-healpix; no direction is beyond the radius from its centre."""
     unit = attitudes(20_000)[:, 0]
     ours = pixel_of(nside, unit)

@@ -29,7 +29,7 @@ def test_catalogue_does_not_differ_from_itself():
 
 
 def test_every_kind_of_change_is_listed():
-    """A star more, two less, the fast ones moved in a century, one re-measured."""
+    """One star added, two removed, fast ones moved in a century, one with a new magnitude."""
     stars = load_stars(3.0)
     v_mag = stars.v_mag.copy()
     v_mag[10] += 0.3
@@ -46,7 +46,7 @@ def test_every_kind_of_change_is_listed():
 
 
 def test_k_vector_answers_every_query():
-    """It names exactly the rows of a binary search, for queries inside, across and beyond the ends; counts are its line's."""
+    """It returns exactly the rows of a binary search, for queries inside, across and beyond the ends; counts follow the line."""
     d = distance_table(load_stars(4.5), 0.004, 0.24).distance_rad
     index = k_vector(d)
     rng = np.random.default_rng(2)
@@ -66,6 +66,6 @@ def test_banks_store_no_k_vector_of_one_value(table):
 
 
 def test_an_unsorted_table_has_no_k_vector():
-    """Its values must ascend."""
+    """The values must be in ascending order."""
     with pytest.raises(BadInput, match="ascending"):
         k_vector(np.array([0.2, 0.1]))

@@ -65,7 +65,7 @@ def test_blend_that_is_not_star_like_is_rejected() -> None:
 
 
 def test_stars_too_faint_to_count_stay_out_of_the_blend() -> None:
-    """Contaminants fainter than the limit neither move a star nor spoil it."""
+    """Contaminants fainter than the limit neither shift nor reject a star."""
     pair = _stars([(0, 0), (CLOSE_RAD, 0)], [4.0, 6.5])
     merged = merge(pair, Doubles("moniteq", 2 * CLOSE_RAD, contaminant_mag=6.0))
     assert np.array_equal(merged.stars.icrs, pair.icrs)
@@ -107,8 +107,8 @@ def test_merging_does_not_depend_on_the_order(seed: int, policy: str) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_light_is_neither_lost_nor_made(seed: int) -> None:
-    """Huffman's merging keeps the light of the sky, and the flux-weighted centre of all of it."""
+def test_merging_conserves_light(seed: int) -> None:
+    """Huffman's merging conserves the total flux and its centre."""
     rng = np.random.default_rng(seed)
     stars = _stars([(float(x), float(y)) for x, y in rng.uniform(0, 3e-5, (20, 2))], list(rng.uniform(1, 8, 20)))
     merged = merge(stars, Doubles("huffman", 1e-5)).stars
@@ -122,7 +122,7 @@ def test_light_is_neither_lost_nor_made(seed: int) -> None:
 
 @pytest.mark.parametrize("name", sorted(shipped_registry().cameras_with_chain()))
 def test_no_two_merged_stars_are_within_the_cameras_reach(name: str) -> None:
-    """After Huffman's merging of the stars to V 6 hardly any two centres are closer than the camera separates."""
+    """After Huffman's merging of the stars to V 6 few centres are closer than the camera's resolution."""
     profile = shipped_camera(name)
     merged = merge(load_stars(6.0), Doubles("huffman"), profile)
     assert len(merged.stars) + merged.members - merged.groups == len(load_stars(6.0))

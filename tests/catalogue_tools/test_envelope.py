@@ -39,7 +39,7 @@ def seen_by_sampling(envelope, unit, count, seed=1):
 
 
 def seen_by_corners(limits, shape, unit, raan_deg, inclination_deg, per_axis, per_orbit):
-    """Jacobs' way: step through every combination of the six parameters, ends included."""
+    """Jacobs' method: step through every combination of the six parameters, limits included."""
     seen = np.zeros(len(unit), bool)
     latitude = np.arange(per_orbit) * 2 * np.pi / per_orbit
     boxes = [np.linspace(a, b, per_axis) for a, b in zip(limits.low, limits.high, strict=True)]
@@ -100,7 +100,7 @@ def test_jacobs_sub_catalogues(raan, paper, ours):
 
 
 def test_stepping_every_combination_finds_the_same_stars_but_for_the_corners():
-    """Jacobs' stepping finds no star that geometry leaves out, and all but the few that only a corner touches."""
+    """Jacobs' stepping finds no star outside the exact envelope, and all except the few that only a corner reaches."""
     stars = load_stars(6.0)
     envelope = sunsat(133, 149)
     geometric = envelope.contains(stars.icrs)
@@ -187,7 +187,7 @@ def test_field_shape_is_the_detector(name):
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
 def test_field_is_never_ruled_out_when_it_is_near(name):
-    """may_be_within never denies a field that is within the slack, and does deny one clearly beyond."""
+    """may_be_within is true for every field within the margin and false for a field clearly outside."""
     shape = FieldShape(shipped_camera(name).camera)
     rng = np.random.default_rng(8)
     unit = rng.normal(size=(400, 3))
@@ -221,7 +221,7 @@ def test_time_in_field_of_a_patch_adds_up_too():
 
 
 def test_time_in_field_is_that_of_sampled_attitudes():
-    """The map's shade is the share of random moments in which the field holds the place."""
+    """The value of the map is the fraction of random times at which the position is in the field."""
     envelope = sunsat(133, 149)
     place = unit_from_ra_dec(np.radians([231.0, 231.0, 225.0]), np.radians([7.0, 15.0, 0.0]))
     attitudes = envelope.attitudes(np.random.default_rng(4), 20_000)
@@ -274,7 +274,7 @@ def test_random_attitudes_are_rotations_and_look_inside():
     ],
 )
 def test_impossible_limits_are_named(make, text):
-    """Each kind of nonsense is bad input that says what is wrong."""
+    """Each kind of impossible input raises BadInput naming the reason."""
     with pytest.raises(BadInput, match=text):
         make()
 

@@ -1,4 +1,4 @@
-"""Sun, Moon and planets over the life of a catalogue: against astropy, and against what people saw."""
+"""Sun, Moon and planets during the validity of a catalogue, compared with astropy and with observed events."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_tracks_are_astropys_apparent_places() -> None:
 
 
 def test_venus_crosses_the_sun_in_2012() -> None:
-    """On 6 June 2012, 1:30 UTC, Venus stood 9′ from the Sun's centre, and was 58″ wide."""
+    """On 6 June 2012, 1:30 UTC, Venus was 9′ from the Sun's centre, with a diameter of 58″."""
     found = exclusions(datetime(2012, 6, 5, 22, tzinfo=UTC), 0.3, step_days=0.01)
     sun, venus = found.track("Sun"), found.track("Venus")
     assert sun is not None
@@ -65,7 +65,7 @@ def test_venus_crosses_the_sun_in_2012() -> None:
 
 
 def test_jupiter_meets_saturn_in_2020() -> None:
-    """On 21 December 2020 they were 6.1′ apart; a warning for the place of the one names the other."""
+    """On 21 December 2020 they were 6.1′ apart; a warning for the position of one names the other."""
     found = exclusions(datetime(2020, 12, 1, tzinfo=UTC), 40)
     saturn = found.track("Saturn")
     assert saturn is not None
@@ -76,7 +76,7 @@ def test_jupiter_meets_saturn_in_2020() -> None:
 
 
 def test_magnitudes_are_those_of_almanacs() -> None:
-    """Over a year Venus gets to −4.6 or brighter, Jupiter to −2.6, the full Moon to −12.7, Uranus stays at 5.6 to 5.9."""
+    """During a year Venus reaches −4.6 or brighter, Jupiter to −2.6, the full Moon to −12.7, Uranus stays at 5.6 to 5.9."""
     found = exclusions(START, 400)
     expected = {
         "Venus": (-4.9, -4.5),
@@ -110,7 +110,7 @@ def _one(path: np.ndarray) -> Exclusions:
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10_000), step=st.floats(0.001, 0.3))
-def test_coarse_steps_lose_no_passage(seed: int, step: float) -> None:
+def test_coarse_steps_miss_no_passage(seed: int, step: float) -> None:
     """The closest approach to a great-circle path is found between samples as well as brute force finds it."""
     rng = np.random.default_rng(seed)
     first, pole = np.linalg.qr(rng.normal(size=(3, 2)))[0].T

@@ -93,7 +93,7 @@ def section_at(image, tag):
 
 
 def test_sections_are_the_golden_file():
-    """CubeStar's image with k-vector and reduced catalogue, byte for byte as written before."""
+    """CubeStar's image with k-vector and reduced catalogue equals the stored file byte for byte."""
     assert full() == (GOLDEN / "onboard-cubestar-sections.bin").read_bytes()
     assert encoded_again(full()) == full()
     assert read_header(full()).version == 2
@@ -152,7 +152,7 @@ def test_linked_list_is_counts_pointers_and_neighbours():
 
 
 def test_triplets_of_the_bank_are_those_of_the_stars():
-    """Spread again, the sections are the data base that the star list itself gives; a dozen references in eight bytes."""
+    """The decoded sections equal the database computed from the star list; twelve references take eight bytes."""
     stars, camera = propagate(load_stars(4.5), 2026.5), shipped_camera("oersted").camera
     own = tables_for("oersted", stars, pairs(), camera, limit_mag=4.15, uncertainty_rad=float(np.radians(0.05)))
     image = encode(stars, own.distances, "oersted", "oersted", tables=own.tables)
@@ -167,8 +167,8 @@ def test_triplets_of_the_bank_are_those_of_the_stars():
     assert 10 < 6 * len(want) / stored < 18
 
 
-def test_triplets_of_a_sparse_list_fit_their_classes():
-    """Neighbours further apart than the classes reach are left out, and what is written can be read."""
+def test_triplets_beyond_the_classes_are_left_out():
+    """Neighbours further apart than the largest class are left out, and the result can be decoded."""
     rng = np.random.default_rng(5)
     unit = rng.normal(size=(9, 3))
     stars = list_of(unit / np.linalg.norm(unit, axis=1, keepdims=True))
@@ -181,7 +181,7 @@ def test_triplets_of_a_sparse_list_fit_their_classes():
 
 
 def test_certain_triplets_are_one_per_star():
-    """The section of stars that are always seen holds each star with its two nearest certain neighbours, once."""
+    """The section of always visible stars contains each star once, with its two nearest certain neighbours."""
     made = decode(small("oersted")).tables.constellations
     certain = made.star[made.kind == CERTAIN]
     assert len(certain) > 5
@@ -205,7 +205,7 @@ def test_blocks_are_the_image(format_name):
 
 @pytest.mark.parametrize("format_name", ["cubestar", "sunsat", "sunsat-5", "far-mst", "aim"])
 def test_size_is_known_before_the_image(format_name):
-    """What is said of the size beforehand is the size, triplets excepted, whose number the sky decides."""
+    """The predicted size is exact, except for triplets, whose number depends on the stars."""
     kept = decode(small(format_name))
     assert image_bytes(format_name, len(kept), len(kept.distances)) == len(small(format_name))
 
@@ -251,7 +251,8 @@ dec_s = st.one_of(st.floats(-np.pi / 2, np.pi / 2), near_poles)
 @settings(deadline=None)
 @given(st.lists(st.tuples(ra_s, dec_s, st.floats(-1.5, 12.0)), min_size=1, max_size=12, unique=True))
 def test_any_list_comes_back_and_encodes_the_same(format_name, places):
-    """Poles, the wrap of right ascension, stars at one place: near in position, and the same bytes again."""
+    """Poles, the wrap of right ascension, stars at one position: decoded positions are close, and encoding again gives the
+    same bytes."""
     ra, dec, mag = np.array(places).T
     stars = replace(list_of(unit_from_ra_dec(ra, np.clip(dec, -np.pi / 2, np.pi / 2))), v_mag=mag)
     image = encode(stars, distance_table(stars, 0.0, 0.4), format_name, "any")
@@ -269,7 +270,7 @@ def test_any_list_comes_back_and_encodes_the_same(format_name, places):
 @settings(deadline=None)
 @given(st.data())
 def test_any_changed_byte_is_found(format_name, data):
-    """One byte of the image changed to any other value, with flash behind it: found."""
+    """Any change of one byte of the image, followed by erased flash, is detected."""
     image = full() if format_name == "sections" else small(format_name)
     at = data.draw(st.integers(0, len(image) - 1))
     broken = bytearray(image + b"\xff" * 40)
@@ -280,7 +281,7 @@ def test_any_changed_byte_is_found(format_name, data):
 
 @pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
 def test_every_byte_of_the_image_counts(format_name):
-    """Each byte in turn, one bit of it: found."""
+    """A changed bit in each byte is detected."""
     image = full() if format_name == "sections" else small(format_name)
     for at in range(len(image)):
         broken = bytearray(image)
@@ -290,8 +291,8 @@ def test_every_byte_of_the_image_counts(format_name):
 
 
 @pytest.mark.parametrize("format_name", [*FORMATS, "sections"])
-def test_every_shorter_image_is_cut_short(format_name):
-    """An image without its last bytes says so, wherever it ends; bytes behind it do not matter."""
+def test_every_truncated_image_is_rejected(format_name):
+    """A truncated image is rejected at any length; bytes after a complete image have no effect."""
     image = full() if format_name == "sections" else small(format_name)
     for length in range(64, len(image)):
         with pytest.raises(CorruptData, match="cut short"):
@@ -326,15 +327,15 @@ def damaged(format_name, tag, offset, content):
         ("oersted", "TMAY", 2 * 107, b"\x01\x10", "classes are impossible"),
     ],
 )
-def test_wrong_tables_under_right_checksums_are_found(format_name, tag, offset, content, words):
-    """A right CRC over a table that cannot be does not pass."""
+def test_invalid_tables_with_valid_checksums_are_rejected(format_name, tag, offset, content, words):
+    """A valid CRC does not make an impossible table valid."""
     with pytest.raises(CorruptData, match=words):
         decode(damaged(format_name, tag, offset, content))
 
 
 @pytest.mark.parametrize("format_name", ["oersted", "aim"])
 def test_an_image_without_its_own_tables_is_refused(format_name):
-    """Header version 1 in a format that lives of its sections."""
+    """Header version 1 in a format that requires sections."""
     core = core_bytes(format_name, len(sky()), 0)
     image = bytearray(small(format_name)[:core])
     image[4] = 1
@@ -361,8 +362,8 @@ def test_a_set_spare_bit_is_found():
         ("sunsat-5", 64 + 12 * 49, b"\xff\x1f", "not in the list"),
     ],
 )
-def test_impossible_numbers_under_right_checksums_are_found(format_name, at, content, words):
-    """A right CRC over numbers that cannot be does not pass."""
+def test_impossible_numbers_with_valid_checksums_are_rejected(format_name, at, content, words):
+    """A valid CRC does not make impossible numbers valid."""
     assert (len(sky()), len(pairs())) == (49, 76)
     image = bytearray(small(format_name))
     image[at : at + len(content)] = content
@@ -377,7 +378,7 @@ def test_impossible_numbers_under_right_checksums_are_found(format_name, at, con
     ("format_name", "most"), [("cubestar", 32768), ("sunsat", 65536), ("sunsat-5", 8192), ("aim", 10924)]
 )
 def test_one_star_too_many_is_refused(format_name, most):
-    """Row numbers of 16 and 13 bits and pointers of 16 bits end somewhere: refused with the number, not wrapped."""
+    """Row numbers of 16 and 13 bits and pointers of 16 bits have a maximum; more stars are rejected and do not wrap around."""
     rng = np.random.default_rng(1)
     unit = rng.normal(size=(most + 1, 3))
     stars = list_of(unit / np.linalg.norm(unit, axis=1, keepdims=True))
@@ -429,7 +430,7 @@ def test_a_list_with_nan_is_rejected(format_name):
 
 
 def test_tables_of_another_list_are_refused():
-    """Links, triplets and reduced catalogue of one list do not go with another."""
+    """Links, triplets and reduced catalogue of another star list are rejected."""
     camera = shipped_camera("far_mst").camera
     for format_name in ("far-mst", "oersted"):
         own = tables_for(format_name, sky(), pairs(), camera)
@@ -439,7 +440,7 @@ def test_tables_of_another_list_are_refused():
 
 
 def test_pairs_of_another_list_are_refused():
-    """A pair of rows that are not there is not written."""
+    """A pair of rows outside the star list is rejected."""
     with pytest.raises(BadInput, match="not in the list"):
         encode(sky().take(np.arange(5)), pairs(), "cubestar", "any")
 

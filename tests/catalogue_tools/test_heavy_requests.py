@@ -81,7 +81,7 @@ def test_a_heavy_build_is_cancelled_from_within() -> None:
 
 
 def test_frames_with_many_stars_are_too_expensive_for_a_preview() -> None:
-    """Five hundred of the brightest to V 7 in every frame are too expensive; eight to V 5 are not."""
+    """The 500 brightest to V 7 in every frame are too expensive; the 8 brightest to V 5 are not."""
     stars = load_stars(7.0)
     many = BuildRequest(
         shipped_camera("cubestar"), "cubestar", SelectionRules(7.0, brightest_per_field=500, thinning="frames")
@@ -93,7 +93,7 @@ def test_frames_with_many_stars_are_too_expensive_for_a_preview() -> None:
 
 
 def test_the_shortest_distance_lies_below_the_longest() -> None:
-    """Turned about, or above the field's diagonal, the limits are refused before anything is counted."""
+    """Limits in the wrong order or above the field's diagonal are rejected before anything is counted."""
     for limits in ({"pair_min_rad": 0.3, "pair_max_rad": 0.1}, {"pair_min_rad": 2.0}):
         with pytest.raises(BadInput, match="not below the longest"):
             plan(replace(BLOCKS, **limits))

@@ -46,12 +46,12 @@ def row(stars, hip):
     ],
 )
 def test_known_stars_have_their_names_and_magnitudes(stars, hip, name, v_mag, tolerance_mag):
-    """Names and V of stars that anyone can look up are right."""
+    """Names and V magnitudes of well-known stars are correct."""
     assert stars.name_of(hip) == name
     assert stars.v_mag[row(stars, hip)] == pytest.approx(v_mag, abs=tolerance_mag)
 
 
-def test_star_without_a_name_is_called_by_its_number(stars):
+def test_a_star_without_a_name_is_shown_by_its_number(stars):
     """A star with no name at all shows its Hipparcos number."""
     nameless = next(int(h) for h in stars.hip if int(h) not in stars.names)
     assert stars.name_of(nameless) == f"HIP {nameless}"
@@ -59,7 +59,7 @@ def test_star_without_a_name_is_called_by_its_number(stars):
 
 @pytest.mark.parametrize(("v_max", "count"), [(3.8, 411), (6.0, 5044), (7.0, 15544), (8.0, 41411)])
 def test_counts_by_magnitude_are_those_of_the_source(v_max, count):
-    """As many stars as the published V list has, brightest first."""
+    """The number of stars equals that of the published V list, brightest first."""
     stars = load_stars(v_max)
     assert len(stars) == count
     assert np.all(np.diff(stars.v_mag) >= 0)
@@ -79,7 +79,7 @@ def test_directions_are_unit_vectors_and_motions_tangent(stars):
 
 
 def test_stars_that_hip2_lacks_are_flagged(stars):
-    """ξ UMa and its like are there, without proper motion, and say so."""
+    """Stars such as ξ UMa are included, without proper motion, and flagged."""
     without = (stars.flags & FLAG_NO_PROPER_MOTION) > 0
     assert without.sum() == 17
     assert (without & (stars.v_mag <= 7)).sum() == 7
@@ -109,7 +109,7 @@ def test_v_agrees_with_hipparcos_own_photometry(stars):
 
 
 def test_arrays_are_shared_and_read_only():
-    """Two loads cost one, and no caller can change another's table."""
+    """A second load returns the same read-only arrays, so no caller can change another's table."""
     a, b = load_stars(5.0), load_stars(6.0)
     assert np.shares_memory(a.icrs, b.icrs)
     with pytest.raises(ValueError, match="read-only"):
@@ -118,7 +118,7 @@ def test_arrays_are_shared_and_read_only():
 
 @pytest.mark.parametrize("v_max", [8.01, -2.0, float("nan")])
 def test_impossible_depth_is_refused(v_max):
-    """A limit beyond the table, before the first star, or not a number is bad input."""
+    """A limit beyond the table, brighter than the first star, or not a number raises BadInput."""
     with pytest.raises(BadInput):
         load_stars(v_max)
 
@@ -159,6 +159,6 @@ def test_propagation_there_and_back_returns(stars):
 
 @pytest.mark.parametrize("epoch_jyear", [1700.0, 2500.0, float("nan")])
 def test_absurd_epoch_is_refused(stars, epoch_jyear):
-    """Epochs centuries away are a mistake, not a request."""
+    """An epoch centuries away is rejected as a mistake."""
     with pytest.raises(BadInput, match="epoch is out of range"):
         propagate(stars, epoch_jyear)

@@ -42,7 +42,7 @@ def votable(data: str, prologue: str = "") -> bytes:
 def test_a_votable_that_points_elsewhere_opens_nothing(
     element: str, scheme: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No file and no address that a VOTable names is opened, nothing of it is in the message."""
+    """No file or address in a VOTable is opened, and the message does not repeat it."""
     secret = tmp_path / "secret.txt"
     secret.write_text("swordfish" * 10)
     address = secret.as_uri() if scheme == "file" else "http://127.0.0.1:9/s.bin"
@@ -100,14 +100,14 @@ def test_a_votable_with_a_link_element_is_read() -> None:
         ("id,ra,dec,v\n" + "".join(f"{i},{i},2,3,\n" for i in range(1, 5)), "row 1: 5 values, the header names 4"),
     ],
 )
-def test_no_row_vanishes_in_a_quote(text: str, words: str) -> None:
-    """A quote that is not closed on its line is refused with its row; rows with a value too many say so."""
+def test_an_open_quote_hides_no_row(text: str, words: str) -> None:
+    """A quote that is not closed on its line is rejected with its row number, and so are rows with too many values."""
     with pytest.raises(BadInput, match=words):
         read_star_list(text.encode(), "csv", SAID)
 
 
-def test_quotes_that_belong_there_are_read() -> None:
-    """A quoted comma, a doubled quote and the mark of a second of arc hold no row up."""
+def test_valid_quotes_are_read() -> None:
+    """A quoted comma, a doubled quote and the mark of an arcsecond are read."""
     rows = '1,12,1°2\'3",3,"a, b"\n2,24,2°2\'3",3,"say ""x"""\n3,36,3°2\'3",3,\n'
     found = read_star_list((HEAD + rows).encode(), "csv", SAID)
     assert (len(found.stars), found.dropped_count) == (3, 0)
@@ -128,7 +128,7 @@ def ecsv(meta: str) -> bytes:
         ("# meta: {note: " + "x" * ECSV_HEADER_BYTES + "}\n", "too long"),
     ],
 )
-def test_an_ecsv_header_holds_plain_values(meta: str, words: str) -> None:
+def test_an_ecsv_header_may_contain_plain_values_only(meta: str, words: str) -> None:
     """Aliases, collections for frame or epoch and headers without end are refused; plain ones are read."""
     assert len(read_star_list(ecsv("# meta: {frame: icrs, epoch: 2000}\n"), "ecsv").stars) == 1
     with pytest.raises(BadInput, match=words):
@@ -137,7 +137,7 @@ def test_an_ecsv_header_holds_plain_values(meta: str, words: str) -> None:
 
 @pytest.mark.parametrize("column", ["id", "ra", "v"])
 @pytest.mark.parametrize("kind", [complex, bool])
-def test_a_star_has_numbers(column: str, kind: type) -> None:
+def test_values_of_a_star_are_real_numbers(column: str, kind: type) -> None:
     """Complex numbers and booleans are not positions, magnitudes or identifiers."""
     columns = {name: np.arange(1.0, 30) for name in ("id", "ra", "dec", "v")}
     file = io.BytesIO()
@@ -159,13 +159,13 @@ def test_a_star_has_numbers(column: str, kind: type) -> None:
         ({"bad_rows": []}, "bad_rows"),
     ],
 )
-def test_a_mapping_has_the_types_it_says(values: dict[str, object], words: str) -> None:
+def test_values_of_a_mapping_have_the_declared_types(values: dict[str, object], words: str) -> None:
     """Values of another type are refused and never converted."""
     with pytest.raises(BadInput, match=words):
         ListMapping(**values)  # type: ignore[arg-type]
 
 
-def test_one_column_is_one_thing() -> None:
+def test_a_column_has_one_meaning() -> None:
     """A column cannot be both right ascension and declination; the number may be the name too."""
     mapping = ListMapping(columns={"ra": "dec"}, epoch_jyear=2000.0, frame="icrs")
     with pytest.raises(BadInput, match="'dec' is used twice"):

@@ -72,7 +72,7 @@ def test_a_camera_that_sees_v_gives_v() -> None:
 
 @given(b_v=st.floats(-0.3, 2.4))
 def test_red_stars_are_brighter_to_silicon(b_v: float) -> None:
-    """To a sensor with more red than V has, the redder of two stars of equal V is never the fainter."""
+    """For a sensor more sensitive to red than V, the redder of two stars of equal V is never fainter."""
     pair = instrument_minus_v(np.array([b_v, b_v + 0.1]), RESPONSES["oersted"], 0.6)
     assert pair[1] < pair[0]
 

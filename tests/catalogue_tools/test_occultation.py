@@ -1,4 +1,4 @@
-"""What Earth, Sun and Moon hide, for every law: against brute force over the sphere and astropy's Sun and Moon."""
+"""Occultation by Earth, Sun and Moon for every law, compared with brute force and with astropy."""
 
 import astropy.units as units
 import numpy as np
@@ -84,8 +84,8 @@ def case(request):
 
 
 def test_membership_is_brute_force_over_the_sphere(case):
-    """Every law, RA wrap and poles included: no usable field shows a star that is left out, and all that is kept is shown by
-    one, but for the rim."""
+    """Every law, RA wrap and poles included: no usable field shows an omitted star, and every kept star is shown by a
+    usable field, except at the rim."""
     envelope, kept, moments = case
     shown = fields_per_star(UNIT, moments.cam_from_icrs, envelope.shape, envelope.shadow(moments)) > 0
     assert kept.any()
@@ -109,8 +109,8 @@ def test_usable_fields_keep_their_distance(case):
         assert separation_rad(boresight, moon).min() >= o.moon_rad - 1e-9
 
 
-def test_hiding_only_takes_away(case):
-    """What is seen with bodies in the way lies within what is seen without; shares of time do not grow and add up."""
+def test_occultation_only_removes_stars(case):
+    """The envelope with occulting bodies lies within the one without; fractions of time do not increase and add up."""
     envelope, kept, _ = case
     assert not np.any(kept & ~envelope.base.contains(UNIT))
     share = envelope.time_fraction(UNIT)
@@ -229,7 +229,7 @@ def test_quality_counts_clear_stars_in_usable_fields():
     ],
 )
 def test_impossible_occultations_are_named(make, words):
-    """Each kind of nonsense is bad input that says what is wrong."""
+    """Each kind of impossible input raises BadInput naming the reason."""
     with pytest.raises(BadInput, match=words):
         make()
 

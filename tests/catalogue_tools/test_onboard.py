@@ -1,4 +1,4 @@
-"""Bank images byte by byte: golden files, an independent reader, and everything that can be wrong with one."""
+"""Bank images byte by byte: golden files, an independent reader, and all kinds of damage."""
 
 import struct
 import zlib
@@ -46,7 +46,7 @@ def image_of(stars, table, format_name):
 
 
 def resealed(image, at, content):
-    """The image with bytes changed and both checksums made right again."""
+    """Return the image with changed bytes and recomputed checksums."""
     changed = bytearray(image)
     changed[at : at + len(content)] = content
     changed[56:60] = struct.pack("<I", zlib.crc32(changed[HEADER_BYTES:]))
@@ -72,14 +72,14 @@ def test_image_is_the_golden_file(stars, table, format_name):
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_decoding_and_encoding_gives_the_same_bytes(stars, table, format_name):
-    """What is decoded encodes to the very same image."""
+    """A decoded image encodes to the same bytes."""
     image = image_of(stars, table, format_name)
     assert encoded_again(image) == image
     assert np.array_equal(decode(image, stars.hip).hip, stars.hip)
 
 
-def test_header_says_what_is_inside(stars, table):
-    """Every field of the header comes back."""
+def test_every_header_field_is_decoded(stars, table):
+    """Encoded header fields are decoded with the same values."""
     h = read_header(image_of(stars, table, "sunsat"))
     assert (h.format_name, h.stars, h.pairs) == ("sunsat", len(stars), len(table))
     assert (h.epoch_jyear, h.profile_name, h.profile_hash) == (2026.5, "sunsat", bytes(range(8)))
@@ -124,7 +124,7 @@ def test_sizes_are_those_of_the_document():
 
 
 def test_cost_of_the_number_widths(stars, table):
-    """Single precision costs less than 0.02″ in a unit vector, 0.1″ in an angle, and nothing to speak of in magnitude."""
+    """Single precision costs less than 0.02″ in a unit vector, 0.1″ in an angle, and an insignificant amount in magnitude."""
     cube = quantisation_error(stars, table, image_of(stars, table, "cubestar"))
     sun = quantisation_error(stars, table, image_of(stars, table, "sunsat"))
     assert 0 < cube.position_rad < 0.02 * ARCSEC_RAD
@@ -146,13 +146,13 @@ def test_without_a_manifest_row_numbers_identify_stars(stars, table):
 
 @pytest.mark.parametrize("content", [b"", b"GSSB", b"\xff" * 64, b"\x00" * 4096, b"not a catalogue" * 100])
 def test_garbage_is_not_a_bank_image(content):
-    """Empty, short, erased or foreign bytes are named as no bank image."""
+    """Empty, short, erased or foreign bytes are rejected as not a bank image."""
     with pytest.raises(CorruptData, match="not a bank image"):
         decode(content)
 
 
 @pytest.mark.parametrize("format_name", FORMATS)
-def test_truncated_image_is_named(stars, table, format_name):
+def test_a_truncated_image_is_rejected(stars, table, format_name):
     """An image that ends early says how many bytes are missing."""
     image = image_of(stars, table, format_name)
     for length in (HEADER_BYTES, len(image) // 2, len(image) - 1):
@@ -162,7 +162,7 @@ def test_truncated_image_is_named(stars, table, format_name):
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_any_flipped_bit_is_found(stars, table, format_name):
-    """A bit flipped anywhere, in the header or the body, is found."""
+    """A flipped bit anywhere in header or body is detected."""
     image = image_of(stars, table, format_name)
     rng = np.random.default_rng(1)
     for at in [*range(HEADER_BYTES), *rng.integers(HEADER_BYTES, len(image), 60)]:
@@ -185,23 +185,23 @@ def test_any_flipped_bit_is_found(stars, table, format_name):
         (64 + 14 * 49, b"\xff\xff", "not in the list"),
     ],
 )
-def test_wrong_content_under_right_checksums_is_found(stars, table, at, content, words):
-    """A right CRC over wrong content does not pass: version, format, numbers, lengths of vectors, pairs."""
+def test_invalid_content_with_valid_checksums_is_rejected(stars, table, at, content, words):
+    """A valid CRC does not make invalid content valid: version, format, numbers, vector lengths, pairs."""
     assert len(stars) == 49
     with pytest.raises(CorruptData, match=words):
         decode(resealed(image_of(stars, table, "cubestar"), at, content))
 
 
 def test_unsorted_table_is_found(stars, table):
-    """A table out of order would make a matcher miss stars silently."""
+    """An unsorted table is rejected, because a matcher would miss stars without notice."""
     order = np.r_[1, 0, 2 : len(table)]
     shuffled = DistanceTable(table.first[order], table.second[order], table.distance_rad[order], MIN_RAD, MAX_RAD)
     with pytest.raises(CorruptData, match="not sorted"):
         decode(image_of(stars, shuffled, "sunsat"))
 
 
-def test_list_of_another_image_is_refused(stars, table):
-    """Hipparcos numbers of another catalogue do not fit."""
+def test_star_numbers_of_another_image_are_rejected(stars, table):
+    """Hipparcos numbers of another catalogue are rejected."""
     with pytest.raises(BadInput, match="for another image"):
         decode(image_of(stars, table, "cubestar"), stars.hip[:-1])
 

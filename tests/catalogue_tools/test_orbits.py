@@ -79,7 +79,7 @@ def test_sun_synchronous_orbit_drifts_east_a_degree_a_day():
     ],
 )
 def test_unusable_tle_or_dates_are_named(text, start, days, words):
-    """Bad checksum, wrong length, no TLE, dates too early or late: each a clear error."""
+    """A wrong checksum, a wrong length, no TLE, and dates outside the validity have clear errors."""
     with pytest.raises(BadInput, match=words):
         from_tle(text, start, days)
 
@@ -121,7 +121,7 @@ def test_perigee_in_the_air_is_a_decayed_orbit():
 
 
 def test_elements_that_describe_no_orbit_are_named():
-    """SGP4's own complaints come as bad input with what was expected."""
+    """Errors of SGP4 become BadInput with the expected values."""
     wild = with_checksum(TLE.splitlines()[2].replace("15.50103472", "99.50103472"))
     with pytest.raises(BadInput) as error:
         read_tle("\n".join([TLE.splitlines()[1], wild]))

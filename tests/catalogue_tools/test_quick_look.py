@@ -53,8 +53,8 @@ def test_the_quick_look_sees_the_same_stars(limits):
 
 @pytest.mark.parametrize("law", ["zenith", "target", "sunsat"])
 def test_the_quick_look_sees_nearly_the_same_stars_beside_earth_sun_and_moon(law):
-    """With everything hidden that hides, a page's membership names no star too many and misses less than one in a hundred;
-    the shares of time are those of the exact one to half a percent."""
+    """With all occultations the preview contains no extra star and misses less than one in a hundred; fractions of time
+    agree with the exact ones to half a percent."""
     aside = {"off_nadir_rad": deg(30)[0]} if law == "target" else {}
     limits = AttitudeLimits(law, BOX, BOX, BOX, **aside)
     hidden = Occultation(700e3, *deg(20, 28.1, 28.1))
@@ -68,8 +68,8 @@ def test_the_quick_look_sees_nearly_the_same_stars_beside_earth_sun_and_moon(law
 
 
 @pytest.mark.parametrize("law", ["anti_sun", "sun_pointing"])
-def test_witnesses_do_not_change_who_is_seen(law, monkeypatch):
-    """For wide limits about the Sun line the fields that spare the search find what the search alone finds."""
+def test_precomputed_fields_do_not_change_the_result(law, monkeypatch):
+    """For wide limits about the Sun line the precomputed fields give the same stars as the complete search."""
     wide = deg(-20, 20)
     envelope = plan(replace(REQUEST, attitude=AttitudeLimits(law, wide, wide, wide))).envelope
     stars = load_stars(5.0).icrs
@@ -101,7 +101,7 @@ def test_requests_come_back_from_their_parameters():
 
 
 def test_a_manifest_of_version_1_is_still_read():
-    """A paper without the newer facts, with its own hash, reads back as it was and keeps its hash."""
+    """A manifest without the newer fields is read unchanged and keeps its hash."""
     content = build(REQUEST, load_stars()).manifest.as_dict()
     old = {name: value for name, value in content.items() if name not in (*SINCE_2, "manifest_sha256")} | {"version": 1}
     text = json.dumps(old, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -113,7 +113,7 @@ def test_a_manifest_of_version_1_is_still_read():
 
 
 def test_the_default_build_keeps_its_bytes():
-    """The documents' case gives the image that it gave before there were switches."""
+    """The documents' case gives the same image as before corrections were introduced."""
     request = replace(REQUEST, rules=SelectionRules(6.0))
     assert build(request, load_stars()).sha256 == "b41e1832fd0b29fa0f0b1b89b13bb77291a08e6614b906ca2ce8beb753d2a254"
     assert preview(request, load_stars()).pairs == 2783

@@ -64,7 +64,7 @@ def test_a_right_angle_is_the_limit() -> None:
 
 
 def test_an_empty_directory_has_no_ranges() -> None:
-    """No pair, no hit, no error."""
+    """An empty table returns no pairs and raises no error."""
     nothing = sin2_directory(distance_table(load_stars(0.0), 0.0, 1e-6), 4)
     start, end = nothing.ranges(np.array([0.1]), np.array([0.2]))
     assert (len(nothing), int(start[0]), int(end[0])) == (0, 0, 0)
@@ -87,7 +87,7 @@ def test_the_brightest_of_each_field_are_kept() -> None:
     assert reduced.per_field.min() >= 8
 
 
-def test_the_documents_540_stars_come_out_for_a_36_degree_square() -> None:
+def test_a_36_degree_square_gives_the_documents_540_stars() -> None:
     """Eight brightest per 36° square of V < 6: about 540 of 5 060 stars (Huffman 2006 §5.5.4; dossier §3.17: 546)."""
     stars = load_stars(6.0)
     reduced = reduce_catalogue(stars, square_field(np.radians(36)), survey_attitudes(np.radians(2)), 8)
@@ -96,7 +96,7 @@ def test_the_documents_540_stars_come_out_for_a_36_degree_square() -> None:
 
 
 def test_a_circle_may_replace_the_field() -> None:
-    """In every disc the stars kept are the four brightest or, where there are fewer, all."""
+    """Every disc keeps its four brightest stars, or all if there are fewer."""
     stars, radius_rad = load_stars(3.0), np.radians(20)
     attitudes = survey_attitudes(np.radians(15))
     reduced = reduce_catalogue(stars, CircularField(radius_rad), attitudes, 4)

@@ -73,7 +73,7 @@ def _sphere(seed: int, count: int) -> Array:
 
 
 def test_default_is_proper_motion_and_nothing_else() -> None:
-    """Without a switch touched the sky is the propagated table, to the bit."""
+    """With default corrections the sky equals the propagated table bit for bit."""
     stars = load_stars(6.0)
     sky = corrected(stars, Corrections(), YEAR)
     moved = propagate(stars, YEAR)

@@ -39,7 +39,7 @@ def test_whole_hipparcos_is_whole() -> None:
 
 
 def test_front_of_the_whole_is_the_table_to_v_8() -> None:
-    """Nothing changes for who asks for V 8 or brighter."""
+    """Requests for V 8 or brighter give the same stars from both tables."""
     whole, main = load_hipparcos(), load_stars()
     front = whole.take(np.arange(len(main)))
     assert np.array_equal(front.hip, main.hip)
@@ -50,7 +50,7 @@ def test_front_of_the_whole_is_the_table_to_v_8() -> None:
 
 
 def test_too_deep_for_hipparcos_is_refused() -> None:
-    """A limit beyond the catalogue is a mistake."""
+    """A limit beyond the catalogue is rejected."""
     with pytest.raises(BadInput, match="not that deep"):
         load_hipparcos(15.0)
 
@@ -66,14 +66,14 @@ def test_too_deep_for_hipparcos_is_refused() -> None:
     ],
 )
 def test_damaged_table_is_found_on_load(spoil, text) -> None:  # type: ignore[no-untyped-def]
-    """Epoch, brightest stars, count, numbers and positions are looked at before a table is used."""
+    """Epoch, brightest stars, count, numbers and positions are checked before a table is used."""
     hipparcos._check(load_stars(), 8.0)
     with pytest.raises(CorruptData, match=text):
         hipparcos._check(spoil(load_stars()), 8.0)
 
 
 def test_tables_of_two_epochs_are_not_joined() -> None:
-    """Rows of different years in one table would be a trap."""
+    """Rows of different epochs cannot be combined in one table."""
     stars = load_stars(3.0)
     with pytest.raises(BadInput, match="two epochs"):
         joined(stars, propagate(stars, 2016.0))
@@ -139,7 +139,7 @@ def test_gaia_and_hipparcos_agree_on_their_common_stars(gaia_stars) -> None:  # 
 
 
 def test_bright_end_is_hipparcos_and_has_no_doubles(gaia_stars) -> None:  # type: ignore[no-untyped-def]
-    """All stars to V 8 of the main table are there as they are, and no Gaia row lies within 10″ of one."""
+    """All stars to V 8 of the main table are included unchanged, and no Gaia row lies within 10″ of one."""
     main = propagate(load_stars(), 2016.0)
     rows = gaia_stars.take(np.isin(gaia_stars.hip, main.hip))
     assert len(rows) == len(main)
@@ -150,7 +150,7 @@ def test_bright_end_is_hipparcos_and_has_no_doubles(gaia_stars) -> None:  # type
 
 
 def test_no_two_rows_are_one_star(gaia_stars) -> None:  # type: ignore[no-untyped-def]
-    """Below 0.3″, where Gaia itself parts no stars, there are hardly any pairs, and none of equal number space."""
+    """Below 0.3″, the resolution of Gaia, there are few pairs, and none within one catalogue."""
     pairs = cKDTree(gaia_stars.icrs).query_pairs(0.18 * ARCSEC_RAD, output_type="ndarray")
     assert len(pairs) <= 2
 

@@ -46,8 +46,8 @@ def _same(a: StarTable, b: StarTable, names: bool = True) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_is_written_is_read_again(kind: str) -> None:
-    """Every kind of file gives back the table: all columns, epoch, flags and names (ASCII in FITS)."""
+def test_an_exported_list_reads_back(kind: str) -> None:
+    """Every file format restores the table: all columns, epoch, flags and names (ASCII in FITS)."""
     stars = load_stars(4.5)
     found = read_star_list(write_star_list(stars, kind), kind)
     _same(stars, found.stars, names=kind != "fits")
@@ -63,8 +63,8 @@ def test_what_is_written_is_read_again(kind: str) -> None:
     kind=st.sampled_from(("csv", "fits")),
     epoch=st.floats(1900, 2100),
 )
-def test_any_table_survives_the_way_out_and_in(ra: list[float], seed: int, kind: str, epoch: float) -> None:
-    """Places anywhere, poles included, negative parallaxes and unknown colours come back to a nanoarcsecond."""
+def test_any_table_survives_export_and_import(ra: list[float], seed: int, kind: str, epoch: float) -> None:
+    """Positions including the poles, negative parallaxes and unknown colours are restored to a nanoarcsecond."""
     rng = np.random.default_rng(seed)
     n = len(ra)
     dec = rng.choice([-90.0, 90.0, 0.0, 89.9999999, *rng.uniform(-90, 90, 5)], n)
@@ -85,7 +85,7 @@ def test_any_table_survives_the_way_out_and_in(ra: list[float], seed: int, kind:
 
 
 def test_foreign_columns_and_units_are_understood() -> None:
-    """Names as catalogues have them, units in the name, any order, other columns left alone."""
+    """Column names of public catalogues, units in names and any order are accepted; other columns are ignored."""
     data = b"Vmag;comment;DE_ICRS;RA_ICRS;pmDE;pmRA;Plx;HIP;B-V\n3.76;x;-7.033;97.204;-4.66;-7.02;4.78;30867;-0.1\n"
     found = read_star_list(data, "csv", ListMapping(epoch_jyear=1991.25))
     assert found.frame == "icrs"
@@ -109,8 +109,8 @@ def test_foreign_columns_and_units_are_understood() -> None:
         ("97.2043333", "-421.98", {"dec": "arcmin"}),
     ],
 )
-def test_places_in_any_unit(ra: str, dec: str, units: dict[str, str]) -> None:
-    """Degrees, hours, radians and sexagesimal text give one place."""
+def test_positions_in_any_unit(ra: str, dec: str, units: dict[str, str]) -> None:
+    """Degrees, hours, radians and sexagesimal text give the same position."""
     found = read_star_list(_csv(f"1,{ra},{dec},3.76"), "csv", replace(SAID, units=units))
     expected = unit_from_ra_dec(np.radians(97.2043333), np.radians(-7.0330))
     assert separation_rad(found.stars.icrs[0], expected) < 0.05 * ARCSEC_RAD
@@ -135,7 +135,7 @@ def test_small_negative_declinations_keep_their_sign() -> None:
     ],
 )
 def test_units_of_motion_in_many_spellings(text: str, unit: str) -> None:
-    """CDS, astropy and people write units differently."""
+    """Spellings of CDS, astropy and common usage are accepted."""
     assert plain_unit("pm_ra", text) == unit
 
 
@@ -160,7 +160,7 @@ def test_other_frames_become_icrs_as_in_astropy(frame: str, tolerance_mas: float
     assert separation_rad(found.stars.icrs, expected).max() < tolerance_mas * MAS_RAD
 
 
-def test_a_files_own_words_are_believed() -> None:
+def test_epoch_and_frame_are_read_from_the_file() -> None:
     """Epoch and frame in comments of a CSV, in the meta of an ECSV, the header of a FITS file, or a VOTable's COOSYS."""
     csv = b"# epoch = J2016.0\n# frame: ICRS\n" + _csv("1,10,20,3")
     assert read_star_list(csv, "csv").epoch_jyear == 2016.0
@@ -229,7 +229,7 @@ def test_bad_row_is_dropped_with_row_column_and_reason(row: str, column: str, re
 
 
 def test_too_fast_and_too_near_stars_are_dropped() -> None:
-    """Proper motions in the wrong unit betray themselves."""
+    """Implausible proper motions reveal a wrong unit."""
     head = "hip,ra,dec,v,pm_ra,pm_dec,plx"
     found = read_star_list(_csv("1,1,1,3,30000,0,1", "2,1,2,3,0,0,5000", "3,1,3,3,,,", head=head), "csv", SAID)
     assert [d.reason for d in found.dropped] == ["no star moves so fast", "no star is so near"]
@@ -284,7 +284,7 @@ def test_an_unreadable_list_is_rejected(data: bytes, kind: str, mapping: ListMap
     cut=st.integers(0, 4000) | st.none(),
 )
 def test_damaged_files_never_break_the_reader(kind: str, where: int, with_what: bytes, cut: int | None) -> None:
-    """Overwritten and cut files give stars or bad input, and no other failure."""
+    """Corrupted and truncated files give stars or BadInput, and no other error."""
     whole = bytearray(_SMALL[kind])
     whole[where % len(whole) : where % len(whole) + len(with_what)] = with_what
     with warnings.catch_warnings():
@@ -298,7 +298,7 @@ def test_damaged_files_never_break_the_reader(kind: str, where: int, with_what: 
 
 
 def test_compressed_files_are_not_unpacked() -> None:
-    """A small file that would become a huge one is refused as it is."""
+    """Compressed files are rejected, because a small one can expand to a huge one."""
     for kind in KINDS:
         with pytest.raises(BadInput, match="compressed"):
             read_star_list(gzip.compress(_SMALL[kind]), kind)
@@ -330,7 +330,8 @@ def test_hours_used_as_degrees_raise_a_question() -> None:
 
 
 def test_long_and_verbal_numbers_become_names() -> None:
-    """Gaia's numbers and designations do not fit: rows are numbered and carry them as names; twice is still twice."""
+    """Gaia's numbers and designations do not fit: rows are numbered and the designations become names; duplicates are still
+    detected."""
     long = read_star_list(_csv("4295806720,1,1,3", "34361129088,2,2,3", "4295806720,3,3,3"), "csv", SAID)
     assert long.stars.hip.tolist() == [1, 2]
     assert long.stars.name_of(1) == "4295806720"
@@ -349,8 +350,8 @@ def test_numbers_of_other_lists_are_not_hipparcos_numbers() -> None:
     assert read_star_list(_csv("7001,1,1,3"), "csv", SAID).stars.name_of(7001) == "HIP 7001"
 
 
-def test_list_without_motions_says_so() -> None:
-    """Places without proper motions stay where they are, are flagged, and the report says for which year they hold."""
+def test_a_list_without_motions_is_reported() -> None:
+    """Positions without proper motions are unchanged and flagged, and the report states their epoch."""
     found = read_star_list(_csv("1,1,1,3"), "csv", SAID)
     assert found.notes == ("no proper motions: positions stay those of J2000",)
     assert np.all(found.stars.flags & FLAG_NO_PROPER_MOTION)
@@ -364,7 +365,7 @@ def test_only_the_first_hundred_bad_rows_are_listed() -> None:
 
 
 def test_a_hundred_thousand_rows_are_read() -> None:
-    """A long list is read whole, with each bad row found."""
+    """A long list is read completely, and each bad row is reported."""
     n = 100_000
     rng = np.random.default_rng(0)
     ra, dec, v = rng.uniform(0, 360, n).round(6), rng.uniform(-90, 90, n).round(6), rng.uniform(0, 12, n).round(2)

@@ -1,4 +1,4 @@
-"""The field on its way through the envelope."""
+"""Path of the field of view through the envelope."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def deg(*values):
 
 
 def test_every_field_of_an_orbit_lies_inside_the_envelope():
-    """A camera that looks to the zenith comes once round; nothing that it shows is outside what the envelope promises."""
+    """A zenith camera completes one revolution; everything that it sees lies inside the envelope."""
     band = BandEnvelope(
         SHAPE, AttitudeLimits("zenith", deg(-2, 2), deg(-2, 2), deg(0, 0)), from_elements(deg(97, 97), deg(30, 30))
     )
@@ -32,7 +32,7 @@ def test_every_field_of_an_orbit_lies_inside_the_envelope():
 
 
 def test_a_camera_away_from_the_sun_follows_it_from_the_first_to_the_last_day():
-    """Over a validity both ends are there; a camera fixed among the stars has one field, the whole sky none."""
+    """The path covers both ends of the validity; an inertially fixed camera has one field, the whole sky has none."""
     patch = PatchEnvelope(SHAPE, AttitudeLimits("anti_sun", deg(-5, 5), deg(-5, 5)), deg(10, 40))
     way = sweep(patch, SHAPE)
     assert way.over == "validity"

@@ -96,7 +96,8 @@ def test_rivals_predict_where_the_voting_matcher_fails(tolerance, times):
 
 
 def test_map_knows_its_envelope_and_its_holes():
-    """NaN outside, infinite where fewer than three stars are, finite elsewhere; the worst place is inside."""
+    """NaN outside the envelope, infinite where fewer than three stars are visible, finite elsewhere; the worst position is
+    inside."""
     stars = load_stars(4.5).brighter_than(4.5)
     envelope = sunsat(133, 149)
     made = ambiguity_map(stars.icrs, envelope, SUNSAT.equal_circle_rad, 3e-4, np.radians(14))
@@ -201,7 +202,7 @@ def test_screening_marks_doubles_variables_and_fast_stars():
 
 @pytest.mark.parametrize("bad", [{"tolerance_mag": 0.0}, {"tolerance_rad": -1.0}, {"arc_rad": 4.0}, {"area_sr": 0.0}])
 def test_impossible_tolerances_are_named(bad):
-    """Tolerances, arcs and areas that cannot be."""
+    """Impossible tolerances, arcs and areas are rejected."""
     with pytest.raises(BadInput, match="must be possible"):
         false_matches(np.array([5.0]), **bad)
 
@@ -250,7 +251,7 @@ def test_a_camera_away_from_the_sun_drifts_a_degree_a_day():
     "bad", [{"threshold": 0.0}, {"threshold": 1.5}, {"longest_days": 0.0}, {"rate_rad_day": float("nan")}]
 )
 def test_impossible_lifetimes_are_named(bad):
-    """Thresholds and drifts that cannot be."""
+    """Impossible thresholds and drifts are rejected."""
     with pytest.raises(BadInput):
         lifetime(sunsat(0, 1), **({"rate_rad_day": 0.01} | bad))
 
@@ -313,7 +314,7 @@ def test_blocks_cross_0h_and_the_pole():
 
 
 def test_steps_end_at_the_maximum_if_they_fit():
-    """From the minimum by the step, as in a loop of the time; a step of nothing is bad input."""
+    """From the minimum by the step, as in a loop of the time; a step of zero raises BadInput."""
     assert np.degrees(stepped(deg(-10, 10), deg(5)[0])) == pytest.approx([-10, -5, 0, 5, 10])
     assert np.degrees(stepped(deg(133, 149), deg(5)[0])) == pytest.approx([133, 138, 143, 148])
     with pytest.raises(BadInput, match="step of yaw"):

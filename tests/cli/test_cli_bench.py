@@ -1,4 +1,4 @@
-"""``gss bench`` as a user meets it: tables and pictures in, one part of a camera out, sentences for what cannot be."""
+"""``gss bench`` on the command line: tables and pictures in, camera parameters out, messages for invalid input."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_pictures_without_a_board_are_rejected(tmp_path: Path, capsys: pytest.Ca
     assert "too few pictures" in capsys.readouterr().err
 
 
-def test_what_the_bench_cannot_use_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_bench_input_is_rejected_with_a_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Bad tables, missing cameras and settings: exit code 2 and a sentence."""
     short, words = tmp_path / "short.csv", tmp_path / "words.csv"
     short.write_text("col,row\n1,2\n3\n")

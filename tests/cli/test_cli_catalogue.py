@@ -41,7 +41,7 @@ def run(*arguments):
 
 
 def test_sunsat_two_weeks_as_json(capsys):
-    """The command that others rely on prints what they rely on, negative ranges and all."""
+    """The JSON output has the documented fields, also for negative ranges."""
     assert run(*SUNSAT, "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     promised = [
@@ -77,13 +77,13 @@ def test_written_image_and_manifest_belong_together(tmp_path, capsys):
 
 
 def test_whole_sky_without_an_orbit(capsys):
-    """Without an orbit: the whole sky, for CubeStar, for ever."""
+    """Without an orbit CubeStar's catalogue covers the whole sky and does not expire."""
     assert run("--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["profile"], facts["stars"], facts["valid_to"]) == ("cubestar", 411, None)
 
 
-def test_tle_is_the_other_way_in(tmp_path, capsys):
+def test_a_tle_defines_the_orbit(tmp_path, capsys):
     """A TLE with a first day and a number of days."""
     path = tmp_path / "iss.tle"
     path.write_text(TLE)
@@ -126,18 +126,18 @@ def test_camera_held_still(capsys):
         ("--out /no/such/folder/file", BadInput, "cannot be written"),
     ],
 )
-def test_bad_input_is_a_clear_sentence(arguments, error, words):
+def test_bad_input_has_a_clear_message(arguments, error, words):
     """Each mistake raises the error that ends in exit code 2 and one sentence."""
     with pytest.raises(error, match=words):
         run(*arguments.split())
 
 
 @pytest.mark.parametrize("text", ["ten", "1:2:3", ":", "5:"])
-def test_range_that_is_none_is_refused(text, capsys):
+def test_an_invalid_range_is_rejected(text, capsys):
     """A range is MIN:MAX or a number; anything else ends with exit code 2 and says so."""
     with pytest.raises(SystemExit, match="2"):
         parse("--roll-deg", text)
-    assert "expected MIN:MAX or one number in degrees" in capsys.readouterr().err
+    assert "Expected MIN:MAX or one number in degrees" in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -152,7 +152,7 @@ def two_weeks(tmp_path, capsys):
 
 
 def test_show_checks_and_says_what_is_inside(two_weeks, capsys):
-    """show reads image and manifest, and refuses one changed byte."""
+    """``show`` reads image and manifest, and rejects one changed byte."""
     assert do("show", str(two_weeks[0]), "--json") == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["stars"], facts["profile"], facts["frame"]) == (144, "sunsat", "ICRS")
@@ -165,7 +165,7 @@ def test_show_checks_and_says_what_is_inside(two_weeks, capsys):
 
 
 def test_diff_lists_added_and_removed_stars(two_weeks, capsys):
-    """Two weeks on, part of the sky is new, part is gone, and what stays has not moved."""
+    """After two weeks some stars are added and some removed; the others have not moved."""
     assert do("diff", *map(str, two_weeks), "--json") == 0
     d = json.loads(capsys.readouterr().out)
     assert len(d["dropped"]) + d["same"] == 144

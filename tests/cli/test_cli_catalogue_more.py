@@ -1,4 +1,4 @@
-"""gss catalogue: sources, corrections, what hides the sky, reports, differences and tables that come back."""
+"""gss catalogue: sources, corrections, occultation, reports, differences and tables that read back."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def facts(capsys):
     return json.loads(capsys.readouterr().out)
 
 
-def test_a_build_with_everything_on_names_what_was_applied(tmp_path, capsys):
+def test_a_build_with_all_options_reports_them(tmp_path, capsys):
     """Corrections, baffles and the Earth are in the figures and the manifest; the report is one page; a table comes back."""
     image, page = tmp_path / "a.bin", tmp_path / "a.html"
     more = "--altitude-km 800 --earth --sun-deg --moon-deg 20 --correct annual_aberration --correct orbital_aberration"
@@ -62,7 +62,7 @@ def test_a_build_with_everything_on_names_what_was_applied(tmp_path, capsys):
     assert (same["same"], same["added"], same["circles_poorer"]) == (found["stars"], [], 0)
 
 
-def test_a_list_of_ones_own_is_a_source(tmp_path, capsys):
+def test_a_users_star_list_is_a_source(tmp_path, capsys):
     """A CSV list becomes a catalogue whose manifest names it."""
     path = tmp_path / "mine.csv"
     path.write_bytes(write_star_list(load_stars(3.0), "csv"))
@@ -71,8 +71,8 @@ def test_a_list_of_ones_own_is_a_source(tmp_path, capsys):
     assert (found["source"], found["stars"]) == ("list", len(load_stars(2.5)))
 
 
-def test_a_list_for_another_camera_is_refused_here_too(tmp_path, capsys):
-    """A file that says its camera is for no other one; what names no profile is for any."""
+def test_a_list_for_another_camera_is_rejected_by_the_command(tmp_path, capsys):
+    """A file that names a camera is accepted for that camera only; a file without a name is accepted for any."""
     path = tmp_path / "mine.csv"
     data = write_star_list(load_stars(3.0), "csv")
     path.write_bytes(b"# camera = sunsat\n" + data)
@@ -139,7 +139,7 @@ def test_each_bad_input_is_a_sentence(arguments, words):
     ],
 )
 def test_bad_tles_are_named(tmp_path, text, date, words):
-    """A wrong checksum, dates that it is not good for, and an orbit below the ground."""
+    """A wrong checksum, dates outside the validity, and an orbit below the ground are rejected."""
     path = tmp_path / "a.tle"
     path.write_text(text)
     with pytest.raises(BadInput, match=words):
@@ -158,8 +158,8 @@ def test_invalid_rows_of_a_list_end_the_build_on_request(tmp_path, rows, words):
 
 
 @pytest.mark.parametrize("days", ["nan", "inf", "1e300", "-1"])
-def test_a_timeline_has_believable_days(days):
-    """Days that no calendar has are refused with the range, before any store is opened."""
+def test_a_timeline_needs_valid_days(days):
+    """Days outside the calendar are rejected with the valid range, before any store is opened."""
     with pytest.raises(BadInput, match="0 to 36525"):
         do("timeline", f"--days={days}")
 
@@ -172,7 +172,7 @@ def test_a_name_is_on_one_line(name):
 
 
 def test_a_deeply_nested_manifest_is_rejected(tmp_path):
-    """A hundred thousand brackets are refused with words."""
+    """A file of 100 000 brackets is rejected with a message."""
     (tmp_path / "a.bin").write_bytes(b"x")
     (tmp_path / "a.bin.json").write_text("[" * 100_000)
     with pytest.raises(CorruptData, match="not a catalogue manifest"):

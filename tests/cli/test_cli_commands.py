@@ -15,7 +15,7 @@ def test_every_command_of_the_table_is_registered_by_its_module():
 
 
 def test_help_imports_no_science():
-    """Asking what there is loads neither numpy nor a module of a command."""
+    """``gss --help`` loads neither numpy nor a module of a command."""
     code = "import sys; from gss.cli import main\ntry: main(['--help'])\nexcept SystemExit: pass\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = done.stdout.splitlines()[-1].split()

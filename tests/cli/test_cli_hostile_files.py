@@ -1,4 +1,4 @@
-"""Files on the command line that are made to take for ever: one sentence and exit code 2."""
+"""Malicious files that would take for ever are rejected with one message and exit code 2."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 def test_a_hostile_star_list_is_refused(
     name: str, tmp_path: Path, hostile: ModuleType, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """``gss catalogue build --list`` says what is wrong with it."""
+    """``gss catalogue build --list`` names the reason."""
     path = tmp_path / name
     path.write_bytes(hostile.content(name))
     out = str(tmp_path / "bank.bin")
@@ -39,7 +39,7 @@ def test_a_hostile_star_list_is_refused(
 def test_a_hostile_frame_is_refused(
     name: str, tmp_path: Path, hostile: ModuleType, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """``gss solve`` and ``gss analyse`` say what it would unpack to."""
+    """``gss solve`` and ``gss analyse`` state the unpacked size."""
     path = tmp_path / name
     path.write_bytes(hostile.content(name))
     assert "too large when it is unpacked" in refused(["solve", str(path), "--blind"], capsys)

@@ -1,4 +1,4 @@
-"""``gss calibrate`` and ``gss analyse`` as a user meets them: files in, figures out, sentences for what cannot be."""
+"""``gss calibrate`` and ``gss analyse`` on the command line: files in, figures out, messages for invalid input."""
 
 from __future__ import annotations
 
@@ -68,8 +68,10 @@ def test_a_night_is_analysed_from_files(night: list[str], tmp_path: Path, capsys
     assert "<svg" in sheet.read_text()
 
 
-def test_what_cannot_be_is_said(night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Unknown kinds, cameras and files, missing rates, and reports of no kind: exit code 2 and a sentence."""
+def test_invalid_input_is_rejected_with_a_message(
+    night: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Unknown kinds, cameras, files and report formats, and missing rates: exit code 2 and a message."""
     wrong = (
         (["analyse", "earth-fixed", "nothing.fits", "--camera", "cubestar"], "cannot be read"),
         (["analyse", "tides", night[0], "--camera", "cubestar"], "unknown analysis"),
@@ -89,10 +91,11 @@ def test_what_cannot_be_is_said(night: list[str], tmp_path: Path, capsys: pytest
         assert words in capsys.readouterr().err
 
 
-def test_stored_frames_go_out_as_fits_and_say_what_their_sky_is_without(
+def test_stored_frames_are_exported_as_fits_with_the_corrections_of_their_sky(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A simulated frame leaves the store as FITS; read again, nothing is taken out of a sky that was drawn without aberration."""
+    """A simulated frame is exported as FITS; when it is read again, aberration is not corrected in a sky that was rendered
+    without it."""
     services = build(Settings(data=tmp_path / "store"))
     attitude = cam_from_icrs(1.4, 0.2, 0.5)
     image = render(

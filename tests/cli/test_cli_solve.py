@@ -1,4 +1,4 @@
-"""``gss solve`` as a user meets it: output, exit codes, sentences."""
+"""``gss solve`` on the command line: output, exit codes, messages."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def gss(*arguments: str) -> int:
 
 
 def test_json_has_the_attitude_and_its_errors(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One JSON object with all promised keys, the right place, the image's own epoch, exit code 0."""
+    """One JSON object with all documented keys, the correct attitude, the epoch of the image, exit code 0."""
     assert gss(str(sky_file), "--camera", "cubestar", "--json") == 0
     out = json.loads(capsys.readouterr().out)
     assert {
@@ -138,7 +138,7 @@ def test_several_files_continue_after_an_invalid_one(
     assert json.loads(capsys.readouterr().out)["outcome"] == "solved"
 
 
-def test_exactly_one_way_to_know_the_camera(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_exactly_one_camera_option_is_required(sky_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No camera option or two of them are refused by the parser."""
     for options in ([], ["--blind", "--camera", "cubestar"], ["--fov-deg", "wide"]):
         with pytest.raises(SystemExit) as stop:
@@ -230,7 +230,7 @@ def test_invalid_hints_and_truths_are_rejected(
 ) -> None:
     """Exit code 2 and a message."""
     assert main(["solve", str(tmp_path / "x.png"), "--camera", "cubestar", *options]) == 2
-    assert "expected" in capsys.readouterr().err
+    assert "Expected" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -244,10 +244,10 @@ def test_invalid_hints_and_truths_are_rejected(
         (("--utc", "2026-12-01", "--tle", "."), "expected a two-line element set"),
     ],
 )
-def test_impossible_circumstances_are_named(
+def test_impossible_exposures_and_times_are_rejected(
     sky_file: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], words: str
 ) -> None:
-    """Exposures and times that no image has and a missing element set: one sentence, exit code 2."""
+    """Impossible exposures and times and a missing element set: one message, exit code 2."""
     assert gss(str(sky_file), "--camera", "cubestar", *more) == 2
     errors = capsys.readouterr().err
     assert words in errors

@@ -1,4 +1,4 @@
-"""``gss solve-lists`` as a user meets it: formats, output, exit codes, sentences."""
+"""``gss solve-lists`` on the command line: formats, output, exit codes, messages."""
 
 from __future__ import annotations
 

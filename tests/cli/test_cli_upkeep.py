@@ -35,8 +35,8 @@ def folder(tmp_path):
     return folder
 
 
-def test_what_the_shell_backs_up_it_puts_back_and_finds_whole(folder, tmp_path, capsys):
-    """The way of docs/upkeep.md; a backup with --keep 1 removes those before, but not while the clock, months after the last
+def test_a_backup_is_restored_and_checked_from_the_shell(folder, tmp_path, capsys):
+    """The procedure of docs/upkeep.md; a backup with --keep 1 removes those before, but not while the clock, months after the last
     row, is unconfirmed; a full folder is refused."""
     backup = ["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--keep", "1", "--json"]
     for _ in range(2):
@@ -116,8 +116,8 @@ def test_retention_reports_its_effect_and_rejects_a_wrong_folder(folder, tmp_pat
     assert main(["restore", str(tmp_path / "nowhere"), "--into", str(tmp_path / "x")]) == 2
 
 
-def test_what_cannot_be_is_one_line_and_no_traceback(folder, tmp_path, capsys, monkeypatch):
-    """An empty seal, a file where a folder should be, a setting that is none: exit code 2 where the input is at fault."""
+def test_invalid_input_gives_one_line_without_a_traceback(folder, tmp_path, capsys, monkeypatch):
+    """An empty seal, a file in place of a folder, an invalid setting: exit code 2 if the input is the cause."""
     assert main(["backup", "--data", str(folder), "--to", str(tmp_path / "safe"), "--json"]) == 0
     made = json.loads(capsys.readouterr().out)
     (tmp_path / "safe" / made["name"] / "manifest.sha256").write_text("")

@@ -141,7 +141,7 @@ def test_bad_options_end_with_code_2(options: list[str], capsys: pytest.CaptureF
     assert main(["--instrument", "cubestar", *options]) == 2
     said = capsys.readouterr()
     assert said.out == ""
-    assert "expected" in said.err
+    assert "Expected" in said.err
 
 
 def test_gss_simulate_is_the_same_process(tmp_path: Path) -> None:

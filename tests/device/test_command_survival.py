@@ -1,4 +1,4 @@
-"""Commands during failures: silence, resets, lost lines, other dictionaries, noise."""
+"""Commands during failures: no response, resets, lost lines, other dictionaries, noise."""
 
 from __future__ import annotations
 

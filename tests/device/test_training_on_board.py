@@ -206,5 +206,5 @@ def test_a_plan_runs_automatically(bench: Bench) -> None:
     bench.device.training.plan(plan)
     bench.run(100.0)
     texts = [e.text for e in bench.device_events("TRAINING")]
-    assert sum(not t.endswith("is over") for t in texts) == len(plan)
+    assert sum(not t.endswith("ended") for t in texts) == len(plan)
     assert bench.status()["training_faults"] == 0

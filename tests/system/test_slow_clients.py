@@ -98,7 +98,7 @@ def abort_s(server: Served) -> float:
     """Seconds until ABORT on a new connection is answered; there is no line, so that the answer is 409."""
     begun_s = time.monotonic()
     reply = httpx2.post(f"{server.address}/api/commands/abort", headers=server.headers, timeout=30)
-    assert (reply.status_code, reply.json()["message"]) == (409, "ABORT was not sent: the line is down")
+    assert (reply.status_code, reply.json()["message"]) == (409, "ABORT was not sent: the line is down.")
     return time.monotonic() - begun_s
 
 

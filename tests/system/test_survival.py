@@ -78,7 +78,7 @@ def test_line_that_vanishes_and_returns_is_opened_again(serve, simulator):
     server.console.post("/link/close", status=200)
     server.console.wait("the line to close", lambda: not server.console.get("/link")["connected"])
     refused = server.console.http.post("/commands", json={"name": "GET_STATUS"})
-    assert (refused.status_code, refused.json()["message"]) == (409, "the line is down")
+    assert (refused.status_code, refused.json()["message"]) == (409, "The line is down.")
     server.console.post("/link/open", {"url": simulator}, status=200)
     server.console.wait(
         "the sensor again",

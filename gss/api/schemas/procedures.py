@@ -18,7 +18,7 @@ class ProcedureTextIn(In):
 
 
 class ProcedureBranchOut(Out):
-    """Where a step leads: ``when`` an expression, an answer or "else" applies."""
+    """Branch of a step. ``when``: the expression or answer for which it is taken, or "else"."""
 
     when: str
     target: str
@@ -46,7 +46,7 @@ class MistakeOut(Out):
 
 
 class ProcedureCheckOut(Out):
-    """A procedure as it was read; it can start if it has no mistakes."""
+    """Result of parsing a procedure. A procedure without mistakes can start."""
 
     title: str
     introduction: str
@@ -83,7 +83,7 @@ class ProceduresOut(Out):
 
 
 class ProcedureStartIn(In):
-    """How to start. ``automatic``: run step after step until a person is needed."""
+    """How to start. ``automatic``: run the steps one after another until one needs a user."""
 
     automatic: bool = False
 
@@ -99,26 +99,26 @@ class StepRunIn(In):
 
 
 class StepSkipIn(In):
-    """Step to skip, and why."""
+    """Step to skip, and the reason."""
 
     step: str = Field(max_length=40)
     reason: str = Field(min_length=1, max_length=500)
 
 
 class AutomaticIn(In):
-    """Whether the following steps run without a person."""
+    """Whether the following steps run without a user."""
 
     automatic: bool
 
 
 class ReasonIn(In):
-    """Why a run is stopped."""
+    """Reason for stopping a run."""
 
     reason: str = Field(default="", max_length=500)
 
 
 class ProcedureEntryOut(Out):
-    """A step as it was run."""
+    """Record of an executed step."""
 
     step: str
     title: str

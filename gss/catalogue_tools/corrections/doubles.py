@@ -4,7 +4,7 @@
 and a blend that does not look like one star is rejected (Moniteq 1983 §2.2). ``huffman``: every group closer than the
 lens's resolving power becomes one entry (Huffman 2006 §5.5.4, eqs. 6.1 and 6.2). ``erlank_combine`` and
 ``erlank_keep``: the two options of Erlank 2013 §4.3.2, one star at the averaged position, or both left in the list.
-``drop`` (our own): remove every star whose image is disturbed by a neighbour.
+``drop`` (policy of GSS): remove every star whose image is disturbed by a neighbour.
 """
 
 from __future__ import annotations

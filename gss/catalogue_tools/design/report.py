@@ -98,8 +98,8 @@ class MagnitudeLimits:
 class DesignReport:
     """Results for one camera.
 
-    ``looks``: number of pointings behind the curves. ``two_stage`` None: it would be too long. ``baffle_problem``: why
-    there is no baffle, empty if there is one.
+    ``looks``: number of pointings behind the curves. ``two_stage`` None: a two-stage baffle would be too long.
+    ``baffle_problem``: why there is no baffle, empty if there is one.
     """
 
     request: DesignRequest
@@ -204,7 +204,7 @@ def _check(limits: MagnitudeLimits, stars: StarTable) -> None:
     brightest = float(stars.v_mag[0])
     if limits.in_force_mag < brightest:
         raise BadInput(
-            "this camera sees no star at all",
+            "this camera detects no star",
             expected=f"a limit fainter than V {brightest:.2f}, the brightest star",
             got=f"V {limits.in_force_mag:.2f}",
             hint="a longer exposure, a faster lens, or less noise",
@@ -215,18 +215,20 @@ def _notes(request: DesignRequest, limits: MagnitudeLimits, counted: InView) -> 
     c, notes = request.camera, []
     if limits.in_force_mag > COMPLETE_V_MAG:
         notes.append(
-            f"The limit V {limits.in_force_mag:.2f} is beyond V {COMPLETE_V_MAG}, where Hipparcos stops being whole: star "
+            f"The limit V {limits.in_force_mag:.2f} is beyond V {COMPLETE_V_MAG}, above which Hipparcos is incomplete: star "
             "counts are lower bounds, accuracies are upper bounds."
         )
     if limits.saturation_mag > limits.in_force_mag:
-        notes.append("Every star that is found saturates: the exposure is too long or the converter too small.")
+        notes.append("Every detected star saturates: the exposure is too long or the converter too small.")
     if c.mag_limit is not None and c.mag_limit > limits.brightest_pixel_mag + 0.005:
         notes.append(
             f"The magnitude limit V {c.mag_limit:.2f} is fainter than the radiometry allows "
             f"(V {limits.brightest_pixel_mag:.2f} at SNR {c.threshold_snr:g})."
         )
     if counted.p_fewer_than(3) > 0.01:
-        notes.append("More than one field in a hundred has fewer than three stars, which no matching survives.")
+        notes.append(
+            "More than one field in a hundred has fewer than three stars, with which no matching method works."
+        )
     return tuple(notes)
 
 

@@ -229,7 +229,7 @@ def _condition(roles: Roles, condition: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_value(field: TelemetryField, op: str, value: Any) -> None:
-    """Raise BadInput for a comparison that could never be decided."""
+    """Raise BadInput for a comparison that the field's type does not support."""
     if field.type == "enum":
         field.choice(str(value))
         fits = op in ("eq", "ne")

@@ -16,7 +16,7 @@ from gss.pipeline.identify.verify import reach_cosine
 from gss.pipeline.loops import loop
 
 PINHOLE, BROWN, BROWN_UNDISTORT, RADIAL_TILT = range(4)
-# Places of a camera's numbers; the lens model's parameters follow.
+# Indices of a camera's numbers in the array; the lens model's parameters follow.
 KIND, COLUMNS, ROWS, FOCAL_COL, FOCAL_ROW, CENTRE_COL, CENTRE_ROW, PIXEL_RAD, REACH, LENS = range(10)
 INVERSE_ERROR = 1e-9
 JACOBI_SWEEPS = 12
@@ -97,7 +97,7 @@ def _tilt(camera, x, y):
 
 @loop
 def distort(camera, x, y):
-    """Return the measured place of an ideal one on the tangent plane."""
+    """Return the measured position of an ideal one on the tangent plane."""
     kind = camera[KIND]
     if kind == PINHOLE:
         return x, y
@@ -120,7 +120,7 @@ def distort(camera, x, y):
 
 @loop
 def undistort(camera, u, v):
-    """Return the ideal place of a measured one on the tangent plane."""
+    """Return the ideal position of a measured one on the tangent plane."""
     kind = camera[KIND]
     if kind == PINHOLE:
         return u, v
@@ -156,7 +156,7 @@ def unproject(camera, col, row):
 
 @loop
 def contains(camera, col, row, margin_px):
-    """True if a place is on the detector or at most ``margin_px`` outside."""
+    """True if a position is on the detector or at most ``margin_px`` outside."""
     low = -margin_px - 0.5
     return col >= low and row >= low and col <= camera[COLUMNS] - 1 - low and row <= camera[ROWS] - 1 - low
 

@@ -11,12 +11,13 @@ from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix, 
 
 EVERY_SECOND_S = (1.0, 2.0, 3.0)
 LONGEST_CURVED = 1.5
-"""Steps ahead up to which the acceleration is used; further ahead its error, which grows with the square, exceeds its use."""
+"""Steps ahead up to which the acceleration is used; further ahead its error, which grows quadratically, exceeds its benefit."""
 
 
 def weights(ages_s: Sequence[float]) -> Array:
-    """(k,) weights of one to three samples of those ages, newest first, for the value now: constant acceleration, constant
-    velocity or the last value. At equal steps they are 2.5, −2, 0.5 (eq. 4.22) and 2, −1 (eq. 4.23)."""
+    """(k,) weights of one to three samples, newest first, that predict the present value: ``ages_s`` are their ages;
+    constant acceleration, constant velocity or the last value. At equal steps they are 2.5, −2, 0.5 (eq. 4.22) and 2, −1
+    (eq. 4.23)."""
     age = np.asarray(ages_s[:3], float)
     if len(age) == 1:
         return np.ones(1)
@@ -30,13 +31,13 @@ def weights(ages_s: Sequence[float]) -> Array:
 
 
 def predict(samples: Array, ages_s: Sequence[float] = EVERY_SECOND_S) -> Array:
-    """Predict the value now of (k, …) samples, newest first; only the newest three are used."""
+    """Predict the present value from (k, …) samples, newest first; only the newest three are used."""
     values = np.asarray(samples, float)[:3]
     return np.asarray(np.tensordot(weights(ages_s[: len(values)]), values, axes=1))
 
 
 def predict_attitude(last: Array, earlier: tuple[Array, ...], ages_s: Sequence[float] = EVERY_SECOND_S) -> Array:
-    """Predict the (3, 3) attitude now from quaternions: the last, and the earlier ones, newest first, with their ages.
+    """Predict the present (3, 3) attitude from the last quaternion and the earlier ones, newest first, with their ages.
 
     The document predicts roll, pitch and yaw relative to the orbit frame. Here the weights are applied to the small rotation
     vectors relative to the last attitude, which have no singularity; the orbital rotation is part of the motion.

@@ -32,7 +32,7 @@ const KEEPALIVE_BYTES = 32_768;
 
 function problemOf(status: number, body: unknown): T.Problem {
   const given = (body ?? {}) as Partial<T.Problem> & { detail?: unknown };
-  const fallback = typeof given.detail === 'string' ? given.detail : `the server answered ${status}`;
+  const fallback = typeof given.detail === 'string' ? given.detail : `The server answered with status ${status}.`;
   return {
     id: given.id ?? '',
     message: given.message ?? fallback,
@@ -74,7 +74,7 @@ export async function fetched(request: Request): Promise<Response> {
     const hint = read
       ? 'The page reads it again when the server is back.'
       : 'The request is not repeated. Check whether it took effect before you repeat it.';
-    throw new ApiError(0, { id: '', message: 'no answer from the server', expected: '', got: '', hint });
+    throw new ApiError(0, { id: '', message: 'No answer from the server.', expected: '', got: '', hint });
   }
   if (response.ok) return response;
   if (response.status === 401 && !OPEN.includes(inside(new URL(request.url).pathname) ?? '')) {

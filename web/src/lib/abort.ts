@@ -6,6 +6,7 @@
  */
 import { ApiError } from '../api/client';
 import type { Abort, Command, Stage } from '../api/types';
+import { sentence } from './sentence';
 
 export const WINDOW_MS = 5_000;
 const PAUSE_MS = 500;
@@ -79,7 +80,7 @@ function isAnswer(error: unknown): error is ApiError {
 export function answerOf(error: unknown, mayHaveLeft: boolean, timedOut: boolean): Answer {
   if (isAnswer(error)) {
     const { message, got } = error.problem;
-    const words = `the server answered ${error.status}: ${message}${got ? ` (${got})` : ''}`;
+    const words = `the server answered ${error.status}: ${message.replace(/\.$/, '')}${got ? ` (${got})` : ''}`;
     if (error.status >= 500) return { fate: 'unknown', reason: words, answered: true };
     return mayHaveLeft
       ? { fate: 'unknown', reason: `an earlier try broke before the server answered; ${words}`, answered: false }
@@ -460,9 +461,4 @@ function ofCommand(command: Command | null): Headline {
         level: 'progress',
       };
   }
-}
-
-function sentence(words: string): string {
-  const text = words.trim();
-  return text && `${text[0]?.toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? '' : '.'}`;
 }

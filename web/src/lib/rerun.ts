@@ -80,8 +80,8 @@ async function fetched(url: string, signal: AbortSignal): Promise<Response> {
   if (response.ok) return response;
   const problem = (await response.json().catch(() => ({}))) as { message?: string; hint?: string };
   throw new Error(
-    `No recording: ${problem.message ?? `the server answered ${response.status}`}` +
-      (problem.hint ? `. ${problem.hint}` : ''),
+    `No recording: ${problem.message ?? `The server answered with status ${response.status}.`}` +
+      (problem.hint ? ` ${problem.hint}` : ''),
   );
 }
 

@@ -25,10 +25,10 @@ describe('the import queue', () => {
   it('waits while the server does not answer, and loses nothing', async () => {
     let answers = false;
     const queue = new ImportQueue(() =>
-      answers ? Promise.resolve(stored(1)) : Promise.reject(new ApiError(0, problem('no answer from the server'))),
+      answers ? Promise.resolve(stored(1)) : Promise.reject(new ApiError(0, problem('No answer from the server.'))),
     );
     queue.add([file('a.png'), file('b.png')], '');
-    await vi.waitFor(() => expect(queue.stopped).toContain('no answer'));
+    await vi.waitFor(() => expect(queue.stopped).toContain('No answer'));
     expect([queue.waiting.length, queue.rejected.length]).toEqual([2, 0]);
     answers = true;
     queue.resume();
