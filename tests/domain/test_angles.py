@@ -10,7 +10,7 @@ from gss.domain.angles import ra_dec_from_unit, separation_rad, unit_from_ra_dec
 
 
 def test_unit_vectors_and_angles_are_inverse_everywhere():
-    """Right ascension and declination survive the way to a unit vector and back, poles included."""
+    """Right ascension and declination survive the conversion to a unit vector and back, poles included."""
     rng = np.random.default_rng(1)
     ra = np.concatenate([rng.uniform(0, 2 * np.pi, 500), [0.0, 0.0, 6.2]])
     dec = np.concatenate([np.arcsin(rng.uniform(-1, 1, 500)), [np.pi / 2 - 1e-9, -np.pi / 2 + 1e-9, 0.0]])

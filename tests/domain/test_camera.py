@@ -1,4 +1,4 @@
-"""Camera geometry: exact both ways, and the same as the published formulae and FITS WCS."""
+"""Camera geometry: exact in both directions, and equal to the published formulas and FITS WCS."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_brown_inverse_undoes_any_moderate_lens(k1, k2, p1, p2):
 
 
 def test_brown_follows_the_published_formula():
-    """The numbers of OpenCV's calibration page, worked out by hand for one point."""
+    """The formula on OpenCV's calibration page, calculated by hand for one point."""
     x, y, k1, k2, p1, p2, k3 = 0.3, -0.2, -0.3, 0.1, 0.004, -0.006, 0.02
     r2 = 0.13
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
@@ -110,7 +110,7 @@ def test_fields_of_view_are_those_of_the_documents():
     assert np.degrees(ideal.fov_rad) == pytest.approx((49.1, 25.7), abs=0.1)
 
 
-def test_stars_behind_the_camera_are_nowhere():
+def test_stars_behind_the_camera_have_no_position():
     """Projection of a direction behind the image plane is NaN, and NaN is not on the detector."""
     camera = shipped_camera("cubestar").camera
     pixels = camera.project(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))

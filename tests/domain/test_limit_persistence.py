@@ -1,4 +1,4 @@
-"""A state counts only when the samples insist, and limits that contradict themselves are refused."""
+"""A state changes only after consecutive samples, and contradictory limits are rejected."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PERSISTENCES = st.integers(1, 6)
 
 
 def counted(samples: list[State], n: int, start: Persistence | None = None) -> list[State]:
-    """What counts after each sample."""
+    """Return the persistent state after each sample."""
     run, states = start or Persistence(), []
     for sample in samples:
         run = run.after(sample, n)
@@ -25,7 +25,7 @@ def counted(samples: list[State], n: int, start: Persistence | None = None) -> l
 
 @given(RUNS, PERSISTENCES)
 def test_a_rise_needs_n_samples_at_least_that_bad_and_a_fall_n_samples_no_worse(samples, n):
-    """Each change of what counts is carried by the last n samples, all of them."""
+    """Each change of the persistent state is supported by all of the last n samples."""
     before = State.OK
     for k, now in enumerate(counted(samples, n)):
         last = samples[max(0, k + 1 - n) : k + 1]
@@ -41,14 +41,14 @@ def test_a_rise_needs_n_samples_at_least_that_bad_and_a_fall_n_samples_no_worse(
 
 
 @given(RUNS, STATES, PERSISTENCES)
-def test_n_equal_samples_always_win(samples, state, n):
-    """Whatever came before, n samples of one state make it count."""
+def test_n_equal_samples_set_the_state(samples, state, n):
+    """After n samples of one state it is the persistent state, whatever the previous samples were."""
     assert counted([*samples, *[state] * n], n)[-1] is state
 
 
 @given(RUNS, PERSISTENCES)
-def test_fewer_than_n_samples_out_do_nothing(samples, n):
-    """A spike shorter than the persistence, with calm samples round it, never counts."""
+def test_fewer_than_n_samples_change_nothing(samples, n):
+    """A spike shorter than the persistence, between normal samples, never changes the state."""
     spike = [s for s in samples if s is not State.OK][: n - 1]
     assert set(counted([*[State.OK] * n, *spike, *[State.OK] * n], n)) == {State.OK}
 
@@ -76,7 +76,7 @@ def test_a_missing_sample_resets_the_count_but_not_the_alarm():
 
 
 def test_a_persistence_below_one_is_refused():
-    """Zero samples prove nothing."""
+    """A persistence of zero samples is rejected."""
     with pytest.raises(BadInput, match="persistence"):
         Persistence().after(State.OK, 0)
 
@@ -91,14 +91,14 @@ def test_a_persistence_below_one_is_refused():
         Limits(watch=(float("nan"), None)),
     ],
 )
-def test_limits_that_contradict_themselves_are_refused(limits):
-    """A range that holds nothing, and a calmer level that reaches beyond a more urgent one."""
+def test_contradictory_limits_are_rejected(limits):
+    """An empty range, and a lower severity whose range extends beyond that of a higher one, are rejected."""
     with pytest.raises(BadInput):
         limits.checked()
 
 
-def test_nested_and_one_sided_limits_are_taken():
-    """Equal bounds and missing levels are fine."""
+def test_nested_and_one_sided_limits_are_accepted():
+    """Equal bounds and missing levels are accepted."""
     for limits in (
         Limits(),
         Limits((0, 10), (0, 10), (-5, 10)),

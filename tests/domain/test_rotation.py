@@ -1,4 +1,4 @@
-"""Rotations against scipy, the outside check."""
+"""Rotations compared with scipy."""
 
 from __future__ import annotations
 

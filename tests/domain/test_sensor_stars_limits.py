@@ -14,7 +14,7 @@ from gss.instruments.registry import shipped_camera, shipped_registry
 
 
 def table(n: int) -> StarTable:
-    """n stars at arbitrary places."""
+    """n stars at arbitrary positions."""
     return StarTable(
         np.arange(n, dtype=np.int32),
         np.tile([1.0, 0, 0], (n, 1)),
@@ -40,7 +40,7 @@ def test_magnitude_and_electrons_are_inverse_and_every_source_is_named(p):
 
 
 def test_unknown_profile_names_the_known_ones():
-    """The error lists what there is."""
+    """The error lists the known profiles."""
     with pytest.raises(NotFound, match="sunsat"):
         shipped_camera("hubble")
 
@@ -55,7 +55,7 @@ def test_brightest_come_first_and_names_fall_back_to_the_number():
 
 
 def test_columns_of_different_length_are_refused():
-    """A table with ragged columns is a broken contract."""
+    """A table with columns of different length raises an error."""
     t = table(3)
     with pytest.raises(BadInput, match="v_mag"):
         StarTable(t.hip, t.icrs, t.v_mag[:2], t.b_v, t.proper_motion_rad_yr, t.parallax_rad, t.flags, 2000.0)
@@ -79,6 +79,6 @@ LIMITS = Limits(watch=(0, 10), warning=(-5, 15), critical=(-10, 20))
     ],
 )
 def test_limits_are_inclusive_and_the_worst_level_counts(value, state):
-    """On the limit is inside; NaN is never calm."""
+    """A value on the limit is inside; NaN is never normal."""
     assert LIMITS.state(value) is state
     assert Limits().state(1e9) is State.OK

@@ -12,6 +12,6 @@ def test_one_is_singular_and_everything_else_plural(count, words):
 
 
 def test_irregular_nouns_and_verbs_follow_the_count():
-    """Where an s does not do."""
+    """Irregular plurals are stated explicitly."""
     assert counted(2, "catalogue entry", "catalogue entries") == "2 catalogue entries"
     assert (verb(1, "is", "are"), verb(3, "is", "are")) == ("is", "are")

@@ -71,7 +71,8 @@ def _close() -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Generator[None, None, None]:
-    """Not shared with another folder: a synchronous browser leaves an event loop running in this thread."""
+    """Close the browser before tests of another folder, because a synchronous browser leaves an event loop running in this
+    thread."""
     del item
     yield
     if nextitem is None or HERE not in nextitem.path.parents:
@@ -79,25 +80,25 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 
 def pytest_sessionfinish() -> None:
-    """Also after an interruption."""
+    """Close the browser, also after an interruption."""
     _close()
 
 
 @dataclass(frozen=True)
 class Served:
-    """A running server. ``headers``: of requests of an admin, for what a test does past the page."""
+    """A running server. ``headers``: request headers of an admin, for requests that a test sends directly."""
 
     address: str
     folder: Path
     headers: dict[str, str]
 
     def ask(self, method: str, path: str, body: Any = None) -> Any:
-        """Past the page."""
+        """Send a request directly."""
         reply = httpx2.request(method, f"{self.address}/api{path}", headers=self.headers, json=body, timeout=30)
         return reply.raise_for_status().json()
 
     def until(self, path: str, done: Callable[[Any], Any], seconds: float = 90) -> Any:
-        """Ask until something is found."""
+        """Repeat a request until it returns a result."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if found := done(self.ask("GET", path)):
@@ -146,13 +147,13 @@ def data_folder(served: Served) -> Path:
 
 @pytest.fixture(scope="module")
 def headers(served: Served) -> dict[str, str]:
-    """Of requests of an admin, for what a test does past the page."""
+    """Request headers of an admin, for requests that a test sends directly."""
     return served.headers
 
 
 @pytest.fixture(scope="module")
 def address(served: Served) -> str:
-    """Where the server listens."""
+    """Address of the server."""
     return served.address
 
 
@@ -176,7 +177,7 @@ class Watched:
     strangers: list[str] = field(default_factory=list)
 
     def look(self) -> None:
-        """Nothing of either sort."""
+        """Fail if there was a console error or a request to another host."""
         assert self.errors == []
         assert self.strangers == []
 
@@ -280,7 +281,7 @@ def _shown(docs: Path) -> frozenset[str]:
 
 @pytest.fixture(scope="session")
 def pictures() -> bool:
-    """Are pictures taken?"""
+    """True if pictures are taken."""
     return bool(os.environ.get("GSS_DOCS_PICTURES"))
 
 

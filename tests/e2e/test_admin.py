@@ -1,4 +1,4 @@
-"""The admin's page, and what the other roles see of what they may not do."""
+"""The admin's page, and how other roles see forbidden functions."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ HELD = [
 
 
 def make_user(page, name, role):
-    """Add a user on the page; the link that is shown once."""
+    """Add a user on the page and return the one-time link."""
     page.goto("/admin?show=people")
     page.get_by_test_id("new-user-name").fill(name)
     page.get_by_test_id(f"new-user-{role}").check()
@@ -108,8 +108,9 @@ def test_a_new_user_signs_in_with_a_one_time_link(page, as_user, picture):
 
 
 @pytest.mark.parametrize("role", ["viewer", "engineer", "catalogue manager", "operator"])
-def test_what_a_role_may_not_do_is_dashed_and_says_why(as_user, role):
-    """Reachable by the keyboard, with the reason; it does nothing when pressed, and the server refuses too."""
+def test_forbidden_controls_are_dashed_with_a_reason(as_user, role):
+    """A forbidden control can be reached by keyboard and states the reason; pressing it does nothing, and the server
+    rejects the request."""
     theirs = as_user(role.replace(" ", "-"), role)
     for _, path, control, whose, request in [row for row in HELD if row[0] == role]:
         theirs.goto(path)
@@ -126,8 +127,8 @@ def test_what_a_role_may_not_do_is_dashed_and_says_why(as_user, role):
     expect(theirs.get_by_test_id("toasts")).to_have_text("")
 
 
-def test_an_operator_works_where_a_viewer_looks(as_user):
-    """The same page, the other role: nothing on it is held, and a command goes through."""
+def test_an_operator_can_use_the_controls_of_the_page(as_user):
+    """For an operator no control of the page is disabled, and a command is sent."""
     theirs = as_user("olga", "operator")
     expect(theirs.get_by_test_id("link-state")).to_contain_text("up")
     expect(theirs.get_by_test_id("cmd-TAKE_IMAGE")).not_to_have_attribute("data-held", re.compile(".+"))
@@ -153,8 +154,8 @@ def test_role_changes_and_disabling_apply_at_once(page, as_user):
     expect(theirs.get_by_test_id("session-ended")).to_be_visible()
 
 
-def test_a_token_is_shown_once_works_and_is_worth_nothing_when_revoked(page, browser, address, picture):
-    """A program with it reads; narrowed to the metrics it reads nothing else; revoked it is a stranger."""
+def test_a_token_is_shown_once_works_and_can_be_revoked(page, browser, address, picture):
+    """A program reads with the token; limited to the metrics it reads nothing else; after revocation it is rejected."""
     page.goto("/admin?show=tokens")
     page.get_by_test_id("new-token-name").fill("watchdog")
     page.get_by_test_id("new-token-days").fill("30")
@@ -175,8 +176,8 @@ def test_a_token_is_shown_once_works_and_is_worth_nothing_when_revoked(page, bro
     program.close()
 
 
-def test_the_record_is_filtered_whole_and_given_away_as_a_file(page, picture):
-    """Who did what, with refusals; the chain of hashes is intact; CSV has the same rows."""
+def test_the_audit_log_is_filtered_verified_and_exported(page, picture):
+    """Users, actions and denials are listed; the chain of hashes is intact; CSV has the same rows."""
     page.goto("/admin?show=audit")
     rows = page.get_by_test_id("audit-row")
     expect(rows.first).to_be_visible()
@@ -191,7 +192,7 @@ def test_the_record_is_filtered_whole_and_given_away_as_a_file(page, picture):
     assert download.value.suggested_filename == "audit.csv"
 
 
-def test_health_says_in_words_what_was_looked_at(page, picture):
+def test_health_describes_each_check(page, picture):
     """Each check has a lamp, a word and a sentence; every stored file can be checked as a job."""
     page.goto("/admin?show=health")
     expect(page.get_by_test_id("health-row").first).to_be_visible()
@@ -201,8 +202,8 @@ def test_health_says_in_words_what_was_looked_at(page, picture):
     picture("admin-health")
 
 
-def test_retention_shows_what_it_would_take_before_it_takes_it(page, picture):
-    """A number out of range is said so; a changed one shows its effect beside the one in force; saved, it can run."""
+def test_retention_previews_a_removal(page, picture):
+    """A number out of range is reported; a changed policy shows its effect beside the active one; after saving it can run."""
     page.goto("/admin?show=storage")
     expect(page.get_by_test_id("storage-kind").first).to_be_visible()
     field = page.get_by_test_id("retention-telemetry_days")
@@ -224,7 +225,8 @@ def test_retention_shows_what_it_would_take_before_it_takes_it(page, picture):
 
 
 def test_a_clock_in_doubt_is_confirmed_on_the_page(page, data_folder, picture):
-    """Ten years after the last trusted time nothing can be deleted; the page says why, and continues once it is confirmed."""
+    """Ten years after the last trusted time nothing can be deleted; the page states the reason, and deletion is possible
+    after confirmation."""
     with closing(sqlite3.connect(data_folder / "gss.db", timeout=30)) as database, database:
         value = json.dumps({"at": "2016-11-22T12:00:00+00:00"})
         changed = database.execute("UPDATE choices SET value = ? WHERE name = 'upkeep.trusted-time'", (value,))
@@ -240,7 +242,7 @@ def test_a_clock_in_doubt_is_confirmed_on_the_page(page, data_folder, picture):
 
 
 def test_an_unusual_removal_shows_its_counts_first(page, served, data_folder, picture):
-    """Thousands of old events: one press shows what would go, the second deletes it."""
+    """With thousands of old events the first press shows the counts, the second deletes."""
     rows = [(-k, "2020-01-01 00:00:00.000000", "test", "ok", "old", "{}") for k in range(1, 2201)]
     with closing(sqlite3.connect(data_folder / "gss.db", timeout=30)) as database, database:
         database.executemany("INSERT INTO events (seq, at, kind, severity, text, data) VALUES (?, ?, ?, ?, ?, ?)", rows)
@@ -262,7 +264,7 @@ def test_an_unusual_removal_shows_its_counts_first(page, served, data_folder, pi
 
 
 def test_a_backup_is_made_and_downloaded(page, picture):
-    """One press, a job to its end, a row with its size, and a file."""
+    """One press starts the job; afterwards the table has a row with size and a file to download."""
     page.goto("/admin?show=backup")
     expect(page.get_by_test_id("backup-now")).to_be_enabled()
     page.get_by_test_id("backup-now").click()

@@ -1,4 +1,4 @@
-"""An engineer edits a camera and sees what it would see."""
+"""An engineer edits a camera and sees the predicted performance."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ PAGES = [
 
 @pytest.fixture(scope="module")
 def seeded(served: Any, tle_of: Any) -> dict[str, int]:
-    """A frame that is solved, a catalogue with a sweep, an experiment: what the pages show."""
+    """Store a solved frame, a catalogue with a sweep and an experiment for the pages to show."""
     served.until("/link", lambda link: link["connected"] and link["dictionary_match"])
     before = max((f["id"] for f in served.ask("GET", "/frames?limit=1&source=device")["frames"]), default=0)
     served.ask("POST", "/commands", {"name": "SET_MODE", "arguments": {"mode": "lost_in_space"}})
@@ -64,8 +64,8 @@ def seeded(served: Any, tle_of: Any) -> dict[str, int]:
 
 
 @pytest.mark.parametrize(("path", "name", "there"), PAGES, ids=[name for _, name, _ in PAGES])
-def test_a_page_fits_reads_and_says_what_it_is(lasting, seeded, root: Path, at_rest, snap, path, name, there):
-    """In both themes and sizes: the document does not scroll, axe finds nothing serious, the console stays quiet."""
+def test_a_page_fits_and_is_accessible(lasting, seeded, root: Path, at_rest, snap, path, name, there):
+    """In both themes and sizes: the document does not scroll, axe finds nothing serious, the browser console has no error."""
     page = lasting.page
     lasting.errors.clear()
     page.set_viewport_size(SMALL)

@@ -1,4 +1,4 @@
-"""Several units in one console: the Fleet page, the pages of a unit, and the way from one unit to another."""
+"""Several units in one console: the Fleet page, the pages of a unit, and navigation between units."""
 
 from __future__ import annotations
 

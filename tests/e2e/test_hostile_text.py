@@ -75,7 +75,7 @@ def test_stored_markup_is_text_on_every_page(page: Any, stored: int, at_rest: An
 
 
 def test_markup_in_an_address_is_text(page: Any, served: Any, at_rest: Any) -> None:
-    """A link from elsewhere is the usual way to send it."""
+    """An external link with markup is shown as text."""
     served.until("/link", lambda link: link["connected"])
     for path in QUERIES:
         page.goto(path + MARKUP.replace('"', "%22").replace("<", "%3C").replace(">", "%3E").replace(" ", "%20"))

@@ -16,7 +16,7 @@ SMALL = [(1024, 768), (720, 450)]
 
 
 def focused(page: Page, attribute: str = "data-testid") -> str:
-    """An attribute of what has the focus."""
+    """Return an attribute of the focused element."""
     return str(page.evaluate(f"document.activeElement?.getAttribute('{attribute}') ?? ''"))
 
 
@@ -67,7 +67,7 @@ def test_from_the_sign_in_to_an_attitude_without_a_mouse(page, data_folder):
 
 
 def test_a_command_is_written_completed_checked_and_sent_in_one_line(page):
-    """A colon opens it, Tab completes, what is wrong is said before Enter, history comes with the arrow."""
+    """A colon opens the line, Tab completes, errors are shown before Enter, the arrow key recalls the history."""
     page.goto("/live")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     page.keyboard.press(":")
@@ -149,7 +149,7 @@ def test_keys_lead_to_pages_and_do_nothing_while_typing(page):
 
 
 @pytest.mark.parametrize("path", ["/live", "/commands", "/telemetry", "/catalogues/new"])
-def test_nothing_is_out_of_reach_on_a_small_screen(page, at_rest, path):
+def test_every_control_is_reachable_on_a_small_screen(page, at_rest, path):
     """A tablet, or 1440 pixels at 200 % zoom: the header folds and keeps every cell inside; what does not fit scrolls."""
     page.goto(path)
     for size in SMALL:

@@ -1,4 +1,4 @@
-"""What an operator sees at 1 Hz: overlays, outlines at a high zoom, freeze, tabs on a tablet, and how late the picture is."""
+"""What an operator sees at 1 Hz: overlays, outlines at a high zoom, freeze, tabs on a tablet, and latency of the picture."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ def image(page: Page):
 
 
 def shown_frame(page: Page) -> int:
-    """Number of the frame on show."""
+    """Number of the displayed frame."""
     return int(image(page).get_attribute("data-frame") or 0)
 
 
 def picture_bytes(page: Page) -> str:
-    """What is on the image's canvas."""
+    """Return the content of the image's canvas."""
     return str(page.eval_on_selector("[data-testid=sky-image] canvas", "c => c.toDataURL()"))
 
 
 def toggled(page: Page, painted, name: str) -> str:
-    """What is on the canvas after an overlay was hidden or shown."""
+    """Return the content of the canvas after an overlay was hidden or shown."""
     page.get_by_test_id(f"overlay-{name}").click()
     painted(page)
     return picture_bytes(page)
 
 
 def freeze(page: Page) -> None:
-    """Space, whatever has the focus."""
+    """Press Space, whatever has the focus."""
     page.keyboard.press("Space")
 
 
@@ -101,7 +101,7 @@ def test_sun_moon_limb_and_rate_are_shown_beside_the_sky(frame_on_show):
 
 
 def test_cycling_shows_each_new_frame_soon_and_freezes_on_request(frame_on_show, served, painted):
-    """While the sensor cycles the picture follows; the page blocks for no longer than it must; Space holds one frame."""
+    """While the sensor cycles the picture follows; the page blocks only briefly; Space freezes one frame."""
     page = frame_on_show
     page.evaluate(WATCH_LONG_TASKS)
     first = shown_frame(page)

@@ -1,4 +1,4 @@
-"""What the console says when the server or the line is gone: ABORT is never lost silently, and no lamp stays green."""
+"""The console without server or line: ABORT is never lost silently, and no lamp stays green."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Server:
         self.start()
 
     def start(self) -> None:
-        """Start it; on the port of the last time, if there was one."""
+        """Start the server, on its previous port if it had one."""
         port = self.address.rsplit(":", 1)[1].rstrip("/") if self.address else "0"
         if self._process is not None and self._process.stdout is not None:
             self._process.stdout.close()
@@ -60,7 +60,7 @@ class Server:
         self._process.stdout.close()
 
     def post(self, path: str) -> None:
-        """A request that changes something, past the page."""
+        """Send a changing request directly."""
         httpx2.post(f"{self.address}/api{path}", headers=self.headers, timeout=30).raise_for_status()
 
     def aborts(self) -> list[dict[str, object]]:
@@ -72,7 +72,7 @@ class Server:
 
 @pytest.fixture
 def server(tmp_path: Path, signed_in: Callable[..., dict[str, str]]) -> Iterator[Server]:
-    """A server of this test alone: the tests kill it."""
+    """A server for one test, because the tests kill it."""
     own = Server(tmp_path, signed_in(tmp_path))
     yield own
     own.stop()
@@ -94,7 +94,7 @@ def page(browser: Browser, server: Server) -> Iterator[Page]:
 
 
 def strip(page: Page):
-    """What became of ABORT."""
+    """The strip with the state of ABORT."""
     return page.get_by_test_id("abort-strip")
 
 
@@ -137,7 +137,7 @@ def test_abort_without_a_server_ends_as_not_sent_and_stays_until_acknowledged(pa
 
 
 def test_abort_that_left_without_an_answer_is_unknown(page, server):
-    """The server takes the connection and dies before it answers: the console says that it does not know."""
+    """The server accepts the connection and dies before it responds: the console shows the result as unknown."""
     server.signal(signal.SIGSTOP)
     page.keyboard.press("Shift+Escape")
     expect(page.get_by_test_id("abort-sent")).to_have_attribute("data-point", "now")

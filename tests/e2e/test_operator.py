@@ -1,4 +1,4 @@
-"""The main job as an operator, a catalogue manager and an engineer do it: in the browser."""
+"""The main tasks of an operator, a catalogue manager and an engineer, in the browser."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def test_engineer_imports_many_files_and_sees_each_that_was_rejected(page, tmp_p
     expect(page.get_by_text("one.png")).to_be_visible()
 
 
-def test_telemetry_and_contacts_show_what_the_line_brought(page, picture):
+def test_telemetry_and_contacts_show_received_data(page, picture):
     """Values with states and limits; the contact under way."""
     page.goto("/telemetry")
     page.get_by_test_id("page-power").click()
@@ -175,8 +175,8 @@ def test_abort_answers_its_key_on_every_page(page):
     expect(page.get_by_test_id("history-row").filter(has_text="ABORT").first).to_contain_text("completed")
 
 
-def test_the_live_page_at_rest_asks_little(page, at_rest):
-    """What is shown comes by the stream: in three quiet seconds fewer than twelve requests, none of them in a loop."""
+def test_the_live_page_at_rest_sends_few_requests(page, at_rest):
+    """The page is updated by the stream: fewer than twelve requests in three seconds without events, none of them in a loop."""
     page.goto("/live")
     expect(page.get_by_test_id("link-state")).to_contain_text("up")
     at_rest(page)

@@ -10,8 +10,8 @@ from playwright.sync_api import expect
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
 
 
-def test_from_nothing_to_a_pass_in_the_sky(page, tle_of, picture):
-    """Import an orbit, add a station with a mask, choose a pass; each empty state says what to do next."""
+def test_a_pass_is_shown_after_importing_orbit_and_station(page, tle_of, picture):
+    """Import an orbit, add a station with a mask, select a pass; each empty state names the next step."""
     page.goto("/passes")
     expect(page.get_by_test_id("passes-problem")).to_contain_text("No orbit was imported")
     page.get_by_role("link", name="Import an orbit").click()

@@ -1,4 +1,4 @@
-"""From the printed set-up link to the first attitude; signing in, out, and back in where one was."""
+"""From the printed set-up link to the first attitude; signing in, signing out, and resuming after sign-in."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def address(printed):
 
 @pytest.fixture
 def cookie():
-    """Overrides the shared sign-in: these tests do it by hand."""
+    """Replace the shared sign-in: these tests sign in themselves."""
     return
 
 
 def sign_in(page, name=NAME, password=PASSWORD):
-    """Fill the form and press the key."""
+    """Fill the form and press Enter."""
     page.get_by_test_id("sign-in-name").fill(name)
     page.get_by_test_id("sign-in-password").fill(password)
     page.keyboard.press("Enter")
@@ -122,8 +122,9 @@ def test_a_tour_leads_an_empty_store_to_the_first_attitude(page, picture):
     expect(tour).to_be_visible()
 
 
-def test_an_ended_session_gives_the_page_back_as_it_was(page, picture):
-    """Ended from elsewhere: sign-in in place, the half-filled form is there again, and what was refused is not sent again."""
+def test_the_page_is_unchanged_after_a_session_ended(page, picture):
+    """After the session was ended elsewhere, sign-in opens in place, the half-filled form is kept, and the rejected request
+    is not resent."""
     page.goto("/commands")
     sign_in(page)
     page.get_by_test_id("command-search").fill("exposure")

@@ -31,7 +31,7 @@ def remove_faults(page) -> None:
     expect(page.get_by_test_id("training")).to_contain_text("no fault at work")
 
 
-def test_an_alarm_latches_until_it_is_back_and_seen(page, at_rest, picture):
+def test_an_alarm_latches_until_cleared_and_acknowledged(page, at_rest, picture):
     """Overheating raises an alarm in header and monitor; acknowledged it stays while hot; cool again it closes."""
     remove_faults(page)
     choose(page, "SIM_INJECT", "overheat", "60")
@@ -97,7 +97,7 @@ def test_another_operator_holds_authority_and_it_is_broken_with_a_reason(
 
 
 def test_a_stack_runs_step_by_step_and_a_schedule_waits_on_board(page, picture):
-    """Two steps complete; a hazardous stack wants names; a scheduled command is listed by the device and taken back."""
+    """Two steps complete; a hazardous stack needs typed names; a scheduled command is listed by the device and cancelled."""
     page.goto("/commands")
     page.get_by_test_id("stack-new").click()
     page.get_by_test_id("stack-name").fill("evening start")
@@ -140,8 +140,8 @@ def test_a_calibration_is_written_sent_activated_and_confirmed(page, picture):
     picture("tables")
 
 
-def test_a_stored_frame_goes_up_and_is_solved_on_board(page, new_frame):
-    """Taken, stored, sent back into another image memory, and named by the sensor itself."""
+def test_a_stored_frame_is_uploaded_and_solved_on_board(page, new_frame):
+    """A frame is taken, stored, uploaded into another image memory, and identified by the sensor."""
     remove_faults(page)
     page.goto(f"/frames/{new_frame(page)}")
     page.get_by_test_id("open-send").click()

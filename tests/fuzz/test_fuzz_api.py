@@ -1,7 +1,7 @@
 """Every route of the API meets requests made from its own description: no defect, no hang, answers as described.
 
 The description is the application's OpenAPI; schemathesis makes requests that follow it and requests that break it. Bounded and the
-same in every run; ``GSS_FUZZ_EXAMPLES=500 GSS_FUZZ_SEED=2 pytest tests/fuzz/test_fuzz_api.py`` looks longer and elsewhere.
+same in every run; ``GSS_FUZZ_EXAMPLES=500 GSS_FUZZ_SEED=2 pytest tests/fuzz/test_fuzz_api.py`` runs longer and with other inputs.
 """
 
 from __future__ import annotations

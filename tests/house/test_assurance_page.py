@@ -1,4 +1,4 @@
-"""docs/assurance.md claims nothing that is not there."""
+"""Tests and sections named in docs/assurance.md exist."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_every_test_that_is_named_exists(root: Path, rows: list[tuple[str, str, 
         assert re.search(rf"^(?:async )?def {name}\(", (root / path).read_text(), re.MULTILINE), f"{path}::{name}"
 
 
-def test_every_promise_has_what_shows_it_or_says_that_nothing_does(
+def test_every_promise_names_its_evidence_or_states_that_there_is_none(
     root: Path, rows: list[tuple[str, str, str]]
 ) -> None:
     """Numbers are unique; a row names a test, a section of the figures, or *not shown* with a reason."""

@@ -1,4 +1,4 @@
-"""docs/chains.md is what the code says."""
+"""docs/chains.md agrees with the code."""
 
 from __future__ import annotations
 

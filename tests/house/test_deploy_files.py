@@ -1,4 +1,4 @@
-"""The files of deploy/ and its page speak of settings, commands and paths that exist."""
+"""Settings, commands and paths in deploy/ and its page exist."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NEVER_ENDING = ("/api/stream", "/api/rerun/live")
 
 
 def pages(root: Path) -> list[Path]:
-    """What people read and copy from."""
+    """Documents and files that users copy from."""
     return [*(root / "deploy").iterdir(), *(root / "docs").rglob("*.md"), *root.glob("*.md"), root / "Makefile"]
 
 
@@ -32,7 +32,7 @@ def test_every_named_setting_exists(root: Path) -> None:
 
 
 def test_the_environment_file_can_be_used_as_it_is(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each line, those that are commented out too, is a value that its setting takes."""
+    """Each line, including commented ones, has a valid value for its setting."""
     lines = re.findall(r"^#?(GSS_\w+)=(.*)$", (root / "deploy" / "gss.env").read_text(), re.MULTILINE)
     assert len(lines) > 10
     for name, value in lines:
@@ -40,8 +40,8 @@ def test_the_environment_file_can_be_used_as_it_is(root: Path, monkeypatch: pyte
         assert str(getattr(Settings(), name.removeprefix("GSS_").lower())).lower() == value.lower()
 
 
-def test_each_command_of_the_units_is_one(root: Path) -> None:
-    """The parser takes the lines that systemd runs."""
+def test_each_command_of_the_units_is_valid(root: Path) -> None:
+    """The parser accepts the lines that systemd runs."""
     units = "".join(p.read_text() for p in (root / "deploy").glob("*.service"))
     lines = re.findall(r"^ExecStart=/opt/gss/bin/gss (.+)$", units, re.MULTILINE)
     assert len(lines) == 3
@@ -59,8 +59,9 @@ def test_the_service_is_confined(root: Path) -> None:
     assert data in re.search(r"^ReadWritePaths=(.*)$", unit, re.MULTILINE)[1].split()
 
 
-def test_the_proxies_hold_nothing_back_and_let_every_request_through(root: Path) -> None:
-    """Endless answers are not buffered, and the body limit is above the server's own, which refuses in words."""
+def test_the_proxies_neither_buffer_nor_block(root: Path) -> None:
+    """Endless responses are not buffered, and the body limit is above the server's limit, so that the server can return an
+    error message."""
     nginx, caddy = ((root / "deploy" / name).read_text() for name in ("nginx.conf", "Caddyfile"))
     for path in NEVER_ENDING:
         assert "proxy_buffering off;" in re.search(rf"location = {path} {{(.*?)}}", nginx, re.DOTALL)[1]
@@ -71,7 +72,7 @@ def test_the_proxies_hold_nothing_back_and_let_every_request_through(root: Path)
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd-analyze here")
 def test_systemd_reads_the_units(root: Path) -> None:
-    """Its own checker finds nothing but that the program is not installed here."""
+    """systemd-analyze reports only that the program is not installed."""
     units = [*(root / "deploy").glob("*.service"), *(root / "deploy").glob("*.timer")]
     said = subprocess.run(["systemd-analyze", "verify", *units], capture_output=True, text=True, timeout=60).stderr
     ours = [line for line in said.splitlines() if "gss" in line and "is not executable" not in line]

@@ -19,7 +19,7 @@ from tools.build_web import GENERATED, generate, interface_hash, source_hash
 
 @pytest.fixture
 def checkout(root: Path, tmp_path: Path) -> Path:
-    """A tree as git has it: the sources of server and pages, nothing generated."""
+    """A copy of the tracked sources of server and pages, without generated files."""
     ignored = shutil.ignore_patterns("node_modules", "generated")
     shutil.copytree(root / "web", tmp_path / "web", ignore=ignored, symlinks=True)
     shutil.copytree(root / "gss", tmp_path / "gss", ignore=shutil.ignore_patterns("web", "__pycache__"))

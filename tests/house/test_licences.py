@@ -11,7 +11,7 @@ REFUSED = re.compile(r"(?<!L)(?:A?GPL)|SSPL|BUSL|Commons Clause|not stated|^UNKN
 
 
 def test_every_locked_package_is_on_the_page_with_its_own_licence(root: Path) -> None:
-    """Mend with: python -m tools.licences."""
+    """Regenerate with: python -m tools.licences."""
     rows, text = rows_of(PAGE.read_text()), PAGE.read_text()
     for name, version, _ in locked():
         assert f"| {name} | {version} | " in text, name

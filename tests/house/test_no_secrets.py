@@ -78,7 +78,7 @@ def test_no_long_random_word_is_unaccounted_for(texts: dict[str, str]) -> None:
 
 
 def test_the_scan_finds_what_it_looks_for() -> None:
-    """A scan that finds nothing must be able to find something."""
+    """The scan detects a planted secret."""
     made = "-----BEGIN RSA " + "PRIVATE KEY-----\n" + "MIIEpAIBAAKCAQEA7bq0z1Jb2m" + "QfYd9sVhTgXk3WlNnRr5uP"
     assert re.search(KNOWN_SHAPES["a private key"], made)
     assert re.search(KNOWN_SHAPES["a password in an address"], "postgresql+psycopg://gss:" + "q8Zr2mXv@db/gss")

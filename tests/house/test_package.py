@@ -103,7 +103,7 @@ def test_the_wheel_has_what_runs_and_nothing_else(root: Path, wheel: Path) -> No
 
 
 def test_version_of_wheel_and_source_is_the_package_s(sdist: Path, wheel: Path) -> None:
-    """One place says it: gss/__init__.py."""
+    """gss/__init__.py is the only definition."""
     assert sdist.name == f"gss_startracker-{gss.__version__}.tar.gz"
     assert wheel.name == f"gss_startracker-{gss.__version__}-py3-none-any.whl"
 
@@ -177,7 +177,7 @@ def served(installed: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 
 
 def test_the_installed_program_is_the_wheel_s(installed: Path, tmp_path: Path) -> None:
-    """It runs from any folder and says its version; nothing of this tree is imported."""
+    """It runs from any folder and prints its version; nothing of this tree is imported."""
     said = subprocess.run([installed / "gss", "--version"], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert gss.__version__ in said.stdout
     where = [installed / "python", "-c", "import gss; print(gss.__file__)"]

@@ -17,7 +17,7 @@ TEXT = resources.files("gss.instruments.dictionary").joinpath("gss-common.yaml")
 
 
 def test_interface_document_is_up_to_date() -> None:
-    """docs/icd.md is what the dictionary says now; ``python -m gss.device.icd > docs/icd.md`` renews it."""
+    """docs/icd.md is generated from the dictionary; ``python -m gss.device.icd > docs/icd.md`` renews it."""
     path = Path(__file__).parents[2] / "docs" / "icd.md"
     assert path.read_text("utf-8") == icd_markdown(load_dictionary())
 
@@ -64,8 +64,8 @@ def test_a_wrong_row_is_refused_and_named(old: str, new: str, message: str) -> N
     assert message in str(caught.value)
 
 
-def test_hazards_are_where_they_belong() -> None:
-    """What can lose a catalogue or the session is marked."""
+def test_hazardous_commands_are_marked() -> None:
+    """Commands that can lose a catalogue or the session are marked."""
     d = load_dictionary()
     hazards = {c.name: c.hazard for c in d.commands if c.hazard is not Hazard.NONE}
     assert hazards == {
@@ -109,13 +109,13 @@ def test_limits_follow_the_chosen_set() -> None:
 
 
 def test_only_a_simulator_has_the_instructors_commands() -> None:
-    """What starts with SIM_ is marked, and nothing else is."""
+    """Exactly the commands whose name starts with SIM_ are marked."""
     assert {c.name for c in load_dictionary().commands if c.simulator_only} == {
         c.name for c in load_dictionary().commands if c.name.startswith("SIM_")
     }
 
 
-def test_names_that_are_not_there_say_what_is() -> None:
+def test_unknown_names_list_the_known_ones() -> None:
     """Look-ups fail with the list of names; codes from the line give None."""
     d = load_dictionary()
     with pytest.raises(NotFound, match="TAKE_IMAGE"):

@@ -175,8 +175,8 @@ services: []
         ("<SpaceSystem name", '<!DOCTYPE x [<!ENTITY a "b">]><SpaceSystem name', "document types and entities"),
     ],
 )
-def test_what_has_no_row_is_refused_by_name_and_line(old: str, new: str, message: str) -> None:
-    """Nothing of the document is skipped, no entity is expanded, and no half of it is loaded."""
+def test_unsupported_elements_are_rejected_with_name_and_line(old: str, new: str, message: str) -> None:
+    """No element is skipped silently, no entity is expanded, and no document is loaded partly."""
     assert old in FOREIGN
     with pytest.raises(BadInput) as error:
         read(FOREIGN.replace(old, new))
@@ -210,7 +210,7 @@ def test_a_package_may_have_its_dictionary_as_xtce() -> None:
 
 
 def test_what_xtce_cannot_express_is_not_exported() -> None:
-    """A name with a dot has no place in XTCE, and the export says so instead of writing an invalid document."""
+    """XTCE permits no dot in names; the export reports it instead of writing an invalid document."""
     text = "version: 1\ndevice_model: a.b\ncommands: []\ntelemetry: []\nevents: []\nservices: []\n"
     with pytest.raises(BadInput, match="XTCE allows no such name"):
         xtce(parse_dictionary(text), headers=False)

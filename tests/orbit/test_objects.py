@@ -60,7 +60,7 @@ def measured(of: str, offset_rad: float = 0.0) -> MeasuredTrack:
     )
 
 
-def test_an_object_is_named_only_where_it_is() -> None:
+def test_an_object_is_named_only_at_its_predicted_position() -> None:
     """The element set at the measured place gives the name; one degree beside it, and without the observer's place, none does."""
     catalogue = catalogue_of(read_objects(TARGET + element_set(10003, 200.0)))
     name = name_of(measured(TARGET), catalogue)
@@ -90,7 +90,7 @@ def test_a_planet_is_named_without_a_place() -> None:
     ],
 )
 def test_invalid_lists_are_rejected(text: str, words: str) -> None:
-    """The message names what is wrong."""
+    """The message names the invalid value."""
     with pytest.raises(BadInput, match=words):
         read_objects(text)
 

@@ -114,6 +114,6 @@ HEAD = "".join(list(oem_of("X", TleTrajectory.of(TLE), START, START, 60.0, START
     ],
 )
 def test_a_broken_file_is_rejected_with_its_reason(text: str, words: str) -> None:
-    """Every fault is a BadInput that says what is wrong."""
+    """Every fault raises BadInput naming the reason."""
     with pytest.raises(BadInput, match=words):
         read_orbit(text)

@@ -1,4 +1,4 @@
-"""The AIM chain: statistics with the real catalogue, where no answer may be wrong, and everything that must fail."""
+"""The AIM chain: statistics with the real catalogue, where no answer may be wrong, and inputs that must fail."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def _stars(v_max: float) -> StarTable:
 
 @lru_cache
 def _bank(v_max: float) -> OnboardCatalogue:
-    """Through the on-board format that has magnitudes, and back: float32, as a device has it."""
+    """Encode the bank in the on-board format with magnitudes and decode it: float32, as on a device."""
     stars = _stars(v_max)
     return decode(encode(stars, distance_table(stars, 0.0, 0.01), "sunsat", "aim"), stars.hip)
 
@@ -163,7 +163,7 @@ def test_pure_noise_lists_are_never_solved() -> None:
 
 
 def test_the_documents_own_acceptance_is_risky() -> None:
-    """Two linked stars are enough for the document; without our proof random spots get names."""
+    """Two linked stars are enough for the document's rule; without the false-match bound random spots are identified."""
     rng = np.random.default_rng(67)
     solved = 0
     for _ in range(10):
@@ -318,7 +318,7 @@ def test_hints_are_demanded_and_wrong_ones_refused() -> None:
 
 
 @pytest.mark.parametrize("n", range(4))
-def test_few_stars_say_so(n: int) -> None:
+def test_few_stars_are_reported(n: int) -> None:
     """Up to three centroids give no attitude when lost; the reason says that the field is narrow."""
     centroids, _ = _list(np.random.default_rng(9), PLEIADES, 0)
     result = _solve_list(centroids.take(np.arange(n)), _work())

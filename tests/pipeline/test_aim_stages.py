@@ -47,7 +47,7 @@ TWO = {(1.0, 0.1): -0.0770, (2.5, 0.5): -0.1180, (3.0, 0.25): 0.0206, (6.0, 0.2)
 
 
 @pytest.mark.parametrize(("window", "table"), [(3, THREE), (2, TWO)])
-def test_location_error_is_the_reports(window: int, table: dict[tuple[float, float], float]) -> None:
+def test_location_error_agrees_with_the_report(window: int, table: dict[tuple[float, float], float]) -> None:
     """Interpolation and truncation error against pixel over width and offset, to the last printed digit."""
     for (ratio, offset), error in table.items():
         assert location_error_px(offset, ratio, window) == pytest.approx(error, abs=1e-4)
@@ -71,7 +71,7 @@ def test_the_bias_corrector_takes_most_of_it(ratio: float, gain: float, left_px:
     assert np.max(np.abs(bias_gain(ratio, 3) * measured - offset)) == pytest.approx(left_px, abs=2e-4)
 
 
-def test_noise_coefficients_are_the_reports() -> None:
+def test_noise_coefficients_agree_with_the_report() -> None:
     """C is at least 1, 6, 20, 50 for 2 to 5 pixels, and A, B, C at 2.5 are the recomputed ones."""
     for window, least in ((2, 1), (3, 6), (4, 20), (5, 50)):
         assert noise_coefficients((0.0, 0.0), 1e2, window).c == pytest.approx(least, rel=1e-6)
@@ -79,7 +79,7 @@ def test_noise_coefficients_are_the_reports() -> None:
     assert (n.a, n.b, n.c) == pytest.approx((0.0797, 0.264, 8.27), rel=2e-3)
 
 
-def test_the_noise_model_is_what_windows_show() -> None:
+def test_the_noise_model_agrees_with_simulated_windows() -> None:
     """20 000 noisy windows scatter as the model says, to 3 %, with shares integrated by scipy's normal distribution."""
     rng = np.random.default_rng(1)
     model = DarkModel(0.005, 4000.0, 0.01, 5300.0)
@@ -136,7 +136,7 @@ def _cap_distance(icrs: Array, centre: Array, radius: float) -> set[int]:
     return set(np.flatnonzero(icrs @ centre >= np.cos(radius)).tolist())
 
 
-def test_the_walk_finds_what_a_search_finds_with_far_fewer_looks() -> None:
+def test_the_walk_finds_the_stars_of_a_search_with_fewer_comparisons() -> None:
     """1° from field to field: the stars the whole list gives, from a twentieth of the looks (document: 120 of 3000)."""
     icrs = load_stars(8.0).brighter_than(5.6).icrs[:3000]
     links = neighbour_links(icrs)
@@ -152,7 +152,7 @@ def test_the_walk_finds_what_a_search_finds_with_far_fewer_looks() -> None:
     assert 0 < np.mean(looks) < 150
 
 
-def test_the_walk_crosses_the_sky_when_it_must() -> None:
+def test_the_walk_finds_a_distant_field() -> None:
     """From the wrong side of the sky the field is still found; without a known star the list is searched."""
     icrs = load_stars(5.0).icrs
     links = neighbour_links(icrs)
@@ -259,7 +259,7 @@ def test_least_distances_pair_each_star_once() -> None:
     assert len(pair_least_distance(crowded[:0], predicted, 0.005)[0]) == 0
 
 
-def test_what_makes_an_identification_sound() -> None:
+def test_unreliable_identifications_are_rejected() -> None:
     """Companions count once, a straight pattern has no handedness, and errors that fill the tolerance are refused."""
     pixel = 1e-4
     place = np.column_stack([[0.0, 0.02, 0.01, 0.02 + pixel], [0.0, 0.0, 0.015, 0.0], np.ones(4)])

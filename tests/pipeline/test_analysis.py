@@ -1,4 +1,4 @@
-"""Analyses of attitude runs: what was put in comes out, and what is wrong with a run is said."""
+"""Analyses of attitude runs: injected errors are measured, and faults of a run are reported."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_fixed_to_the_earth_noise_and_sidereal_rate_come_out() -> None:
     assert test.warnings == ()
 
 
-def test_fixed_to_the_sky_nothing_turns() -> None:
+def test_a_celestially_fixed_camera_has_no_rate() -> None:
     """The celestial-fixed test expects no rate; the same frames fail it when the Earth turned them."""
     assert celestial_fixed(run(np.zeros(3))).warnings == ()
     severe = [w for w in celestial_fixed(run(POLE)).warnings if w.severe]
@@ -80,7 +80,7 @@ def test_fixed_to_the_sky_nothing_turns() -> None:
     assert [w.code for w in earth_fixed(run(np.zeros(3))).warnings if w.severe] == ["moved"]
 
 
-def test_frames_without_attitude_and_strays_do_not_spoil_the_figures() -> None:
+def test_missing_and_wrong_attitudes_do_not_affect_the_figures() -> None:
     """Unsolved frames keep their places, a wrong attitude is left out and counted."""
     series = without(run(POLE), [10, 11, 200])
     series.quaternion[50] = turned(series.quaternion[50], np.array([0.01, 0.0, 0.0]))

@@ -128,7 +128,7 @@ def test_covariance_with_foreign_weights_is_the_scatter() -> None:
 
 
 def test_covariance_of_one_direction_is_infinite() -> None:
-    """One star leaves the turn about itself free, and the covariance says so."""
+    """One star does not determine the rotation about its direction, and the covariance is infinite there."""
     assert np.isinf(attitude.covariance_rad2([[0, 0, 1.0]], 1e-4)).all()
 
 

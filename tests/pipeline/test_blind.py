@@ -1,4 +1,4 @@
-"""Figures of four stars, and fields of unknown field of view."""
+"""Patterns of four stars, and images with an unknown field of view."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_known_to_five_per_cent(fov_deg: float) -> None:
 
 @pytest.mark.parametrize("fov_deg", [7.0, 11.0, 30.0, 50.0])
 def test_blind(fov_deg: float) -> None:
-    """With nothing known but "4° to 60°" the same holds."""
+    """The same holds if only "4° to 60°" is known."""
     rng = np.random.default_rng(int(fov_deg))
     solved = 0
     for _ in range(4):

@@ -69,7 +69,7 @@ def test_weights_are_counted_from_black() -> None:
     np.testing.assert_array_equal(low.flux_dn, high.flux_dn)
 
 
-def test_a_saturated_star_keeps_its_middle() -> None:
+def test_a_saturated_star_has_its_centroid_in_the_middle() -> None:
     """With a plateau of equal brightest pixels the window sits in its middle, not at its first corner two pixels off."""
     at = np.array([[60.3, 50.6]])
     image = np.minimum(spots(100, 120, at, np.array([20_000.0]), 1.4), 255).astype(np.uint8)
@@ -97,7 +97,7 @@ def test_sigma_is_about_the_error() -> None:
 
 
 def test_brightest_first_keeps_the_order_of_equals() -> None:
-    """Falling flux; equal ones as they came."""
+    """Descending flux; equal stars keep their order."""
     c = Centroids.from_pixels(np.zeros((4, 2)), np.array([1.0, 5.0, 5.0, 9.0]))
     assert brightest_first(c).tolist() == [3, 1, 2, 0]
 

@@ -61,7 +61,7 @@ def test_the_pattern_stays_while_the_noise_changes() -> None:
     assert _flat(5000.0, noise=False, chip=chip).ravel()[chip.dead].max() < 600
 
 
-def test_a_perfect_chip_changes_the_expectation_by_nothing() -> None:
+def test_a_perfect_chip_has_the_expected_signal() -> None:
     """Without flaws the general path and the plain one agree, with a fixed pattern too."""
     perfect = make_chip(NO_DEFECTS, SENSOR, CAMERA, 3)
     assert np.array_equal(_flat(300.0, noise=False, chip=perfect), _flat(300.0, noise=False))
@@ -88,7 +88,7 @@ def test_impossible_flaws_are_refused(flaw: Defects) -> None:
 
 
 def test_every_profile_has_flaws_and_a_baffle_with_a_source() -> None:
-    """Each camera says what is wrong with it, and from where that is known or that it was chosen."""
+    """Each camera states its defects with a source, or that they were chosen."""
     for p in shipped_registry().cameras_with_chain().values():
         assert p.defects != NO_DEFECTS
         assert {"defects", "sun, earth", "blind"} <= set(p.sources)

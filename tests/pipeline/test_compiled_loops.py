@@ -100,7 +100,7 @@ def test_numpy_can_always_be_selected() -> None:
 
 
 def test_stars_are_not_made_of_noise_at_the_edge() -> None:
-    """Empty frames give no detections in their outermost rows and columns, where the filter repeats pixels."""
+    """Frames without stars give no detections in the outermost rows and columns, where the filter repeats pixels."""
     rng = np.random.default_rng(6)
     found = [find_stars(rng.normal(40, 3, (256, 512)), psf_sigma_px=1.0, fast=False).centroids for _ in range(12)]
     assert sum(len(c) for c in found) == 0

@@ -88,7 +88,7 @@ def test_nearly_all_detections_get_their_right_name(name: str, share: float) -> 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat"])
 def test_spots_that_are_not_stars_get_no_name(name: str) -> None:
-    """Thirty false stars per frame take no star's name and hardly keep true ones from theirs."""
+    """Thirty false stars per frame are not identified and rarely prevent the identification of true ones."""
     rng = np.random.default_rng(42)
     named = 0
     for _ in range(12):
@@ -152,14 +152,14 @@ def scene(extra_pixels: list[list[float]], extra_mag: list[float]) -> tuple[Arra
     return pixels, np.concatenate([3 + 0.2 * np.arange(8), extra_mag])
 
 
-def test_lone_faint_star_is_named() -> None:
+def test_an_isolated_faint_star_is_identified() -> None:
     """A star where and as bright as the catalogue says gets its name."""
     pixels, v_mag = scene([[420.0, 530.0]], [6.0])
     assert name(pixels, v_mag, table(pixels, v_mag), 8)[8] == 9
 
 
-def test_wrong_brightness_or_place_gets_no_name() -> None:
-    """Two magnitudes too bright, or a pixel and a half away, it is not that star."""
+def test_a_spot_with_wrong_brightness_or_position_is_not_identified() -> None:
+    """A spot two magnitudes too bright, or 1.5 px away, is not identified with that star."""
     pixels, v_mag = scene([[420.0, 530.0]], [6.0])
     sky = table(pixels, v_mag)
     assert 8 not in name(pixels, v_mag + np.array([0.0] * 8 + [-2.0]), sky, 8)
@@ -188,8 +188,9 @@ def test_two_detections_of_one_star_get_no_name() -> None:
     assert 9 not in found
 
 
-def test_crowd_gives_no_names_to_strangers() -> None:
-    """Two hundred random dots over a sky of six thousand faint stars take hardly a name: place and brightness do not decide."""
+def test_a_crowded_field_does_not_identify_random_dots() -> None:
+    """Two hundred random dots over a sky of six thousand faint stars are rarely identified, because position and brightness
+    are ambiguous."""
     rng = np.random.default_rng(44)
     pixels, v_mag = scene(rng.uniform(0, 999, (6000, 2)).tolist(), rng.uniform(6, 7, 6000).tolist())
     seen = np.vstack([pixels[:8], rng.uniform(0, 999, (200, 2))])

@@ -1,4 +1,4 @@
-"""Chances of accidental identification."""
+"""Probability of accidental identification."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The FAR-MST chain: statistics with the real catalogue, where no answer may be wrong, and everything that must fail."""
+"""The FAR-MST chain: statistics with the real catalogue, where no answer may be wrong, and inputs that must fail."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _stars(v_max: float) -> StarTable:
 
 
 def _bank(stars: StarTable) -> OnboardCatalogue:
-    """Through the on-board format and back: float32, as the device has it."""
+    """Encode the bank in the on-board format and decode it: float32, as on the device."""
     return decode(encode(stars, distance_table(stars, 0.0, CAMERA.diagonal_rad), "cubestar", "far_mst"), stars.hip)
 
 
@@ -143,7 +143,7 @@ def test_each_matcher_alone_is_never_wrong(matcher: str, trials: Any) -> None:
 
 
 def test_the_documents_own_acceptance_can_be_chosen() -> None:
-    """A unique five-star figure is taken as it is: five matches, no bound; its answers are right where ours are."""
+    """A unique five-star pattern is accepted without a bound: five matches; its results are correct where the bound accepts."""
     rng = np.random.default_rng(32)
     for _ in range(20):
         rotation = matrix_from_quaternion(random_quaternion(rng))
@@ -230,7 +230,7 @@ def test_a_focal_length_one_per_cent_off_is_never_wrong() -> None:
         assert assess(_solve_list(centroids, off), truth, CAMERA, attitude_px=10.0).verdict.value != "wrong"
 
 
-def test_a_hint_to_the_wrong_sky_gives_nothing() -> None:
+def test_a_hint_to_the_wrong_sky_gives_no_attitude() -> None:
     """Assisted or tracking with a hint 40° off ends as none, never with an attitude elsewhere."""
     rng = np.random.default_rng(8)
     for _ in range(10):

@@ -1,4 +1,4 @@
-"""The fixed pattern of a detector taken out of frames."""
+"""Subtraction of a detector's fixed pattern from frames."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LEVEL = 20.0
 
 
 def test_the_pattern_goes_and_a_hot_pixel_takes_its_neighbours_median() -> None:
-    """A frame that is level and pattern becomes level everywhere."""
+    """A constant frame with the pattern becomes constant."""
     frame = (LEVEL + PATTERN).astype(np.uint8)
     assert np.allclose(clean(frame, KNOWN, 255.0, 0.25), LEVEL)
 
@@ -31,7 +31,7 @@ def test_another_exposure_keeps_its_pattern_and_loses_its_hot_pixels() -> None:
 
 
 def test_what_is_saturated_stays_saturated() -> None:
-    """A clipped pixel does not become a bright one that looks whole."""
+    """A clipped pixel does not become an unsaturated bright one."""
     frame = np.full((3, 3), 255, np.uint8)
     assert clean(frame, KNOWN, 255.0)[0, 1] == 255.0
 

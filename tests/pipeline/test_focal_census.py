@@ -1,4 +1,4 @@
-"""Another focal length than the one believed shows in the whole field, however few stars were matched."""
+"""A wrong focal length is detected from the whole field, even with few matched stars."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_the_right_focal_length_meets_no_objection(false: int) -> None:
 
 
 def test_a_cluster_with_an_uncertain_roll_does_not_hide_a_wrong_match() -> None:
-    """Six stars within 40 px leave the roll open by many pixels at the rim: the census finds the rest all the same."""
+    """Six stars within 40 px leave the roll uncertain by many pixels at the rim; the census still finds the other stars."""
     rng = np.random.default_rng(3)
     camera = CAMERA.with_focal_scaled(0.99)
     pixels, stars = _field(rng, camera)
@@ -64,14 +64,14 @@ def test_a_cluster_with_an_uncertain_roll_does_not_hide_a_wrong_match() -> None:
 
 
 def test_a_small_error_of_calibration_does_not_reject_a_solution() -> None:
-    """A quarter of a per cent moves no boresight by more than two pixels and is let pass."""
+    """A quarter of a percent moves the boresight by at most two pixels and is accepted."""
     rng = np.random.default_rng(4)
     pixels, stars = _field(rng, CAMERA.with_focal_scaled(1.002))
     met = _corner(pixels, 5)
     assert focal_objection(pixels, met, stars[met], stars, CAMERA, RADIUS_PX) == ""
 
 
-def test_frames_without_more_stars_say_nothing() -> None:
-    """Where all centroids are matched there is nothing to ask."""
+def test_frames_without_unmatched_stars_are_accepted() -> None:
+    """If all centroids are matched there is no further evidence."""
     pixels, stars = _field(np.random.default_rng(5), CAMERA, 4)
     assert focal_objection(pixels, np.arange(4), stars, stars, CAMERA, RADIUS_PX) == ""

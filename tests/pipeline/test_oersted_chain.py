@@ -1,4 +1,4 @@
-"""The Oersted chain: statistics with the real catalogue, where no answer may be wrong, and everything that must fail."""
+"""The Oersted chain: statistics with the real catalogue, where no answer may be wrong, and inputs that must fail."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _stars(v_max: float) -> StarTable:
 
 @lru_cache
 def _bank(v_max: float, camera_name: str = "own") -> OnboardCatalogue:
-    """Through the on-board format that has magnitudes, and back: float32, as a device has it."""
+    """Encode the bank in the on-board format with magnitudes and decode it: float32, as on a device."""
     stars, camera = _stars(v_max), CAMERAS[camera_name].camera
     return decode(encode(stars, distance_table(stars, 0.0, camera.diagonal_rad), "sunsat", "oersted"), stars.hip)
 
@@ -173,7 +173,7 @@ def test_pure_noise_lists_are_never_solved(trials: Any) -> None:
 
 
 def test_the_documents_own_acceptance_can_be_chosen() -> None:
-    """Without our proof noise gets names: the document's rule accepts what the least-distance fit gives."""
+    """Without the false-match bound noise is identified: the document's rule accepts the result of the least-distance fit."""
     rng = np.random.default_rng(67)
     solved = 0
     for _ in range(20):
@@ -349,7 +349,7 @@ def test_hints_are_demanded_and_wrong_ones_refused() -> None:
 
 
 @pytest.mark.parametrize("n", range(5))
-def test_few_stars_say_so(n: int) -> None:
+def test_few_stars_are_reported(n: int) -> None:
     """Up to four centroids give no attitude when lost, and the reason says how many there were."""
     centroids, _ = _list(np.random.default_rng(9), ORION, 0, "own")
     result = _solve_list(centroids.take(np.arange(n)), _work("own"))

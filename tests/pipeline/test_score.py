@@ -87,8 +87,8 @@ def test_a_star_just_outside_may_be_matched_by_its_rim() -> None:
     assert score(rim, TRUTH, CAMERA) is Verdict.CORRECT
 
 
-def test_silence_is_none() -> None:
-    """No attitude is none, not wrong."""
+def test_no_attitude_is_none() -> None:
+    """No attitude counts as none, not as wrong."""
     silent = replace(_result((0, 0, 0)), outcome=Outcome.NONE, attitude=None, matches=None)
     graded = assess(silent, TRUTH, CAMERA)
     assert graded.verdict is Verdict.NONE

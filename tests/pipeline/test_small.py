@@ -1,4 +1,4 @@
-"""The lean forms say what the general ones say."""
+"""The fast special forms agree with the general functions."""
 
 from __future__ import annotations
 

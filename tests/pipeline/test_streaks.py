@@ -26,7 +26,7 @@ def shot(known: CameraProfile, rate_rad_s: Array, rng: np.random.Generator) -> R
 
 
 def measured(known: CameraProfile, frame: Rendered) -> Turning | None:
-    """What the reference chain does with it."""
+    """Solve the frame with the reference chain."""
     s = known.sensor
     found = find_stars(
         frame.pixels, psf_sigma_px=s.psf_sigma_px, saturation_dn=s.saturation_dn, e_per_dn=s.gain_e_per_dn

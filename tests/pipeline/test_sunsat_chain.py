@@ -218,7 +218,7 @@ def test_an_error_of_half_a_magnitude_gives_no_wrong_answer() -> None:
 
 
 def test_hopeless_frames_give_none_with_a_reason() -> None:
-    """Blank, saturated, all-noise, striped and Moon-lit frames end as none with a reason, in every mode."""
+    """Blank, saturated, noisy, striped and Moon-lit frames have no solution and a reason, in every mode."""
     rng = np.random.default_rng(12)
     dark = np.full((582, 752), 12, np.uint8)
     moon, stripes = dark.copy(), dark.copy()

@@ -77,7 +77,7 @@ def test_false_stars_do_not_disturb_match_groups(false: int) -> None:
 
 
 def test_one_false_star_ruins_star_vectors() -> None:
-    """§3.2.2: the main drawback, one false star, is there and is said."""
+    """§3.2.2: the main drawback: one false star prevents the match, and the reason is stated."""
     guides = _sky(20)
     unit, v_mag = _observed(guides, _field(guides, 8))
     unit[3] = unit[3] + [0.01, 0, 0]

@@ -1,4 +1,4 @@
-"""What Jacobs' five-byte table costs Sunsat's matching: nothing at the document's tolerance, something at the width of a step."""
+"""Effect of Jacobs' five-byte table on Sunsat's matching: none at the document's tolerance, some at the width of a step."""
 
 from __future__ import annotations
 

@@ -194,8 +194,8 @@ def test_the_seventh_star_drops_the_first_four() -> None:
     assert test.add(Candidates(8, np.array([8], np.intp)))
 
 
-def test_one_star_is_not_two() -> None:
-    """The same observed star never stands for two reference stars."""
+def test_one_star_is_not_matched_twice() -> None:
+    """One observed star is never matched to two reference stars."""
     assert _three([[0], [0], [0]]).found == []
 
 

@@ -35,5 +35,5 @@ def test_stars_off_the_reduced_list_are_not_matched() -> None:
 
 
 def test_no_centroids_no_matches() -> None:
-    """Nothing in, nothing out."""
+    """An empty list gives no matches."""
     assert match_nearest(np.empty((0, 3)), _at(0, 1, 2), ALL, RADIUS_RAD).tolist() == []

@@ -62,7 +62,7 @@ def test_the_net_turns_with_the_sky() -> None:
 
 
 def test_two_stars_at_one_place_are_both_in_the_net() -> None:
-    """A star that the hull leaves out hangs on the nearest one."""
+    """A star outside the hull is linked to the nearest one."""
     icrs = np.vstack([_net()[0][:50], _net()[0][7]])
     net = neighbour_links(icrs)
     assert all(len(net.of(row)) for row in range(51))

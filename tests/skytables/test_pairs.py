@@ -40,7 +40,7 @@ def test_small_distances_keep_their_digits():
 
 
 def test_whole_sphere_is_possible():
-    """With 0° to 180° every pair is there, opposite points too."""
+    """From 0° to 180° every pair is listed, including opposite points."""
     unit = np.array([[0, 0, 1.0], [0, 0, -1.0], [1.0, 0, 0]])
     table = distance_table_of_units(unit, 0.0, np.pi)
     assert table.distance_rad == pytest.approx([np.pi / 2, np.pi / 2, np.pi])

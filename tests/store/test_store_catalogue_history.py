@@ -1,4 +1,4 @@
-"""Bank history and star lists, on every database we support."""
+"""Bank history and star lists, on every supported database."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ def a_list(name: str, profile: str = "") -> StarList:
 
 
 def test_a_banks_past_is_found_by_span_and_its_present_by_device(database):
-    """Stays that touch the span come by bank and time; those without an end are what is so now; another device has its own."""
+    """Stays that overlap the span are ordered by bank and time; those without an end are the present state; other devices
+    are separate."""
     with database.unit_of_work() as session:
         first, second = a_device(session, "one", T0), a_device(session, "two", T0 + DAY)
         bank_history.add(session, a_stay(first.id, "B", T0 - 9 * DAY, T0 - 5 * DAY, "aa"))
@@ -86,7 +87,7 @@ def test_contacts_of_a_span_are_those_of_the_device(database):
 
 
 def test_star_lists_come_back_whole_and_newest_first(database):
-    """A list keeps its camera, mapping and report; an unknown one is said to be missing."""
+    """A list keeps its camera, mapping and report; an unknown one raises NotFound."""
     with database.unit_of_work() as session:
         ids = [star_lists.add(session, a_list(name, camera)).id for name, camera in (("x", ""), ("y", "sunsat"))]
     with database.unit_of_work() as session:

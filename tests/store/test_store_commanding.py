@@ -1,4 +1,4 @@
-"""History, stacks and authority in the database, on every kind of it."""
+"""History, stacks and authority, on every supported database."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def filled(database):
     ],
 )
 def test_a_filter_means_the_same_in_every_database(filled, wanted, ids):
-    """Newest first in pages, oldest first in full; text is looked for as it is written, without regard to case."""
+    """Newest first in pages, oldest first in full; text is searched literally, ignoring case."""
     with filled.unit_of_work() as session:
         assert [row.id for row in commands.page(session, wanted, 100)] == ids
         assert [row.id for row in commands.every(session, wanted)] == ids[::-1]
 
 
 def test_an_export_is_read_in_batches_without_gap_or_double(filled, monkeypatch):
-    """Whatever the batch's size, each row comes once with its stages."""
+    """For any batch size each row is returned once with its stages."""
     for size in (1, 2, 3, 6, 7):
         monkeypatch.setattr(paging, "BATCH", size)
         with filled.unit_of_work() as session:
@@ -66,7 +66,7 @@ def test_an_export_is_read_in_batches_without_gap_or_double(filled, monkeypatch)
         assert rows == [(k, ["queued"]) for k in range(1, 7)]
 
 
-def test_facets_name_what_occurs(filled):
+def test_facets_list_the_existing_values(filled):
     """Each once, sorted."""
     with filled.unit_of_work() as session:
         assert commands.facets(session) == {
@@ -77,8 +77,8 @@ def test_facets_name_what_occurs(filled):
         }
 
 
-def test_a_forgotten_stack_leaves_its_runs(database):
-    """The record of what was sent does not go with the list that it was sent from."""
+def test_a_deleted_stack_keeps_its_runs(database):
+    """Deleting a stack keeps the records of its runs."""
     with database.unit_of_work() as session:
         stack = Stack(name="s", note="", steps=[{"command": "RESET"}], author="ann", changed=T0)
         stacks.add(session, stack)

@@ -1,4 +1,4 @@
-"""What an acknowledged write does before it returns, so that a power failure loses none."""
+"""Acknowledged writes are flushed before they return, so that a power failure loses none."""
 
 from __future__ import annotations
 

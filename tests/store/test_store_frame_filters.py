@@ -55,7 +55,7 @@ def result(k: int, matched: int | None = None, operational: bool = True) -> Solu
 
 
 def ids(session: Session, **wanted: object) -> set[int]:
-    """Everything that passes."""
+    """Return the ids of all frames that pass the filter."""
     total, rows = frames.page(session, 5000, 0, **wanted)
     assert total == len(rows)
     return {row.id for row in rows}
@@ -86,7 +86,7 @@ def test_without_filters_all_frames_come_newest_first(session):
         ),
     ],
 )
-def test_filters_choose_what_they_say(session, wanted, passes):
+def test_filters_select_the_matching_frames(session, wanted, passes):
     """Each alone and several together; outcome and stars are those of the newest ground result."""
     assert ids(session, **wanted) == {k for k in range(1, 3001) if passes(k)}
 

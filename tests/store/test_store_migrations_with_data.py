@@ -1,4 +1,4 @@
-"""Every released schema, filled with data, comes through to the newest one; also when the way is cut by kill -9."""
+"""Every released schema, filled with data, is migrated to the newest one; also if the migration is interrupted by kill -9."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SCHEMAS = known_schemas()
 
 
 def filled(url: str, schema: str) -> dict[str, list[dict[str, Any]]]:
-    """A database at that schema with rows in every table it has, made from what the database itself says of its columns."""
+    """A database at that schema with rows in every table, generated from the column definitions in the database."""
     command.upgrade(migration_config(url), schema)
     engine = open_for_migration(url)
     found = sa.MetaData()
@@ -172,8 +172,8 @@ def migrate_and_die(url: str, statement: int) -> bool:
 
 
 def test_a_migration_killed_at_any_statement_leaves_the_old_schema_whole(tmp_path: Path):
-    """kill -9 at every statement between the first schema and the newest: the old schema is there, unharmed, and the next start
-    goes the whole way."""
+    """kill -9 at every statement between the first schema and the newest: the old schema is intact, and the next start
+    completes the migration."""
     url = f"sqlite:///{tmp_path / 'full.db'}"
     before = filled(url, SCHEMAS[0])
     killed, statement = 0, 1

@@ -94,7 +94,7 @@ def test_tables_read_back_are_the_store(filled: Database, tmp_path: Path) -> Non
 
 
 def test_units_are_in_the_columns_and_beside(filled: Database, tmp_path: Path) -> None:
-    """A reader that knows nothing of us finds unit and title of each field."""
+    """A generic reader finds unit and title of each field."""
     export_parquet(filled, load_dictionary(), tmp_path / "out")
     out = tmp_path / "out"
     (file, _) = sorted((out / "telemetry" / "packet=housekeeping").rglob("*.parquet"))
@@ -108,7 +108,7 @@ def test_units_are_in_the_columns_and_beside(filled: Database, tmp_path: Path) -
 
 
 def test_duckdb_reads_it_as_it_is(filled: Database, tmp_path: Path) -> None:
-    """The query of the README's kind, by another reader than the writer's own."""
+    """A query as in the README with a reader other than the writer's library."""
     duckdb = pytest.importorskip("duckdb")
     export_parquet(filled, load_dictionary(), tmp_path / "out")
     files = f"'{tmp_path}/out/telemetry/packet=housekeeping/**/*.parquet'"

@@ -1,4 +1,4 @@
-"""Repositories, on every database we support."""
+"""Repositories, on every supported database."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T0 = datetime(2026, 12, 1, 18, 0, tzinfo=UTC)
 
 
 def a_frame(**values) -> Frame:
-    """A frame's row with the least it needs."""
+    """Return a frame's row with the required columns only."""
     row = {
         "source": "device",
         "name": "f",
@@ -37,7 +37,7 @@ def a_frame(**values) -> Frame:
 
 
 def a_solution(frame_id: int, origin: str, outcome: str) -> Solution:
-    """A solution's row with the least it needs."""
+    """Return a solution's row with the required columns only."""
     return Solution(frame_id=frame_id, origin=origin, chain="c", version="1", created=T0, outcome=outcome, detail={})
 
 
@@ -56,8 +56,8 @@ def test_migrating_twice_changes_nothing(database, database_url):
         assert frames.latest(session).name == "kept"
 
 
-def test_moments_come_back_in_utc_and_local_time_is_refused(database):
-    """A stored moment has its zone again; one without a zone cannot be stored."""
+def test_times_are_returned_in_utc_and_local_times_are_rejected(database):
+    """A stored time is returned with its zone; a time without a zone cannot be stored."""
     with database.unit_of_work() as session:
         frames.add(session, a_frame(taken=T0.astimezone()))
     with database.unit_of_work() as session:
@@ -107,7 +107,7 @@ def test_frames_are_paged_newest_first_and_filtered_by_operational_outcome(datab
 
 
 def test_commands_keep_their_stages_and_those_in_flight_are_found(database):
-    """A restart asks for the largest request id and for what was under way."""
+    """A restart reads the largest request id and the commands in progress."""
     with database.unit_of_work() as session:
         contact = devices.open_contact(session, "socket://x", T0, "c")
         for request_id, result in ((7, "completed"), (4_294_967_290, "sent")):
@@ -181,7 +181,7 @@ def test_contacts_count_their_frames_and_commands(database):
 
 
 def test_catalogues_are_found_by_hash_and_the_rest_by_state(database):
-    """Unfinished transfers and jobs are what a restart has to settle; events are resumed after a number."""
+    """A restart finds unfinished transfers and jobs; events are resumed after a number."""
     with database.unit_of_work() as session:
         catalogues.add(
             session,

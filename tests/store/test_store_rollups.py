@@ -1,4 +1,4 @@
-"""Plots of long spans from rollups: what packets alone would give, on every database."""
+"""Plots of long spans from rollups equal plots from packets, on every database."""
 
 from __future__ import annotations
 
@@ -123,8 +123,8 @@ def test_short_spans_and_few_samples_are_read_from_packets(telemetry: TelemetryS
     assert not whole.thinned
 
 
-def test_packets_that_come_late_are_in_the_plot(telemetry: TelemetryService, clock: Moving) -> None:
-    """A clock that was put back stores into an hour that is done: its rollup is not believed any more, and is made again."""
+def test_late_packets_are_in_the_plot(telemetry: TelemetryService, clock: Moving) -> None:
+    """If a clock that was set back stores packets into a completed hour, its rollup is invalidated and rebuilt."""
     clock.at = T0 + timedelta(hours=HOURS, seconds=61)
     telemetry.rollups.make()
     clock.at = T0 + timedelta(hours=2, seconds=1000.5)
@@ -138,7 +138,7 @@ def test_packets_that_come_late_are_in_the_plot(telemetry: TelemetryService, clo
     assert telemetry.archive.history(NAMES, *span, 240)[0] == supply
 
 
-def test_the_hour_that_runs_is_not_done(telemetry: TelemetryService, clock: Moving) -> None:
+def test_the_current_hour_has_no_rollup(telemetry: TelemetryService, clock: Moving) -> None:
     """Only hours that are over, and have been for a minute, are made; the rest is read from packets."""
     clock.at = T0 + timedelta(hours=3, seconds=59)
     assert telemetry.rollups.make() == 2

@@ -1,4 +1,4 @@
-"""The real thing: server and simulator as processes, driven over HTTP."""
+"""Real server and simulator processes, controlled over HTTP."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _end_nursery() -> Iterator[None]:
 
 
 class Console:
-    """A client with the patience of an operator."""
+    """HTTP client of an admin that waits for results."""
 
     def __init__(self, address: str, headers: dict[str, str]) -> None:
         self.address, self.headers = address, headers
@@ -56,7 +56,7 @@ class Console:
         return reply.json()
 
     def wait(self, what: str, look: Callable[[], Any], seconds: float = 30.0) -> Any:
-        """The first true value of ``look``; fails with ``what`` after a while."""
+        """Return the first true value of ``look``; fail with ``what`` after the timeout."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             found = look()
@@ -100,7 +100,7 @@ class Server:
         self._close()
 
     def kill(self) -> None:
-        """As a power cut would (of the server alone: the simulator is its own process)."""
+        """Kill the server as a power failure would; the simulator is a separate process and continues."""
         self.process.kill()
         self.process.wait()
         self._close()

@@ -52,7 +52,7 @@ class Hatched:
 
 
 class Nursery:
-    """The tests' end."""
+    """Interface of the tests to the preloaded process."""
 
     def __init__(self) -> None:
         self._socket, theirs = socket.socketpair()

@@ -1,4 +1,4 @@
-"""A sensor whose lens is not its document's, through a real server and a real simulator: its own frames put it right."""
+"""A simulated sensor with a wrong lens model is calibrated from its own frames, through a real server."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def test_the_simulator_keeps_the_interface_document(simulator: str) -> None:
     assert {c["result"] for c in by_number.values()} == {"pass", "not checked"}
 
 
-def test_a_port_that_is_not_there_is_said_in_one_line() -> None:
+def test_a_missing_port_is_reported_in_one_line() -> None:
     """No device, no check: exit 1 or 2 with a hint, and nothing on standard output."""
     done = check("--device", "/dev/no-such-port")
     assert done.returncode == 2

@@ -18,7 +18,8 @@ pytestmark = pytest.mark.timeout(120)
 
 
 def test_commanding_is_blocked_until_the_difference_is_acknowledged(simulator, tmp_path, monkeypatch, signed_in):
-    """The header says so, commands are refused with words, ABORT is not; after acknowledging they pass."""
+    """The header shows the difference, commands are rejected with a message, ABORT is not; after acknowledgement commands
+    are sent."""
     ours, shipped = load_dictionary(), Registry.get
     other = dataclasses.replace(ours, hash=bytes(32), same_layout_as=frozenset())
     monkeypatch.setattr(Registry, "get", lambda self, name: dataclasses.replace(shipped(self, name), dictionary=other))

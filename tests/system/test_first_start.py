@@ -1,4 +1,4 @@
-"""From nothing to the first user, with real processes: the printed link, the shell, TLS, and what is on the disk afterwards."""
+"""From an empty folder to the first user, with real processes: printed link, shell, TLS, and the files on disk."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CHEAP = {"GSS_PASSWORD_MEMORY_KIB": "8", "GSS_PASSWORD_PASSES": "1"}
 
 
 class Ran(NamedTuple):
-    """How a shell command ended."""
+    """Result of a shell command."""
 
     returncode: int
     stdout: str
@@ -137,7 +137,7 @@ def test_the_shell_creates_users_and_tokens_for_a_running_server(start, shell, t
 
 
 def test_with_tls_files_the_server_speaks_https_and_sets_secure_cookies(start, tmp_path):
-    """A certificate of our own making, checked by the client; plain HTTP gets no answer."""
+    """A self-signed certificate is verified by the client; plain HTTP gets no response."""
     key, certificate = tmp_path / "key.pem", tmp_path / "certificate.pem"
     made = [
         "openssl",

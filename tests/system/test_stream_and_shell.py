@@ -69,7 +69,7 @@ def test_shell_builds_a_catalogue_and_gives_it_to_the_device(simulator, tmp_path
 
 
 def test_shell_refuses_what_the_device_cannot_take(simulator, tmp_path):
-    """Another camera's catalogue, a damaged file, no such bank, a silent port: one clear sentence each."""
+    """Another camera's catalogue, a damaged file, an unknown bank and a silent port each give one clear message."""
     image = tmp_path / "sunsat.img"
     assert gss("catalogue", "build", "--profile", "sunsat", "--mag-limit", "4", "--out", str(image)).returncode == 0
     other = gss("catalogue", "upload", str(image), "--device", simulator, "--bank", "A")

@@ -1,4 +1,4 @@
-"""What a crash, a lost line or a second server leave behind: nothing lost, nothing sent twice."""
+"""After a crash, a lost line or a second server nothing is lost and nothing is sent twice."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_killed_server_loses_nothing_acknowledged(serve, simulator):
 
 
 def test_command_in_flight_at_a_crash_comes_back_unknown_and_is_not_sent_again(serve, simulator):
-    """Its fate is the operator's to settle: nothing non-idempotent is repeated by software."""
+    """The operator decides about it: the software repeats no command that is not idempotent."""
     first = serve("--device", simulator)
     online(first.console)
     before = first.console.get("/commands", limit=1)[0]["id"]
@@ -97,7 +97,7 @@ def test_server_refuses_to_listen_beyond_this_machine():
 
 
 def test_one_data_folder_has_one_server(serve, tmp_path):
-    """The second is refused with words and changes nothing of the first one's record."""
+    """The second server is rejected with a message and does not change the data of the first."""
     first = serve("--simulator", "cubestar")
     online(first.console)
     command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(first.folder)]

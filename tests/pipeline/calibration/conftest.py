@@ -1,4 +1,4 @@
-"""Frames of a night for every camera: rendered, measured by the detector, named by the truth."""
+"""Frames of a night for every camera: rendered, measured by the detector, identified by the truth."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def rendered_frames(
 
 
 def measure(picture: Rendered, known: CameraProfile) -> tuple[Centroids, Array, Array]:
-    """The detector's fit at the stars that are bright, whole and alone: centroids, their names, their true places."""
+    """Return the fit at bright, complete and isolated stars: centroids, star numbers, true positions."""
     sensor, truth = known.sensor, picture.truth
     half = int(np.ceil(3 * sensor.psf_sigma_px)) + 1
     gap = np.hypot(*(truth.pixels[:, None] - truth.pixels[None]).transpose(2, 0, 1))
@@ -125,7 +125,7 @@ def measure(picture: Rendered, known: CameraProfile) -> tuple[Centroids, Array, 
 
 
 def rough(camera: Camera) -> Camera:
-    """What is believed before: half a percent off in focal length, no lens, the middle of the detector."""
+    """Initial camera: half a percent off in focal length, no distortion, centre of the detector."""
     middle = {"centre_col_px": (camera.columns - 1) / 2, "centre_row_px": (camera.rows - 1) / 2}
     bare = Camera.from_fov(camera.columns, camera.rows, 1.0)
     plain = replace(camera, distortion=bare.distortion, **middle)

@@ -40,7 +40,7 @@ def _turned(camera: Camera, direction: tuple[float, float], turns: int, play_px:
     return camera.project(unit / np.linalg.norm(unit, axis=1, keepdims=True)) + play_px * rng.normal(size=(turns, 2))
 
 
-def test_centre_is_where_a_dot_runs_round(known: Known) -> None:
+def test_centre_is_the_centre_of_the_circle_of_a_dot(known: Known) -> None:
     """A circle of 15 px with 0.2 px of play gives the centre of the profile within its error, a fifth of a pixel."""
     camera = known("cubestar").camera
     shifted = replace(camera, centre_col_px=540.3, centre_row_px=240.8)
@@ -217,8 +217,8 @@ def test_a_missing_library_is_reported_with_how_to_install_it(monkeypatch: pytes
 
 
 @pytest.mark.parametrize("name", ["cubestar", "sunsat", "aim"])
-def test_cameras_survive_being_written_down(name: str, known: Known) -> None:
-    """A camera's record is plain and gives the same camera; anything else is refused."""
+def test_cameras_survive_storage(name: str, known: Known) -> None:
+    """A camera's record has plain values and restores the same camera; other content is rejected."""
     camera = known(name).camera
     assert camera_from(record_of(camera)) == camera
     with pytest.raises(CorruptData, match="record of a camera"):
@@ -233,16 +233,17 @@ def test_cameras_survive_being_written_down(name: str, known: Known) -> None:
     "pairs",
     [[[5, 5, 5, 5]] * 10, [[5, 5, 90, 90]] * 10, [[1e300, 5, -1e300, k] for k in range(10)], [[np.nan, 1, 2, 3]] * 10],
 )
-def test_dots_that_say_nothing_of_a_tilt_are_refused(pairs: list[list[float]], known: Known) -> None:
-    """Two dots in one, dots that never move, places on no detector and NaN give no tilt with σ 0, but a refusal."""
+def test_dots_that_do_not_determine_a_tilt_are_rejected(pairs: list[list[float]], known: Known) -> None:
+    """Two dots in one, dots that never move, positions outside any detector and NaN are rejected instead of giving a tilt
+    with σ 0."""
     rows = np.array(pairs, float)
     with pytest.raises(BadInput):
         detector_tilt(rows[:, :2], rows[:, 2:], known("cubestar").camera, 35.0)
 
 
 @pytest.mark.parametrize("dots", [[[5, 5]] * 10, [[1e308 * (-1) ** k, 1e300 * k] for k in range(10)]])
-def test_a_dot_that_says_nothing_of_a_centre_is_refused(dots: list[list[float]]) -> None:
-    """A place that never changes and places on no detector are refused before anything is solved."""
+def test_a_dot_that_does_not_determine_a_centre_is_rejected(dots: list[list[float]]) -> None:
+    """A constant position and positions outside any detector are rejected before anything is solved."""
     with pytest.raises(BadInput):
         optical_centre(np.array(dots, float))
 
@@ -251,7 +252,7 @@ def test_a_dot_that_says_nothing_of_a_centre_is_refused(dots: list[list[float]])
     "sigma",
     [[-1, -2, -1, -1, 5], [1, 1, 1, 1, 1], [0, 0, 0, 0, 0], [3, 1, np.nan, 1, 3], [1e300, 1, 0.5, 1, 1e300]],
 )
-def test_widths_that_no_focus_gives_are_refused(sigma: list[float]) -> None:
+def test_impossible_widths_are_rejected(sigma: list[float]) -> None:
     """Negative, equal, zero, absurd and missing widths have no best focus."""
     with pytest.raises(BadInput):
         best_focus(np.arange(5.0), np.array(sigma, float))

@@ -1,4 +1,4 @@
-"""Dark frames, photon transfer, dark current against temperature, and widths of stars against the detector that made them."""
+"""Dark frames, photon transfer, dark current by temperature, and star widths, compared with the simulated detector."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_photon_transfer_without_a_dark_pair_says_so(known: Known) -> None:
 
 
 @pytest.mark.parametrize("name", ["cubestar", "far_mst", "sunsat"])
-def test_dark_frames_show_the_chip(name: str, known: Known) -> None:
+def test_dark_frames_reveal_the_defects_of_the_chip(name: str, known: Known) -> None:
     """Hot pixels are those of the chip, the pattern's spread and that of columns are its own, the level is bias and dark."""
     own = known(name)
     rng, exposure_s = np.random.default_rng(8), own.sensor.exposure_s

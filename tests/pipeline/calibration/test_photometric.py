@@ -83,7 +83,7 @@ def test_every_term_is_recovered_within_its_error(night: Night, known: Known) ->
     assert made.warnings == ()
 
 
-def test_area_factor_gives_back_what_a_threshold_took(night: Night, known: Known) -> None:
+def test_area_factor_corrects_the_loss_below_a_threshold(night: Night, known: Known) -> None:
     """Brightness above a threshold that changes from frame to frame: k_area of eq. C.1 is found, and the scatter shrinks."""
     camera, rng = known("cubestar").camera, np.random.default_rng(3)
     frames, thresholds = [], []
@@ -128,8 +128,8 @@ def test_photometric_faults_are_reported(night: Night, known: Known) -> None:
         calibrate_photometry(night(camera, frames=5), camera)
 
 
-def test_strays_do_not_bend_a_robust_line() -> None:
-    """A tenth of wild points moves a line by less than its σ, and the σ is that of the good ones."""
+def test_outliers_do_not_shift_a_robust_line() -> None:
+    """Ten percent of outliers move the line by less than its σ, and σ is that of the other points."""
     rng = np.random.default_rng(2)
     x = np.linspace(0, 1, 300)
     y = 2 + 3 * x + 0.1 * rng.normal(size=300)

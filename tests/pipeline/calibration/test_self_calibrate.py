@@ -69,7 +69,7 @@ def test_wide_cameras_meet_the_target(
     assert made.residuals.noise_px == pytest.approx(0.1, rel=0.05)
 
 
-def test_errors_are_as_large_as_they_say(night: Night, known: Callable[[str], CameraProfile]) -> None:
+def test_errors_agree_with_their_stated_sigma(night: Night, known: Callable[[str], CameraProfile]) -> None:
     """Over repeated nights the errors of every parameter scatter with its own σ, and the errors of attitude with theirs."""
     camera = known("far_mst").camera
     camera = replace(camera, distortion=Brown(-0.1, 0.02))
@@ -128,8 +128,8 @@ def test_attitudes_are_returned(night: Night, rough_camera: Callable, known: Cal
         assert np.all(np.sqrt(np.diag(fit.covariance_rad2)) < 1e-3)
 
 
-def test_false_stars_do_no_harm(night: Night, known: Callable[[str], CameraProfile]) -> None:
-    """One star in twenty put to a wrong place moves nothing and is counted as rejected."""
+def test_false_stars_have_no_effect(night: Night, known: Callable[[str], CameraProfile]) -> None:
+    """One star in twenty at a wrong position has no effect and is counted as rejected."""
     camera = known("cubestar").camera
     rng = np.random.default_rng(2)
     spoilt, wrong = [], 0
@@ -200,7 +200,7 @@ def test_undetermined_parameters_are_held_and_named(
     assert camera_difference(made.camera, camera).rms_px < 0.05
 
 
-def test_prediction_error_grows_where_no_star_was(night: Night, known: Callable[[str], CameraProfile]) -> None:
+def test_prediction_error_grows_without_stars(night: Night, known: Callable[[str], CameraProfile]) -> None:
     """Stars on the left half only: the geometry is known there, and its σ says so."""
     camera = known("far_mst").camera
     half = [f.take(f.pixels[:, 0] < 640) for f in night(camera, seed=3)]
@@ -210,10 +210,10 @@ def test_prediction_error_grows_where_no_star_was(night: Night, known: Callable[
     assert {w.code for w in made.warnings} >= {"one-part"}
 
 
-def test_residual_maps_show_the_lens_and_then_nothing(
+def test_residual_maps_show_the_lens_before_calibration_only(
     night: Night, rough_camera: Callable, known: Callable[[str], CameraProfile]
 ) -> None:
-    """Before, vectors of pixels; after, cells within a few hundredths of nothing."""
+    """Residuals are pixels before and within a few hundredths of a pixel after calibration."""
     camera = known("cubestar").camera
     made = calibrate_camera(night(camera, limit_mag=5.0), rough_camera(camera), models=["brown-4"])
     before, after = made.before_map, made.after_map
@@ -240,7 +240,7 @@ def test_a_lens_model_worse_than_the_previous_camera_is_reported(
 
 
 def test_the_same_frames_give_the_same_camera(night: Night, known: Callable[[str], CameraProfile]) -> None:
-    """No chance in it, and the order of the frames does not matter to a thousandth of σ."""
+    """The result is deterministic, and the order of the frames changes it by less than a thousandth of σ."""
     camera = known("oersted").camera
     frames = night(camera, frames=10)
     one, two = (calibrate_camera(f, camera, models=["brown-2"]) for f in (frames, frames))
@@ -263,7 +263,7 @@ def test_calibration_goes_into_a_profile(night: Night, known: Callable[[str], Ca
         made.parameter("k9")
 
 
-def test_attitude_differs_as_the_difference_of_cameras_says(known: Callable[[str], CameraProfile]) -> None:
+def test_attitudes_differ_as_the_cameras_predict(known: Callable[[str], CameraProfile]) -> None:
     """A moved centre is, for attitude, a rotation; the rest is small."""
     camera = known("far_mst").camera
     moved = replace(camera, centre_col_px=camera.centre_col_px + 2)

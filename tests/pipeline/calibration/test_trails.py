@@ -20,7 +20,7 @@ Known = Callable[[str], CameraProfile]
 
 @pytest.mark.parametrize(("length_px", "bearing"), [(0.0, 0.0), (6.0, 0.4), (10.0, 2.2)])
 def test_length_of_trails_is_measured(length_px: float, bearing: float, known: Known) -> None:
-    """Round stars have none; trails come out within three tenths, whatever their direction."""
+    """Round stars have none; the length of trails is measured within 0.3 px in any direction."""
     own = known("far_mst")
     exposure_s = own.sensor.exposure_s
     rate = length_px * own.camera.pixel_rad / exposure_s * np.array([np.cos(bearing), np.sin(bearing), 0.0])
