@@ -199,10 +199,10 @@ def _select(
     rules, corrections, stars = p.request.rules, p.request.corrections, source.stars
     if rules.faint_mag > source.faintest_v_mag:
         raise BadInput(
-            "the star table is not that deep",
+            "the star table does not reach this magnitude limit",
             expected=f"V ≤ {source.faintest_v_mag:g}",
             got=f"{rules.faint_mag:g}",
-            hint="a brighter limit or a deeper source",
+            hint="use a brighter limit or a deeper source",
         )
     if p.request.depth_mag is not None and len(stars):
         stars = stars.take(stars.v_mag <= rules.faint_mag)
@@ -215,15 +215,18 @@ def _select(
 def _check_kept(p: BuildPlan, selection: Selection) -> None:
     if selection.count(Fate.OUTSIDE) == len(selection.candidates):
         raise BadInput(
-            "the envelope holds no star",
+            "no star lies in the envelope",
             expected="at least one within the limits",
             got=f"0 of {len(selection.candidates)}",
-            hint="wider limits or a fainter magnitude limit",
+            hint="use wider limits or a fainter magnitude limit",
         )
     count = selection.count(Fate.KEPT)
     if count < FEWEST_STARS:
         raise BadInput(
-            "too few stars are left", expected=f"at least {FEWEST_STARS}", got=str(count), hint="looser rules"
+            "too few stars are left",
+            expected=f"at least {FEWEST_STARS}",
+            got=str(count),
+            hint="relax the selection rules",
         )
     request = p.request
     # A reduced catalogue keeps only the pairs among its own stars, which are unknown until it is made.
@@ -236,10 +239,10 @@ def _check_kept(p: BuildPlan, selection: Selection) -> None:
 def _check_size(p: BuildPlan, size: int) -> None:
     if size > p.bank_bytes:
         raise BadInput(
-            "the catalogue overflows the bank",
+            "the catalogue is too large for the bank",
             expected=f"at most {p.bank_bytes} bytes",
             got=f"{size} bytes",
-            hint="a brighter limit, fewer stars per field, a narrower envelope or shorter distances",
+            hint="use a brighter limit, fewer stars per field, a narrower envelope or shorter distances",
         )
 
 

@@ -90,9 +90,7 @@ def coverage_change(
 ) -> CoverageChange:
     """Count the stars around each HEALPix pixel before and after, in circles the size of a field of view."""
     if not 0 < radius_rad <= np.pi:
-        raise BadInput(
-            "a circle of that radius holds no sky", expected="more than 0°, at most 180°", got=f"{radius_rad}"
-        )
+        raise BadInput("the radius is out of range", expected="more than 0°, at most 180°", got=f"{radius_rad}")
     chord, where = 2 * np.sin(radius_rad / 2), centres(nside)
     counts = [
         np.asarray(cKDTree(_unit(c.icrs)).query_ball_point(where, chord, return_length=True), np.int64)

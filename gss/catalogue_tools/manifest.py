@@ -127,7 +127,7 @@ def check_image(manifest: BuildManifest, image: bytes) -> None:
     """Raise CorruptData unless the image is the one that the manifest describes."""
     digest = hashlib.sha256(image).hexdigest()
     if digest != manifest.image_sha256:
-        raise CorruptData("the image is not the manifest's", expected=manifest.image_sha256, got=digest)
+        raise CorruptData("the image does not belong to the manifest", expected=manifest.image_sha256, got=digest)
 
 
 def profile_sha256(profile: CameraProfile) -> str:

@@ -120,7 +120,7 @@ def _check_distances(shortest_rad: float, longest_rad: float) -> None:
             "the shortest distance is not below the longest",
             expected=f"0° to less than {np.degrees(longest_rad):.4g}°",
             got=f"{np.degrees(shortest_rad):.4g}°",
-            hint="without a longest distance the field's diagonal counts",
+            hint="without a longest distance the diagonal of the field is used",
         )
 
 
@@ -155,14 +155,14 @@ def _envelope(
     if limits is None:
         if planes is None:
             return WholeSky(shape)
-        raise BadInput("an orbit without attitude limits says nothing", expected="a pointing law with its limits")
+        raise BadInput("an orbit needs a pointing law with attitude limits", expected="a pointing law with its limits")
     if limits.pointing in ORBIT_LAWS:
         if planes is None:
             raise BadInput(
                 f"pointing {limits.pointing} follows the orbit",
                 expected="orbital elements or a TLE",
                 got="no orbit",
-                hint="leave the attitude limits away for the whole sky",
+                hint="omit the attitude limits for the whole sky",
             )
         if request.method == "blocks":
             blocks = BlockEnvelope(shape, limits, planes)
@@ -170,7 +170,7 @@ def _envelope(
         return BandEnvelope(shape, limits, planes)
     if request.method == "blocks":
         raise BadInput(
-            "blocks are of a camera that turns with its orbit", expected=" | ".join(ORBIT_LAWS), got=limits.pointing
+            "blocks need a pointing law that follows the orbit", expected=" | ".join(ORBIT_LAWS), got=limits.pointing
         )
     return _patch(request, shape, limits)
 

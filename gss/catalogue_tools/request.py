@@ -108,7 +108,7 @@ class BuildRequest:
         check_format(self.format_name)
         if not (self.name.isprintable() and self.author.isprintable()):
             raise BadInput(
-                "name or author of the catalogue holds control characters",
+                "name or author of the catalogue contains control characters",
                 expected="letters, digits and signs on one line",
                 got=repr(f"{self.name} {self.author}")[:80],
             )
@@ -121,7 +121,11 @@ class BuildRequest:
                 "the start has no time zone", expected="a time with its offset from UTC", got=str(self.start)
             )
         if self.pointings < 1:
-            raise BadInput("no pointings to judge the quality by", expected="at least 1", got=str(self.pointings))
+            raise BadInput(
+                "the number of pointings for the quality is out of range",
+                expected="at least 1",
+                got=str(self.pointings),
+            )
         if self.reduced is not None:
             _check_frame(self.reduced)
         _check_source(self)
@@ -233,13 +237,15 @@ def _check_source(request: BuildRequest) -> None:
     if request.method not in METHODS:
         raise BadInput("unknown method of the envelope", expected=" | ".join(METHODS), got=request.method)
     if request.source != "list" and request.star_list is not None:
-        raise BadInput("a star list is named but not used", expected="source list", got=request.source)
+        raise BadInput(
+            "a star list was given, but the source does not use it", expected="source list", got=request.source
+        )
     if request.source == "hipparcos" and request.rules.faint_mag > FAINTEST_V_MAG:
         raise BadInput(
-            "the star table is not that deep",
+            "the star table does not reach this magnitude limit",
             expected=f"V ≤ {FAINTEST_V_MAG:g}",
             got=f"{request.rules.faint_mag:g}",
-            hint="the source hipparcos_all or gaia for fainter cameras",
+            hint="use the source hipparcos_all or gaia for fainter cameras",
         )
 
 

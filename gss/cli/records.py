@@ -67,7 +67,7 @@ def services_of(arguments: argparse.Namespace, backups: Path | None = None) -> S
     if backups is not None:
         settings = settings.model_copy(update={"backups": str(backups.resolve())})
     if not settings.data.is_dir():
-        raise NotFound("there is no such data folder", got=str(settings.data), hint="--data, or GSS_DATA")
+        raise NotFound("there is no such data folder", got=str(settings.data), hint="set --data or GSS_DATA")
     return build(settings)
 
 

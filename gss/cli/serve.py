@@ -136,6 +136,6 @@ def _listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         listener.close()
         raise Conflict(
-            f"port {port} cannot be used", got=str(error), hint="another --port, or 0 for a free one"
+            f"port {port} cannot be used", got=str(error), hint="choose another --port, or 0 for a free one"
         ) from None
     return listener

@@ -221,7 +221,7 @@ def check_store(arguments: argparse.Namespace) -> int:
 
     settings = Settings(**({"data": arguments.data} if arguments.data else {}))
     if not settings.data.is_dir():
-        raise NotFound("there is no such data folder", got=str(settings.data), hint="--data, or GSS_DATA")
+        raise NotFound("there is no such data folder", got=str(settings.data), hint="set --data or GSS_DATA")
     database = Database(open_to_check(settings.database_url))
     try:
         audit = AuditService(database, utc_now, AnchorFile(settings.audit_anchor_file))

@@ -74,7 +74,7 @@ class Part:
 def checked_target(target: int) -> int:
     """Return a slot or bank number. Raises BadInput unless it fits in one byte."""
     if not 0 <= target <= 0xFF:
-        raise BadInput("impossible target", expected="0 – 255", got=str(target))
+        raise BadInput("the target is out of range", expected="0 – 255", got=str(target))
     return target
 
 

@@ -63,18 +63,22 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     missing = {*GEOMETRY, *coefficients, *sensor_names} - optional - set(values)
     if unknown or missing:
         wrong = ", ".join(sorted(unknown | missing))
-        raise BadInput("calibration has other values", expected="geometry, coefficients, photometry", got=wrong)
+        raise BadInput(
+            "the calibration has missing or unknown values", expected="geometry, coefficients, photometry", got=wrong
+        )
     words = [n for n, v in values.items() if isinstance(v, str) and n != "distortion"]
     if words:
-        raise BadInput("calibration values are numbers", expected="a number", got=", ".join(words))
+        raise BadInput("a value of the calibration is not a number", expected="a number", got=", ".join(words))
     numbers = {n: float(v) for n, v in values.items() if not isinstance(v, str)}
     whole = {n: int(numbers[n]) for n in WHOLE}
     size = profile.camera.columns, profile.camera.rows, profile.sensor.bits
     if tuple(whole.values()) != size or any(numbers[n] != whole[n] for n in WHOLE):
         got = "{columns} x {rows} px, {bits} bits".format(**whole)
-        raise BadInput("calibration of another detector", expected=f"{size[0]} x {size[1]} px, {size[2]} bits", got=got)
+        raise BadInput(
+            "the calibration is for another detector", expected=f"{size[0]} x {size[1]} px, {size[2]} bits", got=got
+        )
     if numbers["focal_col_px"] <= 0 or numbers["focal_row_px"] <= 0 or numbers["gain_e_per_dn"] <= 0:
-        raise BadInput("focal lengths and gain must be above zero")
+        raise BadInput("a focal length or the gain is not above zero")
     own = calibration_values(profile)
     for name in numbers:
         current = own.get(name, profile.focal_mm if name == "focal_mm" else 0.0)
@@ -83,7 +87,9 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
             name, numbers[name], -abs(float(current)) if name in coefficients and name != "focal_mm" else current
         )
     if not numbers["bright_limit_mag"] < numbers["faint_limit_mag"]:
-        raise BadInput("limiting magnitudes are crossed", expected="bright_limit_mag below faint_limit_mag")
+        raise BadInput(
+            "the bright limit is not brighter than the faint limit", expected="bright_limit_mag below faint_limit_mag"
+        )
     distortion = make({n: numbers[n] for n in coefficients if n in numbers})
     geometry: dict[str, Any] = {n: whole.get(n, numbers[n]) for n in GEOMETRY}
     camera = Camera(**geometry, distortion=distortion)

@@ -185,7 +185,7 @@ class Camera:
     def __post_init__(self) -> None:
         if self.columns < 1 or self.rows < 1 or not (self.focal_col_px > 0 and self.focal_row_px > 0):
             raise BadInput(
-                "camera is impossible",
+                "the camera is not valid",
                 expected="at least 1 x 1 pixels and positive focal lengths",
                 got=f"{self.columns} x {self.rows}, f = {self.focal_col_px}, {self.focal_row_px} px",
             )
@@ -210,7 +210,7 @@ class Camera:
         """Return a pinhole camera with square pixels and the given horizontal field of view."""
         if not 0 < fov_col_rad < np.pi:
             raise BadInput(
-                "field of view is impossible", expected="between 0° and 180°", got=f"{np.degrees(fov_col_rad):g}°"
+                "the field of view is out of range", expected="between 0° and 180°", got=f"{np.degrees(fov_col_rad):g}°"
             )
         focal_px = columns / 2 / np.tan(fov_col_rad / 2)
         return cls(columns, rows, focal_px, focal_px, (columns - 1) / 2, (rows - 1) / 2)

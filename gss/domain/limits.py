@@ -96,7 +96,7 @@ class Persistence:
     def after(self, sample: State, persistence: int) -> Persistence:
         """Return the filter after one more sample; ``persistence`` ≥ 1 is the number of samples that must agree."""
         if persistence < 1:
-            raise BadInput("persistence counts samples", expected=f"1 – {PERSISTENCE_MAX}", got=str(persistence))
+            raise BadInput("the persistence is out of range", expected=f"1 – {PERSISTENCE_MAX}", got=str(persistence))
         if sample is self.counted and self.recent == (sample,) * (persistence - 1):
             return self  # fast path: nearly all samples take it
         run = (*self.recent, sample)[-persistence:]

@@ -31,12 +31,12 @@ class SpectralResponse:
         wavelength, value = np.array(self.wavelength_nm, float), np.array(self.a_per_w, float)
         if len(wavelength) != len(value) or len(wavelength) < 2 or not np.all(np.diff(wavelength) > 0):
             raise BadInput(
-                "response curve is impossible",
+                "the response curve is not valid",
                 expected="two or more wavelengths, ascending, with a value each",
                 got=f"{len(wavelength)} wavelengths and {len(value)} values",
             )
         if not (np.isfinite(wavelength).all() and np.isfinite(value).all() and (value >= 0).all() and value.max() > 0):
-            raise BadInput("response curve is impossible", expected="finite values, none negative, one above zero")
+            raise BadInput("the response curve is not valid", expected="finite values, none negative, one above zero")
 
     def at(self, wavelength_nm: Array) -> Array:
         """Response at each wavelength."""

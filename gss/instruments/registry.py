@@ -130,7 +130,7 @@ class Registry:
     def check_name(self, name: str) -> None:
         """Raise Conflict if an own package must not have this name."""
         if name in _folders(SHIPPED):
-            raise Conflict("a shipped instrument cannot be replaced", got=name, hint="give yours another id")
+            raise Conflict("a shipped instrument cannot be replaced", got=name, hint="change the id of your package")
 
     def find(self, name: str, version: str = "") -> Instrument:
         """Return an instrument in a version, by default the current one. Raises NotFound."""
@@ -180,7 +180,7 @@ def _read_own(name: str, folder: Path) -> Instrument | GssError:
     except GssError as error:
         return error
     if instrument.name != name:
-        return BadInput("the folder must be named as the instrument", expected=instrument.name, got=name)
+        return BadInput("the folder does not have the name of the instrument", expected=instrument.name, got=name)
     return instrument
 
 

@@ -174,7 +174,7 @@ def rezipped(data, name, change):
         ("pairs.csv", lambda b: None, "a table is missing"),
         ("stars.csv", lambda b: b.replace(b"\n0,", b"\n99999,", 1), "does not fit its type|damaged"),
         ("layout.json", lambda b: b[:-2], "layout of the table file is damaged"),
-        ("layout.json", lambda b: json.dumps(json.loads(b) * 2).encode(), "not one image"),
+        ("layout.json", lambda b: json.dumps(json.loads(b) * 2).encode(), "does not contain one complete image"),
         ("layout.json", lambda b: b"[" * 100_000, "layout of the table file is damaged"),
         ("layout.json", lambda b: b.replace(b'"bits": []', b'"bits": ["x"]', 1), "layout of the table file is damaged"),
         ("layout.json", lambda b: b.replace(b'"bits": []', b'"bits": [3]', 1), "damaged|not whole|does not fit"),

@@ -162,7 +162,7 @@ def test_choices_are_restored_from_their_parameters():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: SelectionRules(5.0, thinning="squares"), "way of thinning"),
+        (lambda: SelectionRules(5.0, thinning="squares"), "thinning method"),
         (lambda: ScreeningRules("burn"), "unknown screening"),
         (lambda: ScreeningRules(most_companions=-1), "limit of the screening"),
         (lambda: ScreeningRules(most_false=float("nan")), "limit of the screening"),

@@ -159,8 +159,8 @@ def test_observer_in_orbit_sees_the_moon_elsewhere() -> None:
         (START, 0, {}, "date range"),
         (START, 4000, {}, "date range"),
         (START, float("nan"), {}, "date range"),
-        (START, 10, {"step_days": 0.0}, "step does not fit"),
-        (START, 1000, {"step_days": 0.01}, "step does not fit"),
+        (START, 10, {"step_days": 0.0}, "step is out of range"),
+        (START, 1000, {"step_days": 0.01}, "step is out of range"),
         (START, 10, {"limit_mag": float("nan")}, "not a number"),
     ],
 )

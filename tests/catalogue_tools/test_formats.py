@@ -295,7 +295,7 @@ def test_every_truncated_image_is_rejected(format_name):
     """A truncated image is rejected at any length; bytes after a complete image have no effect."""
     image = full() if format_name == "sections" else small(format_name)
     for length in range(64, len(image)):
-        with pytest.raises(CorruptData, match="cut short"):
+        with pytest.raises(CorruptData, match="truncated"):
             decode(image[:length])
     for length in range(64):
         with pytest.raises(CorruptData, match="not a bank image"):
@@ -317,10 +317,10 @@ def damaged(format_name, tag, offset, content):
         ("far-mst", "KVEC", 0, struct.pack("<d", np.nan), "k-vector does not fit"),
         ("cubestar", "REDU", 16 + 6, b"\xff", "beyond the list"),
         ("aim", "LINK", 0, b"\x63\x00", "pointers"),
-        ("aim", "LINK", 4 * 49, b"\xff\x00", "no other end"),
+        ("aim", "LINK", 4 * 49, b"\xff\x00", "at one end only"),
         ("aim", "LINK", -4, b"\x02\x00\x00\x00", "unknown or misplaced section|wrong length"),
         ("aim", "LINK", -8, b"NOTE", "unknown or misplaced section"),
-        ("oersted", "TCLS", 0, struct.pack("<d", 0.0), "classes make no sense"),
+        ("oersted", "TCLS", 0, struct.pack("<d", 0.0), "classes of the triplets are inconsistent"),
         ("oersted", "TCER", 0, b"\xff\xff", "not in the list"),
         ("oersted", "TCER", -8, b"TCLS", "unknown or misplaced section"),
         ("oersted", "TMAY", -8, b"TCER", "unknown or misplaced section"),

@@ -218,10 +218,10 @@ def test_quality_counts_clear_stars_in_usable_fields():
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Occultation(50e3), "no satellite stays up"),
-        (lambda: Occultation(float("nan")), "no satellite stays up"),
+        (lambda: Occultation(50e3), "too low for an orbit"),
+        (lambda: Occultation(float("nan")), "too low for an orbit"),
         (lambda: Occultation(700e3, -0.1), "earth margin angle is out of range"),
-        (lambda: Occultation(700e3, 2.5), "cover the sky"),
+        (lambda: Occultation(700e3, 2.5), "cover the whole sky"),
         (lambda: Occultation(sun_rad=4.0), "sun angle is out of range"),
         (lambda: Occultation(moon_rad=float("nan")), "moon angle is out of range"),
         (lambda: OccultedEnvelope(WholeSky(SUNSAT), Occultation(sun_rad=0.5)), "need dates"),
@@ -239,7 +239,7 @@ def test_a_camera_that_never_sees_sky_is_named():
     nadir = BandEnvelope(SUNSAT, AttitudeLimits("nadir"), planes(97, 0, 1))
     envelope = OccultedEnvelope(nadir, Occultation(700e3))
     assert not envelope.contains(UNIT).any()
-    with pytest.raises(BadInput, match="blind every field") as error:
+    with pytest.raises(BadInput, match="every field is blinded") as error:
         envelope.attitudes(np.random.default_rng(1), 10)
     assert error.value.expected
     assert error.value.got

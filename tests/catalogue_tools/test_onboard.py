@@ -156,7 +156,7 @@ def test_a_truncated_image_is_rejected(stars, table, format_name):
     """An image that ends early says how many bytes are missing."""
     image = image_of(stars, table, format_name)
     for length in (HEADER_BYTES, len(image) // 2, len(image) - 1):
-        with pytest.raises(CorruptData, match="cut short"):
+        with pytest.raises(CorruptData, match="truncated"):
             decode(image[:length])
 
 
@@ -176,7 +176,7 @@ def test_any_flipped_bit_is_found(stars, table, format_name):
     ("at", "content", "words"),
     [
         (4, b"\x03", "unknown kind"),
-        (4, b"\x02", "cut short"),
+        (4, b"\x02", "truncated"),
         (5, b"\x07", "unknown kind"),
         (64 + 2, b"\x05\x00", "not the row numbers"),
         (64 + 2 * 49, struct.pack("<f", 3.0), "not a unit vector"),

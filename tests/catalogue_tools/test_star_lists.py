@@ -258,7 +258,7 @@ def test_broken_rows_do_not_shift_the_numbers_of_others() -> None:
         (b"# frame = fk4\n" + _csv("1,1,1,3"), "csv", SAID, "in another frame"),
         (b"# frame = galactic\n" + _csv("1,1,1,3"), "csv", ListMapping(epoch_jyear=2000.0), "frame is unknown"),
         (_csv("1,1,1,3", head="hip,lon,lat,v"), "csv", SAID, "no column for ra, dec"),
-        (_csv("1,1,1,3", head="hip,ra,ra,v"), "csv", SAID, "two columns of the star list have one name"),
+        (_csv("1,1,1,3", head="hip,ra,ra,v"), "csv", SAID, "two columns of the star list have the same name"),
         (_csv("1,1,1,3", head="ra,RA,dec,v"), "csv", SAID, "two columns could be ra"),
         (_csv("1,1,1,3"), "csv", replace(SAID, columns={"ra": "alpha"}), "no column 'alpha'"),
         (_csv("1,1,1,3"), "xlsx", SAID, "unknown kind"),

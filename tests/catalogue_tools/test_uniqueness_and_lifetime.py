@@ -203,7 +203,7 @@ def test_screening_marks_doubles_variables_and_fast_stars():
 @pytest.mark.parametrize("bad", [{"tolerance_mag": 0.0}, {"tolerance_rad": -1.0}, {"arc_rad": 4.0}, {"area_sr": 0.0}])
 def test_impossible_tolerances_are_named(bad):
     """Impossible tolerances, arcs and areas are rejected."""
-    with pytest.raises(BadInput, match="must be possible"):
+    with pytest.raises(BadInput, match="area is out of range"):
         false_matches(np.array([5.0]), **bad)
 
 

@@ -121,8 +121,8 @@ def test_camera_held_still(capsys):
         ("--tle no-such-file", BadInput, "cannot be read"),
         ("--tle x --inclination-deg 3", BadInput, "two orbits"),
         ("--from yesterday", BadInput, "the start is not a date"),
-        ("--mag-limit 9", BadInput, "not that deep"),
-        ("--mag-limit 6", BadInput, "overflows the bank"),
+        ("--mag-limit 9", BadInput, "does not reach this magnitude limit"),
+        ("--mag-limit 6", BadInput, "too large for the bank"),
         ("--out /no/such/folder/file", BadInput, "cannot be written"),
     ],
 )
@@ -160,7 +160,7 @@ def test_show_checks_and_says_what_is_inside(two_weeks, capsys):
     image = bytearray(two_weeks[0].read_bytes())
     image[500] ^= 1
     two_weeks[0].write_bytes(image)
-    with pytest.raises(CorruptData, match="not the manifest's"):
+    with pytest.raises(CorruptData, match="does not belong to the manifest"):
         do("show", str(two_weeks[0]))
 
 

@@ -118,9 +118,12 @@ def test_a_choice_of_stars_by_options(tmp_path, capsys):
         (f"{BAND} --doubles magic", "corrections.doubles is out of range"),
         (f"{BAND} --frame b1875", "corrections.frame is out of range"),
         (f"{BAND} --source sdss", "source is out of range"),
-        ("--mag-limit 6", "overflows the bank"),
+        ("--mag-limit 6", "too large for the bank"),
         ("--correct orbital_aberration", "needs an orbit"),
-        ("--profile sunsat --pointing inertial --ra-deg 57.3 --dec-deg -57.3 --mag-limit 0", "holds no star"),
+        (
+            "--profile sunsat --pointing inertial --ra-deg 57.3 --dec-deg -57.3 --mag-limit 0",
+            "no star lies in the envelope",
+        ),
         ("--list no-such.csv", "cannot be read"),
     ],
 )

@@ -51,7 +51,7 @@ def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:
         ("{watch: [null, 60.0]}", "{watches: [null, 60.0]}", "unknown keys"),
         ("sets: {commissioning: {watch: [null, 60.0]}}", "sets: {training: {}}", "unknown limit set"),
         ("critical: [-30, 65], persistence: 3", "critical: [-10, 65], persistence: 3", "beyond a more urgent level"),
-        ("persistence: 3,", "persistence: 0,", "persistence counts samples"),
+        ("persistence: 3,", "persistence: 0,", "persistence is out of range"),
         ("limit_sets:", "limit_set:", "unknown keys"),
         ("commands:", "commands: [", "not YAML"),
     ],

@@ -229,7 +229,7 @@ def test_a_night_without_satellites_has_no_moving_objects(server: AnalysisServer
     [
         ({"objects": "1 2 3"}, "list of objects"),
         ({"orbit": "nothing"}, "two-line element set"),
-        ({"orbit": "x", "site": [0.0, 0.0, 0.0]}, "two places"),
+        ({"orbit": "x", "site": [0.0, 0.0, 0.0]}, "two positions"),
         ({"site": [91.0, 0.0, 0.0]}, "latitude"),
         ({"chain": "cassini"}, "unknown chain"),
         ({"frame_ids": [1, 1]}, "different frames"),

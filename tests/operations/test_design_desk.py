@@ -107,7 +107,7 @@ def test_an_orbit_replaces_the_whole_sky() -> None:
 
 def test_impossible_designs_are_rejected() -> None:
     """No star bright enough, a negative spare width; an impossible baffle is a sentence in the record, not an error."""
-    with pytest.raises(BadInput, match="sees no star"):
+    with pytest.raises(BadInput, match="detects no star"):
         quick(exposure_s=0.001, read_noise_e=10_000.0, f_number=32.0)
     with pytest.raises(BadInput, match="spare_mm"):
         request_from(DesignQuestion, {"profile": "sunsat", "spare_mm": -1.0})

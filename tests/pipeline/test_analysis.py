@@ -165,7 +165,7 @@ def test_noise_falls_with_integration_time() -> None:
     curve = noise_equivalent_angle({**runs, 1.6: run(POLE, n=3)})
     assert abs(curve.exponent + 0.5) < 4 * curve.exponent_sigma < 0.3
     assert [w.code for w in curve.warnings] == ["short-run"]
-    with pytest.raises(BadInput, match="no curve"):
+    with pytest.raises(BadInput, match="for a curve"):
         noise_equivalent_angle({0.1: runs[0.1]})
 
 

@@ -219,7 +219,7 @@ def test_every_damage_is_noticed() -> None:
         decode_triplets(_resealed(image[:64] + struct.pack("<4I4H", 1, 7, 7, 9, 2, 0, 1, 3)))
     with pytest.raises(CorruptData, match="unknown kind"):
         decode_triplets(_resealed(image[:4] + b"\x02" + image[5:]))
-    with pytest.raises(CorruptData, match="make no sense"):
+    with pytest.raises(CorruptData, match="inconsistent"):
         decode_triplets(_resealed(image[:16] + bytes(8) + image[24:]))
 
 

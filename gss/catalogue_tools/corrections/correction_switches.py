@@ -86,10 +86,10 @@ class Corrections:
             )
         if self.frame == "b1950" and self.e_terms and self.annual_aberration:
             raise BadInput(
-                "places with E-terms already hold a part of annual aberration",
+                "positions with E-terms already contain a part of annual aberration",
                 expected="e_terms off with annual_aberration in b1950",
                 got="both on",
-                hint="switch the E-terms off, or the aberration",
+                hint="switch off the E-terms or the aberration",
             )
 
     @property

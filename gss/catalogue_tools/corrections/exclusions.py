@@ -110,7 +110,7 @@ def exclusions(
         )
     if not (step_days > 0 and days / step_days <= MOST_SAMPLES):
         raise BadInput(
-            "the step does not fit the date range",
+            "the step is out of range for these dates",
             expected=f"above 0, at most {MOST_SAMPLES} samples",
             got=f"{step_days} days in {days}",
         )

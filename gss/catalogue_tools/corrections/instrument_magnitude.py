@@ -63,7 +63,7 @@ def roll_off_mag(profile: CameraProfile, which: str) -> float:
     if which == "average":
         loss *= _mean_square_share(profile)
     if not loss < 1:
-        raise BadInput("the lens lets no light into the corner", expected="a corner loss below 1", got=f"{loss:g}")
+        raise BadInput("the lens transmits no light to the corner", expected="a corner loss below 1", got=f"{loss:g}")
     return float(-2.5 * np.log10(1 - loss))
 
 

@@ -75,7 +75,7 @@ def one_stage_of_length(
 ) -> BaffleGeometry:
     """Return the same tube as :func:`one_stage` for a given length; the exclusion angle follows."""
     if not length_mm > 0:
-        raise BadInput("a baffle has a length", expected="more than 0 mm", got=f"{length_mm:g} mm")
+        raise BadInput("the length of the baffle is out of range", expected="more than 0 mm", got=f"{length_mm:g} mm")
     growth = field_growth_mm(length_mm, half_fov_rad) + spare_mm
     angle = exclusion_rad(lens_radius_mm, growth, length_mm)
     front = lens_radius_mm + growth
@@ -109,10 +109,10 @@ def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> 
     length, r2 = inner_mm + outer_mm, r1 + outer_mm * rise
     if length > LONGEST_MM:
         raise BadInput(
-            "the shade would be longer than any spacecraft",
+            "the baffle would be too long",
             expected=f"at most {LONGEST_MM / 1e3:g} m",
             got=f"{length / 1e3:.0f} m",
-            hint="a larger exclusion angle",
+            hint="use a larger exclusion angle",
         )
     wall1, wall2 = r1 * (1 + VANE_DEPTH_SHARE), r2 * (1 + VANE_DEPTH_SHARE)
     inner_edges = _vanes(a, phi, wall1, inner_mm, wanted_rad)
@@ -137,10 +137,12 @@ def _vanes(a: float, slope: float, wall: float, length: float, angle_rad: float)
 
 def _check(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> None:
     if not lens_radius_mm > 0:
-        raise BadInput("a lens has a radius", expected="more than 0 mm", got=f"{lens_radius_mm:g} mm")
+        raise BadInput(
+            "the radius of the lens is out of range", expected="more than 0 mm", got=f"{lens_radius_mm:g} mm"
+        )
     if not half_fov_rad < wanted_rad < np.pi / 2:
         raise BadInput(
-            "no baffle keeps a source out that close to the field",
+            "no baffle can block a source this close to the field",
             expected=f"an angle from {np.degrees(half_fov_rad):.1f}° (the corner of the field) to 90°",
             got=f"{np.degrees(wanted_rad):.1f}°",
         )

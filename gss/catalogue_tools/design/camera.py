@@ -91,20 +91,20 @@ class DesignCamera:
                 "the limiting magnitude is out of range",
                 expected="V −1.4 to 12",
                 got=f"{self.mag_limit:g}",
-                hint="leave it empty to take what the radiometry allows",
+                hint="leave it empty to use the limit from radiometry",
             )
         if self.bias_dn >= (1 << self.bits) - 1:
             raise BadInput(
-                "the converter is full before any light comes",
+                "the bias fills the range of the converter",
                 expected=f"a bias below {(1 << self.bits) - 1} DN ({self.bits} bits)",
                 got=f"{self.bias_dn:g} DN",
             )
         if 2 * self.half_diagonal_rad > WIDEST_RAD:
             raise BadInput(
-                "no flat detector sees that wide",
+                "the field is too wide for a flat detector",
                 expected=f"a diagonal of at most {np.degrees(WIDEST_RAD):g}°",
                 got=f"{np.degrees(2 * self.half_diagonal_rad):.1f}°",
-                hint="a longer focal length or a smaller detector",
+                hint="use a longer focal length or a smaller detector",
             )
 
     @classmethod
@@ -215,7 +215,7 @@ class DesignCamera:
         field_names = {f.name for f in fields(self)}
         for name in changes:
             if name not in field_names:
-                raise BadInput("a camera has no such part", expected=" | ".join(sorted(field_names)), got=name)
+                raise BadInput("unknown field of a camera", expected=" | ".join(sorted(field_names)), got=name)
         return replace(self, **{k: v for k, v in changes.items() if v is not None})  # type: ignore[arg-type]  # names are fields
 
     def changed_from(self, other: DesignCamera) -> tuple[str, ...]:

@@ -71,7 +71,7 @@ class StarsInFields:
 def look(c: DesignCamera, pointings: int, seed: int, envelope: Envelope | None = None) -> Array:
     """(m, 3, 3) random cam_from_icrs: uniform over the sky and the roll, or within an envelope."""
     if pointings < 1:
-        raise BadInput("no pointing to count stars in", expected="at least 1", got=str(pointings))
+        raise BadInput("the number of pointings is out of range", expected="at least 1", got=str(pointings))
     where = WholeSky(c.shape) if envelope is None else envelope
     return where.attitudes(np.random.default_rng(seed), pointings)
 

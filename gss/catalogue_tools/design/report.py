@@ -207,7 +207,7 @@ def _check(limits: MagnitudeLimits, stars: StarTable) -> None:
             "this camera detects no star",
             expected=f"a limit fainter than V {brightest:.2f}, the brightest star",
             got=f"V {limits.in_force_mag:.2f}",
-            hint="a longer exposure, a faster lens, or less noise",
+            hint="use a longer exposure, a faster lens, or less noise",
         )
 
 

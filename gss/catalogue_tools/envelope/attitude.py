@@ -69,7 +69,7 @@ class AttitudeLimits:
                 )
         if not 0 <= self.off_nadir_rad < np.pi / 2 or (self.off_nadir_rad and self.pointing != "target"):
             raise BadInput(
-                "off-nadir angle is out of range or of another law",
+                "the off-nadir angle is out of range, or the law does not use it",
                 expected="0° to 90°, with pointing target",
                 got=f"{np.degrees(self.off_nadir_rad):g}° with {self.pointing}",
             )
@@ -131,7 +131,7 @@ def mounting_of(body_from_cam: Sequence[float] | None, turns_deg: Sequence[float
     if body_from_cam is not None:
         raise BadInput("two mountings were given", expected="either nine numbers or three turns", got="both")
     if not np.isfinite(turns_deg).all():
-        raise BadInput("a turn of the mounting is not a number", expected="three angles", got=str(list(turns_deg)))
+        raise BadInput("a rotation of the mounting is not a number", expected="three angles", got=str(list(turns_deg)))
     return tuple(float(x) for x in euler_123(np.radians(turns_deg)).T.ravel())
 
 

@@ -62,7 +62,7 @@ class Occultation:
     def __post_init__(self) -> None:
         if self.altitude_m is not None and not LOWEST_ORBIT_M <= self.altitude_m < np.inf:
             raise BadInput(
-                "no satellite stays up at this altitude",
+                "the altitude is too low for an orbit",
                 expected=f"{LOWEST_ORBIT_M / 1e3:g} km or more",
                 got=f"{self.altitude_m / 1e3:g} km",
             )
@@ -75,7 +75,11 @@ class Occultation:
                     got=f"{np.degrees(value):g}°",
                 )
         if self.earth_rad >= np.pi:
-            raise BadInput("limb and margin cover the sky", expected="less than 180° together", hint="a smaller margin")
+            raise BadInput(
+                "the Earth's disc and margin cover the whole sky",
+                expected="less than 180° together",
+                hint="a smaller margin",
+            )
 
     @property
     def earth_rad(self) -> float:
@@ -191,10 +195,10 @@ class OccultedEnvelope:
         while usable < count:
             if drawn >= HOPELESS_DRAWS and drawn > DRAWS_PER_FIELD * usable:
                 raise BadInput(
-                    "Earth, Sun or Moon blind every field",
+                    "every field is blinded by Earth, Sun or Moon",
                     expected="some usable fields",
                     got=f"{usable} of {drawn} tried",
-                    hint="smaller baffle angles or margin, other dates or another pointing",
+                    hint="use smaller baffle angles or margin, other dates or another pointing",
                 )
             moments = self.at(rng.random((draw, self.dimensions)))
             good = np.flatnonzero(self.usable(moments))

@@ -94,11 +94,11 @@ def read_tle(text: str) -> Satrec:
     try:
         satellite = Satrec.twoline2rv(*lines)
     except (ValueError, IndexError) as error:
-        raise BadInput("TLE cannot be read", expected="numbers in their columns", got=str(error)) from None
+        raise BadInput("the TLE cannot be read", expected="numbers in their columns", got=str(error)) from None
     _check_epoch(satellite)
     if satellite.error:
         raise BadInput(
-            "TLE describes no orbit",
+            "the TLE describes no orbit",
             expected="the elements of a satellite in orbit",
             got=SGP4_WORDS.get(satellite.error, f"SGP4 error {satellite.error}"),
             hint="copy the TLE again",
@@ -109,7 +109,7 @@ def read_tle(text: str) -> Satrec:
             "the orbit has decayed",
             expected=f"a perigee above {LOWEST_ORBIT_M / 1e3:g} km",
             got=f"{perigee_m / 1e3:.0f} km",
-            hint="a newer TLE, if the satellite is still up",
+            hint="use a newer TLE if the satellite is still in orbit",
         )
     return satellite
 
@@ -171,7 +171,7 @@ def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
             "the dates are outside the TLE's validity",
             expected=f"{TLE_VALID_BEFORE_DAYS:g} days before to {TLE_VALID_DAYS:g} days after {epoch:%Y-%m-%d}",
             got=f"{start:%Y-%m-%d} to {end:%Y-%m-%d}",
-            hint="a newer TLE, or the node's limits directly",
+            hint="use a newer TLE, or give the limits of the node",
         )
     for moment in (start, end):
         error, _, _ = satellite.sgp4(*_julian(moment))
@@ -181,7 +181,7 @@ def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
                 f"no orbit at {moment:%Y-%m-%d}",
                 expected="a satellite in orbit",
                 got=words,
-                hint="a newer TLE, fewer days",
+                hint="use a newer TLE or fewer days",
             )
 
 

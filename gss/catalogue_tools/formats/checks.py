@@ -19,7 +19,7 @@ def check_stars(fmt: BankFormat, stars: StarTable) -> None:
             f"too many stars for the {fmt.name} format",
             expected=f"at most {fmt.most_stars}",
             got=str(len(stars)),
-            hint="a brighter magnitude limit or a smaller envelope",
+            hint="use a brighter magnitude limit or a smaller envelope",
         )
     if len(stars) and not np.all(np.abs(np.linalg.norm(stars.icrs, axis=1) - 1) < NORM_TOLERANCE):
         raise BadInput("a star's direction is not a unit vector", expected="length 1", got=f"row {_worst(stars.icrs)}")
@@ -38,7 +38,7 @@ def check_pairs(fmt: BankFormat, stars: int, distances: DistanceTable) -> None:
             f"a distance is too large for the {fmt.name} format",
             expected=f"at most {np.degrees(fmt.largest_pair_rad):.2f}°",
             got=f"{np.degrees(largest):.2f}°",
-            hint="a smaller largest distance, or a format with wider numbers",
+            hint="use a smaller largest distance, or a format with wider numbers",
         )
 
 

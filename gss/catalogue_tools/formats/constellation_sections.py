@@ -58,7 +58,9 @@ def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellati
     try:
         made = TripletClasses(*(classes[name] for name in CLASSES[:3]))
     except BadInput as error:
-        raise CorruptData("the triplets' classes make no sense", expected=error.expected, got=error.got) from None
+        raise CorruptData(
+            "the classes of the triplets are inconsistent", expected=error.expected, got=error.got
+        ) from None
     return Constellations(
         np.concatenate(kinds),
         joined["star"],
@@ -82,4 +84,6 @@ def _check(c: Columns, stars: int) -> None:
     fits = (c["angle_low"] <= c["angle_high"]) & (c["angle_high"] <= MOST_ANGLE)
     fits &= np.maximum(c["first"], c["second"]) <= MOST_DISTANCE + 1
     if not fits.all():
-        raise CorruptData("a triplet's classes are impossible", expected="at most 12 bits and 6 bits, angles in order")
+        raise CorruptData(
+            "the classes of a triplet are out of range", expected="at most 12 bits and 6 bits, angles in order"
+        )

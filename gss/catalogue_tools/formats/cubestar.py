@@ -46,7 +46,9 @@ def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
     """Return the catalogue of the columns; CorruptData if the star numbers are not the row numbers."""
     n = header.stars
     if not np.array_equal(stars["id"], np.arange(n)):
-        raise CorruptData("star numbers are not the row numbers", expected=f"0 to {n - 1} in order", got="another list")
+        raise CorruptData(
+            "the star numbers differ from the row numbers", expected=f"0 to {n - 1} in order", got="another list"
+        )
     icrs = np.column_stack([stars["x"], stars["y"], stars["z"]]).astype(np.float32)
     return Content(icrs, np.full(n, np.nan, np.float32), distances_of(pairs, header))
 

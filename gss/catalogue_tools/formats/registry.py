@@ -139,7 +139,7 @@ def image_end(image: bytes, header: BankHeader | None = None) -> int:
     h = header or read_header(image)
     total = core_bytes(h.format_name, h.stars, h.pairs)
     if len(image) < total:
-        raise CorruptData("the bank image is cut short", expected=f"{total} bytes", got=f"{len(image)} bytes")
+        raise CorruptData("the bank image is truncated", expected=f"{total} bytes", got=f"{len(image)} bytes")
     return sections_end(image, total) if h.version == SECTIONS_VERSION else total
 
 
@@ -157,7 +157,7 @@ def decode(image: bytes, hip: Ids | None = None) -> OnboardCatalogue:
             "the list of Hipparcos numbers is for another image",
             expected=f"{n} numbers",
             got=f"{len(hip)}",
-            hint="the manifest that was written together with this image",
+            hint="use the manifest that was written together with this image",
         )
     star_end, core = core_bytes(header.format_name, n, 0), core_bytes(header.format_name, n, header.pairs)
     star_columns = to_columns(fmt.stars.blocks(n), whole[HEADER_BYTES:star_end])
@@ -253,7 +253,9 @@ def quantisation_error(stars: StarTable, distances: DistanceTable, image: bytes)
     if len(stored.distances):
         if len(stored.distances) != len(distances):
             raise BadInput(
-                "the distance table is not the image's", expected=str(len(stored.distances)), got=str(len(distances))
+                "the distance table belongs to another image",
+                expected=str(len(stored.distances)),
+                got=str(len(distances)),
             )
         distance = np.abs(stored.distances.distance_rad.astype(float) - distances.distance_rad)
     return QuantisationError(

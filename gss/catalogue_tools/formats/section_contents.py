@@ -36,7 +36,7 @@ def write_k(tables: BankTables, stars: int, pairs: int) -> bytes | None:
     if tables.index is None:
         return None
     if len(tables.index.k) != pairs:
-        raise BadInput("the k-vector is another table's", expected=f"{pairs} pairs", got=str(len(tables.index.k)))
+        raise BadInput("the k-vector belongs to another table", expected=f"{pairs} pairs", got=str(len(tables.index.k)))
     index = tables.index
     columns = {"k": index.k, "start": np.array([index.start]), "step": np.array([index.step])}
     return to_bytes(k_blocks(0, stars, pairs), columns)
@@ -59,7 +59,9 @@ def write_reduced(tables: BankTables, stars: int, pairs: int) -> bytes | None:
         return None
     rows, frame = tables.reduced.kept, tables.reduced.frame
     if len(rows) != stars:
-        raise BadInput("the reduced catalogue is of another list", expected=f"{stars} stars", got=str(len(rows)))
+        raise BadInput(
+            "the reduced catalogue belongs to another star list", expected=f"{stars} stars", got=str(len(rows))
+        )
     columns = {name: np.array([getattr(frame, name)]) for name, _ in FRAME}
     return to_bytes(reduced_blocks(0, stars, pairs), columns | {"kept_bits": np.packbits(rows, bitorder="little")})
 
@@ -87,7 +89,7 @@ def write_links(tables: BankTables, stars: int, pairs: int) -> bytes | None:
     if links is None:
         return None
     if len(links) != stars:
-        raise BadInput("the links are of another list", expected=f"{stars} stars", got=str(len(links)))
+        raise BadInput("the links belong to another star list", expected=f"{stars} stars", got=str(len(links)))
     if len(links.neighbour) >= WIDE or stars > WIDE:
         raise BadInput("too many links for 16 bits", expected=f"at most {WIDE - 1}", got=str(len(links.neighbour)))
     columns = {"count": np.diff(links.start), "pointer": links.start[:-1], "neighbour": links.neighbour}
@@ -104,5 +106,5 @@ def read_links(data: bytes, tables: BankTables, stars: int, pairs: int) -> BankT
     owner = np.repeat(np.arange(stars), count)
     forward, back = owner * stars + near, np.sort(near * stars + owner)
     if len(near) and (near.max() >= stars or np.any(forward[1:] <= forward[:-1]) or not np.array_equal(forward, back)):
-        raise CorruptData("a link has no other end", expected="every neighbour once at both stars, ascending")
+        raise CorruptData("a link is stored at one end only", expected="every neighbour once at both stars, ascending")
     return replace(tables, links=NeighbourLinks(start, near))

@@ -52,7 +52,7 @@ def _write_kind(kind: int) -> Callable[[BankTables, int, int], bytes | None]:
         if made is None:
             return None
         if made.stars != stars:
-            raise BadInput("the triplets are of another list", expected=f"{stars} stars", got=str(made.stars))
+            raise BadInput("the triplets belong to another star list", expected=f"{stars} stars", got=str(made.stars))
         columns = constellation_columns(made, kind)
         return to_bytes(constellation_blocks(kind, len(columns["star"])), columns)
 
@@ -170,13 +170,13 @@ def sections_end(image: bytes | memoryview, core_bytes: int) -> int:
     at = core_bytes + padding(core_bytes)
     if len(image) < at + HEAD_BYTES:
         raise CorruptData(
-            "the bank image is cut short", expected=f"{at + HEAD_BYTES} bytes or more", got=f"{len(image)} bytes"
+            "the bank image is truncated", expected=f"{at + HEAD_BYTES} bytes or more", got=f"{len(image)} bytes"
         )
     if bytes(image[at : at + 4]) != MAGIC:
         raise CorruptData("the sections of the bank image are damaged", expected=f"magic {MAGIC!r}")
     (size,) = u32.unpack_from(image, at + 4)
     if len(image) < at + size:
-        raise CorruptData("the bank image is cut short", expected=f"{at + size} bytes", got=f"{len(image)} bytes")
+        raise CorruptData("the bank image is truncated", expected=f"{at + size} bytes", got=f"{len(image)} bytes")
     return int(at + size)
 
 

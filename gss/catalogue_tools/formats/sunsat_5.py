@@ -56,7 +56,7 @@ def distances_rad(pairs: Columns) -> NDArray[np.float32]:
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
     """Return the catalogue of the columns; CorruptData if a spare bit is set."""
     if np.any(pairs["zero"]):
-        raise CorruptData("the spare bit of a pair is set", expected="0", got="1")
+        raise CorruptData("the unused bit of a pair is set", expected="0", got="1")
     table = DistanceTable(
         pairs["first"].astype(np.int32),
         pairs["second"].astype(np.int32),

@@ -54,7 +54,9 @@ def import_table(data: bytes, kind: str) -> bytes:
     decode(image)
     held = sum(len(data) for _, data in blocks_of(image))
     if held != len(image):
-        raise CorruptData("the table file is not one image", expected=f"{held} bytes", got=f"{len(image)} bytes")
+        raise CorruptData(
+            "the table file does not contain one complete image", expected=f"{held} bytes", got=f"{len(image)} bytes"
+        )
     return image
 
 

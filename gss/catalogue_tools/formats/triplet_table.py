@@ -72,7 +72,7 @@ def triplets_of(
             "the star list ends before the detection limit",
             expected=f"stars to V {need:.2f}",
             got=f"V {float(stars.v_mag.max()):.2f}" if len(stars) else "no stars",
-            hint="a fainter limit of the selection",
+            hint="use a fainter limit of the selection",
         )
     return build_triplets(
         stars.icrs, stars.v_mag, classes, limit_mag, max_rad, brightness_error=brightness_error, blend_rad=blend_rad
@@ -119,7 +119,7 @@ def decode_triplets(image: bytes) -> TripletTable:
     _, _, _, _, stars, count, distance, angle, uncertainty, limit_mag, error, max_rad, _, crc = fields
     total = HEADER_BYTES + REFERENCE_BYTES * count
     if len(image) < total:
-        raise CorruptData("the triplet table is cut short", expected=f"{total} bytes", got=f"{len(image)} bytes")
+        raise CorruptData("the triplet table is truncated", expected=f"{total} bytes", got=f"{len(image)} bytes")
     body = memoryview(image)[HEADER_BYTES:total]
     if zlib.crc32(body) != crc:
         raise CorruptData(
@@ -137,7 +137,7 @@ def decode_triplets(image: bytes) -> TripletTable:
         classes = TripletClasses(distance, angle, uncertainty)
     except BadInput as error_:
         raise CorruptData(
-            "the triplet table's classes make no sense", expected=error_.expected, got=error_.got
+            "the classes of the triplet table are inconsistent", expected=error_.expected, got=error_.got
         ) from None
     return TripletTable(key, star, stars, classes, limit_mag, error, max_rad)
 

@@ -65,7 +65,7 @@ def false_matches(
     bad = not (tolerance_mag > 0 and 0 < tolerance_rad < np.pi / 2 and 0 < arc_rad < np.pi and 0 < area_sr <= 4 * np.pi)
     if bad:
         raise BadInput(
-            "tolerances, arc and area must be possible",
+            "a tolerance, the arc or the area is out of range",
             expected="all above 0, arc below 180°, area at most the sphere",
             got=f"{tolerance_mag:g} mag, {tolerance_rad:g} rad, {arc_rad:g} rad, {area_sr:g} sr",
         )
@@ -117,10 +117,10 @@ class ScreeningRules:
             raise BadInput("unknown screening", expected=" | ".join(ACTIONS), got=self.action)
         limits = (self.most_companions, self.most_false)
         if any(limit is not None and not (np.isfinite(limit) and limit >= 0) for limit in limits):
-            raise BadInput("a limit of the screening is impossible", expected="0 or more", got=str(limits))
+            raise BadInput("a limit of the screening is out of range", expected="0 or more", got=str(limits))
         if not (0 < self.tolerance_rad < np.pi / 2 and 0 < self.arc_rad < np.pi):
             raise BadInput(
-                "the ring of the screening is impossible",
+                "the ring of the screening is out of range",
                 expected="an arc of 0° to 180°, a tolerance of 0° to 90°",
                 got=f"{np.degrees(self.arc_rad):g}° ± {np.degrees(self.tolerance_rad):g}°",
             )

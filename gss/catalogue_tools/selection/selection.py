@@ -78,7 +78,7 @@ class SelectionRules:
         if not 0 <= self.min_separation_rad < np.pi or self.brightest_per_field < 0:
             raise BadInput("separation and stars per field cannot be negative", expected="0 or more")
         if self.thinning not in THINNINGS:
-            raise BadInput("unknown way of thinning", expected=" | ".join(THINNINGS), got=self.thinning)
+            raise BadInput("unknown thinning method", expected=" | ".join(THINNINGS), got=self.thinning)
 
 
 @dataclass(frozen=True)
@@ -323,5 +323,5 @@ def _check_stars(stars: StarTable) -> None:
     values, counts = np.unique(stars.hip, return_counts=True)
     if (counts > 1).any():
         raise BadInput(
-            "the star table names a star twice", expected="each number once", got=f"HIP {values[counts > 1][0]}"
+            "the star table contains a star twice", expected="each number once", got=f"HIP {values[counts > 1][0]}"
         )

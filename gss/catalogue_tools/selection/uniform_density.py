@@ -41,7 +41,7 @@ def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
     These are the document's 1° steps, thinned towards the poles so that the density over the sky is uniform.
     """
     if not 0 < step_rad <= np.pi / 4:
-        raise BadInput("sky step is impossible", expected="0° to 45°", got=f"{np.degrees(step_rad):g}°")
+        raise BadInput("the sky step is out of range", expected="0° to 45°", got=f"{np.degrees(step_rad):g}°")
     rings = int(np.ceil(np.pi / step_rad))
     ring_dec = -np.pi / 2 + (np.arange(rings) + 0.5) * np.pi / rings
     count = np.maximum(1, np.ceil(2 * np.pi * np.cos(ring_dec) / step_rad).astype(int))

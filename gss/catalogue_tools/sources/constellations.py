@@ -98,7 +98,7 @@ def _figure(row: str, by_name: dict[str, int]) -> Figure:
         row = by_name.get(f"{word} {short}") or by_name.get(word)
         if row is None:
             raise CorruptData(
-                "a figure joins a star that the table does not name", expected=f"{word} {short}", got=name
+                "a constellation line uses a star that is not in the table", expected=f"{word} {short}", got=name
             )
         return row
 

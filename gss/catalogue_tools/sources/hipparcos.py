@@ -39,11 +39,13 @@ def load_stars(v_max: float = FAINTEST_V_MAG) -> StarTable:
     BadInput if ``v_max`` is fainter than the table or brighter than every star.
     """
     if not v_max <= FAINTEST_V_MAG:
-        raise BadInput("the star table is not that deep", expected=f"V ≤ {FAINTEST_V_MAG:g}", got=f"{v_max:g}")
+        raise BadInput(
+            "the star table does not reach this magnitude limit", expected=f"V ≤ {FAINTEST_V_MAG:g}", got=f"{v_max:g}"
+        )
     stars = _all_stars()
     count = int(np.searchsorted(stars.v_mag, v_max, side="right"))
     if not count:
-        raise BadInput("no star is that bright", expected=f"V ≥ {stars.v_mag[0]:g}", got=f"{v_max:g}")
+        raise BadInput("no star is brighter than this limit", expected=f"V ≥ {stars.v_mag[0]:g}", got=f"{v_max:g}")
     return stars.take(slice(0, count))  # type: ignore[arg-type]  # a slice keeps views of the read-only arrays
 
 
@@ -54,7 +56,11 @@ def load_hipparcos(v_max: float = FAINTEST_HIPPARCOS_V_MAG) -> StarTable:
     ``v_max`` is fainter than the catalogue.
     """
     if not v_max <= FAINTEST_HIPPARCOS_V_MAG:
-        raise BadInput("Hipparcos is not that deep", expected=f"V ≤ {FAINTEST_HIPPARCOS_V_MAG:g}", got=f"{v_max:g}")
+        raise BadInput(
+            "Hipparcos does not reach this magnitude limit",
+            expected=f"V ≤ {FAINTEST_HIPPARCOS_V_MAG:g}",
+            got=f"{v_max:g}",
+        )
     if v_max <= FAINTEST_V_MAG:
         return load_stars(v_max)
     stars = _everything()
@@ -144,7 +150,7 @@ def _everything() -> StarTable:
     stars = _read_only(joined(_all_stars(), _table(_columns("stars_faint.npz"), {})))
     _check(stars, FAINTEST_HIPPARCOS_V_MAG)
     if len(stars) != ALL_STARS:
-        raise CorruptData("the star tables are not whole", expected=f"{ALL_STARS} stars", got=str(len(stars)))
+        raise CorruptData("the star tables are incomplete", expected=f"{ALL_STARS} stars", got=str(len(stars)))
     return stars
 
 

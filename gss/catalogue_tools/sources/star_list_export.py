@@ -64,7 +64,7 @@ def write_star_list(stars: StarTable, kind: str) -> bytes:
     if kind not in writers:
         raise BadInput("unknown kind of star list", expected=" | ".join(KINDS), got=str(kind))
     if not len(stars):
-        raise BadInput("there is no star to write", expected="a table with rows", got="an empty one")
+        raise BadInput("the star table is empty", expected="a table with rows", got="an empty one")
     return writers[kind](stars)
 
 

@@ -227,7 +227,7 @@ def _fits(data: bytes) -> RawList:
         extensions = itertools.islice(files, MOST_EXTENSIONS)
         first = next((hdu for hdu in extensions if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)), None)
         if first is None:
-            raise BadInput("the FITS file holds no table", expected="a binary table", got=f"{len(files)} extensions")
+            raise BadInput("the FITS file contains no table", expected="a binary table", got=f"{len(files)} extensions")
         _check_fits_table(first.header)
         table = Table.read(first)
         header = {**dict(files[0].header), **dict(first.header)}
@@ -253,7 +253,7 @@ def _votable(data: bytes) -> RawList:
     file = votable.parse(io.BytesIO(data), verify="ignore", table_number=0)
     first = next(file.iter_tables(), None)
     if first is None:
-        raise BadInput("the VOTable holds no table", expected="a TABLE element", got="none")
+        raise BadInput("the VOTable contains no table", expected="a TABLE element", got="none")
     raw = _of_astropy(first.to_table(use_names_over_ids=True))
     stated = {info.name: info.value for resource in file.resources for info in (*resource.infos, *resource.params)}
     stated |= {info.name: info.value for info in (*first.infos, *first.params)}

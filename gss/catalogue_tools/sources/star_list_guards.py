@@ -72,7 +72,9 @@ def check_column_names(names: Sequence[str]) -> None:
         )
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
     if twice:
-        raise BadInput("two columns of the star list have one name", expected="each name once", got=", ".join(twice))
+        raise BadInput(
+            "two columns of the star list have the same name", expected="each name once", got=", ".join(twice)
+        )
 
 
 def check_table_size(rows: int, row_bytes: int) -> None:
@@ -149,10 +151,10 @@ def check_votable(data: bytes) -> None:
 
     def doctype(*_: Any) -> None:
         raise BadInput(
-            "the VOTable brings a document type or entities",
+            "the VOTable contains a document type or entities",
             expected="elements and text only",
             got="<!DOCTYPE> or <!ENTITY>",
-            hint="take that line out",
+            hint="remove that line",
         )
 
     size = _VotableSize()
@@ -161,7 +163,7 @@ def check_votable(data: bytes) -> None:
         local = _local(name)
         size.start(local, attributes)
         if local == "fits":
-            raise BadInput("the VOTable holds a FITS file", expected="rows in TABLEDATA or BINARY", got="<FITS>")
+            raise BadInput("the VOTable contains a FITS file", expected="rows in TABLEDATA or BINARY", got="<FITS>")
         if local != "link" and any(_local(a) == "href" for a in attributes):
             raise BadInput(
                 "the VOTable points to another file or address, which is never opened",
@@ -214,7 +216,7 @@ def check_ecsv_header(lines: list[str]) -> None:
         raise BadInput("the star list is not an ecsv table", expected="a YAML header", got=got) from None
     if held:
         raise BadInput(
-            "the header of the star list repeats itself by anchors or aliases",
+            "the header of the star list uses anchors or aliases",
             expected="plain values",
             got="& or * in its YAML",
         )

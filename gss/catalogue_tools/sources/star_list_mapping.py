@@ -105,7 +105,7 @@ class ListMapping:
         if self.frame is not None and self.frame not in LIST_FRAMES:
             raise BadInput("unknown frame of a star list", expected=" | ".join(LIST_FRAMES), got=str(self.frame))
         if self.bad_rows not in BAD_ROWS:
-            raise BadInput("unknown way with bad rows", expected=" | ".join(BAD_ROWS), got=str(self.bad_rows))
+            raise BadInput("unknown treatment of invalid rows", expected=" | ".join(BAD_ROWS), got=str(self.bad_rows))
 
     def _check_types(self) -> None:
         """Raise BadInput for values of a wrong type, which JSON may hold; "no" must not count as true."""

@@ -42,7 +42,7 @@ def windows_round(centres: Sequence[tuple[float, float]], side_px: int, columns:
     """
     low, high = SIDE_RANGE_PX
     if side_px % 2 == 0 or not low <= side_px <= high:
-        raise BadInput("side of star windows", expected=f"odd, {low} – {high}", got=str(side_px))
+        raise BadInput("the side of star windows is out of range", expected=f"odd, {low} – {high}", got=str(side_px))
     half = side_px // 2
     windows: list[Window] = []
     for col, row in centres[:MOST_WINDOWS]:
@@ -73,7 +73,9 @@ def decode_windows(data: bytes) -> tuple[Pixels, tuple[Window, ...]]:
         raise CorruptData("star windows are too short", expected=f"{HEAD.size} B", got=f"{len(data)} B")
     columns, rows, pixel_bytes, count = HEAD.unpack_from(data)
     if pixel_bytes not in DTYPES:
-        raise CorruptData("star windows with odd pixels", expected="1 or 2 bytes each", got=str(pixel_bytes))
+        raise CorruptData(
+            "the pixels of star windows have an unsupported size", expected="1 or 2 bytes each", got=str(pixel_bytes)
+        )
     pixels = np.zeros((rows, columns), np.uint8 if pixel_bytes == 1 else np.uint16)
     at = HEAD.size
     windows: list[Window] = []

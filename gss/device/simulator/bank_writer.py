@@ -52,7 +52,7 @@ class BankWriter:
             return BANKS[target]
         bank = self._table_banks.get(target)
         if bank not in TABLE_BANKS:
-            raise Rejection("not_found", f"tables are in 0 A, 1 B, 3 factory; got {target}")
+            raise Rejection("not_found", f"banks of tables are 0 (A), 1 (B) and 3 (factory); got {target}")
         return area_name(kind, bank)
 
     def check(self, v: Mapping[str, Value], target: int, size: int) -> str:
@@ -67,7 +67,7 @@ class BankWriter:
         if size > capacity:
             raise Rejection("too_large", f"{area} has {capacity} B, got {size}")
         if not size:
-            raise Rejection("bad_length", "0 B to write")
+            raise Rejection("bad_length", "the content is empty")
         epoch_jyear = float(v["epoch_jyear"])
         if epoch_jyear and not EPOCHS_JYEAR[0] <= epoch_jyear <= EPOCHS_JYEAR[1]:
             low, high = EPOCHS_JYEAR

@@ -83,7 +83,9 @@ class SlewTo:
 
     def __post_init__(self) -> None:
         if not self.duration_s > 0:
-            raise BadInput("a slew needs time", expected="more than 0 s", got=f"{self.duration_s:g} s")
+            raise BadInput(
+                "the duration of a slew is out of range", expected="more than 0 s", got=f"{self.duration_s:g} s"
+            )
 
     def at(self, time_s: float) -> Pose:
         part = float(np.clip((time_s - self.since_s) / self.duration_s, 0.0, 1.0))

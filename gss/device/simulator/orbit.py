@@ -86,7 +86,7 @@ class Sgp4Orbit:
                 "the simulated date is outside the TLE's validity",
                 expected=f"at most {TLE_VALID_DAYS:g} days from Julian year {known_jyear:.3f}",
                 got=f"{away_days:.0f} days",
-                hint="leave the epoch out: it becomes the TLE's",
+                hint="omit the epoch to use that of the TLE",
             )
         # SGP4's axes turn by 0.1″ a day, so one rotation is enough for a whole exercise.
         self._icrs_from_teme = teme_from_icrs(self.epoch_jyear).T

@@ -25,7 +25,7 @@ def own_lens(profile: CameraProfile, percent: float, seed: int) -> CameraProfile
     """
     if not abs(percent) <= LARGEST_PERCENT:
         expected = f"at most {LARGEST_PERCENT:g} %"
-        raise BadInput("the lens cannot be that far off its document", expected=expected, got=f"{percent:g} %")
+        raise BadInput("the lens error is out of range", expected=expected, got=f"{percent:g} %")
     if percent == 0:
         return profile
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0x1E45]))

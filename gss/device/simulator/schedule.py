@@ -92,7 +92,7 @@ class Schedule:
         schedule_id = int(a["schedule_id"])
         chosen = [e for e in self.waiting if schedule_id in (0, e.schedule_id)]
         if schedule_id and not chosen:
-            raise Rejection("not_found", f"nothing waits with number {schedule_id}")
+            raise Rejection("not_found", f"no waiting command has number {schedule_id}")
         for entry in chosen:
             self._put(replace(entry, state="cancelled"), request_id)
         return {"count": len(chosen)}

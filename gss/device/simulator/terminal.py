@@ -126,7 +126,9 @@ class TcpLine:
             self._listener.bind(("127.0.0.1", port))
         except OSError as error:
             self._listener.close()
-            raise Conflict(f"port {port} is taken", got=str(error), hint="another port, or 0 for a free one") from error
+            raise Conflict(
+                f"port {port} is taken", got=str(error), hint="choose another port, or 0 for a free one"
+            ) from error
         self._listener.listen(1)
         self._listener.setblocking(False)
         self._peer: socket.socket | None = None

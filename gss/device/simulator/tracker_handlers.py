@@ -311,7 +311,7 @@ class TrackerHandlers:
     def get_attitude(self, _: Arguments, request_id: int) -> Returns:
         tracker = self._tracker
         if tracker.solution is None:
-            raise Rejection("no_image", "no attitude: CALCULATE_ATTITUDE comes first")
+            raise Rejection("no_image", "no attitude: run CALCULATE_ATTITUDE first")
         for report in (tracker.attitude_report(), *tracker.vector_reports()):
             self._outbox.telemetry(report, request_id)
         return {"frame_number": tracker.frame_number, "outcome": "solved" if tracker.solved else "none"}

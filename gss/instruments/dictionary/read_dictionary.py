@@ -258,7 +258,7 @@ def _limit_row(where: str, row: Row) -> Limits:
 
 def _persistence(where: str, value: object) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= PERSISTENCE_MAX:
-        raise BadInput(f"{where}: persistence counts samples", expected=f"1 – {PERSISTENCE_MAX}", got=str(value))
+        raise BadInput(f"{where}: persistence is out of range", expected=f"1 – {PERSISTENCE_MAX}", got=str(value))
     return value
 
 

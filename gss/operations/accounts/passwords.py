@@ -31,7 +31,9 @@ class HashingPool:
     def take(self, work: Callable[[], Done]) -> Future[Done]:
         """Queue ``work`` and return its future. Raises RateLimited if too many are waiting."""
         if not self._places.acquire(blocking=False):
-            raise RateLimited("too many sign-ins in progress", expected="retry in 2 s", hint="wait", retry_after_s=2.0)
+            raise RateLimited(
+                "too many sign-ins are in progress", expected="retry in 2 s", hint="wait", retry_after_s=2.0
+            )
         turn = self._threads.submit(work)
         turn.add_done_callback(lambda _: self._places.release())
         return turn

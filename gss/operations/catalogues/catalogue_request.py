@@ -232,7 +232,7 @@ def _occultation(o: OccultationRequest, baffle: Baffle, height_m: float | None) 
     whose stray light is negligible compared with the Sun's, the angle within which its light falls directly on the lens."""
     if o.earth and height_m is None:
         raise BadInput(
-            "how much the Earth hides needs the altitude",
+            "occultation by the Earth needs the altitude",
             expected="an altitude, or a TLE",
             got="neither",
             hint="give the orbit's altitude",

@@ -136,7 +136,7 @@ def kind_of(filename: str) -> str:
             "unknown kind of star list",
             expected=" | ".join(KINDS),
             got=filename or "the file has no name",
-            hint="a name that ends in " + ", ".join(SUFFIXES),
+            hint="use a file name that ends in " + ", ".join(SUFFIXES),
         )
     return SUFFIXES[suffix]
 

@@ -157,7 +157,7 @@ def check_results(probe: Probe, findings: Findings) -> None:
         code = probe.dictionary.packet("housekeeping").code
         reported = [p for p in status.packets if p.code == code and p.request_id == status.request_id]
         if not reported:
-            raise CorruptData("GET_STATUS brought no housekeeping packet under its id", got=status.text)
+            raise CorruptData("GET_STATUS returned no housekeeping packet with its id", got=status.text)
         size = len(reported[-1].payload)
         pieces = [(at, min(PIECE_BYTES, size - at)) for at in range(0, size, PIECE_BYTES)]
         parts = [_memory(probe, "registers", at, length) for at, length in pieces]
@@ -178,5 +178,5 @@ def _memory(probe: Probe, area: str, address: int, length: int) -> bytes:
     answer = probe.order("READ_MEMORY", {"area": area, "address": address, "length": length})
     received = _last(probe, answer.packets, "memory")
     if received is None:
-        raise CorruptData("READ_MEMORY brought no memory packet", got=answer.text)
+        raise CorruptData("READ_MEMORY returned no memory packet", got=answer.text)
     return bytes(int(row["byte"]) for row in received.lists["items"])

@@ -209,7 +209,7 @@ class Probe:
         answer = self.order("GET_STATUS")
         received = self.telemetry([p for p in answer.packets if p.request_id == answer.request_id], "housekeeping")
         if not received:
-            raise Conflict("GET_STATUS brought no housekeeping", got=answer.text)
+            raise Conflict("GET_STATUS returned no housekeeping", got=answer.text)
         return received[-1].values
 
     def banks(self) -> list[Mapping[str, Value]]:

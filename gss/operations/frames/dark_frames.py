@@ -98,7 +98,7 @@ def from_bytes(data: bytes) -> DarkPattern:
                 held["pattern_dn"].astype(np.float32), held["bad"].astype(np.intp), float(held["exposure_s"])
             )
     except Exception as error:  # zipfile, zlib and numpy raise many kinds of errors on damaged data
-        raise CorruptData("this is not a dark frame", got=f"{type(error).__name__}: {error}") from None
+        raise CorruptData("the file is not a dark frame", got=f"{type(error).__name__}: {error}") from None
 
 
 def picture_of(pattern_dn: NDArray[np.float32]) -> dict[str, Any]:

@@ -174,7 +174,7 @@ class Solver:
         """Return the constants with which a system's chain would run a request. Raises BadInput without a calibrated camera."""
         profile, _ = _camera_of(request, self._profiles)
         if profile is None:
-            raise BadInput("a system's constants follow from its camera", expected="a camera profile")
+            raise BadInput("constants of a system need its camera", expected="a camera profile")
         return _parameters(system(request.chain), profile, request.started or _started(request.hint), request.options)
 
     def _system(
@@ -256,7 +256,7 @@ def _camera_of(
     ]
     if len(ways) != 1:
         raise BadInput(
-            "give the camera in exactly one way",
+            "the camera must be given in exactly one way",
             expected="a profile, a geometry, a field of view, or blind",
             got=" and ".join(ways) or "none of them",
         )

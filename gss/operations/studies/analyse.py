@@ -79,7 +79,9 @@ def check_kind(kind: str, commanded_rad_s: float | None, others: int) -> None:
         raise BadInput("a slew test needs the commanded rate", expected="above 0, below 20°/s", got=got)
     if (kind == "two-cameras") != (others > 0):
         raise BadInput(
-            "frames of a second camera", expected="for two-cameras, and only for it", got=counted(others, "frame")
+            "frames of a second camera are missing or not used",
+            expected="for two-cameras, and only for it",
+            got=counted(others, "frame"),
         )
 
 

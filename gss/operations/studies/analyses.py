@@ -275,7 +275,7 @@ def attitudes_of(database: Database, contact_id: int, start: datetime, end: date
         if row.values[0] is not None:
             attitudes[float(row.values[0])] = row.values
         if len(attitudes) > MOST_ATTITUDES:
-            raise BadInput("too many attitudes", expected=f"up to {MOST_ATTITUDES}", hint="a shorter contact")
+            raise BadInput("too many attitudes", expected=f"up to {MOST_ATTITUDES}", hint="select a shorter contact")
     if not attitudes:
         raise BadInput(
             "this contact has no attitudes", expected="attitude packets", hint="start the cycle, or request attitudes"

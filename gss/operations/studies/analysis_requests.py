@@ -98,7 +98,7 @@ class SheetRequest(Request):
             got = "both" if self.simulated else "neither"
             raise BadInput("a sheet is of frames or of a simulated unit", expected="one of the two", got=got)
         if self.other_ids and (self.simulated or not self.other_profile):
-            raise BadInput("frames of a second head", expected="its profile, and frames of the unit")
+            raise BadInput("frames of a second head are incomplete", expected="its profile, and frames of the unit")
         if self.mounting is not None and abs(math.hypot(*self.mounting) - 1) > MOUNTING_SLACK:
             raise BadInput("the mounting is not a unit quaternion", got=f"length {math.hypot(*self.mounting):g}")
         return self

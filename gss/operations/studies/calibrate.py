@@ -163,7 +163,7 @@ def from_darks(
     exposures = {shot.exposure_s for shot in darks}
     if len(exposures) > 1:
         exposure_list = ", ".join(str(e) for e in sorted(exposures, key=str))
-        raise BadInput("dark frames of different exposures", expected="one exposure", got=exposure_list)
+        raise BadInput("the dark frames have different exposures", expected="one exposure", got=exposure_list)
     exposure_s = exposures.pop() or profile.sensor.exposure_s
     dark = calibrate_dark(stack(darks, profile), exposure_s)
     result: dict[str, Any] = {"dark": report.dark(dark)}

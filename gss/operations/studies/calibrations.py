@@ -158,7 +158,7 @@ class CalibrationService:
         rows = [self.get(k) for k in request.prior_ids]
         other = [row for row in rows if row.profile not in (of, FOREIGN)]
         if other:
-            raise BadInput("measured on another camera", expected=of, got=other[0].profile)
+            raise BadInput("the prior was measured on another camera", expected=of, got=other[0].profile)
         return bench.priors_of([(row.kind, row.result) for row in rows])
 
     def _make(
@@ -249,7 +249,7 @@ class CalibrationService:
         """Return the differences between two calibrations of the same camera. Raises BadInput for different cameras."""
         older, newer = self.get(older_id), self.get(newer_id)
         if older.profile != newer.profile:
-            raise BadInput("calibrations of different cameras", expected=older.profile, got=newer.profile)
+            raise BadInput("the calibrations are of different cameras", expected=older.profile, got=newer.profile)
         names = sorted(set(older.values) | set(newer.values))
         pairs = {n: (older.values.get(n), newer.values.get(n)) for n in names}
         changed = {n: pair for n, pair in pairs.items() if pair[0] != pair[1]}

@@ -56,7 +56,7 @@ def place_of(orbit: str, site: tuple[float, float, float] | None) -> CameraPlace
     """Return the place from the text of an orbit file, or from latitude and longitude in degrees and height in metres; None if
     neither is given. Raises BadInput."""
     if orbit and site is not None:
-        raise BadInput("the camera has two places", expected="an orbit or a site", got="both")
+        raise BadInput("two positions of the camera were given", expected="an orbit or a site", got="both")
     if orbit:
         read = read_orbit(orbit)
         return place_of_orbit(read.name, read.orbit)

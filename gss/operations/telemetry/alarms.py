@@ -216,7 +216,7 @@ class AlarmService:
         """Hide an alarm until then, for at most 24 h; the note is the reason. Raises BadInput."""
         now = self._now()
         if not now < until <= now + SHELF_MAX:
-            raise BadInput("an alarm is shelved for at most 24 h", expected="a time within 24 h", got=until.isoformat())
+            raise BadInput("the time of shelving is out of range", expected="a time within 24 h", got=until.isoformat())
         if not note.strip():
             raise BadInput("shelving needs a reason", expected="a note")
         with self._lock:

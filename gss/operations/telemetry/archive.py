@@ -238,7 +238,7 @@ class Archive:
         if end <= start:
             raise BadInput("the time span is empty", expected="a start before the end", got=f"{start} … {end}")
         if len(set(keys)) != len(keys) or not keys:
-            raise BadInput("each field once, and at least one", got=", ".join(keys) or "none")
+            raise BadInput("fields are missing or given twice", got=", ".join(keys) or "none")
         return [self.column(key) for key in keys]
 
     def packets(

@@ -56,9 +56,9 @@ class Downloads:
     ) -> TransferView:
         """Queue a download. Raises BadInput if the kind and the other arguments do not fit together."""
         if (region is None) == (kind == "region"):
-            raise BadInput("a region goes with kind region, and only there", got=kind)
+            raise BadInput("the region and the kind of the download do not match", got=kind)
         if side_px is not None and kind != "star_windows":
-            raise BadInput("a side goes with kind star_windows only", got=kind)
+            raise BadInput("a side can only be given for the kind star_windows", got=kind)
         words = kind.replace("_", " ")
         if kind in IMAGE_KINDS:
             number = self._slot(kind, slot, bank)
@@ -92,7 +92,9 @@ class Downloads:
         if kind == "star_windows":
             side, (low, high) = side_px or DEFAULT_SIDE_PX, SIDE_RANGE_PX
             if side % 2 == 0 or not low <= side <= high:
-                raise BadInput("side of star windows", expected=f"odd, {low} – {high} px", got=str(side))
+                raise BadInput(
+                    "the side of star windows is out of range", expected=f"odd, {low} – {high} px", got=str(side)
+                )
             return Part(columns=side)
         hello = self._link.hello
         if region is not None and hello is not None:

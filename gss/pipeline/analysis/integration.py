@@ -52,10 +52,10 @@ def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
         rows.append((exposure_s, across, test.body[2].noise_rad, 1 / np.sqrt(2 * 2 * steps), test.solved, matches))
     if len(rows) < FEWEST_TIMES:
         raise BadInput(
-            "one integration time makes no curve",
+            "too few integration times for a curve",
             expected=f"{FEWEST_TIMES} times with five solved frames each",
             got=f"{len(rows)}",
-            hint="take runs of some twenty frames at several exposures",
+            hint="take about twenty frames at each of several exposures",
         )
     table = np.array(rows, float)
     x, y, weight = np.log(table[:, 0]), np.log(table[:, 1]), 1 / table[:, 3]

@@ -47,7 +47,7 @@ def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
             "the limit cannot be determined",
             expected=f"{FEWEST} stars on both sides of it",
             got=f"{len(v)} stars, {int(hit.sum())} found",
-            hint="more frames, and a catalogue that is deeper than the camera",
+            hint="use more frames, and a catalogue with fainter stars than the camera detects",
         )
     bright = hit[v <= np.quantile(v[hit], 0.3)]
     ceiling = float(np.clip(bright.mean(), 0.5, 1.0)) if len(bright) else 1.0

@@ -84,14 +84,14 @@ def usable(series: AttitudeSeries, quantity: str) -> AttitudeSeries:
             f"too few attitudes for {quantity}",
             expected=f"{FEWEST} solved frames",
             got=f"{len(good)} of {len(series)}",
-            hint="frames of stars of one night, taken one after the other",
+            hint="use consecutive star frames of one night",
         )
     if not (np.diff(good.times_s) > 0).all():
         raise BadInput(
             "frames with the same time",
             expected="times that grow from frame to frame",
             got=f"{int(np.count_nonzero(np.diff(good.times_s) <= 0))} that do not",
-            hint="imported files without a time get the moment of their import: write it into them",
+            hint="imported files without a time are dated by their import; add the time to the files",
         )
     return good
 

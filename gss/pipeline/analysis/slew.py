@@ -51,13 +51,18 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
     """Analyse a run at a constant rate ``commanded_rad_s`` > 0. Raises BadInput with fewer than five attitudes."""
     if not (np.isfinite(commanded_rad_s) and commanded_rad_s > 0):
         got = f"{np.degrees(commanded_rad_s):g}°/s"
-        raise BadInput("a slew has a rate", expected="above 0°/s", got=got, hint="a fixed test takes none")
+        raise BadInput(
+            "the commanded rate of the slew is out of range",
+            expected="above 0°/s",
+            got=got,
+            hint="use the fixed test for a camera at rest",
+        )
     good = usable(series, "a slew test")
     steps_s = np.diff(good.times_s)
     turn = -turn_between(good.quaternion[:-1], good.quaternion[1:])
     if commanded_rad_s * float(steps_s.min()) > LARGEST_TURN_RAD:
         raise BadInput(
-            "the camera turns too far between two frames to determine the direction",
+            "the camera rotates too far between two frames to determine the direction",
             expected=f"under {np.degrees(LARGEST_TURN_RAD):.0f}° from frame to frame",
             got=f"{np.degrees(commanded_rad_s * float(steps_s.min())):.0f}°",
         )

@@ -73,7 +73,7 @@ def _together(a: AttitudeSeries, b: AttitudeSeries) -> tuple[AttitudeSeries, Att
             "too few frames were taken together",
             expected=f"{FEWEST} pairs within {max(APART_S, usual / 40):.3g} s",
             got=str(int(np.count_nonzero(fit))),
-            hint="the same clock for both cameras",
+            hint="use the same clock for both cameras",
         )
     index = np.flatnonzero(fit)
     return a.only(index), b.only(best[index])

@@ -36,10 +36,10 @@ def test_documents_cameras_keep_their_zero_point_noise_and_field() -> None:
         ({"focal_mm": float("nan")}, "focal_mm is out of range"),
         ({"exposure_s": 0.0}, "exposure_s is out of range"),
         ({"columns": 100.5}, "not a whole number"),
-        ({"bits": 4, "bias_dn": 20.0}, "converter is full"),
-        ({"focal_mm": 1.0, "columns": 8000}, "no flat detector"),
+        ({"bits": 4, "bias_dn": 20.0}, "bias fills the range"),
+        ({"focal_mm": 1.0, "columns": 8000}, "too wide for a flat detector"),
         ({"mag_limit": 20.0}, "limiting magnitude"),
-        ({"colour": 1.0}, "no such part"),
+        ({"colour": 1.0}, "unknown field of a camera"),
     ],
 )
 def test_impossible_cameras_are_rejected(changes: dict[str, float], said: str) -> None:

@@ -221,7 +221,7 @@ def test_cameras_survive_storage(name: str, known: Known) -> None:
     """A camera's record has plain values and restores the same camera; other content is rejected."""
     camera = known(name).camera
     assert camera_from(record_of(camera)) == camera
-    with pytest.raises(CorruptData, match="record of a camera"):
+    with pytest.raises(CorruptData, match="stored camera"):
         camera_from({"columns": 3})
     record = as_record({"a": np.array([1.0, np.nan]), "b": (np.float64(2), camera), "image": np.zeros((300, 300))})
     assert record["a"] == [1.0, None]
