@@ -47,7 +47,7 @@ class BaseServices:
 
     @property
     def framing(self) -> str:
-        """Framing of the line: as set, else the instrument's."""
+        """Framing of the line from the settings, else from the instrument package."""
         return self.settings.framing or self.unit.link.framing
 
     def version_of(self, name: str) -> str | None:

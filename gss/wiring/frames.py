@@ -42,7 +42,8 @@ def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
         blobs,
         base.bus,
         solver,
-        # Judged and drawn with the stars where they are now: at the catalogue's epoch a star at the frame's edge may lie outside.
+        # Overlays and verdicts need the present star positions: at the catalogue's epoch a star at the edge may lie outside
+        # the frame.
         cache.stars(epoch_jyear),
         base.clock.now,
         base.settings.solve_chain,

@@ -42,12 +42,12 @@ def test_a_quick_study_follows_the_edit(client: TestClient) -> None:
 @pytest.mark.parametrize(
     ("body", "status", "said"),
     [
-        ({"profile": "hubble"}, 404, "unknown instrument"),
+        ({"profile": "hubble"}, 404, "Unknown instrument"),
         ({"focal_mm": 0}, 400, "focal_mm is out of range"),
         ({"focal_mm": "long"}, 422, "focal_mm"),
         ({"colour": 1}, 422, "colour"),
         ({"sky": "orbit", "pointing": "inertial"}, 400, "does not follow an orbit"),
-        ({"sky": "orbit", "raan_deg": [20.0, 10.0]}, 400, "right ascension"),
+        ({"sky": "orbit", "raan_deg": [20.0, 10.0]}, 400, "Right ascension"),
     ],
 )
 @pytest.mark.parametrize("path", ["/api/design", "/api/design/run"])

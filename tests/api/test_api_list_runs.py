@@ -71,7 +71,7 @@ def test_lists_are_solved_as_a_job(client: TestClient) -> None:
 @pytest.mark.parametrize(
     ("content", "fields", "status", "said"),
     [
-        (b"list,col_px,row_px,flux\n0,1,2,3\n0,1,x,3\n", {}, 400, "line 3 of lists.csv does not have four numbers"),
+        (b"list,col_px,row_px,flux\n0,1,2,3\n0,1,x,3\n", {}, 400, "Line 3 of lists.csv does not have four numbers"),
         (b"list,col_px,row_px,flux\n0,1,2,-3\n", {}, 400, "flux in line 2 of lists.csv is invalid"),
         (b"", {}, 400, "lists.csv is empty"),
         (b"list,col_px,row_px,flux\n0,1,2,3\n", {"camera": "nosuch"}, 404, "Unknown instrument"),

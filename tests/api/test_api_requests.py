@@ -178,8 +178,8 @@ def test_a_blank_frame_has_no_solution_and_a_reason(client):
     ("change", "words"),
     [
         ({"faint_mag": -1.9}, "leaves no stars"),
-        ({"profile": "hubble"}, "unknown instrument"),
-        ({"format": "floppy"}, "unknown on-board format"),
+        ({"profile": "hubble"}, "Unknown instrument"),
+        ({"format": "floppy"}, "Unknown on-board format"),
         ({"orbit": "tle", "tle": "1 25544U nonsense", "start": "2026-12-01"}, ""),
         ({"orbit": "elements", "roll_deg": [5.0, -5.0]}, "roll"),
         ({"start": "yesterday"}, "not a date"),
@@ -251,7 +251,7 @@ def test_only_an_admin_opens_a_link_to_another_machine(clients):
     """An operator does not get the error text of a connection, which would reveal open ports of other machines."""
     refused = clients["operator"].post("/api/link/open", json={"url": "socket://192.0.2.1:22"})
     tried = clients["operator"].post("/api/link/open", json={"url": "socket://127.0.0.1:9"})
-    assert (refused.status_code, "only an admin" in refused.json()["message"]) == (403, True)
+    assert (refused.status_code, "Only an admin" in refused.json()["message"]) == (403, True)
     assert tried.status_code == 503
     assert clients["admin"].post("/api/link/open", json={"url": "socket://127.0.0.2:9"}).status_code == 503
 

@@ -137,7 +137,7 @@ def test_an_invalid_range_is_rejected(text, capsys):
     """A range is MIN:MAX or a number; anything else ends with exit code 2 and says so."""
     with pytest.raises(SystemExit, match="2"):
         parse("--roll-deg", text)
-    assert "Expected MIN:MAX or one number in degrees" in capsys.readouterr().err
+    assert "expected MIN:MAX or one number in degrees" in capsys.readouterr().err
 
 
 @pytest.fixture

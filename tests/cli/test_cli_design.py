@@ -37,7 +37,7 @@ def test_json_and_page_come_from_one_run(capsys: pytest.CaptureFixture[str], tmp
         (["--focal-mm", "0"], "focal_mm is out of range. Expected 1 to 2000 mm; got 0 mm"),
         (["--profile", "hubble"], "Unknown instrument"),
         (["--f-number", "32", "--exposure-s", "0.0001"], "detects no star"),
-        (["--seed", "-1"], "seed is out of range. Expected greater than or equal to 0; got -1"),
+        (["--seed", "-1"], "Seed is out of range. Expected greater than or equal to 0; got -1"),
     ],
 )
 def test_impossible_cameras_end_with_a_sentence(

@@ -54,7 +54,7 @@ def test_a_satellite_is_found_and_named(sequence: Path, capsys: pytest.CaptureFi
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (["--site", "1,2"], "site"),
+        (["--site", "1,2"], "Site"),
         (["--site", "here"], "three numbers"),
         (["--objects", "nothing.tle"], "does not exist"),
         (["--rate", "0"], "top_rate_deg_s"),

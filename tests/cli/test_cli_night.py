@@ -76,10 +76,10 @@ def test_invalid_input_is_rejected_with_a_message(
         (["analyse", "earth-fixed", "nothing.fits", "--camera", "cubestar"], "cannot be read"),
         (["analyse", "tides", night[0], "--camera", "cubestar"], "unknown analysis"),
         (["analyse", "slew", night[0], "--camera", "cubestar"], "commanded rate"),
-        (["analyse", "earth-fixed", night[0], "--camera", "hubble"], "unknown instrument"),
+        (["analyse", "earth-fixed", night[0], "--camera", "hubble"], "Unknown instrument"),
         (["analyse", "earth-fixed", night[0], "--camera", "cubestar"], "too few"),
-        (["calibrate", *night, "--camera", "sunsat"], "no frame could be solved"),
-        (["calibrate", night[0], "--darks"], "no camera given"),
+        (["calibrate", *night, "--camera", "sunsat"], "No frame could be solved"),
+        (["calibrate", night[0], "--darks"], "No camera given"),
         (
             ["calibrate", *night, "--camera", "cubestar", "--model", "brown-4", "--out", str(tmp_path / "x.doc")],
             "kind of report",

@@ -69,13 +69,13 @@ def test_orbit_station_and_passes_without_a_browser(tmp_path: Path, capsys: pyte
     [
         (["orbit", "wrong.tle"], "wrong checksum"),
         (["orbit", "old.tle"], "too old"),
-        (["list", "--days", "0"], "days are out of range"),
-        (["list", "--station", "nowhere"], "no such ground station"),
-        (["delete-station", "nowhere"], "no such ground station"),
+        (["list", "--days", "0"], "Days are out of range"),
+        (["list", "--station", "nowhere"], "No such ground station"),
+        (["delete-station", "nowhere"], "No such ground station"),
         (["add-station", "x", "--latitude-deg", "91", "--longitude-deg", "0"], "latitude_deg"),
         (
             ["add-station", "x", "--latitude-deg", "1", "--longitude-deg", "0", "--mask", "old.tle"],
-            "line 1 of the mask",
+            "Line 1 of the mask",
         ),
     ],
 )

@@ -236,12 +236,12 @@ def test_invalid_hints_and_truths_are_rejected(
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (("--exposure", "inf"), "exposure is out of range"),
+        (("--exposure", "inf"), "Exposure is out of range"),
         (("--exposure", "1e308"), "at most 86400 s"),
-        (("--utc", "9999-12-31T23:59:59"), "time is out of range"),
-        (("--utc", "0001-01-01"), "time is out of range"),
-        (("--utc", "2026-12-01", "--tle", "no-such.tle"), "expected a two-line element set"),
-        (("--utc", "2026-12-01", "--tle", "."), "expected a two-line element set"),
+        (("--utc", "9999-12-31T23:59:59"), "Time is out of range"),
+        (("--utc", "0001-01-01"), "Time is out of range"),
+        (("--utc", "2026-12-01", "--tle", "no-such.tle"), "Expected a two-line element set"),
+        (("--utc", "2026-12-01", "--tle", "."), "Expected a two-line element set"),
     ],
 )
 def test_impossible_exposures_and_times_are_rejected(

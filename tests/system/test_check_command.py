@@ -39,4 +39,4 @@ def test_a_missing_port_is_reported_in_one_line() -> None:
     done = check("--device", "/dev/no-such-port")
     assert done.returncode == 2
     assert done.stdout == ""
-    assert "there is no port /dev/no-such-port" in done.stderr
+    assert "There is no port /dev/no-such-port" in done.stderr

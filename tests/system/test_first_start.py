@@ -107,7 +107,7 @@ def test_the_shell_creates_users_and_tokens_for_a_running_server(start, shell, t
     added = shell("user", "add", "ann", "--role", "admin", "--password-stdin", *data, stdin=PASSWORD + "\n")
     assert (added.returncode, added.stdout) == (0, "ann is admin\n"), added.stderr
     short = shell("user", "add", "bob", "--role", "viewer", "--password-stdin", *data, stdin="short\n")
-    assert (short.returncode, "invalid password length" in short.stderr, "short" in short.stderr) == (2, True, False)
+    assert (short.returncode, "Invalid password length" in short.stderr, "short" in short.stderr) == (2, True, False)
     _, address = start(folder)
     assert "setup" not in address
     key = shell("token", "add", "night", "--role", "viewer", "--days", "1", *data).stdout.strip()

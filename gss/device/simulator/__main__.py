@@ -140,7 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         line = make_line(arguments)
         terminal, device, clock = make_terminal(arguments, line)
     except GssError as error:
-        sys.stderr.write(f"simulator: {error}\n")
+        sys.stderr.write(f"simulator: {error.sentences()}\n")
         if line is not None:
             line.close()
         return 2

@@ -83,7 +83,9 @@ def _read_npz(data: bytes, name: str) -> StarLists:
         if array.ndim != 1 or array.dtype.kind not in kinds:
             kind = "integers" if array_name == "first" else "numbers"
             got = f"shape {array.shape}, type {array.dtype}"
-            raise BadInput(f"{array_name} in {name} is of the wrong kind", expected=f"one row of {kind}", got=got)
+            raise BadInput(
+                f"the array {array_name} in {name} is of the wrong kind", expected=f"one row of {kind}", got=got
+            )
     col, row, flux = (arrays[a].astype(float) for a in ARRAYS[:3])
     return StarLists(col, row, flux, arrays["first"].astype(np.int64))
 
@@ -108,7 +110,9 @@ def _read_csv(data: bytes, name: str) -> StarLists:
     if invalid is not None:
         line = _line_of(body, invalid.star)
         raise BadInput(
-            f"{invalid.column} in line {line} of {name} is invalid", expected=invalid.expected, got=f"{invalid.value:g}"
+            f"the value of {invalid.column} in line {line} of {name} is invalid",
+            expected=invalid.expected,
+            got=f"{invalid.value:g}",
         )
     order = np.argsort(number, kind="stable")
     count = np.bincount(number.astype(np.int64)) if len(number) else np.zeros(0, np.int64)
@@ -188,7 +192,7 @@ def _check(lists: StarLists, name: str) -> None:
     if first[0] != 0 or first[-1] != n or (np.diff(first) < 0).any():
         got = f"{first[0]} to {first[-1]} for {n} stars"
         expected = "ascending offsets that begin with 0 and end with the number of stars"
-        raise BadInput(f"first in {name} does not divide the stars", expected=expected, got=got)
+        raise BadInput(f"the array first in {name} does not divide the stars", expected=expected, got=got)
     longest = int(np.diff(first).max())
     if longest > MOST_STARS_IN_A_LIST:
         expected = f"at most {MOST_STARS_IN_A_LIST} stars in a list"
@@ -197,7 +201,7 @@ def _check(lists: StarLists, name: str) -> None:
     if invalid is not None:
         where = int(np.searchsorted(first, invalid.star, side="right")) - 1
         raise BadInput(
-            f"{invalid.column} of star {invalid.star - first[where]} in list {where} of {name} is invalid",
+            f"the value of {invalid.column} of star {invalid.star - first[where]} in list {where} of {name} is invalid",
             expected=invalid.expected,
             got=f"{invalid.value:g}",
         )
