@@ -122,7 +122,7 @@ def test_a_choice_of_stars_by_options(tmp_path, capsys):
         ("--correct orbital_aberration", "needs an orbit"),
         (
             "--profile sunsat --pointing inertial --ra-deg 57.3 --dec-deg -57.3 --mag-limit 0",
-            "no star lies in the envelope",
+            "star lies in the envelope",
         ),
         ("--list no-such.csv", "cannot be read"),
     ],

@@ -150,7 +150,7 @@ def test_role_changes_and_disabling_apply_at_once(page, as_user):
     row.get_by_test_id("user-off").click()
     expect(row).to_contain_text("sessions end at once")
     row.get_by_test_id("user-off-now").click()
-    expect(row).to_contain_text("switched off")
+    expect(row).to_contain_text("deactivated")
     expect(theirs.get_by_test_id("session-ended")).to_be_visible()
 
 
@@ -186,7 +186,7 @@ def test_the_audit_log_is_filtered_verified_and_exported(page, picture):
     page.get_by_test_id("audit-result").select_option("denied")
     expect(page.locator("[data-testid=audit-row][data-result=done]")).to_have_count(0)
     page.get_by_test_id("audit-who").fill("unknown-user")
-    expect(page.get_by_text("No row passes these filters.")).to_be_visible()
+    expect(page.get_by_text("No row matches these filters.")).to_be_visible()
     with page.expect_download() as download:
         page.get_by_test_id("audit-csv").click()
     assert download.value.suggested_filename == "audit.csv"

@@ -27,7 +27,7 @@ def test_manager_compares_exports_and_reports(page, picture):
     build(page, "zen-old", "20", "34")
     build(page, "zen-new", "34", "48")
     expect(page.get_by_test_id("quality")).to_contain_text("Drift leaves the field")
-    page.get_by_role("group", name="Map of").get_by_role("button", name="Alike stars").click()
+    page.get_by_role("group", name="Map of").get_by_role("button", name="Similar stars").click()
     picture("catalogue-alike")
     page.get_by_test_id("diff-open").click()
     old = page.get_by_test_id("diff-old")

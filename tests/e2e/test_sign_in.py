@@ -111,7 +111,7 @@ def test_a_tour_leads_an_empty_store_to_the_first_attitude(page, picture):
             picture("tour")
         page.get_by_test_id(f"cmd-{press}").click()
     expect(tour).to_have_attribute("data-step", "5")
-    expect(tour).to_contain_text("the ground agrees")
+    expect(tour).to_contain_text("the ground result agrees")
     expect(page.get_by_test_id("attitude")).to_contain_text("on board and ground agree")
     page.get_by_test_id("tour-close").click()
     expect(tour).to_have_count(0)

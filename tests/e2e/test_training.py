@@ -28,7 +28,7 @@ def remove_faults(page) -> None:
     """Open the training panel without a fault, also after a test that ended in the middle."""
     page.goto("/commands?side=training")
     page.get_by_test_id("training-calm").click()
-    expect(page.get_by_test_id("training")).to_contain_text("no fault at work")
+    expect(page.get_by_test_id("training")).to_contain_text("no active fault")
 
 
 def test_an_alarm_latches_until_cleared_and_acknowledged(page, at_rest, picture):
