@@ -54,7 +54,8 @@ class Settings(BaseSettings):
         "any.",
     )
     framing: Literal["", "cobs", "slip"] = Field(
-        default="", description="Framing of packets on the line: cobs or slip; empty: as the instrument's package says."
+        default="",
+        description="Framing of packets on the line: cobs or slip; empty: as the instrument's package states.",
     )
     link_keys: str = Field(
         default="",

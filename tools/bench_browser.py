@@ -36,7 +36,7 @@ PIXELS = """() => {
 def page_load(quick: bool) -> list[BenchTable]:
     """Return the first view, and the delay from the server's clock to a painted frame."""
     if chromium() is None:
-        return [BenchTable("page_load", "Pages in a browser", "Skipped: there is no chromium here.", SEED, [])]
+        return [BenchTable("page_load", "Pages in a browser", "Skipped: chromium is not installed.", SEED, [])]
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "data", "--simulator", "cubestar") as server:
         wait_for_rest(server)
         rows = asyncio.run(_watch(server, 2 if quick else 7, 5.0 if quick else 20.0))

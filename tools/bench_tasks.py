@@ -42,7 +42,7 @@ class PageTask:
 def page_tasks(quick: bool) -> list[BenchTable]:
     """Return the tasks of the Live page while the sensor cycles."""
     if chromium() is None:
-        return [BenchTable("page_tasks", "The Live page at 1 Hz", "Skipped: there is no chromium here.", SEED, [])]
+        return [BenchTable("page_tasks", "The Live page at 1 Hz", "Skipped: chromium is not installed.", SEED, [])]
     rows = []
     for width, height in ((1440, 900), (1920, 1080)):
         tasks, frames = traced(width, height, 5.0 if quick else SECONDS)

@@ -47,7 +47,7 @@ COMPLETED, DRIVER = "completed", "gss"
 PRIMARY_BITS = (
     ("VERSION", 3, "CCSDS version, 0"),
     ("TYPE", 1, "0 from the device"),
-    ("SEC_HDR_FLG", 1, "1: our secondary header follows"),
+    ("SEC_HDR_FLG", 1, "1: secondary header of GSS follows"),
     ("PKT_APID", 11, "0x100 + packet type"),
     ("SEQ_FLGS", 2, "3: unsegmented"),
     ("SRC_SEQ_CTR", 14, "Sequence count of this APID"),
@@ -57,12 +57,12 @@ SECONDARY_BITS = (
     ("PACKET_TYPE", 8, "Packet type"),
     ("CODE", 8, "Code of the telemetry packet, event, message, or of the command that a report is about"),
     ("DICTIONARY", 16, "First two bytes of the dictionary's hash"),
-    ("REQUEST_ID", 32, "0: sent unasked"),
+    ("REQUEST_ID", 32, "0: sent without a request"),
     ("DEVICE_TIME_S", 32, "Whole seconds since the device's epoch"),
     ("DEVICE_TIME_MS", 16, "Milliseconds of the device's time"),
 )
 Criteria = Sequence[tuple[str, str, int]]
-"""(parameter, operator, raw value); all must hold. Numbers, because some readers compare no labels of enumerations."""
+"""(parameter, operator, raw value); all must hold. Numbers are used because some readers cannot compare labels of enumerations."""
 
 
 def xtce_of(instrument: Instrument, *, repeat_lists: bool = False) -> str:
@@ -295,5 +295,5 @@ class _Document:
 
 
 def _of_kind(kind: PacketType) -> list[tuple[str, str, int]]:
-    """Return the criteria of a packet type: the APID alone would do, and some readers select packets by it."""
+    """Return the criteria of a packet type: the APID alone is sufficient, and some readers select packets by it."""
     return [("PKT_APID", "==", APID_BASE + int(kind)), ("PACKET_TYPE", "==", int(kind))]

@@ -144,7 +144,7 @@ def omm_epoch(text: str) -> datetime:
 
 
 def _microseconds(words: str) -> str:
-    """Return the time with at most six decimals, which is what Python reads."""
+    """Return the time with at most six decimals, because Python reads no more."""
     whole, dot, decimals = words.partition(".")
     return whole + dot + decimals[:6] if decimals else whole
 

@@ -122,8 +122,8 @@ def ambiguity_map(
 
 
 def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogue_stars: int) -> Array:
-    """(m,) expected number of wrong names with at least as many votes as the right one is sure to get, one per other
-    star of the field.
+    """(m,) expected number of wrong names with at least as many votes as the right one certainly gets, which is one per
+    other star of the field.
 
     Each wrong pair names two stars anywhere in the catalogue, so the votes follow Poisson's law.
     """

@@ -74,11 +74,11 @@ class Station:
         self.link.start()
 
     def now(self) -> datetime:
-        """Time by the sensor's clock."""
+        """Time of the sensor's clock."""
         return DAWN + timedelta(seconds=self.sensor.now_s)
 
     def read(self, *args: Any) -> bytes:
-        """Received bytes after the disturbances of the line."""
+        """Received bytes, modified by ``spoil``."""
         return self.spoil(self._read(*args))
 
     def open(self) -> int:
@@ -102,7 +102,7 @@ class Station:
         self.dispatcher.stop()
 
     def listen(self, seconds: float) -> None:
-        """Let that much of the sensor's time pass."""
+        """Advance the sensor's time by ``seconds``."""
         until_s = self.sensor.now_s + seconds
         self.wait(lambda: self.sensor.now_s >= until_s)
 
