@@ -26,7 +26,7 @@ def test_manager_compares_exports_and_reports(page, picture):
     """Two builds compared by star and on the map; lifetime, similar stars, export and report."""
     build(page, "zen-old", "20", "34")
     build(page, "zen-new", "34", "48")
-    expect(page.get_by_test_id("quality")).to_contain_text("Drift leaves the field")
+    expect(page.get_by_test_id("quality")).to_contain_text("Drift out of the field")
     page.get_by_role("group", name="Map of").get_by_role("button", name="Similar stars").click()
     picture("catalogue-alike")
     page.get_by_test_id("diff-open").click()

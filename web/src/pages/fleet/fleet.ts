@@ -52,5 +52,5 @@ export function bankOf(u: FleetUnit): Cell {
   const left = bank.days_left;
   const state: LampState =
     left === null ? 'ok' : left < 0 ? 'critical' : left < 1 ? 'warning' : left < 4 ? 'watch' : 'ok';
-  return { state, word: `${bank.bank}: ${bank.catalogue_name ?? 'not from this store'}, ${daysLeft(bank.days_left)}` };
+  return { state, word: `${bank.bank}: ${bank.catalogue_name ?? 'not in this store'}, ${daysLeft(bank.days_left)}` };
 }
