@@ -23,7 +23,7 @@ MOST_PREDICTED = 120
 
 
 class RegionOverlay(TypedDict):
-    """Bounding box of a region. ``rejected``: why it is no star, empty for a star."""
+    """Bounding box of a region. ``rejected``: reason for the rejection, "" for a star."""
 
     col_min: int
     row_min: int
