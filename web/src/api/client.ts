@@ -202,6 +202,8 @@ const instruments = {
     body(POST('/api/instruments/check', { body: { file: file as unknown as string }, bodySerializer: multipart })),
   addInstrument: (file: File) =>
     body(POST('/api/instruments', { body: { file: file as unknown as string }, bodySerializer: multipart })),
+  newFromPhotographs: (request: Body<'/api/instruments/photographs'>) =>
+    body(POST('/api/instruments/photographs', { body: request })),
 };
 
 const catalogues = {
