@@ -78,3 +78,14 @@ def test_a_units_process_has_its_own_data_and_the_servers_accounts(tmp_path: Pat
     assert made[0].unit_instrument == "cubestar"
     line = unit_settings(server, UnitSpec("C", "nos3", "socket://127.0.0.1:5060"), 2)
     assert (line.device, line.simulator, line.unit_instrument) == ("socket://127.0.0.1:5060", "", "nos3")
+
+
+def test_units_on_one_body_are_the_heads_with_their_names(tmp_path: Path) -> None:
+    """With --body among the simulator's options each unit names its head; other options are the same for all."""
+    for options, expected in (
+        ("--body sat.yaml --sky real", "--body sat.yaml --sky real --head A"),
+        ("--sky real",) * 2,
+    ):
+        server = Settings(data=tmp_path, simulator_options=options)
+        unit = unit_settings(server, UnitSpec("A", "cubestar", "simulator"), 0)
+        assert unit.simulator_options == expected

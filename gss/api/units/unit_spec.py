@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from dataclasses import dataclass
 
 from gss.device.line_address import parse_line_address
@@ -94,5 +95,13 @@ def unit_settings(settings: Settings, unit: UnitSpec, number: int) -> Settings:
             "device": "" if unit.simulated else unit.address,
             "simulator": unit.instrument if unit.simulated else "",
             "simulator_seed": settings.simulator_seed + number,
+            "simulator_options": _own_options(settings.simulator_options, unit.name),
         }
     )
+
+
+def _own_options(options: str, name: str) -> str:
+    """Return the simulator's options for one unit: on a body with several heads, each unit is the head with its name."""
+    words = shlex.split(options)
+    on_a_body = any(word == "--body" or word.startswith("--body=") for word in words)
+    return f"{options} --head {name}" if on_a_body else options

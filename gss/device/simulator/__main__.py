@@ -11,6 +11,7 @@ import contextlib
 import os
 import signal
 import sys
+import time
 from collections.abc import Sequence
 
 from gss.device.line_address import CAN
@@ -54,10 +55,11 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
     """Return the device connected to its line."""
     instrument = instrument_of(arguments)
     camera, link, behaviour = instrument.profile, instrument.link, instrument.simulator or SimulatorFile()
+    clock = SimulatedClock(arguments.speed, held=arguments.stepped)
+    began_s, began_utc_s = clock(), time.time()
     if behaviour.program:
-        world = make_environment(arguments, camera, instrument)
+        world = make_environment(arguments, camera, instrument, began_utc_s - began_s)
         unit = make_unit(behaviour.program, instrument, world, arguments)
-        clock = SimulatedClock(arguments.speed, held=arguments.stepped)
         rate = (link.baud if arguments.baud is None else arguments.baud) / 10
         return Terminal(line, unit, clock, rate, world.line), unit, clock
     check_dialects(frozenset(arguments.dialect), ())
@@ -71,9 +73,8 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
     if held.profile != camera.name or not memory.intact(GOLDEN):
         burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     real = own_lens(camera, arguments.lens_off, arguments.seed)
-    world = make_environment(arguments, real, instrument)
+    world = make_environment(arguments, real, instrument, began_utc_s - memory.record.time_base_s)
     sky = SimulatedSky(real, world.motion, world.epoch_jyear, arguments.seed, world)
-    clock = SimulatedClock(arguments.speed, held=arguments.stepped)
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=baud)
     tracker = StarTracker(camera, sky, memory, behaviour.timing)
@@ -89,7 +90,7 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
         identity,
         memory,
         tracker,
-        clock(),
+        began_s,
         framing=framing,
         timing=timing,
         power=Power(behaviour.power),

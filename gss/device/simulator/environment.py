@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from gss.catalogue_tools.corrections.ephemeris import DAY_S, LIGHT_KM_S, Bodies, bodies_at, earth_pole_icrs
+from gss.device.simulator.body import MountedHead
 from gss.device.simulator.faults import LineControl
 from gss.device.simulator.motion import EarthFixed, EarthPointing, SlewTo, Tumble
 from gss.device.simulator.orbit import (
@@ -50,9 +51,9 @@ class Environment:
         self.profile, self.motion, self.epoch_jyear, self.seed = profile, motion, epoch_jyear, seed
         self.orbit: Orbit = orbit or (motion.orbit if isinstance(motion, Zenith) else CircularOrbit())
         self.line = line or LineControl(seed=seed)
-        # Motion that "zenith" restores: the initial one if Earth-pointing, otherwise Earth-pointing on the initial
-        # orbit.
-        sky_bound = isinstance(motion, Zenith | EarthPointing)
+        # Motion that "zenith" restores: the initial one if Earth-pointing or that of a body with several heads, otherwise
+        # Earth-pointing on the initial orbit.
+        sky_bound = isinstance(motion, Zenith | EarthPointing | MountedHead)
         flown = CircularOrbit() if self.orbit.grounded else self.orbit
         self._home: tuple[Motion, Orbit] = (motion if sky_bound else EarthPointing(flown), flown)
         self.aberration = aberration

@@ -9,6 +9,7 @@ import numpy as np
 
 from gss.catalogue_tools.envelope.attitude import BODY_FROM_CAM, ORBIT_LAWS
 from gss.device.protocol.framing import FRAMINGS
+from gss.device.simulator.body import ShiftedOrbit, head_motion, read_body
 from gss.device.simulator.environment import Environment, on_the_ground
 from gss.device.simulator.faults import FaultRates, LineControl
 from gss.device.simulator.motion import EarthPointing, Tumble
@@ -96,6 +97,14 @@ def _add_sky(group: argparse._ArgumentGroup) -> None:
         metavar="R,P,Y",
         help="body against the orbit axes, degrees (default: as the instrument says)",
     )
+    add(
+        "--body",
+        type=Path,
+        metavar="FILE",
+        help="body that carries several simulated heads: common attitude and time, mountings, misalignment and its drift "
+        "(docs/heads.md)",
+    )
+    add("--head", default="", metavar="NAME", help="which head of the body this is; a server names its units")
 
 
 def _add_line(group: argparse._ArgumentGroup) -> None:
@@ -150,10 +159,16 @@ def instrument_of(arguments: argparse.Namespace) -> Instrument:
     return load_instrument(read_package_files(Path(name)))
 
 
-def make_environment(arguments: argparse.Namespace, camera: CameraProfile, instrument: Instrument) -> Environment:
-    """Return the environment that the options define. ``instrument``: gives mounting and motion where the options name none."""
+def make_environment(
+    arguments: argparse.Namespace, camera: CameraProfile, instrument: Instrument, utc_zero_s: float = 0.0
+) -> Environment:
+    """Return the environment that the options define. ``instrument``: gives mounting and motion where the options name none.
+    ``utc_zero_s``: UTC of simulated time zero, as Unix time, for a body with its own time zero."""
     orbit, epoch_jyear = _orbit(arguments)
-    motion, orbit = make_motion(arguments, instrument, orbit, epoch_jyear)
+    if arguments.body is None:
+        motion, orbit = make_motion(arguments, instrument, orbit, epoch_jyear)
+    else:
+        motion, orbit = _on_a_body(arguments, orbit, utc_zero_s)
     line = LineControl(make_rates(arguments), arguments.seed)
     world = Environment(
         camera, motion, epoch_jyear, arguments.seed, orbit=orbit, line=line, aberration=arguments.aberration
@@ -212,6 +227,19 @@ def make_motion(
     if kind == "tumble":
         return Tumble.of_rate(start, rate_rad_s), orbit
     return Inertial(start, np.array([0.0, rate_rad_s if kind == "slew" else 0.0, 0.0])), orbit
+
+
+def _on_a_body(arguments: argparse.Namespace, orbit: Orbit, utc_zero_s: float) -> tuple[Motion, Orbit]:
+    """Return motion and position of one head of a body."""
+    own = {"motion": "motion", "attitude": "attitude", "mounting": "mounting", "roll_pitch_yaw": "roll-pitch-yaw"}
+    given = [f"--{option}" for name, option in own.items() if getattr(arguments, name) is not None]
+    if given:
+        raise BadInput("the body's file states its motion and mountings", expected="--body alone", got=", ".join(given))
+    if arguments.stepped or arguments.speed != 1.0:
+        raise BadInput("heads of one body need real time", expected="neither --speed nor --stepped with --body")
+    body = read_body(arguments.body)
+    offset_s = utc_zero_s - body.time_zero.timestamp()
+    return head_motion(body, arguments.head, orbit, offset_s), ShiftedOrbit(orbit, offset_s)
 
 
 def _earth_pointing(arguments: argparse.Namespace, own: Mounting, orbit: Orbit) -> Motion:
