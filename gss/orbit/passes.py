@@ -57,6 +57,14 @@ class OrbitPass:
         return (self.set - self.rise).total_seconds()
 
 
+@dataclass(frozen=True)
+class NextPass:
+    """The pass under way or the next one; ``at`` None: none is known, and ``problem`` states why."""
+
+    at: OrbitPass | None
+    problem: str = ""
+
+
 def find_passes(orbit: Trajectory, station: GroundStation, start: datetime, end: datetime) -> list[OrbitPass]:
     """Return the passes that begin or are under way in the span, by rise. A pass that a high part of the horizon mask interrupts
     is returned as two. Raises BadInput if the orbit is not defined over the span."""

@@ -180,6 +180,20 @@ def attitude_pairs(session: Session, limit: int) -> list[tuple[Frame, Solution, 
     return list(newest.values())
 
 
+def newest_ground_attitude(session: Session) -> tuple[Frame, Solution] | None:
+    """Return the newest frame of the device with an operational ground attitude, and that solution without its stars."""
+    query = (
+        select(Frame, Solution)
+        .join(Solution, Solution.frame_id == Frame.id)
+        .where(Frame.source == "device", Solution.operational, Solution.outcome == "solved")
+        .options(defer(Solution.detail))
+        .order_by(Frame.id.desc())
+        .limit(1)
+    )
+    row = session.execute(query).first()
+    return None if row is None else (row[0], row[1])
+
+
 def pin_missing(session: Session, frame_ids: Sequence[int], chain: str) -> None:
     """For frames without an operational solution, make the oldest solution of ``chain`` with its own constants and the frame's
     camera operational. Call it after the rows were added: an SQLite transaction that begins with a write excludes other writers."""

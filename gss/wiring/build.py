@@ -16,6 +16,7 @@ from gss.wiring.catalogues import open_catalogues
 from gss.wiring.commanding import open_commanding
 from gss.wiring.contacts import open_contacts
 from gss.wiring.frames import open_frames
+from gss.wiring.heads import open_heads
 from gss.wiring.intake import open_intake
 from gss.wiring.line import open_line_room
 from gss.wiring.passes import open_passes
@@ -37,8 +38,8 @@ def build(
     base = open_base(settings, clock, ready=ready)
     accounts = open_accounts(base)
     line = open_line_room(base, open_line)
-    telemetry = open_telemetry(base, line)
     commanding = open_commanding(base, line, accounts)
+    telemetry = open_telemetry(base, line, commanding)
     procedures = open_procedures(base, line, commanding, telemetry)
     transfers = open_transfers(base, line, commanding)
     frames = open_frames(base, line, transfers)
@@ -84,6 +85,7 @@ def build(
         catalogues=catalogues,
         instruments=InstrumentService(base.instruments, base.unit, base.database, base.parsing, line.link, base.bus),
         passes=passes,
+        heads=open_heads(base, telemetry),
         recordings=open_recordings(base, frames, passes),
         studies=open_studies(base, transfers, frames, contacts, passes),
         notifications=NotificationService(

@@ -14,6 +14,7 @@ from gss.wiring.catalogues import Catalogues
 from gss.wiring.commanding import Commanding
 from gss.wiring.contacts import Contacts
 from gss.wiring.frames import Frames
+from gss.wiring.heads import Heads
 from gss.wiring.intake import Intake
 from gss.wiring.line import Line
 from gss.wiring.passes import Passes
@@ -43,6 +44,7 @@ class Services:
     catalogues: Catalogues
     instruments: InstrumentService
     passes: Passes
+    heads: Heads
     recordings: RecordingsRoom
     studies: Studies
     notifications: NotificationService

@@ -9,6 +9,7 @@ from gss.operations.telemetry.derived_history import DerivedHistory
 from gss.operations.telemetry.last_attitude import LastAttitude
 from gss.operations.telemetry.telemetry import TelemetryService
 from gss.wiring.base import BaseServices
+from gss.wiring.commanding import Commanding
 from gss.wiring.line import Line
 
 
@@ -22,7 +23,7 @@ class TelemetryRoom:
     alarms: AlarmService
 
 
-def open_telemetry(base: BaseServices, line: Line) -> TelemetryRoom:
+def open_telemetry(base: BaseServices, line: Line, commanding: Commanding) -> TelemetryRoom:
     """Create the room."""
     database, bus, link = base.database, base.bus, line.link
     telemetry = TelemetryService(
@@ -31,6 +32,6 @@ def open_telemetry(base: BaseServices, line: Line) -> TelemetryRoom:
     return TelemetryRoom(
         telemetry,
         DerivedHistory(telemetry.derived, database, base.jobs, base.clock.now),
-        LastAttitude(base.unit.roles.quantities.attitude, base.clock.monotonic_s),
+        LastAttitude(base.unit.roles.quantities.attitude, base.clock.monotonic_s, commanding.schedule.clock),
         AlarmService(telemetry.derived, telemetry, link, database, bus, base.clock.now),
     )

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gss.operations.clock import utc_now
+from gss.operations.frames.ground_attitude import GroundAttitude
 from gss.operations.frames.margins import MarginWatch
 from gss.operations.line.dispatcher import Dispatcher
 from gss.operations.metrics import Metrics, StreamCounts
+from gss.operations.passes.next_pass import NextPassWatch
 from gss.operations.transfers.expiry import ExpiryWatch
 from gss.operations.upkeep.audit_watch import AuditWatch
 from gss.operations.upkeep.backup import BackupService
@@ -114,6 +116,8 @@ def open_upkeep(
         now,
         commanding.authority,
         telemetry.last_attitude,
+        GroundAttitude(database, bus, schedule.clock),
+        NextPassWatch(passes.spacecraft, passes.stations, passes.table, now).report,
         base.unit.about.tried_on_hardware,
         tickers,
     )

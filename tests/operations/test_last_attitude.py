@@ -32,7 +32,7 @@ def batch(at_s: float, **values: Any) -> LineBatch:
 def test_the_last_solved_attitude_stays_with_its_age() -> None:
     """A later report without a solution is named, and does not replace the attitude."""
     clock = Seconds()
-    last = LastAttitude(ROLE, clock)
+    last = LastAttitude(ROLE, clock, lambda: None)
     assert last.report() is None
     last.handle(batch(8.0, valid="solved", **AXIS))
     last.handle(batch(9.0, valid="none", w=1.0, x=0.0, y=0.0, z=0.0))
@@ -48,6 +48,6 @@ def test_the_last_solved_attitude_stays_with_its_age() -> None:
 @pytest.mark.parametrize("bad", [{"w": 0.0, "x": 0.0}, {"w": float("nan")}])
 def test_a_quaternion_that_is_none_gives_no_attitude(bad: dict[str, float]) -> None:
     """Of length zero, or not a number."""
-    last = LastAttitude(ROLE, Seconds())
+    last = LastAttitude(ROLE, Seconds(), lambda: None)
     last.handle(batch(8.0, valid="solved", **{**AXIS, **bad}))
     assert last.report() is None

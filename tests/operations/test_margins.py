@@ -53,7 +53,7 @@ def test_an_alarm_follows_the_attitude_while_it_is_current(database, bus, clock,
     link = LinkService(dictionary, shared_roles(), database, bus, tmp_path, clock, lambda: 0.0, queue)
     telemetry = TelemetryService(dictionary, database, bus, clock, lambda: None, lambda: True)
     alarms = AlarmService(dictionary, telemetry, link, database, bus, clock)
-    attitude = LastAttitude(ROLE, lambda: seconds[0])
+    attitude = LastAttitude(ROLE, lambda: seconds[0], lambda: None)
     watch = MarginWatch(attitude, lambda at: None, alarms, clock)
 
     def after(step_s: float, axis: np.ndarray | None) -> list[tuple[str, State, str]]:

@@ -2,37 +2,54 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
 from gss.api.schemas.link import (
     AlarmOut,
+    AttitudeSampleOut,
     BankOut,
     CountersOut,
     DirectionCountersOut,
     DirectionOut,
     LinkOut,
+    NextPassOut,
     ReportedAttitudeOut,
 )
 from gss.device.session_events import LinkCounters
 from gss.operations.transfers.banks import BankView, days_left
 from gss.operations.upkeep.status import Header
+from gss.orbit.passes import NextPass
+
+CONVERTED = ("tx", "rx", "banks", "alarms", "attitude", "attitudes", "next_pass")
 
 
 def link(header: Header) -> LinkOut:
     """Return the header bar."""
     banks = [bank(view, header.utc) for view in header.banks]
     active = next((b for b in banks if b.active), None)
-    values = {k: v for k, v in vars(header).items() if k not in ("tx", "rx", "banks", "alarms", "attitude")}
+    values = {k: v for k, v in vars(header).items() if k not in CONVERTED}
     return LinkOut(
         **values,
         attitude=None if header.attitude is None else ReportedAttitudeOut.model_validate(header.attitude),
+        attitudes=[AttitudeSampleOut.model_validate(one) for one in header.attitudes],
+        next_pass=_next_pass(header.next_pass),
         tx=DirectionOut.model_validate(header.tx),
         rx=DirectionOut.model_validate(header.rx),
         banks=banks,
         active_bank=active,
         alarms=[AlarmOut.model_validate(a) for a in header.alarms],
+    )
+
+
+def _next_pass(known: NextPass) -> NextPassOut:
+    at = known.at
+    if at is None:
+        return NextPassOut(station=None, rise=None, set=None, max_elevation_deg=None, problem=known.problem)
+    return NextPassOut(
+        station=at.station, rise=at.rise, set=at.set, max_elevation_deg=math.degrees(at.max_elevation_rad), problem=""
     )
 
 

@@ -82,9 +82,31 @@ class ReportedAttitudeOut(Out):
     newest_outcome: str
 
 
+class AttitudeSampleOut(Out):
+    """Newest attitude from one source with its time. ``quaternion``: cam_from_icrs, scalar-last; standard deviations are null if
+    unknown; ``utc_sigma_s``: uncertainty of ``utc``."""
+
+    source: Literal["on board", "ground"]
+    quaternion: tuple[float, float, float, float]
+    sigma_cross_arcsec: float | None
+    sigma_roll_arcsec: float | None
+    utc: Utc
+    utc_sigma_s: float
+
+
+class NextPassOut(Out):
+    """Coming pass of the spacecraft, or one under way. ``problem``: why none is known, "" otherwise; then the rest is null."""
+
+    station: str | None
+    rise: Utc | None
+    set: Utc | None
+    max_elevation_deg: float | None
+    problem: str
+
+
 class LinkOut(Out):
-    """Contents of the header bar. ``tried_on_hardware``: whether the instrument's package was; null: not stated. ``no_abort``: a
-    sentence if the sensor has no command to abort, "" if it has."""
+    """Contents of the header bar. ``attitudes``: newest ones on board and on the ground. ``tried_on_hardware``: whether the
+    instrument's package was; null: not stated. ``no_abort``: a sentence if the sensor has no command to abort, "" if it has."""
 
     device: str
     profile: str
@@ -100,6 +122,8 @@ class LinkOut(Out):
     mode: str | None
     cycle_running: bool | None
     attitude: ReportedAttitudeOut | None
+    attitudes: list[AttitudeSampleOut]
+    next_pass: NextPassOut
     active_bank: BankOut | None
     banks: list[BankOut]
     dictionary_hash: str

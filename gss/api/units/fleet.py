@@ -11,13 +11,15 @@ from pathlib import Path
 
 from httpx2 import TransportError
 
-from gss.api.schemas.link import LinkOut
+from gss.api.schemas.link import AttitudeSampleOut, LinkOut
 from gss.api.stream.broadcast import FIRST
 from gss.api.units.unit_process import reason_file
 from gss.api.units.unit_spec import UnitSpec
 from gss.api.workers.link_client import LinkProcessClient
 from gss.api.workers.supervisor import ProcessState, Supervisor
 from gss.operations.clock import Monotonic
+from gss.operations.heads.head_watch import HeadWatch
+from gss.operations.telemetry.last_attitude import AttitudeSample
 
 RECONNECT_S = 0.3
 
@@ -36,19 +38,20 @@ class UnitState:
 
 class Fleet:
     """Follows the event stream of every unit's process. ``paths``: sockets of the
-    processes by the unit's name."""
+    processes by the unit's name; ``heads``: gets the attitudes of all units."""
 
     def __init__(
         self,
         units: tuple[UnitSpec, ...],
         paths: Mapping[str, Path],
         supervisor: Supervisor,
+        heads: HeadWatch,
         monotonic_s: Monotonic,
     ) -> None:
-        self._units, self._paths, self._supervisor = units, paths, supervisor
+        self._units, self._paths, self._supervisor, self._heads = units, paths, supervisor, heads
         self._clients = {name: LinkProcessClient(f"of unit {name}", path) for name, path in paths.items()}
         self._monotonic_s = monotonic_s
-        self._newest: dict[str, tuple[float, bytes]] = {}
+        self._newest: dict[str, tuple[float, LinkOut]] = {}
 
     @property
     def names(self) -> list[str]:
@@ -67,6 +70,7 @@ class Fleet:
     async def running(self) -> AsyncIterator[None]:
         """Start the processes and follow them until exit, which leaves them to the server's stop."""
         self._supervisor.start()
+        self._heads.start()
         tasks = [asyncio.create_task(self._follow(name, client)) for name, client in self._clients.items()]
         try:
             yield
@@ -74,6 +78,7 @@ class Fleet:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+            await asyncio.to_thread(self._heads.stop)
 
     def _state(self, unit: UnitSpec) -> UnitState:
         process, newest = self._supervisor.state(process_name(unit)), self._newest.get(unit.name)
@@ -81,9 +86,7 @@ class Fleet:
         if newest is None:
             return UnitState(unit, process, reason, None, None)
         at_s, report = newest
-        return UnitState(
-            unit, process, reason, LinkOut.model_validate_json(report), max(0.0, self._monotonic_s() - at_s)
-        )
+        return UnitState(unit, process, reason, report, max(0.0, self._monotonic_s() - at_s))
 
     async def _follow(self, name: str, client: LinkProcessClient) -> None:
         """Keep the newest state of a unit. It stays, with its age, when the process ends."""
@@ -92,8 +95,14 @@ class Fleet:
                 async with contextlib.aclosing(client.messages()) as messages:
                     async for message in messages:
                         if message.topic == FIRST:
-                            self._newest[name] = (self._monotonic_s(), message.content)
+                            report = LinkOut.model_validate_json(message.content)
+                            self._newest[name] = (self._monotonic_s(), report)
+                            self._heads.take(name, [_sample(one) for one in report.attitudes])
             await asyncio.sleep(RECONNECT_S)
+
+
+def _sample(sent: AttitudeSampleOut) -> AttitudeSample:
+    return AttitudeSample(**vars(sent))
 
 
 def _read(path: Path) -> str:

@@ -46,7 +46,7 @@ def serve_units(
             for k, unit in enumerate(units)
         }
         supervisor = Supervisor(targets, partial(record, services.base.bus))
-        fleet = Fleet(units, paths, supervisor, monotonic_s)
+        fleet = Fleet(units, paths, supervisor, services.heads.watch, monotonic_s)
         app = UnitGateway(create_app(services, fleet=fleet), fleet)
 
         def stop() -> None:

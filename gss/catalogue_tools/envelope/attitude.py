@@ -135,6 +135,18 @@ def mounting_of(body_from_cam: Sequence[float] | None, turns_deg: Sequence[float
     return tuple(float(x) for x in euler_123(np.radians(turns_deg)).T.ravel())
 
 
+def turns_of(body_from_cam: Array) -> tuple[float, float, float]:
+    """Return the rotations about x, y and z, in degrees, of a (3, 3) mounting: the inverse of :func:`mounting_of`. Where y turns by
+    ±90°, only the sum or difference of the others is defined, and x is 0."""
+    m = np.asarray(body_from_cam, float).T
+    y = float(np.arcsin(np.clip(m[2, 0], -1.0, 1.0)))
+    if abs(m[2, 0]) > 1 - 1e-12:
+        x, z = 0.0, float(np.arctan2(m[0, 1], m[1, 1]))
+    else:
+        x, z = float(np.arctan2(-m[2, 1], m[2, 2])), float(np.arctan2(-m[1, 0], m[0, 0]))
+    return float(np.degrees(x)), float(np.degrees(y)), float(np.degrees(z))
+
+
 def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> Array:
     """(n, 3, 3) rotations: vectorised ``orbit_from_icrs`` of ``gss.domain.frames``."""
     co, so, ci, si = np.cos(raan_rad), np.sin(raan_rad), np.cos(inclination_rad), np.sin(inclination_rad)

@@ -29,6 +29,8 @@ ADMIN = (
     "admin.retention",
     "admin.backup",
 )
+HEADS = "heads"
+"""Mountings of heads on a spacecraft."""
 OPERATOR = (
     *COMMANDS,
     "link.open",
@@ -39,6 +41,7 @@ OPERATOR = (
     "procedures",
     "schedule",
     "passes",
+    HEADS,
     "authority.take",
     "authority.break",
     "frames.transfer",
@@ -61,6 +64,7 @@ ENGINEER = (
     "procedures",
     "campaigns",
     "tables",
+    HEADS,
     INSTRUMENTS,
     "command.imager",
     "authority.take",

@@ -13,8 +13,8 @@ from gss.operations.telemetry.value_format import formatted
 from gss.store.models import Alarm
 
 LONGEST = 120
-EVENT, LINK, CATALOGUE, STORE, MARGIN = "event", "link", "catalogue", "store", "margin"
-UNMEASURED = (EVENT, LINK, CATALOGUE, STORE, MARGIN)
+EVENT, LINK, CATALOGUE, STORE, MARGIN, HEADS = "event", "link", "catalogue", "store", "margin", "heads"
+UNMEASURED = (EVENT, LINK, CATALOGUE, STORE, MARGIN, HEADS)
 """Pseudo packet names of alarms that are not about a telemetry field."""
 SIGNAL: Key = (LINK, "housekeeping")
 
@@ -61,6 +61,8 @@ def unit_of(dictionary: TelemetryDefinitions, row: Alarm) -> str:
 ACTIONS = {
     LINK: "Check cable, power and pointing of the antenna. Open the line again on the page Contacts if the port was lost.",
     CATALOGUE: "Upload a catalogue that is valid for longer, then activate and confirm it.",
+    HEADS: "Open the page Fleet: it shows which heads differ, and by how much. If the estimate is steady, correct the mounting; "
+    "until then use the attitude of the other heads.",
     STORE: "Open the page Admin, Health and Storage: they state the cause and what to do.",
     MARGIN: "Turn the spacecraft away, or expect few or no attitudes until the angle grows. Do not leave the Sun in the field.",
 }

@@ -23,6 +23,7 @@ from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarm_text import (
     CATALOGUE,
     EVENT,
+    HEADS,
     LINK,
     MARGIN,
     SIGNAL,
@@ -298,7 +299,7 @@ class AlarmService:
     def _level(self, row: Alarm) -> State:
         if row.state not in ("raised", "acked"):
             return State.OK
-        if row.packet in (LINK, CATALOGUE, STORE, MARGIN):
+        if row.packet in (LINK, CATALOGUE, STORE, MARGIN, HEADS):
             return State(row.worst)
         return self._telemetry.board.limits.counted((row.packet, row.field))
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Literal
 
 import numpy as np
 
@@ -12,11 +15,16 @@ from gss.device.protocol.packet import Arrival
 from gss.device.session_events import Telemetry
 from gss.domain.angles import ra_dec_from_unit
 from gss.domain.rotation import matrix_from_quaternion
+from gss.instruments.dictionary.definitions import Value
 from gss.instruments.telemetry_roles import AttitudeRole
 from gss.operations.clock import Monotonic
+from gss.operations.line.clock_correlation import Correlation
 from gss.operations.line.line_events import LineBatch, ServiceEvent
 
 SOLVED = "solved"
+RECEPTION_SIGMA_S = 1.0
+"""Uncertainty of the time of an attitude of which only the reception is known: line and processing take up to about this."""
+Clock = Callable[[], Correlation | None]
 
 
 @dataclass(frozen=True)
@@ -31,12 +39,26 @@ class ReportedAttitude:
     newest_outcome: str
 
 
-class LastAttitude:
-    """Keeps the last solved attitude. ``role``: where the instrument's telemetry has it. Thread-safe."""
+@dataclass(frozen=True)
+class AttitudeSample:
+    """One attitude with its time. ``quaternion``: cam_from_icrs; standard deviations are None if unknown; ``utc_sigma_s``:
+    uncertainty of ``utc``."""
 
-    def __init__(self, role: AttitudeRole, monotonic_s: Monotonic) -> None:
-        self._role, self._monotonic_s = role, monotonic_s
-        self._solved: tuple[float, float, float, float | None] | None = None
+    source: Literal["on board", "ground"]
+    quaternion: tuple[float, float, float, float]
+    sigma_cross_arcsec: float | None
+    sigma_roll_arcsec: float | None
+    utc: datetime
+    utc_sigma_s: float
+
+
+class LastAttitude:
+    """Keeps the last solved attitude. ``role``: where the instrument's telemetry has it; ``clock``: relation of the sensor's clock
+    to UTC. Thread-safe."""
+
+    def __init__(self, role: AttitudeRole, monotonic_s: Monotonic, clock: Clock) -> None:
+        self._role, self._monotonic_s, self._clock = role, monotonic_s, clock
+        self._solved: tuple[float, float, float, AttitudeSample] | None = None
         self._outcome = ""
         self._lock = threading.Lock()
 
@@ -44,7 +66,7 @@ class LastAttitude:
         """Take the attitudes of a batch."""
         for event in batch.events:
             if isinstance(event, Telemetry) and event.packet == self._role.packet and event.arrival is Arrival.CURRENT:
-                self._take(event, batch.at_s)
+                self._take(event, batch)
         return []
 
     def report(self) -> ReportedAttitude | None:
@@ -52,10 +74,16 @@ class LastAttitude:
         with self._lock:
             if self._solved is None:
                 return None
-            at_s, ra_deg, dec_deg, sigma = self._solved
-            return ReportedAttitude(ra_deg, dec_deg, sigma, max(0.0, self._monotonic_s() - at_s), self._outcome)
+            at_s, ra_deg, dec_deg, sample = self._solved
+            age_s = max(0.0, self._monotonic_s() - at_s)
+            return ReportedAttitude(ra_deg, dec_deg, sample.sigma_cross_arcsec, age_s, self._outcome)
 
-    def _take(self, packet: Telemetry, at_s: float) -> None:
+    def sample(self) -> AttitudeSample | None:
+        """Return the last solved attitude with its time; None before the first."""
+        with self._lock:
+            return None if self._solved is None else self._solved[3]
+
+    def _take(self, packet: Telemetry, batch: LineBatch) -> None:
         values = self._role.read(packet.values)
         outcome = str(values.get("outcome", SOLVED))
         quaternion = np.array([float(values.get(f"quaternion_{axis}", math.nan)) for axis in "xyzw"])
@@ -64,8 +92,22 @@ class LastAttitude:
         with self._lock:
             self._outcome = outcome
             if solved:
-                boresight = matrix_from_quaternion(quaternion / norm).T @ np.array([0.0, 0.0, 1.0])
+                x, y, z, w = (float(q) for q in quaternion / norm)
+                boresight = matrix_from_quaternion(quaternion).T @ np.array([0.0, 0.0, 1.0])
                 ra_rad, dec_rad = ra_dec_from_unit(boresight)
-                sigma = values.get("sigma_cross_arcsec")
-                sigma_value = float(sigma) if isinstance(sigma, int | float) and math.isfinite(sigma) else None
-                self._solved = (at_s, math.degrees(float(ra_rad)), math.degrees(float(dec_rad)), sigma_value)
+                cross, roll = (_number(values.get(f"sigma_{axis}_arcsec")) for axis in ("cross", "roll"))
+                at, sigma_s = self._time(values.get("frame_time_s"), batch.at)
+                sample = AttitudeSample("on board", (x, y, z, w), cross, roll, at, sigma_s)
+                self._solved = (batch.at_s, math.degrees(float(ra_rad)), math.degrees(float(dec_rad)), sample)
+
+    def _time(self, frame_time_s: Value | None, received: datetime) -> tuple[datetime, float]:
+        """Return UTC of the exposure and its uncertainty; those of the reception if the sensor's clock is not known."""
+        correlation = self._clock()
+        if correlation is None or not isinstance(frame_time_s, int | float) or not math.isfinite(frame_time_s):
+            return received, RECEPTION_SIGMA_S
+        utc_s = correlation.utc_of(float(frame_time_s))
+        return datetime.fromtimestamp(utc_s, UTC), correlation.uncertainty_at(utc_s)
+
+
+def _number(value: Value | None) -> float | None:
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None

@@ -13,11 +13,13 @@ from gss.instruments.operations import Operation, absence
 from gss.operations.clock import Now
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.events import EventBus
+from gss.operations.frames.ground_attitude import GroundAttitude
 from gss.operations.line.link import LinkService
 from gss.operations.telemetry.alarm_text import SIGNAL
 from gss.operations.telemetry.alarms import AlarmService
-from gss.operations.telemetry.last_attitude import LastAttitude, ReportedAttitude
+from gss.operations.telemetry.last_attitude import AttitudeSample, LastAttitude, ReportedAttitude
 from gss.operations.transfers.banks import BankService, BankView
+from gss.orbit.passes import NextPass
 
 log = logging.getLogger("gss.status")
 
@@ -70,6 +72,8 @@ class Header:
     cycle_running: bool | None
     """None while not reported."""
     attitude: ReportedAttitude | None
+    attitudes: list[AttitudeSample]
+    next_pass: NextPass
     banks: list[BankView]
     dictionary_hash: str
     device_dictionary_hash: str | None
@@ -93,12 +97,15 @@ class StatusService:
         now: Now,
         authority: AuthorityService,
         attitude: LastAttitude,
+        ground: GroundAttitude,
+        next_pass: Callable[[], NextPass],
         tried_on_hardware: bool | None,
         tickers: Sequence[Callable[[], None]],
     ) -> None:
         self._link, self._banks, self._latched = link, banks, alarms
         self._bus, self._now, self._authority = bus, now, authority
-        self._attitude, self._tried_on_hardware = attitude, tried_on_hardware
+        self._attitude, self._ground, self._next_pass = attitude, ground, next_pass
+        self._tried_on_hardware = tried_on_hardware
         self._since: dict[str, datetime] = {}
         self._counts: deque[tuple[float, int, int]] = deque()
         self._last_sent: tuple[int, float] = (0, 0.0)
@@ -153,6 +160,8 @@ class StatusService:
             mode=str(status["mode"]) if connected and "mode" in status else None,
             cycle_running=bool(status["cycle_running"]) if connected and "cycle_running" in status else None,
             attitude=self._attitude.report(),
+            attitudes=[one for one in (self._attitude.sample(), self._ground.sample()) if one is not None],
+            next_pass=self._next_pass(),
             banks=banks,
             dictionary_hash=self._link.dictionary.hash_hex,
             device_dictionary_hash=device_hash,

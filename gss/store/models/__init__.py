@@ -6,6 +6,7 @@ from gss.store.models.base import Base, UtcDateTime
 from gss.store.models.catalogues import BankHistory, Catalogue, DeviceTable, StarList
 from gss.store.models.console import Alarm, Authority, Choice, Job, Stack, StackRun
 from gss.store.models.frames import Frame, Solution
+from gss.store.models.heads import FusedRow, HeadPairRow, Spacecraft
 from gss.store.models.link import (
     Command,
     CommandStage,
@@ -38,6 +39,8 @@ __all__ = [
     "DeviceTable",
     "Event",
     "Frame",
+    "FusedRow",
+    "HeadPairRow",
     "Job",
     "ListRun",
     "Notification",
@@ -48,6 +51,7 @@ __all__ = [
     "ProcedureRun",
     "SignIn",
     "Solution",
+    "Spacecraft",
     "Stack",
     "StackRun",
     "StarList",

@@ -1,0 +1,255 @@
+"""Follows the heads of all spacecraft: attitudes in, comparisons, history and alarms out."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import Conflict, GssError
+from gss.domain.limits import State
+from gss.operations.clock import Now
+from gss.operations.heads.judge import AgreementWatch, Verdict, findings, verdict
+from gss.operations.heads.mountings import SpacecraftSetup
+from gss.operations.heads.spacecraft_book import SpacecraftBook
+from gss.operations.heads.tracker import HeadsResult, HeadTracker, PairResult
+from gss.operations.telemetry.alarm_text import HEADS
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.last_attitude import AttitudeSample
+from gss.pipeline.heads.misalignment import Misalignment
+from gss.store import heads as store
+from gss.store.engine import Database
+from gss.store.models import FusedRow, HeadPairRow
+
+TICK_S = 0.5
+RELOAD_S = 5.0
+"""A spacecraft that another process changed is noticed after this time."""
+STORED_EVERY_S = 10.0
+KEPT = timedelta(days=30)
+CLEANED_EVERY_S = 3600.0
+UPPER = np.triu_indices(6)
+UPPER_3 = np.triu_indices(3)
+
+
+@dataclass(frozen=True)
+class HeadState:
+    """One head at present. ``problem``: why its attitude is not used, "" if it is; ``age_s`` None: nothing received."""
+
+    unit: str
+    fresh: bool
+    age_s: float | None
+    problem: str
+
+
+@dataclass(frozen=True)
+class SpacecraftState:
+    """One spacecraft at present. ``result``: the newest comparison; None before the first."""
+
+    setup: SpacecraftSetup
+    verdict: Verdict
+    heads: tuple[HeadState, ...]
+    result: HeadsResult | None
+
+
+class _Follower:
+    """One spacecraft that is followed. ``stored_s``: time of the newest stored comparison."""
+
+    def __init__(self, tracker: HeadTracker) -> None:
+        self.tracker, self.agreement, self.stored_s = tracker, AgreementWatch(), 0.0
+
+
+class HeadWatch:
+    """Compares heads on a separate thread, so that a slow store delays no link. ``take`` and ``states`` may be called from any
+    thread."""
+
+    def __init__(self, book: SpacecraftBook, database: Database, alarms: AlarmService, now: Now) -> None:
+        self._book, self._database, self._alarms, self._now = book, database, alarms, now
+        self._arrived: queue.SimpleQueue[tuple[str, AttitudeSample]] = queue.SimpleQueue()
+        self._followers: dict[int, _Follower] = {}
+        self._loaded_s = self._cleaned_s = 0.0
+        self._lock = threading.Lock()
+        self._changed, self._stop = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heads", daemon=True)
+        self.problem = ""
+        """Why the store cannot be used at present; "" if it can."""
+
+    def start(self) -> None:
+        """Start comparing."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop comparing."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=3)
+
+    def take(self, unit: str, samples: Sequence[AttitudeSample]) -> None:
+        """Take the newest attitudes of a unit; those taken before are ignored."""
+        for sample in samples:
+            self._arrived.put((unit, sample))
+
+    def states(self) -> list[SpacecraftState]:
+        """Return the state of every spacecraft, by name."""
+        now_s = self._now().timestamp()
+        with self._lock:
+            followers = list(self._followers.values())
+            return [_state(one, now_s) for one in sorted(followers, key=lambda one: one.tracker.setup.name)]
+
+    def correct(self, spacecraft_id: int, unit: str, *, user: str) -> SpacecraftSetup:
+        """Correct the mounting of a head by its estimated misalignment. Raises Conflict without a current estimate."""
+        with self._lock:
+            follower = self._followers.get(spacecraft_id)
+            result = follower.tracker.result if follower else None
+        pairs = result.pairs if result else ()
+        pair = next((one for one in pairs if one.unit == unit), None)
+        if pair is None:
+            raise Conflict(
+                "no misalignment of this head is known at present",
+                expected="a head that is compared with the reference head now",
+                got=unit,
+            )
+        setup = self._book.correct(spacecraft_id, pair, user=user)
+        self.refresh()
+        return setup
+
+    def refresh(self) -> None:
+        """Follow the spacecraft as stored now, from the next step on."""
+        self._changed.set()
+
+    def step(self) -> None:
+        """Take what has arrived, compare, store, and judge. Called by the thread."""
+        now = self._now()
+        now_s = now.timestamp()
+        if self._changed.is_set() or abs(now_s - self._loaded_s) >= RELOAD_S:
+            self._changed.clear()
+            self._loaded_s = now_s
+            self._reload()
+        arrived = []
+        while not self._arrived.empty():
+            arrived.append(self._arrived.get())
+        compared: list[tuple[_Follower, list[HeadsResult]]] = []
+        with self._lock:
+            for follower in self._followers.values():
+                for unit, sample in arrived:
+                    follower.tracker.add(unit, sample, now_s)
+                results = follower.tracker.advance(now_s)
+                for result in results:
+                    agreement = result.fused.agreement
+                    follower.agreement.take(agreement.probability if agreement else None)
+                compared.append((follower, results))
+        for follower, results in compared:
+            self._keep(follower, results)
+        if abs(now_s - self._cleaned_s) >= CLEANED_EVERY_S:
+            self._cleaned_s = now_s
+            with self._database.unit_of_work() as session:
+                store.delete_before(session, now - KEPT)
+
+    def _reload(self) -> None:
+        """Follow the spacecraft as stored now. A changed one begins again, and its alarms are cleared until it is compared."""
+        before, after = self._followers, {}
+        for setup in self._book.every():
+            known = before.get(setup.id)
+            same = known is not None and known.tracker.setup.changed == setup.changed
+            after[setup.id] = known if known and same else _Follower(HeadTracker(setup, self._resumed(setup)))
+        with self._lock:
+            self._followers = after
+        for spacecraft_id, follower in before.items():
+            if after.get(spacecraft_id) is not follower:
+                self._clear_alarms(f"{follower.tracker.setup.name}: ")
+
+    def _clear_alarms(self, prefix: str) -> None:
+        for key in self._alarms.open_keys():
+            if key[0] == HEADS and key[1].startswith(prefix):
+                self._alarms.watch(key, State.OK, 0.0, "", "")
+
+    def _run(self) -> None:
+        while not self._stop.wait(TICK_S):
+            try:
+                self.step()
+                self.problem = ""
+            except GssError as error:
+                self.problem = str(error)
+
+    def _keep(self, follower: _Follower, results: Sequence[HeadsResult]) -> None:
+        setup = follower.tracker.setup
+        rows: list[FusedRow | HeadPairRow] = []
+        for result in results:
+            if abs(result.time_s - follower.stored_s) >= STORED_EVERY_S:
+                follower.stored_s = result.time_s
+                rows += [_fused_row(setup.id, result), *(_pair_row(setup.id, result.time_s, p) for p in result.pairs)]
+        if rows:
+            with self._database.unit_of_work() as session:
+                if store.exists(session, setup.id):
+                    store.add_results(session, rows)
+        if results and results[-1].fused.agreement is not None:
+            last, chi2 = results[-1], results[-1].fused.agreement.chi2
+            for one in findings(setup, follower.agreement.disagreeing, last.pairs, chi2):
+                self._alarms.watch((HEADS, one.name), one.state, one.value, one.text, one.limit)
+
+    def _resumed(self, setup: SpacecraftSetup) -> dict[str, Misalignment]:
+        """Return the stored estimates since the spacecraft was changed last."""
+        with self._database.unit_of_work() as session:
+            rows = {h.unit: store.newest_pair(session, setup.id, h.unit, setup.changed) for h in setup.heads[1:]}
+        return {unit: estimate_of(row) for unit, row in rows.items() if row is not None}
+
+
+def estimate_of(row: HeadPairRow) -> Misalignment:
+    """Return a stored estimate of misalignment."""
+    covariance = np.zeros((6, 6))
+    covariance[UPPER] = row.covariance
+    covariance = covariance + np.triu(covariance, 1).T
+    return Misalignment(row.at.timestamp(), np.array(row.state), covariance, row.samples, 0, row.restarts)
+
+
+def _state(follower: _Follower, now_s: float) -> SpacecraftState:
+    tracker = follower.tracker
+    heads = tuple(
+        HeadState(h.unit, tracker.is_fresh(h.unit, now_s), tracker.age_s(h.unit, now_s), tracker.problem(h.unit))
+        for h in tracker.setup.heads
+    )
+    return SpacecraftState(
+        tracker.setup, verdict(tracker, follower.agreement.disagreeing, now_s), heads, tracker.result
+    )
+
+
+def _fused_row(spacecraft_id: int, result: HeadsResult) -> FusedRow:
+    fused, agreement = result.fused, result.fused.agreement
+    return FusedRow(
+        spacecraft_id=spacecraft_id,
+        at=datetime.fromtimestamp(result.time_s, UTC),
+        units=list(result.attitudes),
+        quaternion=_listed(fused.quaternion),
+        covariance=_listed(fused.covariance_rad2[UPPER_3]),
+        chi2=None if agreement is None else agreement.chi2,
+        freedom=None if agreement is None else agreement.freedom,
+        probability=None if agreement is None else agreement.probability,
+    )
+
+
+def _pair_row(spacecraft_id: int, time_s: float, pair: PairResult) -> HeadPairRow:
+    d, m = pair.difference, pair.misalignment
+    return HeadPairRow(
+        spacecraft_id=spacecraft_id,
+        at=datetime.fromtimestamp(time_s, UTC),
+        reference=pair.reference,
+        unit=pair.unit,
+        angle_rad=d.angle_rad,
+        angle_sigma_rad=d.angle_sigma_rad,
+        boresight_rad=d.boresight_rad,
+        boresight_sigma_rad=d.boresight_sigma_rad,
+        chi2=d.agreement.chi2,
+        state=_listed(m.state),
+        covariance=_listed(m.covariance[UPPER]),
+        timing=_listed(np.diag(pair.timing_rad2)),
+        samples=m.samples,
+        restarts=m.restarts,
+    )
+
+
+def _listed(values: Array) -> list[float]:
+    return [float(v) for v in values]

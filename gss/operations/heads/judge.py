@@ -1,0 +1,132 @@
+"""Judgement of the heads of one spacecraft: agreement, misalignment and drift against limits, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.limits import State
+from gss.operations.heads.mountings import HOUR_S, SpacecraftSetup
+from gss.operations.heads.tracker import HeadTracker, PairResult
+
+UNLIKELY = 1e-5
+"""A difference that is less probable than this does not agree with the stated covariances."""
+RAISED_AFTER, CLEARED_AFTER = 3, 10
+"""Comparisons in a row that raise the alarm of agreement, and that clear it."""
+SIGNIFICANT = 3.0
+"""A misalignment or drift beyond its limit counts when it is this many standard deviations beyond."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is known about the heads. ``state`` None: unknown, nothing can be compared; ``text`` states why."""
+
+    state: State | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One condition of an alarm. ``value``: in ″ or ″/h, of the text; ``limit``: what was exceeded."""
+
+    name: str
+    state: State
+    value: float
+    text: str
+    limit: str
+
+
+def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> Verdict:
+    """Return the agreement of the heads at present."""
+    setup, result = tracker.setup, tracker.result
+    fresh = [head.unit for head in setup.heads if tracker.is_fresh(head.unit, now_s)]
+    if not fresh:
+        return Verdict(None, f"No head reported an attitude in the last {setup.stale_s:g} s.")
+    if len(fresh) == 1:
+        silent = ", ".join(head.unit for head in setup.heads if head.unit not in fresh)
+        alone = f"Only {fresh[0]} reports; {silent} {'is' if silent.count(',') == 0 else 'are'} silent."
+        return Verdict(None, alone if silent else f"{fresh[0]} is the only head.")
+    if result is None or now_s - result.time_s > 2 * setup.stale_s:
+        return Verdict(None, "The attitudes received so far cannot be compared.")
+    if result.fused.agreement is None:
+        words = "; ".join(f"{unit}: {reason}" for unit, reason in result.missing.items())
+        return Verdict(None, f"Only one head could be used. {words}.")
+    agreement = result.fused.agreement
+    figures = f"χ² {agreement.chi2:.1f} with {agreement.freedom} degrees of freedom"
+    if disagreeing:
+        return Verdict(State.WARNING, f"{_apart(result.pairs)}: {figures}.")
+    return Verdict(State.OK, f"The heads agree: {figures}.")
+
+
+class AgreementWatch:
+    """Decides from successive comparisons whether the heads disagree."""
+
+    def __init__(self) -> None:
+        self.disagreeing = False
+        self._against = 0
+
+    def take(self, probability: float | None) -> None:
+        """Take the probability of one comparison; None says nothing."""
+        if probability is None:
+            return
+        unlikely = probability < UNLIKELY
+        self._against = self._against + 1 if unlikely is not self.disagreeing else 0
+        if self._against >= (CLEARED_AFTER if self.disagreeing else RAISED_AFTER):
+            self.disagreeing, self._against = not self.disagreeing, 0
+
+
+def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResult], chi2: float) -> list[Finding]:
+    """Return the conditions of the alarms of a spacecraft after a comparison of at least two heads."""
+    words = _apart(pairs)
+    found = [
+        Finding(
+            f"{setup.name}: agreement",
+            State.WARNING if disagreeing else State.OK,
+            round(chi2, 1),
+            f"{setup.name}: {words}",
+            f"{words}, probability below {UNLIKELY:g}",
+        )
+    ]
+    for pair in pairs:
+        m = pair.misalignment
+        name = f"{setup.name}: {pair.unit}"
+        if setup.misalignment_limit_rad is not None:
+            limit = setup.misalignment_limit_rad / ARCSEC_RAD
+            size, sigma = _size(m.vector_rad / ARCSEC_RAD, pair.sigma_rad / ARCSEC_RAD)
+            text = f"{pair.unit} is misaligned by {size:.1f}″ ± {sigma:.1f}″ against {pair.reference}"
+            found.append(_against(f"{name} misalignment", State.WARNING, size, sigma, text, limit, "″"))
+        if setup.drift_limit_rad_s is not None:
+            limit = setup.drift_limit_rad_s / ARCSEC_RAD * HOUR_S
+            scale = HOUR_S / ARCSEC_RAD
+            size, sigma = _size(m.drift_rad_s * scale, m.drift_sigma_rad_s * scale)
+            text = f"{pair.unit} drifts by {size:.1f}″/h ± {sigma:.1f}″/h against {pair.reference}"
+            found.append(_against(f"{name} drift", State.WATCH, size, sigma, text, limit, "″/h"))
+    return found
+
+
+def _against(name: str, level: State, size: float, sigma: float, text: str, limit: float, unit: str) -> Finding:
+    beyond = size - SIGNIFICANT * sigma > limit
+    return Finding(name, level if beyond else State.OK, round(size, 1), text, f"{text}, above {limit:g}{unit}")
+
+
+def _size(vector: Array, sigma: Array) -> tuple[float, float]:
+    """Return the length of a vector and the standard deviation along it."""
+    size = float(np.linalg.norm(vector))
+    if size == 0:
+        return 0.0, float(np.max(sigma))
+    return size, float(np.linalg.norm(vector / size * sigma))
+
+
+def _apart(pairs: Sequence[PairResult]) -> str:
+    """Return the pair that differs most, in words."""
+    if not pairs:
+        return "The heads differ"
+    worst = max(pairs, key=lambda pair: pair.difference.agreement.chi2)
+    d = worst.difference
+    return (
+        f"{worst.reference} and {worst.unit} differ by {d.angle_rad / ARCSEC_RAD:.1f}″ ± "
+        f"{d.angle_sigma_rad / ARCSEC_RAD:.1f}″"
+    )

@@ -1,0 +1,198 @@
+"""Spacecraft with their heads, as a user enters them and as they are used."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from gss.catalogue_tools.envelope.attitude import mounting_of, turns_of
+from gss.domain.angles import ARCSEC_RAD, Array
+from gss.domain.errors import BadInput
+from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix
+from gss.operations.requests import Request
+from gss.pipeline.heads.fusion import boresight_of, head_covariance
+from gss.store.models import Spacecraft
+
+MOST_HEADS = 8
+HOUR_S = 3600.0
+Source = Literal["on board", "ground"]
+Angle = Annotated[float, Field(ge=-360, le=360)]
+Component = Annotated[float, Field(ge=-1.01, le=1.01)]
+Sigma = Annotated[float, Field(gt=0, le=36_000)]
+UNIT_LENGTH = 1e-3
+
+
+class HeadRequest(Request):
+    """One head and its mounting. Give ``mounting_deg`` (rotations about x, then y, then z that take the body's axes to the
+    camera's) or ``body_from_cam`` (quaternion, scalar last), not both. ``sigma_arcsec``: uncertainty of the mounting about each
+    axis. ``sigma_cross_arcsec``, ``sigma_roll_arcsec``: of its attitudes, where the sensor reports none."""
+
+    unit: str = Field(min_length=1, max_length=24)
+    mounting_deg: Annotated[list[Angle], Field(min_length=3, max_length=3)] | None = None
+    body_from_cam: Annotated[list[Component], Field(min_length=4, max_length=4)] | None = None
+    sigma_arcsec: float = Field(default=0.0, ge=0, le=36_000)
+    sigma_cross_arcsec: Sigma | None = None
+    sigma_roll_arcsec: Sigma | None = None
+
+    @model_validator(mode="after")
+    def _one_mounting(self) -> Self:
+        if (self.mounting_deg is None) == (self.body_from_cam is None):
+            raise ValueError("give mounting_deg or body_from_cam, not both")
+        if self.body_from_cam is not None and abs(math.hypot(*self.body_from_cam) - 1) > UNIT_LENGTH:
+            raise ValueError("body_from_cam must be a quaternion of length 1")
+        if (self.sigma_cross_arcsec is None) != (self.sigma_roll_arcsec is None):
+            raise ValueError("give both standard deviations of the attitudes, or neither")
+        return self
+
+
+class SpacecraftRequest(Request):
+    """A spacecraft with its heads; the first one is the reference of misalignments. ``source``: which attitudes are compared.
+    ``tolerance_s``: an attitude is used for a time that is at most this far from its own; ``stale_s``: a head is silent after this
+    time. ``largest_rate_deg_s``: largest rate of the body, for the uncertainty of a head whose rate is not known yet; null: such
+    attitudes are not used. Limits raise alarms; null: no alarm."""
+
+    name: str = Field(min_length=1, max_length=40)
+    heads: list[HeadRequest] = Field(min_length=1, max_length=MOST_HEADS)
+    source: Source = "on board"
+    tolerance_s: float = Field(default=1.0, gt=0, le=60)
+    stale_s: float = Field(default=30.0, ge=2, le=3600)
+    largest_rate_deg_s: float | None = Field(default=None, ge=0, le=20)
+    misalignment_limit_arcsec: float | None = Field(default=None, gt=0, le=36_000)
+    drift_limit_arcsec_h: float | None = Field(default=None, gt=0, le=36_000)
+
+    @model_validator(mode="after")
+    def _different_units(self) -> Self:
+        names = [head.unit.lower() for head in self.heads]
+        if len(set(names)) < len(names):
+            raise ValueError("a unit is listed twice")
+        return self
+
+
+@dataclass(frozen=True)
+class HeadMounting:
+    """One head. ``body_from_cam`` (4,): nominal mounting; ``sigma_rad``: its uncertainty about each axis; ``usual_rad``: standard
+    deviations across and about the boresight where the sensor reports none, None: not stated."""
+
+    unit: str
+    body_from_cam: Array
+    sigma_rad: float
+    usual_rad: tuple[float, float] | None
+
+    @property
+    def boresight(self) -> Array:
+        """(3,) nominal boresight in the body frame."""
+        return boresight_of(self.body_from_cam)
+
+    @property
+    def mounting_rad2(self) -> Array:
+        """(3, 3) covariance of the mounting."""
+        return np.eye(3) * self.sigma_rad**2
+
+    @property
+    def turns_deg(self) -> tuple[float, float, float]:
+        """The mounting as rotations about x, y and z."""
+        return turns_of(matrix_from_quaternion(self.body_from_cam))
+
+    def covariance(self, cross_arcsec: float | None, roll_arcsec: float | None) -> Array | None:
+        """Return the (3, 3) covariance of an attitude in the camera frame: as reported, else as usual; None if unknown."""
+        if cross_arcsec is not None and roll_arcsec is not None and cross_arcsec > 0 and roll_arcsec > 0:
+            return head_covariance(cross_arcsec * ARCSEC_RAD, roll_arcsec * ARCSEC_RAD)
+        return None if self.usual_rad is None else head_covariance(*self.usual_rad)
+
+
+@dataclass(frozen=True)
+class SpacecraftSetup:
+    """A stored spacecraft. Limits and rate: see the request; None: not set."""
+
+    id: int
+    name: str
+    heads: tuple[HeadMounting, ...]
+    source: Source
+    tolerance_s: float
+    stale_s: float
+    largest_rate_rad_s: float | None
+    misalignment_limit_rad: float | None
+    drift_limit_rad_s: float | None
+    user: str
+    changed: datetime
+
+    def head(self, unit: str) -> HeadMounting | None:
+        """Return the head that is a unit; None if the unit is not on this spacecraft."""
+        return next((head for head in self.heads if head.unit == unit), None)
+
+
+def row_values(request: SpacecraftRequest) -> dict[str, object]:
+    """Return the columns of a request."""
+    return {
+        "name": " ".join(request.name.split()),
+        "heads": [_head_values(head) for head in request.heads],
+        "source": request.source,
+        "tolerance_s": request.tolerance_s,
+        "stale_s": request.stale_s,
+        "largest_rate_rad_s": _scaled(request.largest_rate_deg_s, math.radians(1)),
+        "misalignment_limit_rad": _scaled(request.misalignment_limit_arcsec, ARCSEC_RAD),
+        "drift_limit_rad_s": _scaled(request.drift_limit_arcsec_h, ARCSEC_RAD / HOUR_S),
+    }
+
+
+def setup_of(row: Spacecraft) -> SpacecraftSetup:
+    """Return a stored spacecraft."""
+    return SpacecraftSetup(
+        id=row.id,
+        name=row.name,
+        heads=tuple(_mounted(values) for values in row.heads),
+        source="ground" if row.source == "ground" else "on board",
+        tolerance_s=row.tolerance_s,
+        stale_s=row.stale_s,
+        largest_rate_rad_s=row.largest_rate_rad_s,
+        misalignment_limit_rad=row.misalignment_limit_rad,
+        drift_limit_rad_s=row.drift_limit_rad_s,
+        user=row.user,
+        changed=row.changed,
+    )
+
+
+def head_columns(head: HeadMounting) -> dict[str, object]:
+    """Return a head as stored."""
+    return {
+        "unit": head.unit,
+        "body_from_cam": [float(q) for q in head.body_from_cam],
+        "sigma_rad": head.sigma_rad,
+        "usual_rad": None if head.usual_rad is None else list(head.usual_rad),
+    }
+
+
+def _head_values(head: HeadRequest) -> dict[str, object]:
+    if head.body_from_cam is not None:
+        quaternion = np.array(head.body_from_cam) / np.linalg.norm(head.body_from_cam)
+    else:
+        rows = mounting_of(None, head.mounting_deg)
+        if rows is None:
+            raise BadInput("a head has no mounting", expected="mounting_deg or body_from_cam", got=head.unit)
+        quaternion = quaternion_from_matrix(np.array(rows).reshape(3, 3))
+    cross, roll = head.sigma_cross_arcsec, head.sigma_roll_arcsec
+    usual = None if cross is None or roll is None else (cross * ARCSEC_RAD, roll * ARCSEC_RAD)
+    return head_columns(HeadMounting(head.unit, quaternion, head.sigma_arcsec * ARCSEC_RAD, usual))
+
+
+def _mounted(values: dict[str, object]) -> HeadMounting:
+    stored = _StoredHead.model_validate(values)
+    return HeadMounting(stored.unit, np.array(stored.body_from_cam), stored.sigma_rad, stored.usual_rad)
+
+
+class _StoredHead(Request):
+    """A head in the column ``heads``."""
+
+    unit: str
+    body_from_cam: Annotated[list[float], Field(min_length=4, max_length=4)]
+    sigma_rad: float
+    usual_rad: tuple[float, float] | None = Field(default=None, strict=False)
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor

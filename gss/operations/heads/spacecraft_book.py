@@ -1,0 +1,120 @@
+"""Spacecraft with several heads: stored, checked, changed and deleted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import Conflict, NotFound
+from gss.domain.rotation import turned
+from gss.operations.clock import Now
+from gss.operations.events import EventBus
+from gss.operations.heads.mountings import SpacecraftRequest, SpacecraftSetup, head_columns, row_values, setup_of
+from gss.operations.heads.tracker import PairResult
+from gss.store import heads as store
+from gss.store.engine import Database
+from gss.store.models import Spacecraft
+
+MOST_SPACECRAFT = 16
+
+
+class SpacecraftBook:
+    """Stores spacecraft. A changed mounting starts the estimates of misalignment again."""
+
+    def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
+        self._database, self._bus, self._now = database, bus, now
+
+    def every(self) -> list[SpacecraftSetup]:
+        """Return all spacecraft, by name."""
+        with self._database.unit_of_work() as session:
+            return [setup_of(row) for row in store.every(session)]
+
+    def get(self, spacecraft_id: int) -> SpacecraftSetup:
+        """Return the spacecraft with that id. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            return setup_of(store.get(session, spacecraft_id))
+
+    def named(self, name: str) -> SpacecraftSetup:
+        """Return the spacecraft with that name. Raises NotFound naming the others."""
+        every = self.every()
+        setup = next((one for one in every if one.name == name), None)
+        if setup is None:
+            known = " | ".join(one.name for one in every)
+            raise NotFound("no such spacecraft", expected=known or "a spacecraft; none is stored", got=name)
+        return setup
+
+    def create(self, request: SpacecraftRequest, *, user: str) -> SpacecraftSetup:
+        """Store a new spacecraft. Raises Conflict if name or a unit is in use."""
+        with self._database.unit_of_work() as session:
+            rows = store.every(session)
+            if len(rows) >= MOST_SPACECRAFT:
+                raise Conflict("too many spacecraft", expected=f"at most {MOST_SPACECRAFT}", hint="Delete one.")
+            row = Spacecraft(**row_values(request), user=user, changed=self._now())
+            _check_free(row, rows)
+            store.add(session, row)
+            setup = setup_of(row)
+        self._bus.record("heads", "ok", f"{user} added the spacecraft {setup.name} with {_units(setup)}")
+        return setup
+
+    def change(self, spacecraft_id: int, request: SpacecraftRequest, *, user: str) -> SpacecraftSetup:
+        """Replace all values of a spacecraft. Raises as ``create``, and NotFound."""
+        with self._database.unit_of_work() as session:
+            row = store.get(session, spacecraft_id)
+            others = [one for one in store.every(session) if one.id != spacecraft_id]
+            for name, value in row_values(request).items():
+                setattr(row, name, value)
+            row.user, row.changed = user, self._now()
+            _check_free(row, others)
+            setup = setup_of(row)
+        self._bus.record("heads", "ok", f"{user} changed the spacecraft {setup.name} with {_units(setup)}")
+        return setup
+
+    def remove(self, spacecraft_id: int, *, user: str) -> None:
+        """Delete a spacecraft with its history. Raises NotFound."""
+        with self._database.unit_of_work() as session:
+            name = store.get(session, spacecraft_id).name
+            store.remove(session, spacecraft_id)
+        self._bus.record("heads", "ok", f"{user} deleted the spacecraft {name}")
+
+    def correct(self, spacecraft_id: int, pair: PairResult, *, user: str) -> SpacecraftSetup:
+        """Correct the mounting of a head by its estimated misalignment, whose uncertainty becomes that of the mounting. Raises
+        NotFound."""
+        with self._database.unit_of_work() as session:
+            row = store.get(session, spacecraft_id)
+            setup = setup_of(row)
+            head = setup.head(pair.unit)
+            if head is None:
+                raise NotFound(f"{setup.name} has no such head", expected=_units(setup), got=pair.unit)
+            vector = pair.misalignment.vector_rad
+            better = replace(
+                head, body_from_cam=turned(head.body_from_cam, vector), sigma_rad=float(np.max(pair.sigma_rad))
+            )
+            row.heads = [head_columns(better if one is head else one) for one in setup.heads]
+            row.user, row.changed = user, self._now()
+            setup = setup_of(row)
+        by = float(np.linalg.norm(vector)) / ARCSEC_RAD
+        self._bus.record("heads", "watch", f"{user} corrected the mounting of {pair.unit} on {setup.name} by {by:.1f}″")
+        return setup
+
+
+def _units(setup: SpacecraftSetup) -> str:
+    return ", ".join(head.unit for head in setup.heads)
+
+
+def _check_free(row: Spacecraft, others: list[Spacecraft]) -> None:
+    if any(one.name.lower() == row.name.lower() for one in others):
+        raise Conflict(
+            "a spacecraft with this name exists", got=row.name, hint="Choose another name, or edit that one."
+        )
+    mounted = {unit: other.name for other in others for unit in _unit_names(other)}
+    for unit in _unit_names(row):
+        if unit in mounted:
+            raise Conflict(
+                "the unit is on another spacecraft", got=f"{unit} on {mounted[unit]}", hint="Remove it there."
+            )
+
+
+def _unit_names(row: Spacecraft) -> list[str]:
+    return [str(head["unit"]) for head in row.heads]

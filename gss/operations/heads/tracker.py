@@ -1,0 +1,180 @@
+"""Comparison of the heads of one spacecraft as their attitudes arrive: fused attitude, differences and misalignments.
+
+Heads measure at different times. Each attitude of the first head that reports is a time of comparison, at which the attitudes of
+the others are calculated when they have reported a later one.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.operations.heads.mountings import HeadMounting, SpacecraftSetup
+from gss.operations.telemetry.last_attitude import AttitudeSample
+from gss.pipeline.heads.fusion import FusedAttitude, HeadDifference, difference, fuse, in_body
+from gss.pipeline.heads.misalignment import Misalignment, started, updated
+from gss.pipeline.heads.pairing import AttitudeAt, MeasuredAttitude, attitude_at
+from gss.pipeline.track.cameras_together import BodyAttitude
+
+KEPT = 40
+MOST_WAITING = 200
+PRIOR_RAD = float(np.radians(1.0))
+"""Usual size of a misalignment before the first comparison; a larger one is found, too."""
+CLOCK_BACK_S = 60.0
+"""An attitude this much older than the newest one means that a clock was set back."""
+
+
+@dataclass(frozen=True)
+class PairResult:
+    """One head compared with the reference head. ``timing_rad2`` (3, 3): what the uncertain clocks add to the covariance of the
+    misalignment."""
+
+    reference: str
+    unit: str
+    difference: HeadDifference
+    misalignment: Misalignment
+    timing_rad2: Array
+
+    @property
+    def sigma_rad(self) -> Array:
+        """(3,) standard deviation of the misalignment, with that of the clocks."""
+        return np.sqrt(self.misalignment.sigma_rad**2 + np.diag(self.timing_rad2))
+
+
+@dataclass(frozen=True)
+class HeadsResult:
+    """All heads at one time. ``attitudes``: of the body by each head that could be used, with mounting and clock uncertainty;
+    ``missing``: why another one could not."""
+
+    time_s: float
+    attitudes: Mapping[str, BodyAttitude]
+    missing: Mapping[str, str]
+    fused: FusedAttitude
+    pairs: tuple[PairResult, ...]
+
+
+@dataclass
+class _Series:
+    """Attitudes of one head, oldest first. ``problem``: why its newest attitude could not be used, "" otherwise."""
+
+    attitudes: deque[MeasuredAttitude] = field(default_factory=lambda: deque(maxlen=KEPT))
+    newest_s: float | None = None
+    problem: str = ""
+
+
+class HeadTracker:
+    """Follows one spacecraft. ``resumed``: stored estimates of misalignment by unit. For one thread."""
+
+    def __init__(self, setup: SpacecraftSetup, resumed: Mapping[str, Misalignment]) -> None:
+        self.setup = setup
+        self.result: HeadsResult | None = None
+        """The newest comparison."""
+        self._series = {head.unit: _Series() for head in setup.heads}
+        self._filters = dict(resumed)
+        self._waiting: deque[float] = deque(maxlen=MOST_WAITING)
+
+    def add(self, unit: str, sample: AttitudeSample, now_s: float) -> None:
+        """Take an attitude of a unit, unless it is of another source or was taken before."""
+        head = self.setup.head(unit)
+        if head is None or sample.source != self.setup.source:
+            return
+        series, time_s = self._series[unit], sample.utc.timestamp()
+        if series.newest_s is not None and time_s < series.newest_s - CLOCK_BACK_S:
+            self._series[unit] = series = _Series()
+        if series.newest_s is not None and time_s <= series.newest_s:
+            return
+        covariance = head.covariance(sample.sigma_cross_arcsec, sample.sigma_roll_arcsec)
+        series.newest_s = time_s
+        if covariance is None:
+            series.problem = "the sensor reports no standard deviations, and none are stated for this head"
+            return
+        series.problem = ""
+        attitude = in_body(np.array(sample.quaternion), covariance, head.body_from_cam)
+        series.attitudes.append(MeasuredAttitude(time_s, sample.utc_sigma_s, attitude))
+        if unit == next((h.unit for h in self.setup.heads if self.is_fresh(h.unit, now_s)), unit):
+            self._waiting.append(time_s)
+
+    def age_s(self, unit: str, now_s: float) -> float | None:
+        """Return the age of a head's newest attitude; None before the first."""
+        newest_s = self._series[unit].newest_s
+        return None if newest_s is None else max(0.0, now_s - newest_s)
+
+    def is_fresh(self, unit: str, now_s: float) -> bool:
+        """True if the head reports at present."""
+        age_s = self.age_s(unit, now_s)
+        return age_s is not None and age_s <= self.setup.stale_s
+
+    def problem(self, unit: str) -> str:
+        """Return why the head's newest attitude cannot be used; "" if it can."""
+        return self._series[unit].problem
+
+    def advance(self, now_s: float) -> list[HeadsResult]:
+        """Compare the heads at all times for which each of them has reported, or has had enough time to."""
+        results = []
+        while self._waiting and self._is_complete(self._waiting[0], now_s):
+            result = self._compare(self._waiting.popleft(), now_s)
+            if result is not None:
+                self.result = result
+                results.append(result)
+        return results
+
+    def _is_complete(self, time_s: float, now_s: float) -> bool:
+        newest = (self._series[h.unit].newest_s for h in self.setup.heads if self.is_fresh(h.unit, now_s))
+        return now_s - time_s > self.setup.stale_s or all(at_s is not None and at_s >= time_s for at_s in newest)
+
+    def _compare(self, time_s: float, now_s: float) -> HeadsResult | None:
+        usable: dict[str, AttitudeAt] = {}
+        missing: dict[str, str] = {}
+        for head in self.setup.heads:
+            found, reason = self._at(head, time_s, now_s)
+            if found is None:
+                missing[head.unit] = reason
+            else:
+                usable[head.unit] = found
+        if not usable:
+            return None
+        whole = {unit: self._whole(unit, at) for unit, at in usable.items()}
+        return HeadsResult(time_s, whole, missing, fuse(list(whole.values())), self._pairs(time_s, usable, whole))
+
+    def _at(self, head: HeadMounting, time_s: float, now_s: float) -> tuple[AttitudeAt | None, str]:
+        """Return the head's attitude at a time, or the reason why there is none."""
+        series = self._series[head.unit]
+        if series.problem:
+            return None, series.problem
+        if not self.is_fresh(head.unit, now_s):
+            return None, "no attitude received" if series.newest_s is None else "silent"
+        setup = self.setup
+        found = attitude_at(list(series.attitudes), time_s, setup.tolerance_s, setup.largest_rate_rad_s)
+        return found, f"no attitude within {setup.tolerance_s:g} s of the comparison, or unknown rate"
+
+    def _whole(self, unit: str, at: AttitudeAt) -> BodyAttitude:
+        head = self.setup.head(unit)
+        mounting = np.zeros((3, 3)) if head is None else head.mounting_rad2
+        return BodyAttitude(at.attitude.quaternion, at.whole.covariance_rad2 + mounting)
+
+    def _pairs(
+        self, time_s: float, usable: Mapping[str, AttitudeAt], whole: Mapping[str, BodyAttitude]
+    ) -> tuple[PairResult, ...]:
+        """Compare every head with the reference head, which is the first of the spacecraft."""
+        reference = self.setup.heads[0]
+        first = usable.get(reference.unit)
+        if first is None:
+            return ()
+        pairs = []
+        for head in self.setup.heads[1:]:
+            second = usable.get(head.unit)
+            if second is None:
+                continue
+            timing = first.timing_rad2 + second.timing_rad2
+            before = self._filters.get(head.unit) or started(time_s, np.eye(3) * PRIOR_RAD**2)
+            if time_s < before.time_s:
+                continue
+            after = updated(before, time_s, first.attitude, second.attitude, timing)
+            self._filters[head.unit] = after
+            off = difference(whole[reference.unit], whole[head.unit], reference.boresight, head.boresight)
+            pairs.append(PairResult(reference.unit, head.unit, off, after, timing))
+        return tuple(pairs)

@@ -1,0 +1,98 @@
+"""Spacecraft with several heads, and the history of their comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from typing import TypeVar
+
+from sqlalchemy import ColumnElement, delete, func, select
+from sqlalchemy.orm import Session
+
+from gss.domain.errors import NotFound
+from gss.store.models import FusedRow, HeadPairRow, Spacecraft
+
+Row = TypeVar("Row", FusedRow, HeadPairRow)
+
+
+def every(session: Session) -> list[Spacecraft]:
+    """Return all spacecraft, by name."""
+    return list(session.scalars(select(Spacecraft).order_by(Spacecraft.name)))
+
+
+def get(session: Session, spacecraft_id: int) -> Spacecraft:
+    """Return the spacecraft with that id; NotFound if there is none."""
+    row = session.get(Spacecraft, spacecraft_id)
+    if row is None:
+        raise NotFound("no such spacecraft", got=str(spacecraft_id))
+    return row
+
+
+def exists(session: Session, spacecraft_id: int) -> bool:
+    """True if the spacecraft is stored."""
+    return session.get(Spacecraft, spacecraft_id) is not None
+
+
+def add(session: Session, row: Spacecraft) -> None:
+    """Store a new spacecraft and give it its id."""
+    session.add(row)
+    session.flush()
+
+
+def remove(session: Session, spacecraft_id: int) -> None:
+    """Delete a spacecraft with its history. Raises NotFound."""
+    row = get(session, spacecraft_id)
+    for table in (FusedRow, HeadPairRow):
+        session.execute(delete(table).where(table.spacecraft_id == spacecraft_id))
+    session.delete(row)
+
+
+def add_results(session: Session, rows: Iterable[FusedRow | HeadPairRow]) -> None:
+    """Store results."""
+    session.add_all(rows)
+
+
+def delete_before(session: Session, moment: datetime) -> None:
+    """Delete results older than ``moment``."""
+    for table in (FusedRow, HeadPairRow):
+        session.execute(delete(table).where(table.at < moment))
+
+
+def newest_pair(session: Session, spacecraft_id: int, unit: str, since: datetime) -> HeadPairRow | None:
+    """Return the newest comparison of a unit not before ``since``."""
+    query = (
+        select(HeadPairRow)
+        .where(HeadPairRow.spacecraft_id == spacecraft_id, HeadPairRow.unit == unit, HeadPairRow.at >= since)
+        .order_by(HeadPairRow.at.desc())
+        .limit(1)
+    )
+    return session.scalar(query)
+
+
+def newest_fused(session: Session, spacecraft_id: int) -> FusedRow | None:
+    """Return the newest fused attitude."""
+    query = select(FusedRow).where(FusedRow.spacecraft_id == spacecraft_id).order_by(FusedRow.at.desc()).limit(1)
+    return session.scalar(query)
+
+
+def pairs_between(session: Session, spacecraft_id: int, start: datetime, end: datetime, most: int) -> list[HeadPairRow]:
+    """Return comparisons of a span, oldest first; every n-th of each unit where there are more than ``most``."""
+    row = HeadPairRow
+    number = func.row_number().over(partition_by=row.unit, order_by=row.at)
+    return _thinned(session, row, number, (row.spacecraft_id == spacecraft_id, row.at.between(start, end)), most)
+
+
+def fused_between(session: Session, spacecraft_id: int, start: datetime, end: datetime, most: int) -> list[FusedRow]:
+    """Return fused attitudes of a span, oldest first; every n-th where there are more than ``most``."""
+    row = FusedRow
+    number = func.row_number().over(order_by=row.at)
+    return _thinned(session, row, number, (row.spacecraft_id == spacecraft_id, row.at.between(start, end)), most)
+
+
+def _thinned(
+    session: Session, table: type[Row], number: ColumnElement[int], within: Sequence[ColumnElement[bool]], most: int
+) -> list[Row]:
+    count = session.scalar(select(func.count()).select_from(table).where(*within)) or 0
+    numbered = select(table.id, number.label("n")).where(*within).subquery()
+    query = select(table).join(numbered, numbered.c.id == table.id)
+    return list(session.scalars(query.where(numbered.c.n % max(1, -(-count // most)) == 0).order_by(table.at)))

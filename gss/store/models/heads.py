@@ -1,0 +1,70 @@
+"""Spacecraft with several heads, and the history of their comparison."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import ForeignKey, Index, String
+from sqlalchemy.orm import Mapped, mapped_column
+
+from gss.store.models.base import Base
+
+
+class Spacecraft(Base):
+    """Units on one body. ``heads``: each with unit, ``body_from_cam`` (quaternion), ``sigma_rad`` of the mounting, and
+    ``usual_rad``: standard deviations of its attitudes across and about the boresight where the sensor reports none, or null.
+    ``source``: on board or ground."""
+
+    __tablename__ = "spacecraft"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(String(40), unique=True)
+    heads: Mapped[list[Any]]
+    source: Mapped[str] = mapped_column(String(10))
+    tolerance_s: Mapped[float]
+    stale_s: Mapped[float]
+    largest_rate_rad_s: Mapped[float | None]
+    misalignment_limit_rad: Mapped[float | None]
+    drift_limit_rad_s: Mapped[float | None]
+    user: Mapped[str] = mapped_column(String(60))
+    changed: Mapped[datetime]
+
+
+class FusedRow(Base):
+    """Attitude of the body from all heads at one time. ``covariance``: upper triangle, rad², in the body frame. ``chi2``,
+    ``freedom`` and ``probability`` null: there was only one head."""
+
+    __tablename__ = "fused_attitudes"
+    __table_args__ = (Index("ix_fused_attitudes_spacecraft_at", "spacecraft_id", "at"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    spacecraft_id: Mapped[int] = mapped_column(ForeignKey("spacecraft.id", ondelete="CASCADE"))
+    at: Mapped[datetime]
+    units: Mapped[list[Any]]
+    quaternion: Mapped[list[Any]]
+    covariance: Mapped[list[Any]]
+    chi2: Mapped[float | None]
+    freedom: Mapped[int | None]
+    probability: Mapped[float | None]
+
+
+class HeadPairRow(Base):
+    """Second head compared with the reference head at one time, and the estimate of its misalignment then. ``state`` (6) and
+    ``covariance`` (21, upper triangle): of the filter; ``timing``: variances (3) that the clocks cause."""
+
+    __tablename__ = "head_pairs"
+    __table_args__ = (Index("ix_head_pairs_spacecraft_at", "spacecraft_id", "at"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    spacecraft_id: Mapped[int] = mapped_column(ForeignKey("spacecraft.id", ondelete="CASCADE"))
+    at: Mapped[datetime]
+    reference: Mapped[str] = mapped_column(String(24))
+    unit: Mapped[str] = mapped_column(String(24))
+    angle_rad: Mapped[float]
+    angle_sigma_rad: Mapped[float]
+    boresight_rad: Mapped[float]
+    boresight_sigma_rad: Mapped[float]
+    chi2: Mapped[float]
+    state: Mapped[list[Any]]
+    covariance: Mapped[list[Any]]
+    timing: Mapped[list[Any]]
+    samples: Mapped[int]
+    restarts: Mapped[int]

@@ -1,0 +1,28 @@
+"""Room of spacecraft with several heads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gss.operations.heads.head_watch import HeadWatch
+from gss.operations.heads.history import HeadHistory
+from gss.operations.heads.spacecraft_book import SpacecraftBook
+from gss.wiring.base import BaseServices
+from gss.wiring.telemetry import TelemetryRoom
+
+
+@dataclass(frozen=True)
+class Heads:
+    """Spacecraft with several heads, what is followed at present, and the stored history. The watch is started by a server with
+    several units only."""
+
+    book: SpacecraftBook
+    watch: HeadWatch
+    history: HeadHistory
+
+
+def open_heads(base: BaseServices, telemetry: TelemetryRoom) -> Heads:
+    """Create the room."""
+    database, now = base.database, base.clock.now
+    book = SpacecraftBook(database, base.bus, now)
+    return Heads(book, HeadWatch(book, database, telemetry.alarms, now), HeadHistory(database, now))

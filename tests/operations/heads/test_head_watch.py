@@ -1,0 +1,234 @@
+"""Heads of a spacecraft followed from their attitudes: agreement, misalignment, alarms, history, and what is unknown."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gss.domain.angles import ARCSEC_RAD
+from gss.domain.errors import Conflict, GssError, NotFound
+from gss.domain.limits import State
+from gss.domain.rotation import quaternion_from_matrix, quaternion_inverse, quaternion_product, rotation_x, turned
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import shared_roles
+from gss.operations.heads.head_watch import HeadWatch, estimate_of
+from gss.operations.heads.mountings import SpacecraftRequest
+from gss.operations.heads.spacecraft_book import SpacecraftBook
+from gss.operations.line.dispatcher import LineEventQueue
+from gss.operations.line.link import LinkService
+from gss.operations.requests import request_from
+from gss.operations.telemetry.alarm_text import HEADS
+from gss.operations.telemetry.alarms import AlarmService
+from gss.operations.telemetry.last_attitude import AttitudeSample
+from gss.operations.telemetry.telemetry import TelemetryService
+from gss.store import heads as store
+
+SIGMAS = {"A": (5.0, 40.0), "B": (6.0, 50.0)}
+HEAD_A = {"unit": "A", "mounting_deg": [0.0, 0.0, 0.0]}
+HEAD_B = {"unit": "B", "mounting_deg": [90.0, 0.0, 0.0], "sigma_arcsec": 5.0}
+
+
+def request(**values: Any) -> SpacecraftRequest:
+    return request_from(SpacecraftRequest, {"name": "SAT", "heads": [HEAD_A, HEAD_B], "tolerance_s": 2.0} | values)
+
+
+@pytest.fixture
+def book(database, bus, clock) -> SpacecraftBook:
+    return SpacecraftBook(database, bus, clock)
+
+
+@pytest.fixture
+def alarms(database, bus, clock, tmp_path) -> AlarmService:
+    dictionary = load_dictionary()
+    link = LinkService(
+        dictionary, shared_roles(), database, bus, tmp_path, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+    )
+    telemetry = TelemetryService(dictionary, database, bus, clock, lambda: None, lambda: True)
+    return AlarmService(dictionary, telemetry, link, database, bus, clock)
+
+
+@pytest.fixture
+def watch(book, database, alarms, clock) -> HeadWatch:
+    return HeadWatch(book, database, alarms, clock)
+
+
+class Body:
+    """A body that turns, with two heads that report in turn. ``misalignment_rad``: of head B, in body axes."""
+
+    def __init__(self, watch: HeadWatch, clock: Any) -> None:
+        self.watch, self.clock = watch, clock
+        self.misalignment_rad = np.zeros(3)
+        self.mountings = {"A": np.array([0, 0, 0, 1.0]), "B": quaternion_from_matrix(rotation_x(np.pi / 2).T)}
+        self._rng = np.random.default_rng(5)
+
+    def sample(self, unit: str, time_s: float, **values: Any) -> AttitudeSample:
+        body = turned(np.array([0, 0, 0, 1.0]), np.array([0, -1e-3, 5e-4]) * (time_s % 1e4))
+        mounting = self.mountings[unit] if unit == "A" else turned(self.mountings[unit], self.misalignment_rad)
+        cross, roll = SIGMAS[unit]
+        noise = self._rng.normal(size=3) * np.array([cross, cross, roll]) * ARCSEC_RAD
+        x, y, z, w = turned(quaternion_product(quaternion_inverse(mounting), body), noise)
+        at = datetime.fromtimestamp(time_s, UTC)
+        made = {"source": "on board", "sigma_cross_arcsec": cross, "sigma_roll_arcsec": roll, "utc_sigma_s": 0.0}
+        return AttitudeSample(quaternion=(x, y, z, w), utc=at, **(made | values))
+
+    def run(self, seconds: int, units: str = "AB") -> None:
+        for _ in range(seconds):
+            now_s = self.clock().timestamp()
+            for unit, phase_s in zip(units, (0.0, 0.37), strict=False):
+                self.watch.take(unit, [self.sample(unit, now_s + phase_s)])
+            self.clock.forward(1.0)
+            self.watch.step()
+
+
+@pytest.fixture
+def body(watch, clock) -> Body:
+    return Body(watch, clock)
+
+
+def open_heads(alarms: AlarmService) -> list[tuple[str, str, str]]:
+    return [(v.row.field, str(v.level), v.row.state) for v in alarms.opened() if v.row.packet == HEADS]
+
+
+def test_heads_that_agree_are_fused(book, watch, body) -> None:
+    """Attitudes taken at different times of a turning body agree; fused, all three angles are known to a few arcseconds."""
+    book.create(request(), user="kim")
+    body.run(40)
+    (state,) = watch.states()
+    assert state.verdict.state is State.OK
+    assert state.result is not None
+    assert not state.result.missing
+    assert np.sqrt(np.diag(state.result.fused.covariance_rad2)).max() < 8 * ARCSEC_RAD
+    truth = turned(np.array([0, 0, 0, 1.0]), np.array([0, -1e-3, 5e-4]) * (state.result.time_s % 1e4))
+    assert np.linalg.norm(quaternion_product(state.result.fused.quaternion, quaternion_inverse(truth))[:3]) < 1e-4
+
+
+def test_misalignment_raises_the_alarm_until_the_mounting_is_corrected(book, watch, body, alarms) -> None:
+    """60″ are found within their sigma and raise the alarms of agreement and of the limit; a corrected mounting agrees again."""
+    setup = book.create(request(misalignment_limit_arcsec=30.0), user="kim")
+    body.misalignment_rad = np.array([60.0, 0, 0]) * ARCSEC_RAD
+    body.run(60)
+    (state,) = watch.states()
+    assert state.verdict.state is State.WARNING
+    (pair,) = state.result.pairs
+    assert np.all(np.abs(pair.misalignment.vector_rad - body.misalignment_rad) < 3.5 * pair.sigma_rad)
+    assert open_heads(alarms) == [
+        ("SAT: agreement", "warning", "raised"),
+        ("SAT: B misalignment", "warning", "raised"),
+    ]
+    watch.correct(setup.id, "B", user="kim")
+    body.run(40)
+    (state,) = watch.states()
+    assert state.verdict.state is State.OK
+    assert {alarm[1:] for alarm in open_heads(alarms)} == {("ok", "cleared")}
+    assert np.linalg.norm(state.result.pairs[0].misalignment.vector_rad) < 15 * ARCSEC_RAD
+    with pytest.raises(Conflict, match="no misalignment"):
+        watch.correct(setup.id, "A", user="kim")
+
+
+def test_one_head_alone_is_unknown(book, watch, body, alarms, clock) -> None:
+    """Nothing is known of the agreement when the other head is silent, and no alarm changes; with none there is no attitude."""
+    book.create(request(stale_s=5.0), user="kim")
+    watch.step()
+    assert watch.states()[0].verdict.state is None
+    body.run(10)
+    body.run(10, "A")
+    (state,) = watch.states()
+    assert state.verdict.state is None
+    assert "Only A reports; B is silent" in state.verdict.text
+    assert state.result.fused.agreement is None
+    assert state.result.missing == {"B": "silent"}
+    assert state.result.pairs == ()
+    clock.forward(60)
+    watch.step()
+    assert "No head reported" in watch.states()[0].verdict.text
+    assert open_heads(alarms) == []
+
+
+def test_an_attitude_without_sigma_is_refused_with_its_reason(book, watch, body, clock) -> None:
+    """A head whose sensor reports no standard deviations is used only if the spacecraft states them."""
+    book.create(request(), user="kim")
+    watch.step()
+    unknown = {"sigma_cross_arcsec": None, "sigma_roll_arcsec": None}
+    for k in range(3):
+        at_s = clock().timestamp() + k
+        watch.take("A", [body.sample("A", at_s)])
+        watch.take("B", [body.sample("B", at_s, **unknown)])
+    clock.forward(4)
+    watch.step()
+    (state,) = watch.states()
+    assert "no standard deviations" in state.result.missing["B"]
+    assert "no standard deviations" in state.verdict.text
+    stated = HEAD_B | {"sigma_cross_arcsec": 6.0, "sigma_roll_arcsec": 50.0}
+    book.change(state.setup.id, request(heads=[HEAD_A, stated]), user="kim")
+    watch.refresh()
+    for k in range(3):
+        at_s = clock().timestamp() + k
+        watch.take("A", [body.sample("A", at_s)])
+        watch.take("B", [body.sample("B", at_s, **unknown), body.sample("B", at_s + 0.5, source="ground")])
+    clock.forward(4)
+    watch.step()
+    assert set(watch.states()[0].result.attitudes) == {"A", "B"}
+
+
+def test_history_is_stored_and_continued(book, watch, body, database, alarms, clock) -> None:
+    """Comparisons are stored every ten seconds; after a restart the estimate continues from the newest one. Deleting the
+    spacecraft deletes them and clears its alarms."""
+    setup = book.create(request(), user="kim")
+    body.misalignment_rad = np.array([90.0, 0, 0]) * ARCSEC_RAD
+    begun = clock()
+    body.run(60)
+    with database.unit_of_work() as session:
+        rows = store.pairs_between(session, setup.id, begun, clock(), 100)
+        few = store.pairs_between(session, setup.id, begun, clock(), 3)
+        fused = store.fused_between(session, setup.id, begun, clock(), 100)
+    assert (len(fused), len(rows), len(few)) == (6, 5, 2)  # at the first time the rate of head B was not known
+    assert np.allclose(np.diag(estimate_of(rows[-1]).covariance), np.array(rows[-1].covariance)[[0, 6, 11, 15, 18, 20]])
+    again = HeadWatch(book, database, alarms, clock)
+    body.watch = again
+    body.run(8)
+    (pair,) = again.states()[0].result.pairs
+    assert pair.misalignment.samples > rows[-1].samples
+    assert open_heads(alarms)
+    book.remove(setup.id, user="kim")
+    again.refresh()
+    again.step()
+    assert again.states() == []
+    assert {alarm[1:] for alarm in open_heads(alarms)} == {("ok", "cleared")}
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"heads": []}, "heads"),
+        ({"heads": [HEAD_A, HEAD_A | {"unit": "a"}]}, "listed twice"),
+        ({"heads": [{"unit": "A"}]}, "give mounting_deg or body_from_cam"),
+        ({"heads": [{"unit": "A", "body_from_cam": [0.0, 0.0, 0.5, 0.5]}]}, "length 1"),
+        ({"heads": [HEAD_A | {"sigma_cross_arcsec": 5.0}]}, "both standard deviations"),
+        ({"heads": [HEAD_A | {"mounting_deg": [0.0, float("nan"), 0.0]}]}, "heads, item 1.mounting_deg"),
+        ({"tolerance_s": 0.0}, "tolerance_s"),
+    ],
+)
+def test_wrong_values_are_named(values: dict[str, Any], words: str) -> None:
+    """The message names the value and what is expected."""
+    with pytest.raises(GssError, match=words):
+        request(**values)
+
+
+def test_names_and_units_are_used_once(book) -> None:
+    """A unit is on one spacecraft only; an unknown spacecraft is an error. A quaternion is the same mounting as its angles."""
+    first = book.create(request(), user="kim")
+    with pytest.raises(Conflict, match="name exists"):
+        book.create(request(name="sat", heads=[HEAD_A | {"unit": "C"}]), user="kim")
+    with pytest.raises(Conflict, match="another spacecraft"):
+        book.create(request(name="Other"), user="kim")
+    with pytest.raises(NotFound):
+        book.remove(first.id + 1, user="kim")
+    quaternion = [float(q) for q in first.heads[1].body_from_cam]
+    changed = book.change(first.id, request(heads=[HEAD_A, {"unit": "B", "body_from_cam": quaternion}]), user="kim")
+    assert changed.heads[1].turns_deg == pytest.approx((90, 0, 0))
+    assert changed.heads[1].boresight == pytest.approx([0, -1, 0], abs=1e-9)
+    assert json.dumps(quaternion)
