@@ -64,7 +64,7 @@ def upgrade() -> None:
         sa.Column("chi2", sa.Double(), nullable=False),
         sa.Column("state", sa.JSON(), nullable=False),
         sa.Column("covariance", sa.JSON(), nullable=False),
-        sa.Column("timing", sa.JSON(), nullable=False),
+        sa.Column("lasting", sa.JSON(), nullable=False),
         sa.Column("samples", sa.Integer(), nullable=False),
         sa.Column("restarts", sa.Integer(), nullable=False),
         sa.ForeignKeyConstraint(

@@ -14,7 +14,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import Conflict, GssError
 from gss.domain.limits import State
 from gss.operations.clock import Now
-from gss.operations.heads.judge import AgreementWatch, Verdict, findings, verdict
+from gss.operations.heads.judge import AgreementWatch, HeadsVerdict, findings, verdict
 from gss.operations.heads.mountings import SpacecraftSetup
 from gss.operations.heads.spacecraft_book import SpacecraftBook
 from gss.operations.heads.tracker import HeadsResult, HeadTracker, PairResult
@@ -51,7 +51,7 @@ class SpacecraftState:
     """One spacecraft at present. ``result``: the newest comparison; None before the first."""
 
     setup: SpacecraftSetup
-    verdict: Verdict
+    verdict: HeadsVerdict
     heads: tuple[HeadState, ...]
     result: HeadsResult | None
 
@@ -245,7 +245,7 @@ def _pair_row(spacecraft_id: int, time_s: float, pair: PairResult) -> HeadPairRo
         chi2=d.agreement.chi2,
         state=_listed(m.state),
         covariance=_listed(m.covariance[UPPER]),
-        timing=_listed(np.diag(pair.timing_rad2)),
+        lasting=_listed(np.diag(pair.lasting_rad2)),
         samples=m.samples,
         restarts=m.restarts,
     )

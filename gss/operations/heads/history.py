@@ -22,8 +22,8 @@ MOST_POINTS = 600
 
 @dataclass(frozen=True)
 class StoredPair:
-    """One stored comparison of a head with the reference head. ``sigma_rad`` (3,): of the misalignment, with that of the
-    clocks."""
+    """One stored comparison of a head with the reference head. ``sigma_rad`` (3,): of the misalignment, with that of
+    clocks and steady errors."""
 
     row: HeadPairRow
     misalignment: Misalignment
@@ -59,4 +59,4 @@ class HeadHistory:
 
 def _stored(row: HeadPairRow) -> StoredPair:
     estimate = estimate_of(row)
-    return StoredPair(row, estimate, np.sqrt(estimate.sigma_rad**2 + np.array(row.timing)))
+    return StoredPair(row, estimate, np.sqrt(estimate.sigma_rad**2 + np.array(row.lasting)))

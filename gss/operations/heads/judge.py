@@ -21,7 +21,7 @@ SIGNIFICANT = 3.0
 
 
 @dataclass(frozen=True)
-class Verdict:
+class HeadsVerdict:
     """What is known about the heads. ``state`` None: unknown, nothing can be compared; ``text`` states why."""
 
     state: State | None
@@ -29,7 +29,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Finding:
+class HeadsFinding:
     """One condition of an alarm. ``value``: in ″ or ″/h, of the text; ``limit``: what was exceeded."""
 
     name: str
@@ -39,26 +39,26 @@ class Finding:
     limit: str
 
 
-def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> Verdict:
+def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> HeadsVerdict:
     """Return the agreement of the heads at present."""
     setup, result = tracker.setup, tracker.result
     fresh = [head.unit for head in setup.heads if tracker.is_fresh(head.unit, now_s)]
     if not fresh:
-        return Verdict(None, f"No head reported an attitude in the last {setup.stale_s:g} s.")
+        return HeadsVerdict(None, f"No head reported an attitude in the last {setup.stale_s:g} s.")
     if len(fresh) == 1:
         silent = ", ".join(head.unit for head in setup.heads if head.unit not in fresh)
         alone = f"Only {fresh[0]} reports; {silent} {'is' if silent.count(',') == 0 else 'are'} silent."
-        return Verdict(None, alone if silent else f"{fresh[0]} is the only head.")
+        return HeadsVerdict(None, alone if silent else f"{fresh[0]} is the only head.")
     if result is None or now_s - result.time_s > 2 * setup.stale_s:
-        return Verdict(None, "The attitudes received so far cannot be compared.")
+        return HeadsVerdict(None, "The attitudes received so far cannot be compared.")
     if result.fused.agreement is None:
         words = "; ".join(f"{unit}: {reason}" for unit, reason in result.missing.items())
-        return Verdict(None, f"Only one head could be used. {words}.")
+        return HeadsVerdict(None, f"Only one head could be used. {words}.")
     agreement = result.fused.agreement
     figures = f"χ² {agreement.chi2:.1f} with {agreement.freedom} degrees of freedom"
     if disagreeing:
-        return Verdict(State.WARNING, f"{_apart(result.pairs)}: {figures}.")
-    return Verdict(State.OK, f"The heads agree: {figures}.")
+        return HeadsVerdict(State.WARNING, f"{_apart(result.pairs)}: {figures}.")
+    return HeadsVerdict(State.OK, f"The heads agree: {figures}.")
 
 
 class AgreementWatch:
@@ -78,11 +78,11 @@ class AgreementWatch:
             self.disagreeing, self._against = not self.disagreeing, 0
 
 
-def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResult], chi2: float) -> list[Finding]:
+def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResult], chi2: float) -> list[HeadsFinding]:
     """Return the conditions of the alarms of a spacecraft after a comparison of at least two heads."""
     words = _apart(pairs)
     found = [
-        Finding(
+        HeadsFinding(
             f"{setup.name}: agreement",
             State.WARNING if disagreeing else State.OK,
             round(chi2, 1),
@@ -107,9 +107,9 @@ def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResu
     return found
 
 
-def _against(name: str, level: State, size: float, sigma: float, text: str, limit: float, unit: str) -> Finding:
+def _against(name: str, level: State, size: float, sigma: float, text: str, limit: float, unit: str) -> HeadsFinding:
     beyond = size - SIGNIFICANT * sigma > limit
-    return Finding(name, level if beyond else State.OK, round(size, 1), text, f"{text}, above {limit:g}{unit}")
+    return HeadsFinding(name, level if beyond else State.OK, round(size, 1), text, f"{text}, above {limit:g}{unit}")
 
 
 def _size(vector: Array, sigma: Array) -> tuple[float, float]:

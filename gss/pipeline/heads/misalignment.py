@@ -61,7 +61,7 @@ class Misalignment:
 
     @property
     def sigma_rad(self) -> Array:
-        """(3,) standard deviation of the misalignment, without the uncertainty that the clocks cause."""
+        """(3,) standard deviation of the misalignment, without what does not average out."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
     @property
@@ -105,17 +105,18 @@ def updated(
     time_s: float,
     first: BodyAttitude,
     second: BodyAttitude,
-    timing_rad2: Array,
+    lasting_rad2: Array,
     model: DriftModel = USUAL_DRIFT,
 ) -> Misalignment:
     """Return the estimate after one more difference. ``first``, ``second``: attitudes of the body by the two heads at ``time_s``,
-    with their nominal mountings; ``timing_rad2`` (3, 3): uncertainty that the clocks cause and that does not average out."""
+    with their nominal mountings; ``lasting_rad2`` (3, 3): uncertainty that does not average out: of the clocks, and of errors
+    that stay."""
     before = predicted(estimate, time_s, model)
     measured = turn_between(second.quaternion[None], first.quaternion[None])[0]
     noise = first.covariance_rad2 + second.covariance_rad2
     off = measured - before.state[:3]
     expected = before.covariance[:3, :3] + noise
-    if float(off @ np.linalg.solve(expected + timing_rad2, off)) > GATE_CHI2:
+    if float(off @ np.linalg.solve(expected + lasting_rad2, off)) > GATE_CHI2:
         if before.rejected + 1 < JUMPED_AFTER:
             return replace(before, rejected=before.rejected + 1)
         fresh = started(time_s, noise, model)

@@ -49,7 +49,8 @@ class FusedRow(Base):
 
 class HeadPairRow(Base):
     """Second head compared with the reference head at one time, and the estimate of its misalignment then. ``state`` (6) and
-    ``covariance`` (21, upper triangle): of the filter; ``timing``: variances (3) that the clocks cause."""
+    ``covariance`` (21, upper triangle): of the filter; ``lasting``: variances (3) that do not
+    average out."""
 
     __tablename__ = "head_pairs"
     __table_args__ = (Index("ix_head_pairs_spacecraft_at", "spacecraft_id", "at"),)
@@ -65,6 +66,6 @@ class HeadPairRow(Base):
     chi2: Mapped[float]
     state: Mapped[list[Any]]
     covariance: Mapped[list[Any]]
-    timing: Mapped[list[Any]]
+    lasting: Mapped[list[Any]]
     samples: Mapped[int]
     restarts: Mapped[int]

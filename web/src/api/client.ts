@@ -85,6 +85,21 @@ const fleet = {
     const url = `${location.origin}/units/${encodeURIComponent(name)}/api/commands/abort`;
     return (await (await fetched(new OutlivingRequest(url, { method: 'POST' }))).json()) as T.Abort;
   },
+  heads: () => body(GET('/api/fleet/spacecraft')),
+  saveSpacecraft: (spacecraft: T.SpacecraftRequest, spacecraft_id: number | null) =>
+    spacecraft_id === null
+      ? body(POST('/api/fleet/spacecraft', { body: spacecraft }))
+      : body(PUT('/api/fleet/spacecraft/{spacecraft_id}', { params: { path: { spacecraft_id } }, body: spacecraft })),
+  dropSpacecraft: (spacecraft_id: number) =>
+    body(DELETE('/api/fleet/spacecraft/{spacecraft_id}', { params: { path: { spacecraft_id } } })),
+  correctHead: (spacecraft_id: number, unit: string) =>
+    body(
+      POST('/api/fleet/spacecraft/{spacecraft_id}/correct', { params: { path: { spacecraft_id } }, body: { unit } }),
+    ),
+  headHistory: (spacecraft_id: number, hours: number) =>
+    body(
+      GET('/api/fleet/spacecraft/{spacecraft_id}/history', { params: { path: { spacecraft_id }, query: { hours } } }),
+    ),
 };
 
 const line = {

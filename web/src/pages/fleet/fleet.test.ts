@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { FleetUnit } from '../../api/types';
-import { alarmOf, attitudeOf, bankOf, lineOf, processOf } from './fleet';
+import { alarmOf, attitudeOf, bankOf, lineOf, passOf, processOf } from './fleet';
 
 const link = {
   connected: true,
@@ -45,6 +45,22 @@ describe('the fleet', () => {
     expect(processOf({ ...silent, age_s: null, process: 'starting', last_end: '' }).word).toBe(
       'starting; no report yet',
     );
+  });
+  it('shows the next pass, one under way, and why there is none', () => {
+    const at = Date.parse('2026-11-25T12:00:00Z');
+    const next_pass = {
+      station: 'Cape Town',
+      rise: '2026-11-25T12:10:00Z',
+      set: '2026-11-25T12:20:00Z',
+      max_elevation_deg: 41.2,
+      problem: '',
+    };
+    const seen: FleetUnit = { ...unit, link: { ...link, next_pass } };
+    expect(passOf(seen, at)).toEqual({ state: 'off', word: 'Cape Town, in 10 min 0 s, to 41°' });
+    expect(passOf(seen, at + 900_000)).toEqual({ state: 'progress', word: 'Cape Town, sets in 5 min 0 s, to 41°' });
+    const none = { station: null, rise: null, set: null, max_elevation_deg: null, problem: 'No orbit was imported.' };
+    expect(passOf({ ...unit, link: { ...link, next_pass: none } }, at).word).toBe('No orbit was imported.');
+    expect(passOf({ ...seen, current: false }, at).state).toBe('unknown');
   });
   it('names a newer report without a solution', () => {
     const lost = { ...link, attitude: { ...link.attitude!, newest_outcome: 'no_match' } };

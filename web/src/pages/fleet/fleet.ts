@@ -45,6 +45,17 @@ export function attitudeOf(u: FleetUnit): Cell {
   return { state, word: `${degrees(a.ra_deg, 3)} ${degrees(a.dec_deg, 3, true)}${sigma}, ${span(age)} ago${lost}` };
 }
 
+/** The next pass, or why none is known. */
+export function passOf(u: FleetUnit, nowMs: number): Cell {
+  const pass = u.link?.next_pass;
+  if (!pass || !u.current) return { state: 'unknown', word: 'unknown' };
+  if (!pass.rise || !pass.set) return { state: 'never', word: pass.problem };
+  const [rise, set] = [Date.parse(pass.rise), Date.parse(pass.set)];
+  const top = pass.max_elevation_deg === null ? '' : `, to ${degrees(pass.max_elevation_deg, 0)}`;
+  if (rise <= nowMs) return { state: 'progress', word: `${pass.station}, sets in ${span((set - nowMs) / 1000)}${top}` };
+  return { state: 'off', word: `${pass.station}, in ${span((rise - nowMs) / 1000)}${top}` };
+}
+
 export function bankOf(u: FleetUnit): Cell {
   if (!u.current || !u.link) return { state: 'unknown', word: 'unknown' };
   const bank = u.link.active_bank;
