@@ -25,6 +25,7 @@ from gss.catalogue_tools.envelope.orbits import (
     jyear_of,
     node_rate_rad_s,
 )
+from gss.catalogue_tools.envelope.several_heads import HeadsEnvelope
 from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, epoch_of
 from gss.domain.angles import Array
 from gss.domain.camera_profile import CameraProfile
@@ -77,8 +78,10 @@ class BuildPlan:
         return SUN_RATE_RAD_DAY if limits is not None and limits.pointing in SUN_LAWS else 0.0
 
     def lifetime(self) -> Lifetime:
-        """Time after the end of validity during which enough of the fields remain inside the envelope."""
-        return lifetime(self.base, self.drift_rad_day, self.valid_to)
+        """Time after the end of validity during which enough of the fields remain inside the envelope, of the head for which it
+        is shortest."""
+        heads = self.base.heads if isinstance(self.base, HeadsEnvelope) else (self.base,)
+        return min((lifetime(one, self.drift_rad_day, self.valid_to) for one in heads), key=lambda one: one.days)
 
 
 def plan(request: BuildRequest, report: ShareReport | None = None) -> BuildPlan:
@@ -88,13 +91,15 @@ def plan(request: BuildRequest, report: ShareReport | None = None) -> BuildPlan:
     """
     chosen = request.profile
     planes = planes_of(request.orbit, request.start, request.days)
-    base = _envelope(request, FieldShape(widened(chosen.camera, request.margin_rad)), planes, report)
+    shape = FieldShape(widened(chosen.camera, request.margin_rad))
+    each = [_envelope(request, limits, shape, planes, report) for limits in request.attitudes]
+    base = HeadsEnvelope(tuple(each)) if request.heads else each[0]
     hidden = request.occultation
     limits = request.attitude
     longest = chosen.camera.diagonal_rad if request.pair_max_rad is None else request.pair_max_rad
     _check_distances(request.pair_min_rad, longest)
     drifts = (
-        isinstance(base, BandEnvelope | BlockEnvelope)
+        isinstance(each[0], BandEnvelope | BlockEnvelope)
         or (limits is not None and limits.pointing in SUN_LAWS)
         or hidden.sun_rad > 0
         or hidden.moon_rad > 0
@@ -149,9 +154,12 @@ def _drifted(orbit: ElementsOrbit, start: datetime | None, days: float) -> Orbit
 
 
 def _envelope(
-    request: BuildRequest, shape: FieldShape, planes: OrbitRanges | None, report: ShareReport | None
+    request: BuildRequest,
+    limits: AttitudeLimits | None,
+    shape: FieldShape,
+    planes: OrbitRanges | None,
+    report: ShareReport | None,
 ) -> Envelope:
-    limits = request.attitude
     if limits is None:
         if planes is None:
             return WholeSky(shape)

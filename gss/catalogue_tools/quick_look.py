@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gss.catalogue_tools.envelope.envelope import Envelope, Moments, PatchEnvelope
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.envelope.occultation import QUICK, OccultedEnvelope
+from gss.catalogue_tools.envelope.several_heads import HeadsEnvelope
 from gss.catalogue_tools.plan import BuildPlan
 from gss.catalogue_tools.selection.counting import fields_per_star
 from gss.domain.angles import Array
@@ -48,8 +49,9 @@ class QuickLook:
         loses whole fields before it loses a star.
         """
         u = np.asarray(unit, float)
-        if isinstance(self.base, PatchEnvelope):
-            return self.base.witnessed(u, MEMBER_FIELDS)
+        patches = _patches(self.base)
+        if patches:
+            return np.asarray(np.logical_or.reduce([one.witnessed(u, MEMBER_FIELDS) for one in patches]))
         return self.envelope.contains(u)
 
     def time_fraction(self, unit: Array) -> Array:
@@ -90,8 +92,19 @@ class QuickLook:
         return self.plan.envelope is not self.base
 
     def _base_fraction(self, unit: Array) -> Array:
-        if not isinstance(self.base, PatchEnvelope):
+        patches = _patches(self.base)
+        if not patches:
             return self.base.time_fraction(unit)
-        even = fields_per_star(unit, self.base.crowded(MAP_FIELDS, 1.0), self.base.shape) / MAP_FIELDS
-        rare = (even == 0) & self.base.witnessed(unit, MAP_FIELDS)
-        return np.asarray(np.where(rare, 0.5 / MAP_FIELDS, even))
+        return np.asarray(np.minimum(1.0, np.sum([_patch_fraction(one, unit) for one in patches], axis=0)))
+
+
+def _patches(base: Envelope) -> list[PatchEnvelope]:
+    """Return the patch of each head; none if the envelope is of another kind."""
+    heads = base.heads if isinstance(base, HeadsEnvelope) else (base,)
+    return [one for one in heads if isinstance(one, PatchEnvelope)]
+
+
+def _patch_fraction(patch: PatchEnvelope, unit: Array) -> Array:
+    even = fields_per_star(unit, patch.crowded(MAP_FIELDS, 1.0), patch.shape) / MAP_FIELDS
+    rare = (even == 0) & patch.witnessed(unit, MAP_FIELDS)
+    return np.asarray(np.where(rare, 0.5 / MAP_FIELDS, even))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -36,6 +36,7 @@ EPOCH_WITHOUT_DATES_JYEAR = 2000.0
 # In ten years the fastest stars move by one pixel of a wide camera.
 EPOCH_TOLERANCE_YR = 10.0
 POINTINGS = 30_000
+MOST_HEADS = 8
 SOURCES = ("hipparcos", "hipparcos_all", "gaia", "list")
 METHODS = ("exact", "blocks")
 
@@ -76,7 +77,8 @@ class BuildRequest:
     ``source``: hipparcos, hipparcos_all, gaia, or list with ``star_list``. ``method``: exact, or blocks for the 1°
     steps of Jacobs 1995. ``k_vector``: also store an index of the distances on board. ``reduced``: frame of a reduced
     catalogue, to whose stars the distances are limited; None: no reduced catalogue, except for far-mst, which uses the
-    camera's frame.
+    camera's frame. ``heads``: mountings of several heads of the body, each as nine numbers of body_from_cam by rows; the
+    envelope is the union of theirs, instead of that of ``attitude``'s own mounting.
     """
 
     profile: CameraProfile
@@ -103,6 +105,7 @@ class BuildRequest:
     method: str = "exact"
     k_vector: bool = False
     reduced: ReducedFrame | None = None
+    heads: tuple[tuple[float, ...], ...] = ()
 
     def __post_init__(self) -> None:
         check_format(self.format_name)
@@ -130,11 +133,18 @@ class BuildRequest:
             _check_frame(self.reduced)
         _check_source(self)
         _check_epoch(self)
+        _check_heads(self)
 
     @property
     def profile_name(self) -> str:
         """Name of the camera."""
         return self.profile.name
+
+    @property
+    def attitudes(self) -> tuple[AttitudeLimits | None, ...]:
+        """Limits of attitude of each head."""
+        limits = self.attitude
+        return tuple(replace(limits, body_from_cam=h) for h in self.heads) if self.heads and limits else (limits,)
 
     @property
     def depth_mag(self) -> float | None:
@@ -190,6 +200,7 @@ def request_from(parameters: Mapping[str, Any], profile: CameraProfile) -> Build
             values["attitude"] = AttitudeLimits(**{k: _pair(v) for k, v in values["attitude"].items()})
         if values.get("start"):
             values["start"] = datetime.fromisoformat(values["start"])
+        values["heads"] = tuple(tuple(float(v) for v in head) for head in values.get("heads") or ())
         values["corrections"] = corrections_of(values.get("corrections") or {})
         values["occultation"] = Occultation(**(values.get("occultation") or {}))
         if values.get("reduced") is not None:
@@ -247,6 +258,29 @@ def _check_source(request: BuildRequest) -> None:
             got=f"{request.rules.faint_mag:g}",
             hint="use the source hipparcos_all or gaia for fainter cameras",
         )
+
+
+def _check_heads(request: BuildRequest) -> None:
+    """Raise BadInput for several heads with anything that is defined for a single camera only."""
+    if not request.heads:
+        return
+    limits = request.attitude
+    single = {
+        "no limits of attitude": limits is None,
+        "another mounting": limits is not None and limits.body_from_cam is not None,
+        "the method blocks": request.method == "blocks",
+        "occultation": request.occultation.active,
+    }
+    given = ", ".join(what for what, has in single.items() if has)
+    if given:
+        raise BadInput(
+            "a catalogue for several heads cannot be built with these options",
+            expected="limits of attitude, the exact method, and no occultation",
+            got=given,
+        )
+    if len(request.heads) > MOST_HEADS:
+        raise BadInput("too many heads", expected=f"at most {MOST_HEADS}", got=str(len(request.heads)))
+    _ = request.attitudes  # each mounting is checked
 
 
 def _check_epoch(request: BuildRequest) -> None:

@@ -87,6 +87,7 @@ class Services:
         """Close the line first, so that nothing new comes; then end what still works."""
         self.announce_stop()
         self.upkeep.status.stop()
+        self.heads.watch.stop()
         self.notifications.stop()
         self.upkeep.audit.stop()
         self.commanding.stack_runs.shut_down()

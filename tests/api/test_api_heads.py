@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 
 from gss.cli import main
 from gss.settings import Settings
-from gss.wiring import build
+from gss.wiring.build import build
 
 PATH = "/api/fleet/spacecraft"
 SAT: dict[str, Any] = {

@@ -60,7 +60,7 @@ def processes() -> Iterator[tuple[dict[str, UnitProcess], Fleet]]:
         while not all(server.started for server in servers):
             time.sleep(0.01)
         specs = tuple(UnitSpec(name, "cubestar", "simulator") for name in NAMES)
-        yield apps, Fleet(specs, paths, Supervisor({}, lambda _: None), time.monotonic)
+        yield apps, Fleet(specs, paths, Supervisor({}, lambda _: None), lambda name, samples: None, time.monotonic)
         for server in servers:
             server.should_exit = True
         for thread in threads:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,6 @@ from gss.api.units.unit_spec import UnitSpec
 from gss.api.workers.link_client import LinkProcessClient
 from gss.api.workers.supervisor import ProcessState, Supervisor
 from gss.operations.clock import Monotonic
-from gss.operations.heads.head_watch import HeadWatch
 from gss.operations.telemetry.last_attitude import AttitudeSample
 
 RECONNECT_S = 0.3
@@ -38,17 +37,18 @@ class UnitState:
 
 class Fleet:
     """Follows the event stream of every unit's process. ``paths``: sockets of the
-    processes by the unit's name; ``heads``: gets the attitudes of all units."""
+    processes by the unit's name; ``take_attitudes``: gets the newest attitudes of a unit."""
 
     def __init__(
         self,
         units: tuple[UnitSpec, ...],
         paths: Mapping[str, Path],
         supervisor: Supervisor,
-        heads: HeadWatch,
+        take_attitudes: Callable[[str, Sequence[AttitudeSample]], None],
         monotonic_s: Monotonic,
     ) -> None:
-        self._units, self._paths, self._supervisor, self._heads = units, paths, supervisor, heads
+        self._units, self._paths, self._supervisor = units, paths, supervisor
+        self._take_attitudes = take_attitudes
         self._clients = {name: LinkProcessClient(f"of unit {name}", path) for name, path in paths.items()}
         self._monotonic_s = monotonic_s
         self._newest: dict[str, tuple[float, LinkOut]] = {}
@@ -70,7 +70,6 @@ class Fleet:
     async def running(self) -> AsyncIterator[None]:
         """Start the processes and follow them until exit, which leaves them to the server's stop."""
         self._supervisor.start()
-        self._heads.start()
         tasks = [asyncio.create_task(self._follow(name, client)) for name, client in self._clients.items()]
         try:
             yield
@@ -78,7 +77,6 @@ class Fleet:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            await asyncio.to_thread(self._heads.stop)
 
     def _state(self, unit: UnitSpec) -> UnitState:
         process, newest = self._supervisor.state(process_name(unit)), self._newest.get(unit.name)
@@ -97,7 +95,7 @@ class Fleet:
                         if message.topic == FIRST:
                             report = LinkOut.model_validate_json(message.content)
                             self._newest[name] = (self._monotonic_s(), report)
-                            self._heads.take(name, [_sample(one) for one in report.attitudes])
+                            self._take_attitudes(name, [_sample(one) for one in report.attitudes])
             await asyncio.sleep(RECONNECT_S)
 
 

@@ -46,7 +46,7 @@ def serve_units(
             for k, unit in enumerate(units)
         }
         supervisor = Supervisor(targets, partial(record, services.base.bus))
-        fleet = Fleet(units, paths, supervisor, services.heads.watch, monotonic_s)
+        fleet = Fleet(units, paths, supervisor, services.heads.watch.take, monotonic_s)
         app = UnitGateway(create_app(services, fleet=fleet), fleet)
 
         def stop() -> None:
@@ -58,6 +58,7 @@ def serve_units(
         config = uvicorn.Config(app, log_level="warning", timeout_graceful_shutdown=GRACE_S, **options)
         server = StoppableServer(config, stop)
         signals.attach(server)
+        services.heads.watch.start()
         try:
             server.run(sockets=[LimitedListener(connections, listener.detach())])
         finally:

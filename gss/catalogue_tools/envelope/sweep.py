@@ -11,6 +11,7 @@ from gss.catalogue_tools.envelope.attitude import SUN_LAWS
 from gss.catalogue_tools.envelope.blocks import BlockEnvelope
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, PatchEnvelope
 from gss.catalogue_tools.envelope.field import FieldShape
+from gss.catalogue_tools.envelope.several_heads import HeadsEnvelope
 from gss.domain.angles import Array
 
 STEPS = 48
@@ -37,8 +38,11 @@ class Sweep:
 def sweep(base: Envelope, shape: FieldShape, steps: int = STEPS) -> Sweep:
     """Compute one field for each of ``steps`` moments; none for the whole sky, one for an inertial camera.
 
-    ``base``: the envelope before occultation; ``shape``: field of view without the margin.
+    ``base``: the envelope before occultation, of several heads the first one is shown; ``shape``: field of view without the
+    margin.
     """
+    if isinstance(base, HeadsEnvelope):
+        return sweep(base.heads[0], shape, steps)
     over, axis = _moves(base)
     count = steps if over else int(axis is not None)
     cube = np.full((count, base.dimensions), MIDDLE)

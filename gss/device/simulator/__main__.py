@@ -11,7 +11,6 @@ import contextlib
 import os
 import signal
 import sys
-import time
 from collections.abc import Sequence
 
 from gss.device.line_address import CAN
@@ -56,9 +55,9 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
     instrument = instrument_of(arguments)
     camera, link, behaviour = instrument.profile, instrument.link, instrument.simulator or SimulatorFile()
     clock = SimulatedClock(arguments.speed, held=arguments.stepped)
-    began_s, began_utc_s = clock(), time.time()
+    began_s = clock()
     if behaviour.program:
-        world = make_environment(arguments, camera, instrument, began_utc_s - began_s)
+        world = make_environment(arguments, camera, instrument, clock.utc_zero_s())
         unit = make_unit(behaviour.program, instrument, world, arguments)
         rate = (link.baud if arguments.baud is None else arguments.baud) / 10
         return Terminal(line, unit, clock, rate, world.line), unit, clock
@@ -73,7 +72,7 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
     if held.profile != camera.name or not memory.intact(GOLDEN):
         burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     real = own_lens(camera, arguments.lens_off, arguments.seed)
-    world = make_environment(arguments, real, instrument, began_utc_s - memory.record.time_base_s)
+    world = make_environment(arguments, real, instrument, clock.utc_zero_s() + began_s - memory.record.time_base_s)
     sky = SimulatedSky(real, world.motion, world.epoch_jyear, arguments.seed, world)
     serial = f"SIM-{arguments.seed:04d}"
     identity = Identity(serial=serial, line_baud=baud)

@@ -27,6 +27,10 @@ class SimulatedClock:
         """Return the simulated seconds now."""
         return self._base_s if self.held else self._base_s + (self._real() - self._since_s) * self._speed
 
+    def utc_zero_s(self) -> float:
+        """Return UTC at simulated time zero, as Unix time; correct as long as time runs at real speed."""
+        return time.time() - self()
+
     def hold(self) -> None:
         """Stop the clock."""
         self._base_s, self.held = self(), True

@@ -13,7 +13,7 @@ from gss.catalogue_tools.corrections.doubles import Doubles
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, AttitudeLimits, mounting_of
 from gss.catalogue_tools.envelope.occultation import Occultation
 from gss.catalogue_tools.plan import altitude_m, orbital_velocity, planes_of, pole_of
-from gss.catalogue_tools.request import BuildRequest, ElementsOrbit, TleOrbit, own_format
+from gss.catalogue_tools.request import MOST_HEADS, BuildRequest, ElementsOrbit, TleOrbit, own_format
 from gss.catalogue_tools.selection.screening import ScreeningRules
 from gss.catalogue_tools.selection.selection import SelectionRules
 from gss.domain.camera_profile import CameraProfile
@@ -89,13 +89,22 @@ class ReducedRequest(Request):
     step_deg: float = Field(default=1.0, ge=0.25, le=10)
 
 
+class CatalogueHead(Request):
+    """Mounting of one head of a spacecraft, as ``body_from_cam`` or ``mounting_deg`` of the request. ``unit``: its name."""
+
+    unit: str = Field(default="", max_length=24)
+    body_from_cam: Mounting | None = None
+    mounting_deg: Turns | None = None
+
+
 class CatalogueRequest(Request):
     """Build request. Angles in degrees. ``orbit``: none = whole sky, unless ``pointing`` needs no orbit.
     ``inclination_max_deg``: upper limit of the inclination; null: the same as ``inclination_deg``.
     ``altitude_km``: with elements, the node drifts over the days of use; without it the node limits are fixed.
     ``roll_deg``, ``pitch_deg``, ``yaw_deg`` null: usual limits of the law. ``faint_mag`` null: the camera's limit.
     ``body_from_cam``: nine numbers by rows, replacing the law's own mounting. ``mounting_deg``: alternatively three
-    rotations, about x, y and z in this order, that take the body axes to the camera axes. ``off_nadir_deg``:
+    rotations, about x, y and z in this order, that take the body axes to the camera axes. ``heads``: instead of these,
+    mountings of several heads; the envelope is the union of theirs. ``off_nadir_deg``:
     off-nadir angle of a target law. ``thinning``: shape of the fields that keep ``brightest_per_field`` stars:
     circles, or upright frames of the camera's shape. ``reduced`` null: no reduced catalogue, unless the format
     requires one; then with the camera's frame."""
@@ -121,6 +130,7 @@ class CatalogueRequest(Request):
     off_nadir_deg: float = Field(default=0.0, ge=0, le=80)
     body_from_cam: Mounting | None = None
     mounting_deg: Turns | None = None
+    heads: list[CatalogueHead] = Field(default=[], max_length=MOST_HEADS)
     margin_deg: float = Field(default=0.5, ge=0, le=20)
     method: Literal["exact", "blocks"] = "exact"
     source: Literal["hipparcos", "hipparcos_all", "gaia", "list"] = "hipparcos"
@@ -178,6 +188,7 @@ def build_request(spec: CatalogueRequest, camera: CameraProfile, user: str, now:
         method=spec.method,
         k_vector=spec.k_vector,
         reduced=_frame(spec),
+        heads=tuple(_head(head) for head in spec.heads),
     )
 
 
@@ -227,6 +238,14 @@ def _attitude(spec: CatalogueRequest) -> AttitudeLimits | None:
     )
 
 
+def _head(head: CatalogueHead) -> tuple[float, ...]:
+    """Return the mounting of a head. Raises BadInput without one."""
+    mounting = mounting_of(head.body_from_cam, head.mounting_deg)
+    if mounting is None:
+        raise BadInput("a head has no mounting", expected="body_from_cam or mounting_deg", got=head.unit or "neither")
+    return mounting
+
+
 def _occultation(o: OccultationRequest, baffle: Baffle, height_m: float | None) -> Occultation:
     """Return what hides the sky. Angles that are not given are those of the baffle: the Sun's limit for the Sun; for the Moon,
     whose stray light is negligible compared with the Sun's, the angle within which its light falls directly on the lens."""
@@ -270,7 +289,10 @@ def _corrections(
     c = spec.corrections
     velocity = None
     if c.orbital_aberration:
-        velocity = orbital_velocity(attitude, pole_of(planes_of(orbit, start, spec.days)), height_m)
+        # The mean velocity serves all heads: each passes a star at another point of the orbit.
+        velocity = orbital_velocity(
+            None if spec.heads else attitude, pole_of(planes_of(orbit, start, spec.days)), height_m
+        )
     return Corrections(
         proper_motion=c.proper_motion,
         parallax=c.parallax,

@@ -1,0 +1,59 @@
+"""Envelope of several heads of one body: the union of what each head sees under the same orbit and limits of attitude."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gss.catalogue_tools.envelope.envelope import Envelope, Moments
+from gss.catalogue_tools.envelope.field import FieldShape
+from gss.domain.angles import Array
+
+
+@dataclass(frozen=True)
+class HeadsEnvelope:
+    """``heads``: envelope of each head; all have the same camera, orbit and limits, and differ in their mounting."""
+
+    heads: tuple[Envelope, ...]
+
+    @property
+    def shape(self) -> FieldShape:
+        """Field of view of each head."""
+        return self.heads[0].shape
+
+    @property
+    def dimensions(self) -> int:
+        """Those of one head, and one that selects the head."""
+        return self.heads[0].dimensions + 1
+
+    def contains(self, unit: Array) -> NDArray[np.bool_]:
+        """(n,) mask of the (n, 3) directions that are ever in the field of a head."""
+        return np.asarray(np.logical_or.reduce([head.contains(unit) for head in self.heads]))
+
+    def time_fraction(self, unit: Array) -> Array:
+        """(n,) fraction of time in the field of a head. Times in which two heads see a direction count twice, up to all time."""
+        return np.asarray(np.minimum(1.0, np.sum([head.time_fraction(unit) for head in self.heads], axis=0)))
+
+    def edges(self, at_end: bool) -> list[Array]:
+        """Borders of the envelopes of all heads."""
+        return [line for head in self.heads for line in head.edges(at_end)]
+
+    def attitudes(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, 3, 3) random cam_from_icrs within the limits, of all heads alike."""
+        return _chosen([head.attitudes(rng, count) for head in self.heads], rng.integers(len(self.heads), size=count))
+
+    def at(self, cube: Array) -> Moments:
+        """See :meth:`Envelope.at`; the last coordinate selects the head."""
+        number = np.minimum((cube[:, -1] * len(self.heads)).astype(int), len(self.heads) - 1)
+        moments = [head.at(cube[:, :-1]) for head in self.heads]
+        nadirs = [one.nadir for one in moments if one.nadir is not None]
+        nadir = _chosen(nadirs, number) if len(nadirs) == len(moments) else None
+        return Moments(_chosen([one.cam_from_icrs for one in moments], number), moments[0].part, nadir)
+
+
+def _chosen(values: Sequence[Array], number: NDArray[np.intp]) -> Array:
+    """Return row k of the (heads, n, …) values of head ``number[k]``."""
+    return np.asarray(np.stack(values)[number, np.arange(len(number))])
