@@ -65,6 +65,7 @@ def upgrade() -> None:
         sa.Column("state", sa.JSON(), nullable=False),
         sa.Column("covariance", sa.JSON(), nullable=False),
         sa.Column("lasting", sa.JSON(), nullable=False),
+        sa.Column("began", sa.DateTime(), nullable=False),
         sa.Column("samples", sa.Integer(), nullable=False),
         sa.Column("restarts", sa.Integer(), nullable=False),
         sa.ForeignKeyConstraint(

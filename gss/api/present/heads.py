@@ -72,7 +72,7 @@ def stored_pair(point: StoredPair) -> HeadPairOut:
     """Return one stored comparison."""
     row = point.row
     return HeadPairOut(
-        **vars(_misalignment(point.misalignment, point.sigma_rad)),
+        **vars(_misalignment(point.misalignment, point.sigma_rad, point.drift_sigma_rad_s)),
         reference=row.reference,
         unit=row.unit,
         at=row.at,
@@ -145,7 +145,7 @@ def _fused(result: HeadsResult) -> FusedOut:
 def _pair(time_s: float, pair: PairResult) -> HeadPairOut:
     d = pair.difference
     return HeadPairOut(
-        **vars(_misalignment(pair.misalignment, pair.sigma_rad)),
+        **vars(_misalignment(pair.misalignment, pair.sigma_rad, pair.drift_sigma_rad_s)),
         reference=pair.reference,
         unit=pair.unit,
         at=datetime.fromtimestamp(time_s, UTC),
@@ -157,13 +157,13 @@ def _pair(time_s: float, pair: PairResult) -> HeadPairOut:
     )
 
 
-def _misalignment(m: Misalignment, sigma_rad: Array) -> MisalignmentOut:
+def _misalignment(m: Misalignment, sigma_rad: Array, drift_sigma_rad_s: Array) -> MisalignmentOut:
     hour = HOUR_S / ARCSEC_RAD
     return MisalignmentOut(
         misalignment_arcsec=_vector(m.vector_rad / ARCSEC_RAD),
         misalignment_sigma_arcsec=_vector(sigma_rad / ARCSEC_RAD),
         drift_arcsec_h=_vector(m.drift_rad_s * hour),
-        drift_sigma_arcsec_h=_vector(m.drift_sigma_rad_s * hour),
+        drift_sigma_arcsec_h=_vector(drift_sigma_rad_s * hour),
         samples=m.samples,
         restarts=m.restarts,
     )

@@ -203,7 +203,8 @@ def estimate_of(row: HeadPairRow) -> Misalignment:
     covariance = np.zeros((6, 6))
     covariance[UPPER] = row.covariance
     covariance = covariance + np.triu(covariance, 1).T
-    return Misalignment(row.at.timestamp(), np.array(row.state), covariance, row.samples, 0, row.restarts)
+    began_s = row.began.timestamp()
+    return Misalignment(row.at.timestamp(), np.array(row.state), covariance, began_s, row.samples, 0, row.restarts)
 
 
 def _state(follower: _Follower, now_s: float) -> SpacecraftState:
@@ -246,6 +247,7 @@ def _pair_row(spacecraft_id: int, time_s: float, pair: PairResult) -> HeadPairRo
         state=_listed(m.state),
         covariance=_listed(m.covariance[UPPER]),
         lasting=_listed(np.diag(pair.lasting_rad2)),
+        began=datetime.fromtimestamp(m.began_s, UTC),
         samples=m.samples,
         restarts=m.restarts,
     )

@@ -12,6 +12,7 @@ from gss.domain.errors import BadInput
 from gss.operations.clock import Now
 from gss.operations.heads.head_watch import KEPT, estimate_of
 from gss.operations.heads.mountings import SpacecraftSetup
+from gss.operations.heads.tracker import drift_sigma
 from gss.pipeline.heads.misalignment import Misalignment
 from gss.store import heads as store
 from gss.store.engine import Database
@@ -28,6 +29,7 @@ class StoredPair:
     row: HeadPairRow
     misalignment: Misalignment
     sigma_rad: Array
+    drift_sigma_rad_s: Array
 
 
 class HeadHistory:
@@ -59,4 +61,6 @@ class HeadHistory:
 
 def _stored(row: HeadPairRow) -> StoredPair:
     estimate = estimate_of(row)
-    return StoredPair(row, estimate, np.sqrt(estimate.sigma_rad**2 + np.array(row.lasting)))
+    lasting = np.array(row.lasting)
+    sigma = np.sqrt(estimate.sigma_rad**2 + lasting)
+    return StoredPair(row, estimate, sigma, drift_sigma(estimate, lasting))

@@ -101,7 +101,7 @@ def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResu
         if setup.drift_limit_rad_s is not None:
             limit = setup.drift_limit_rad_s / ARCSEC_RAD * HOUR_S
             scale = HOUR_S / ARCSEC_RAD
-            size, sigma = _size(m.drift_rad_s * scale, m.drift_sigma_rad_s * scale)
+            size, sigma = _size(m.drift_rad_s * scale, pair.drift_sigma_rad_s * scale)
             text = f"{pair.unit} drifts by {size:.1f}″/h ± {sigma:.1f}″/h against {pair.reference}"
             found.append(_against(f"{name} drift", State.WATCH, size, sigma, text, limit, "″/h"))
     return found

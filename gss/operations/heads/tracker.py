@@ -47,6 +47,18 @@ class PairResult:
         """(3,) standard deviation of the misalignment, with that of clocks and steady errors."""
         return np.sqrt(self.misalignment.sigma_rad**2 + np.diag(self.lasting_rad2))
 
+    @property
+    def drift_sigma_rad_s(self) -> Array:
+        """(3,) standard deviation of the drift; see :func:`drift_sigma`."""
+        return drift_sigma(self.misalignment, np.diag(self.lasting_rad2))
+
+
+def drift_sigma(estimate: Misalignment, lasting_rad2: Array) -> Array:
+    """(3,) standard deviation of the drift, rad/s. What does not average out may have changed by its size since the estimate began.
+    ``lasting_rad2``: (3,) its variances."""
+    since_s = max(estimate.time_s - estimate.began_s, 1.0)
+    return np.asarray(np.sqrt(estimate.drift_sigma_rad_s**2 + lasting_rad2 / since_s**2))
+
 
 @dataclass(frozen=True)
 class HeadsResult:

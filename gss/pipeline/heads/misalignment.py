@@ -38,13 +38,14 @@ USUAL_DRIFT = DriftModel()
 
 @dataclass(frozen=True)
 class Misalignment:
-    """Estimate at ``time_s``. ``state`` (6,): misalignment (rad) and drift (rad/s); ``covariance`` (6, 6). ``samples``: used since
-    the last start; ``rejected``: differences in a row that did not fit; ``restarts``: sudden changes of the mounting. A first
-    difference beyond the stated uncertainty of the mounting does not count."""
+    """Estimate at ``time_s``, which began at ``began_s``. ``state`` (6,): misalignment (rad) and drift (rad/s); ``covariance``
+    (6, 6). ``samples``: used since the last start; ``rejected``: differences in a row that did not fit; ``restarts``: sudden
+    changes of the mounting. A first difference beyond the stated uncertainty of the mounting does not count."""
 
     time_s: float
     state: Array
     covariance: Array
+    began_s: float
     samples: int = 0
     rejected: int = 0
     restarts: int = 0
@@ -75,7 +76,7 @@ def started(time_s: float, mounting_rad2: Array, model: DriftModel = USUAL_DRIFT
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = mounting_rad2
     covariance[3:, 3:] = np.eye(3) * model.drift_sigma_rad_s**2
-    return Misalignment(time_s, np.zeros(6), covariance)
+    return Misalignment(time_s, np.zeros(6), covariance, time_s)
 
 
 def predicted(estimate: Misalignment, time_s: float, model: DriftModel = USUAL_DRIFT) -> Misalignment:
@@ -113,10 +114,10 @@ def updated(
     that stay."""
     before = predicted(estimate, time_s, model)
     measured = turn_between(second.quaternion[None], first.quaternion[None])[0]
-    noise = first.covariance_rad2 + second.covariance_rad2
+    noise = first.covariance_rad2 + second.covariance_rad2 + lasting_rad2
     off = measured - before.state[:3]
     expected = before.covariance[:3, :3] + noise
-    if float(off @ np.linalg.solve(expected + lasting_rad2, off)) > GATE_CHI2:
+    if float(off @ np.linalg.solve(expected, off)) > GATE_CHI2:
         if before.rejected + 1 < JUMPED_AFTER:
             return replace(before, rejected=before.rejected + 1)
         fresh = started(time_s, noise, model)

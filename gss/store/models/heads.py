@@ -50,7 +50,7 @@ class FusedRow(Base):
 class HeadPairRow(Base):
     """Second head compared with the reference head at one time, and the estimate of its misalignment then. ``state`` (6) and
     ``covariance`` (21, upper triangle): of the filter; ``lasting``: variances (3) that do not
-    average out."""
+    average out; ``began``: start of the estimate."""
 
     __tablename__ = "head_pairs"
     __table_args__ = (Index("ix_head_pairs_spacecraft_at", "spacecraft_id", "at"),)
@@ -67,5 +67,6 @@ class HeadPairRow(Base):
     state: Mapped[list[Any]]
     covariance: Mapped[list[Any]]
     lasting: Mapped[list[Any]]
+    began: Mapped[datetime]
     samples: Mapped[int]
     restarts: Mapped[int]
