@@ -48,7 +48,7 @@ def alone(several: BuildRequest, mounting: tuple[float, ...]) -> BuildRequest:
 
 @pytest.mark.parametrize("pointing", ["zenith", "inertial"])
 def test_the_union_holds_the_stars_of_each_head(pointing: str) -> None:
-    """A star is in the catalogue if and only if a head of its own would have it; so are the map, its border and the preview."""
+    """A star is in the catalogue if and only if a head alone would have it. Map, border and preview are the union, too."""
     several = request(pointing, heads=tuple(MOUNTINGS))
     stars = load_stars(4.5).icrs
     p, each = plan(several), [plan(alone(several, m)) for m in MOUNTINGS]
