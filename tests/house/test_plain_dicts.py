@@ -14,7 +14,7 @@ MOST = {
     "gss/device": (22, "values by field of the dictionary; attributes of XML elements"),
     "gss/domain": (2, "a camera as stored"),
     "gss/instruments": (2, "YAML and XML before they are validated"),
-    "gss/operations": (145, "checkpoints and stored requests of jobs; columns of rows; content of stored reports"),
+    "gss/operations": (131, "checkpoints and stored requests of jobs; columns of rows; content of stored reports"),
     "gss/pipeline": (1, "a calibration as stored"),
     "gss/store": (45, "JSON columns, and values of rows by column"),
     "tools": (13, "results of measurements, written as JSON"),

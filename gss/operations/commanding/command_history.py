@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from gss.domain.errors import BadInput
@@ -56,7 +56,7 @@ class CommandHistory:
             opening = ",\n"
         yield "[]\n" if opening == "[\n" else "\n]\n"
 
-    def records(self, filters: Filter) -> Iterator[dict[str, Any]]:
+    def records(self, filters: Filter) -> Iterator[Mapping[str, object]]:
         """Yield all matching commands, oldest first, as plain values."""
         _check(filters)
         with self._database.unit_of_work() as session:
@@ -71,7 +71,7 @@ def _check(filters: Filter) -> None:
         )
 
 
-def _facts(row: Command) -> dict[str, Any]:
+def _facts(row: Command) -> Mapping[str, object]:
     facts = {name: getattr(row, name) for name in COLUMNS if name not in ("duration_s", "stages")}
     facts["created"], facts["finished"] = iso_z(row.created), iso_z(row.finished) if row.finished else None
     facts["duration_s"] = round((row.finished - row.created).total_seconds(), 3) if row.finished else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 from gss.device.protocol.codec import check_arguments
 from gss.domain.errors import BadInput, Conflict, GssError
@@ -179,7 +179,27 @@ class StackService:
         )
 
 
-def checked_steps(roles: Roles, steps: Sequence[Step]) -> list[dict[str, Any]]:
+class CheckedCondition(TypedDict):
+    """A condition of a step: it waits up to ``wait_s`` until the field compares so."""
+
+    packet: str
+    field: str
+    op: str
+    value: Any
+    wait_s: float
+
+
+class CheckedStep(TypedDict):
+    """A complete step, as stored and exported."""
+
+    command: str
+    arguments: Mapping[str, Any]
+    delay_s: float
+    condition: CheckedCondition | None
+    note: str
+
+
+def checked_steps(roles: Roles, steps: Sequence[Step]) -> list[CheckedStep]:
     """Return the complete steps, with default arguments. Raises BadInput naming the first invalid step."""
     if not 1 <= len(steps) <= MOST_STEPS:
         raise BadInput("invalid number of steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
@@ -192,7 +212,7 @@ def checked_steps(roles: Roles, steps: Sequence[Step]) -> list[dict[str, Any]]:
     return checked
 
 
-def checked_step(roles: Roles, step: Step) -> dict[str, Any]:
+def checked_step(roles: Roles, step: Step) -> CheckedStep:
     """Return one complete step. Raises BadInput if it is invalid."""
     if not isinstance(step, Mapping) or set(step) - {*STEP}:
         raise BadInput("not a step", expected=", ".join(STEP), got=str(step)[:120])
@@ -213,7 +233,7 @@ def checked_step(roles: Roles, step: Step) -> dict[str, Any]:
     }
 
 
-def _condition(roles: Roles, condition: Mapping[str, Any]) -> dict[str, Any]:
+def _condition(roles: Roles, condition: Mapping[str, Any]) -> CheckedCondition:
     if not isinstance(condition, Mapping) or set(condition) - {"packet", "field", "op", "value", "wait_s"}:
         raise BadInput("not a condition", expected="packet, field, op, value, wait_s", got=str(condition)[:120])
     packet = roles.operations.dictionary.packet(str(condition.get("packet") or roles.quantities.status.packet))

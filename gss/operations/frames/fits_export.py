@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 
@@ -46,7 +45,11 @@ def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
     return buffer.getvalue()
 
 
-def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> dict[str, Any]:
+Cards = dict[str, str | float]
+"""Header cards by keyword."""
+
+
+def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> Cards:
     """Return TAN header cards with SIP polynomials for the camera's distortion (Shupe et al. 2005). FITS counts pixels from
     1."""
     ra, dec, roll = ra_dec_roll_rad(cam_from_icrs)
@@ -55,7 +58,7 @@ def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> dict[str, Any]:
     cd_deg = np.degrees(east_north_from_cam @ np.diag([1 / camera.focal_col_px, 1 / camera.focal_row_px]))
     straight = isinstance(camera.distortion, Pinhole)
     suffix = "" if straight else "-SIP"
-    cards: dict[str, Any] = {
+    cards: Cards = {
         "CTYPE1": f"RA---TAN{suffix}",
         "CTYPE2": f"DEC--TAN{suffix}",
         "CUNIT1": "deg",
@@ -70,7 +73,7 @@ def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> dict[str, Any]:
     return cards if straight else cards | _sip(camera)
 
 
-def _sip(camera: Camera) -> dict[str, Any]:
+def _sip(camera: Camera) -> Cards:
     """Fit polynomials to both directions of the distortion, in the offset from the optical centre, over the detector."""
     focal = np.array([camera.focal_col_px, camera.focal_row_px])
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
@@ -79,10 +82,11 @@ def _sip(camera: Camera) -> dict[str, Any]:
     )
     measured = np.column_stack([cols.ravel(), rows.ravel()]) - centre
     ideal = camera.distortion.undistort(measured / focal) * focal
-    cards: dict[str, Any] = {}
+    cards: Cards = {}
     for names, start, end in ((("A", "B"), measured, ideal), (("AP", "BP"), ideal, measured)):
         for axis, name in enumerate(names):
-            cards |= {f"{name}_ORDER": SIP_ORDER} | _polynomial(name, start, (end - start)[:, axis])
+            cards[f"{name}_ORDER"] = SIP_ORDER
+            cards |= _polynomial(name, start, (end - start)[:, axis])
     return cards
 
 

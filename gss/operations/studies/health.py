@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -98,7 +98,7 @@ def proposal_record(proposal: Proposal) -> dict[str, Any]:
     }
 
 
-def bad_pixel_table(health: dict[str, Any]) -> bytes:
+def bad_pixel_table(health: Mapping[str, Any]) -> bytes:
     """Return the warm pixels of a stored health analysis as CSV."""
     lines = ["col,row,course,onset_unix_s,onset_low_s,onset_high_s,first_e_s,now_e_s,half_life_days,bad_now"]
     bad = {(c, r) for c, r in health["proposal"]["bad"]}

@@ -4,7 +4,7 @@ drawings."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -50,7 +50,45 @@ class SheetSource:
     seed: int
 
 
-def as_sheet_record(sheet: PerformanceSheet, of: SheetSource) -> dict[str, Any]:
+class BoundedValue(TypedDict):
+    """A figure with its interval, in the units of users; None: no bound."""
+
+    name: str
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+
+
+class RowValues(TypedDict):
+    """A row of the sheet. ``needs``: what a row that was not measured needs."""
+
+    key: str
+    title: str
+    measured: bool
+    method: str
+    conditions: str
+    frames: int
+    needs: str
+    figures: list[BoundedValue]
+
+
+class SheetValues(TypedDict):
+    """The sheet as written to JSON; a schema describes it."""
+
+    schema_name: str
+    standard: str
+    unit: str
+    title: str
+    chain: str
+    source: str
+    subject: str
+    seed: int
+    confidence: float
+    rows: list[RowValues]
+
+
+def as_sheet_record(sheet: PerformanceSheet, of: SheetSource) -> SheetValues:
     """Return the sheet in the units of users; None where an interval has no bound."""
     return {
         "schema_name": SCHEMA,
@@ -66,7 +104,7 @@ def as_sheet_record(sheet: PerformanceSheet, of: SheetSource) -> dict[str, Any]:
     }
 
 
-def _row(row: SheetRow) -> dict[str, Any]:
+def _row(row: SheetRow) -> RowValues:
     return {
         "key": row.key,
         "title": row.title,
@@ -79,7 +117,7 @@ def _row(row: SheetRow) -> dict[str, Any]:
     }
 
 
-def _figure(figure: SheetFigure) -> dict[str, Any]:
+def _figure(figure: SheetFigure) -> BoundedValue:
     unit, size = USER_UNITS[figure.unit]
     value, low, high = maybe(np.array([figure.value, figure.low, figure.high]) / size)
     return {"name": figure.name, "value": value, "low": low, "high": high, "unit": unit}
@@ -135,7 +173,7 @@ def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Re
     return Report(f"Performance sheet: {of.title}", of.subject, sections, notes)
 
 
-def _lines(row: dict[str, Any]) -> list[list[str]]:
+def _lines(row: RowValues) -> list[list[str]]:
     if not row["measured"]:
         return [[row["title"], "not measured", "–", f"needs {row['needs']}", "–"]]
     made = []
