@@ -38,6 +38,7 @@ COMMANDS = {
     "link-keys": ("link_keys", "create and change the keys that authenticate packets to the sensor"),
     "passes": ("passes", "list coming passes; import the orbit of the spacecraft; manage ground stations"),
     "heads": ("heads", "compare the heads of one spacecraft: mountings, fused attitude, misalignment and drift"),
+    "rehearse": ("rehearse", "carry out a pass plan on a simulated unit, faster than real time"),
     "notify": ("notify", "check the file of notifications, or send a test message"),
     "backup": ("upkeep", "make a backup; the server may run"),
     "restore": ("upkeep", "restore a backup into a new data folder"),

@@ -32,7 +32,7 @@ MOST_DEATHS = 3
 ENDED = ("done", "failed", "cancelled")
 KINDS = (
     *("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis", "lists", "instrument"),
-    *("derive", "backup", "retention", "check-store"),
+    *("derive", "rehearsal", "backup", "retention", "check-store"),
 )
 """Kinds created from their stored request alone; each is registered by the service that runs it."""
 ALWAYS = ("retention", "check-store")
@@ -48,6 +48,7 @@ PERMISSIONS = {
     "lists": "frames.import",
     "instrument": "instruments",
     "derive": "derived",
+    "rehearsal": "passes",
     "backup": "admin.backup",
     "retention": "admin.retention",
     "check-store": "admin.health",

@@ -40,3 +40,8 @@ def keep(session: Session, job_id: int, checkpoint: dict[str, Any]) -> None:
 def unfinished(session: Session) -> list[Job]:
     """Return jobs that the last server run left unfinished."""
     return list(session.scalars(select(Job).where(Job.state.in_(("queued", "running")))))
+
+
+def newest_of_kind(session: Session, kind: str, limit: int) -> list[Job]:
+    """Return the newest jobs of a kind first."""
+    return list(session.scalars(select(Job).where(Job.kind == kind).order_by(Job.id.desc()).limit(limit)))

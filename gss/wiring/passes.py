@@ -12,6 +12,7 @@ from gss.operations.passes.plan_runner import PlanRunner
 from gss.operations.passes.plans import PlanService
 from gss.operations.passes.spacecraft import SpacecraftService
 from gss.operations.passes.stations import StationService
+from gss.operations.rehearsals.rehearsals import RehearsalService
 from gss.wiring.accounts import Accounts
 from gss.wiring.base import BaseServices
 from gss.wiring.catalogues import Catalogues
@@ -32,6 +33,7 @@ class Passes:
     plans: PlanService
     runner: PlanRunner
     place: PlaceService
+    rehearsals: RehearsalService
 
 
 def open_passes(
@@ -67,4 +69,16 @@ def open_passes(
         commanding.schedule.clock,
         spacecraft.orbit_at,
     )
-    return Passes(spacecraft, stations, table, plans, runner, place)
+    settings = base.settings
+    rehearsals = RehearsalService(
+        database,
+        base.blobs,
+        base.jobs,
+        plans,
+        settings.data / "rehearsals",
+        base.unit.name,
+        settings.instruments_folder,
+        settings.framing,
+        now,
+    )
+    return Passes(spacecraft, stations, table, plans, runner, place, rehearsals)

@@ -10,11 +10,12 @@ from fastapi import Query
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import App, AuditNote, RowId, User, need
-from gss.api.schemas.passes import ArmIn, PlanIn, PlanItemIn, PlanOut
+from gss.api.schemas.passes import ArmIn, PlanIn, PlanItemIn, PlanOut, RehearsalOut
 from gss.domain.errors import GssError
 from gss.operations.accounts.permissions import STOP
 from gss.operations.passes.plan_items import PlanItem
-from gss.store.models import PassPlan
+from gss.operations.rehearsals.report import REPORT, RehearsalOptions
+from gss.store.models import Job, PassPlan
 from gss.wiring.services import Services
 
 router = api_router("passes")
@@ -69,6 +70,24 @@ def stop_plan(app: App, plan_id: RowId, user: User, audit_note: AuditNote) -> Pl
     """Stop an armed plan or one in progress. Like ABORT, it needs no command authority."""
     audit_note(app.passes.plans.get(plan_id).name)
     return present.passes.plan(app.passes.runner.stop(plan_id, user=user))
+
+
+@router.post("/pass-plans/{plan_id}/rehearsals", status_code=202, dependencies=[need("passes")])
+def rehearse_plan(app: App, plan_id: RowId, body: RehearsalOptions, user: User, audit_note: AuditNote) -> RehearsalOut:
+    """Carry out a plan on a simulated unit, in a separate process and faster than real time. Nothing reaches the unit."""
+    audit_note(app.passes.plans.get(plan_id).name)
+    return _rehearsal(app.passes.rehearsals.start(plan_id, body, user=user))
+
+
+@router.get("/pass-plans/{plan_id}/rehearsals")
+def list_rehearsals(app: App, plan_id: RowId, limit: Limit = 5) -> list[RehearsalOut]:
+    """Rehearsals of a plan, newest first."""
+    return [_rehearsal(job) for job in app.passes.rehearsals.newest(plan_id, limit)]
+
+
+def _rehearsal(job: Job) -> RehearsalOut:
+    report = (job.result or {}).get("report")
+    return RehearsalOut(job=present.records.job(job), report=None if report is None else REPORT.validate_python(report))
 
 
 def _item(item: PlanItemIn) -> PlanItem:

@@ -8,7 +8,9 @@ from typing import Literal
 from pydantic import Field
 
 from gss.api.schemas.base import Id, In, Out, Utc
+from gss.api.schemas.jobs import JobOut
 from gss.operations.passes.plan_items import LONGEST_ITEM_S, MOST_ITEMS, ItemKind, ItemState
+from gss.operations.rehearsals.report import RehearsalReport
 from gss.orbit.read_orbit import LARGEST_CHARACTERS
 
 
@@ -219,3 +221,10 @@ class PlanOut(Out):
     pass_s: float
     problems: list[str]
     confirm: list[str]
+
+
+class RehearsalOut(Out):
+    """Rehearsal of a plan: its job, and the report once it is done."""
+
+    job: JobOut
+    report: RehearsalReport | None

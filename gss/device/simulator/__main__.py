@@ -98,8 +98,17 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
     return Terminal(line, device, clock, baud / 10, world.line), device, clock
 
 
-def serve(terminal: Terminal, device: SimulatedUnit, clock: SimulatedClock, url: str, *, watch_stdin: bool) -> None:
-    """Run until stopped. If ``watch_stdin``, time commands are read from standard input."""
+def serve(
+    terminal: Terminal,
+    device: SimulatedUnit,
+    clock: SimulatedClock,
+    url: str,
+    *,
+    watch_stdin: bool,
+    paced: bool = False,
+) -> None:
+    """Run until stopped. If ``watch_stdin``, time commands are read from standard input. ``paced``: keep the line's rate also
+    while the clock is held."""
     stopping = False
 
     def stop(*_: object) -> None:
@@ -110,7 +119,7 @@ def serve(terminal: Terminal, device: SimulatedUnit, clock: SimulatedClock, url:
     signal.signal(signal.SIGINT, stop)
     _say(f"READY {url}")
     time_control = TimeControl(clock, terminal, lambda: stopping)
-    terminal.paced = not clock.held
+    terminal.paced = paced or not clock.held
     handles = [sys.stdin.fileno()] if watch_stdin else []
     try:
         while not stopping:
@@ -144,7 +153,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         if line is not None:
             line.close()
         return 2
-    serve(terminal, device, clock, line.url, watch_stdin=arguments.exit_with_stdin or arguments.stepped)
+    serve(
+        terminal,
+        device,
+        clock,
+        line.url,
+        watch_stdin=arguments.exit_with_stdin or arguments.stepped,
+        paced=arguments.paced,
+    )
     return 0
 
 

@@ -136,8 +136,9 @@ def _add_time(group: argparse._ArgumentGroup) -> None:
     add(
         "--stepped",
         action="store_true",
-        help="time is stopped until standard input receives: step SECONDS | run [X] | pause",
+        help="time is stopped until standard input receives: step SECONDS | skip SECONDS | run [X] | pause",
     )
+    add("--paced", action="store_true", help="keep the line's rate also while time is stepped")
     add(
         "--housekeeping-hz",
         type=float,

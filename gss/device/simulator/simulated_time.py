@@ -11,6 +11,7 @@ from gss.domain.errors import BadInput
 
 FASTEST = 1000.0
 LONGEST_STEP_S = 86_400.0
+LONGEST_SKIP_S = 14 * 86_400.0
 TICK_S = 0.01
 SETTLE_TURNS = 3
 LONGEST_ORDER_BYTES = 200
@@ -56,11 +57,12 @@ class Paced(Protocol):
 
 
 class TimeControl:
-    """Time commands, one per line: ``step SECONDS``, ``run [SPEED]``, ``pause``, ``time``.
+    """Time commands, one per line: ``step SECONDS``, ``skip SECONDS``, ``run [SPEED]``, ``pause``, ``time``.
 
     Each is answered by one line: ``time T``, ``running``, ``paused T`` or ``error …``. A step advances in ticks of 10
     ms, and bytes received on the line are read before the first tick, so that the same commands at the same times
-    produce the same bytes.
+    produce the same bytes. A skip advances in one tick: what happens in between is computed roughly, as after a pause of the
+    process.
     """
 
     def __init__(self, clock: SimulatedClock, terminal: Paced, stopping: Callable[[], bool] = never) -> None:
@@ -81,6 +83,10 @@ class TimeControl:
             if order == "step" and len(words) == 1:
                 self._step(_number(words[0], LONGEST_STEP_S))
                 return f"time {self._clock():.6f}"
+            if order == "skip" and len(words) == 1:
+                self._clock.advance(_number(words[0], LONGEST_SKIP_S))
+                self._terminal.turn(0.0)
+                return f"time {self._clock():.6f}"
             if order == "run" and len(words) <= 1:
                 self._clock.run(_number(words[0], FASTEST) if words else None)
                 self._terminal.paced = True
@@ -93,7 +99,7 @@ class TimeControl:
                 return f"time {self._clock():.6f}"
         except BadInput as error:
             return f"error {error}"
-        return "error unknown order; expected step SECONDS | run [SPEED] | pause | time"
+        return "error unknown order; expected step SECONDS | skip SECONDS | run [SPEED] | pause | time"
 
     def _step(self, seconds: float) -> None:
         for _ in range(SETTLE_TURNS):

@@ -319,6 +319,10 @@ const passes = {
   armPlan: (plan_id: number, confirm: string[]) =>
     body(POST('/api/pass-plans/{plan_id}/arm', { params: { path: { plan_id } }, body: { confirm } })),
   stopPlan: (plan_id: number) => body(POST('/api/pass-plans/{plan_id}/stop', { params: { path: { plan_id } } })),
+  rehearsePlan: (plan_id: number) =>
+    body(POST('/api/pass-plans/{plan_id}/rehearsals', { params: { path: { plan_id } }, body: {} })),
+  rehearsals: (plan_id: number) =>
+    body(GET('/api/pass-plans/{plan_id}/rehearsals', { params: { path: { plan_id }, query: { limit: 1 } } })),
   passes: (days: number, station: number | null) => body(GET('/api/passes', { params: { query: { days, station } } })),
 };
 

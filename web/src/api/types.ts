@@ -144,4 +144,5 @@ export type TrackPoint = S['TrackPointOut'];
 export type Plan = S['PlanOut'];
 export type PlanIn = S['PlanIn'];
 export type PlanItem = S['PlanItemOut'];
+export type Rehearsal = S['RehearsalOut'];
 export type PlanItemIn = S['PlanItemIn'];
