@@ -69,6 +69,9 @@ class DriverTransfers(Protocol):
 
     def forget(self, transfer_id: int) -> None: ...
 
+    @property
+    def holds_channel(self) -> bool: ...
+
 
 class Driver(Protocol):
     """Session with one unit. Methods that raise BadInput, NotFound or Conflict change nothing. Not thread-safe."""

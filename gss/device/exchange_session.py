@@ -97,7 +97,7 @@ class ExchangeSession:
         self._setup, self._wire, self._pause_s = setup, wire, pause_s
         self.framing = setup.framing or setup.link.framing
         self.transfers: ExchangeTransfers = transfers or NoTransfers()
-        self._replies = b""
+        self._replies: list[bytes] = []
         self._ids, self._queue = RequestIds(1), CommandQueue()
         self._orders: dict[int, EncodedCommand] = {}
         self._polls = [(wire.encode(p.command, {}), p.every_s) for p in poll]
@@ -175,7 +175,7 @@ class ExchangeSession:
     def link_up(self, now_s: float) -> None:
         """Start on a newly opened port."""
         self._wire.restart()
-        self._up, self._greeted, self._replies = True, False, b""
+        self._up, self._greeted, self._replies = True, False, []
         self._current, self._polled_until_s, self._free_s = None, None, now_s
         self._greet_s = now_s
         self._due_s = [now_s] * len(self._polls)
@@ -194,7 +194,7 @@ class ExchangeSession:
                 self._last_good_s = now_s
                 self._greet(answer)
             request = self._current
-            self._replies += answer.reply
+            self._replies += [answer.reply] if answer.reply else []
             if answer.event:
                 self._event(answer, now_s)
             if answer.packet:
@@ -208,9 +208,10 @@ class ExchangeSession:
         out = b""
         if self._up:
             self._expire(now_s)
-            out, self._replies = self._replies + self.transfers.poll(now_s), b""
-            if self._current is None and now_s >= self._free_s and not self.transfers.busy:
-                out += self._next(now_s) or (self.transfers.begin(now_s) if self._greeted else b"")
+            out = self._counted(*self._replies, self.transfers.poll(now_s))
+            self._replies = []
+            if self._current is None and now_s >= self._free_s and not self.transfers.holds_channel:
+                out += self._next(now_s) or (self._counted(self.transfers.begin(now_s)) if self._greeted else b"")
         if now_s - self._counted_s >= COUNTERS_EVERY_S:
             self._counted_s = now_s
             self._events.append(self.counters)
@@ -250,10 +251,15 @@ class ExchangeSession:
 
     def _send(self, request: SensorRequest) -> bytes:
         self._current = request
-        data = self._wire.frame(request)
+        data = self._counted(self._wire.frame(request))
         self._wire.sent(request)
-        self._sent = replace(self._sent, bytes=self._sent.bytes + len(data), good=self._sent.good + 1)
         return data
+
+    def _counted(self, *messages: bytes) -> bytes:
+        """Count messages as sent and return them together."""
+        out, count = b"".join(messages), sum(bool(message) for message in messages)
+        self._sent = replace(self._sent, bytes=self._sent.bytes + len(out), good=self._sent.good + count)
+        return out
 
     def _end(self, now_s: float) -> None:
         """Finish the exchange; the next request may leave after the pause."""

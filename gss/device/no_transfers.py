@@ -14,10 +14,10 @@ from gss.domain.errors import Conflict, NotFound
 
 class ExchangeTransfers(DriverTransfers, Protocol):
     """Content on its way, between the requests of a session. ``begin`` and ``poll`` return bytes to send: to start the next
-    transfer while the line is free, and to continue the one under way. While ``busy``, no request is sent."""
+    transfer while the line is free, and to continue the one under way. While ``holds_channel``, no request is sent."""
 
     @property
-    def busy(self) -> bool: ...
+    def holds_channel(self) -> bool: ...
 
     def begin(self, now_s: float) -> bytes: ...
 
@@ -82,7 +82,7 @@ class NoTransfers:
         """See ``partial``."""
         self._none(transfer_id)
 
-    busy = False
+    holds_channel = False
     """True while content uses the line, so that requests wait."""
 
     def begin(self, now_s: float) -> bytes:

@@ -19,7 +19,9 @@ from gss.device.oresat_objects import (
     EMERGENCY,
     HEARTBEAT,
     HEARTBEATS,
+    LAST_CAPTURE,
     NODE,
+    OBJECTS,
     PDO,
     PREVIEW,
     SDO_ANSWER,
@@ -31,8 +33,8 @@ from gss.device.protocol.codec import LITTLE, Decoded, EncodedCommand, decode, e
 from gss.device.sdo_client import SdoClient, SdoResult
 from gss.device.sdo_downloads import SdoDownloads
 from gss.device.session_events import DirectionCounters, SessionEvent, Stage
-from gss.domain.errors import CorruptData
-from gss.instruments.dictionary.definitions import Value
+from gss.domain.errors import BadInput, CorruptData, NotFound
+from gss.instruments.dictionary.definitions import Dictionary, Value
 from gss.instruments.link_file import Poll
 
 GREETING = "READ_TIME"
@@ -41,7 +43,8 @@ POLLS = (
     Poll(command="READ_STATUS", every_s=1.0),
     Poll(command="READ_LAST_CAPTURE", every_s=2.0),
 )
-PACKETS = {"READ_TIME": "clock", "READ_STATUS": "housekeeping", "READ_LAST_CAPTURE": "capture"}
+HOUSEKEEPING = "housekeeping"
+PACKETS = {"READ_TIME": "clock", "READ_STATUS": HOUSEKEEPING, "READ_LAST_CAPTURE": "capture"}
 """Packet that the content of an object is, by command; that of others is the command's return value."""
 CARD, UPDATER, ATTITUDE, DEGREES = "card", "updater", "attitude", "attitude_degrees"
 DEGREES_BYTES = 7
@@ -51,12 +54,50 @@ LONGEST_ERROR = 1e-3
 SILENT_S = 5.0
 EMERGENCY_LAYOUT = struct.Struct("<HB5s")
 STARTED, FAULT, FAULT_OVER, OTHER_NODES = "CARD_STARTED", "EMERGENCY", "EMERGENCY_OVER", "OTHER_NODES_ONLY"
+FIELDS = {
+    "clock": {"seconds", "microseconds"},
+    ATTITUDE: {"known", "quaternion_real", "quaternion_i", "quaternion_j", "quaternion_k"},
+}
+"""Fields that the driver itself reads, by packet."""
+NOT_READ_BACK = "The sensor took the status, but reading it back failed"
 IGNORED = "The sensor ignores a status that cannot follow its own, and returns to standby when a capture has ended."
 
 
 def open_session(setup: UnitSetup) -> OresatSession:
-    """Return the session of the driver ``oresat``."""
+    """Return the session of the driver ``oresat``. Raises BadInput for a dictionary that is not that of this sensor."""
+    _check(setup.dictionary)
     return OresatSession(setup)
+
+
+def _check(dictionary: Dictionary) -> None:
+    """Raise BadInput if a name that the driver uses is missing, so that no received frame can fail later."""
+    packets = {*PACKETS.values(), CARD, UPDATER, ATTITUDE, DEGREES}
+    missing: list[str] = []
+    for kind, names, get in (
+        ("packet", packets, dictionary.packet),
+        ("event", (STARTED, FAULT, FAULT_OVER, OTHER_NODES), dictionary.event_named),
+        ("command", [poll.command for poll in POLLS], dictionary.command),
+    ):
+        for name in sorted(names):
+            try:
+                get(name)
+            except NotFound:
+                missing.append(f"{kind} {name}")
+    if not missing:
+        missing = [
+            f"field {packet}.{name}"
+            for packet, names in FIELDS.items()
+            for name in sorted(names - {f.name for f in dictionary.packet(packet).fields})
+        ]
+    if not missing:
+        commands = [command.name for command in dictionary.commands]
+        missing = [f"object of the command {c}" for c in commands if c.split("_", 1)[-1] not in OBJECTS]
+    if missing:
+        raise BadInput(
+            "the dictionary does not fit the driver oresat",
+            got="without " + ", ".join(missing),
+            hint="use the dictionary of the package oresat, or another driver",
+        )
 
 
 @dataclass
@@ -78,9 +119,8 @@ class OresatSession(ExchangeSession):
         self._clock = SensorClock()
         client = SdoClient()
         wire = OresatWire(setup, client, self._clock)
-        super().__init__(
-            setup, wire, POLLS, greeting=GREETING, transfers=SdoDownloads(client, {"frame": PREVIEW}, send=message)
-        )
+        downloads = SdoDownloads(client, {"frame": PREVIEW}, LAST_CAPTURE, send=message)
+        super().__init__(setup, wire, POLLS, greeting=GREETING, transfers=downloads)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
         """Process received bytes and return the resulting events. Never raises, whatever the bytes are."""
@@ -232,6 +272,9 @@ class OresatWire:
 
     def _result(self, request: SensorRequest, result: SdoResult, out: bytes) -> Answer:
         command = request.order.command
+        if result.abort and self._written is not None:
+            self._request = None
+            return Answer(Stage.FAILED, reason="not_read_back", detail=f"{NOT_READ_BACK}: {result.text}.", reply=out)
         if result.abort:
             self._request = None
             return Answer(Stage.REJECTED, reason=f"abort_{result.abort:08x}", detail=f"{result.text}.", reply=out)
@@ -263,6 +306,8 @@ class OresatWire:
             return self._packet(CARD if number == 1 else UPDATER, data, None)
         self._solve.take(number, data)
         older = len(self._solve.parts.get(3, b"")) == DEGREES_BYTES
+        if number == 3 and data:  # it begins with the status, which cannot be requested during a download
+            return self._packet(HOUSEKEEPING, data[:1], None)
         whole = self._solve.whole((3, 4) if older else (3, 4, 5))
         if whole is not None:
             return self._packet(DEGREES if older else ATTITUDE, whole, None)

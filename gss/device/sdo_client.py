@@ -63,7 +63,7 @@ class SdoClient:
         self.size = self.repeated = self.number = 0
         self._step, self._index, self._subindex = _Step.IDLE, 0, 0
         self._toggle, self._sequence, self._nudges, self._ended = 0, 0, 0, False
-        self._to_write = b""
+        self._to_write, self._has_crc = b"", True
 
     @property
     def busy(self) -> bool:
@@ -191,7 +191,7 @@ class SdoClient:
         if command & 0xE1 == 0xC0 and self._mine(message):
             if not self._sized(command & 0x02, data):
                 return self.give_up(OUT_OF_MEMORY)
-            self._step = _Step.BLOCK
+            self._step, self._has_crc = _Step.BLOCK, bool(command & 0x04)
             return bytes([0xA3]) + bytes(7)
         return self._read_begun(message)
 
@@ -224,7 +224,7 @@ class SdoClient:
             del self.received[-unused:]
         if self.size and self.size != len(self.received):
             return self.give_up(INVALID_COMMAND)
-        if binascii.crc_hqx(self.received, 0) != int.from_bytes(message[1:3], "little"):
+        if self._has_crc and binascii.crc_hqx(self.received, 0) != int.from_bytes(message[1:3], "little"):
             return self.give_up(WRONG_CRC)
         self._done()
         return bytes([0xA1]) + bytes(7)

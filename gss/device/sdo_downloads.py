@@ -1,7 +1,8 @@
 """Images of a CANopen sensor: downloads of one object each, through the client that commands use too. No I/O.
 
 The server cannot continue a transfer that broke off, so every download that is resumed starts again. While one is under way,
-commands and repeated requests wait.
+commands and repeated requests wait. The object that numbers the images is read before and after an image, so that an image
+which the sensor replaced meanwhile is not taken for another one.
 """
 
 from __future__ import annotations
@@ -20,15 +21,18 @@ from gss.domain.errors import Conflict, NotFound
 Object = tuple[int, int]
 SILENT_S = 0.5
 TRIES = 3
-"""Attempts at an image that arrives damaged."""
+"""Attempts at an image that arrives damaged, is replaced meanwhile, or stops where an attempt before it stopped."""
 SILENT_AGAIN_S = 4.0
 REPORT_EVERY_S = 0.5
 NO_IMAGE = "the sensor has no image: take one first"
+REPLACED = "the sensor took another image meanwhile"
+AGAIN, STOP_CAPTURE = ", the download starts again", ": stop the capture, then download"
 
 
 @dataclass
 class _Download:
-    """One download. ``held``: bytes that the last attempt received."""
+    """One download. ``held``: bytes that the last attempt received; ``furthest``: the most that an attempt received; ``number``: of
+    the image, 0 while unknown; ``whole``: an image whose number is being read again."""
 
     id: int
     kind: str
@@ -38,6 +42,9 @@ class _Download:
     tries: int = 0
     data: bytes = b""
     held: int = 0
+    furthest: int = 0
+    number: int = 0
+    whole: bytes = b""
     size: int = 0
     resent: int = 0
     since_s: float = 0.0
@@ -71,17 +78,19 @@ class _Download:
             line_share=None,
             left_s=left,
             sha256=hashlib.sha256(self.data).hexdigest() if done else "",
-            frame_number=0,
+            frame_number=self.number,
             resumed=False,
         )
 
 
 class SdoDownloads:
-    """Implements :class:`gss.device.no_transfers.ExchangeTransfers`. ``objects``: object by kind of content. ``send``: makes
-    the bytes on the line of a message to the server."""
+    """Implements :class:`gss.device.no_transfers.ExchangeTransfers`. ``objects``: object by kind of content; ``numbering``: object
+    with the number of the newest image. ``send``: makes the bytes on the line of a message to the server."""
 
-    def __init__(self, client: SdoClient, objects: dict[str, Object], send: Callable[[bytes], bytes]) -> None:
-        self._client, self._objects, self._send = client, objects, send
+    def __init__(
+        self, client: SdoClient, objects: dict[str, Object], numbering: Object, send: Callable[[bytes], bytes]
+    ) -> None:
+        self._client, self._objects, self._numbering, self._send = client, objects, numbering, send
         self._downloads: dict[int, _Download] = {}
         self._next_id = 1
         self._active: _Download | None = None
@@ -140,7 +149,7 @@ class SdoDownloads:
         if one.state is TransferState.VERIFIED:
             self._refuse(one)
         if one is not self._active:
-            one.tries = 0
+            one.tries = one.furthest = 0
             one.to(TransferState.QUEUED)
 
     def abort(self, transfer_id: int) -> None:
@@ -178,7 +187,7 @@ class SdoDownloads:
     # --- line ---------------------------------------------------------------------------------------------------
 
     @property
-    def busy(self) -> bool:
+    def holds_channel(self) -> bool:
         """True while a download uses the client."""
         return self._active is not None
 
@@ -197,9 +206,13 @@ class SdoDownloads:
             return b""
         self._active, self._moved, one.since_s = one, (-1, now_s), now_s
         one.tries += 1
-        one.held = one.size = 0
+        one.held = one.size = one.number = 0
+        one.whole = b""
         one.to(TransferState.TRANSFERRING, one.reason)
-        return self._send(self._client.start_read(*self._objects[one.kind], block=True))
+        return self._read_number()
+
+    def _read_number(self) -> bytes:
+        return self._send(self._client.start_read(*self._numbering))
 
     def poll(self, now_s: float) -> bytes:
         """Return messages that continue the download under way."""
@@ -207,37 +220,70 @@ class SdoDownloads:
         if one is None:
             return out
         if self._client.result is not None:
-            self._finish(one, self._client.result, now_s)
-            return out
+            return out + self._continue(one, self._client.result, now_s)
         received = len(self._client.received)
         if received != self._moved[0]:
             self._moved = received, now_s
         elif now_s - self._moved[1] >= SILENT_S:
             self._moved = received, now_s
             out += self._send(self._client.nudge())
-        one.held, one.size = received, self._client.size
+        if one.number and not one.whole:
+            one.held, one.size = received, self._client.size
         one.resent = self._client.repeated
         one.rate_bytes_s = received / (now_s - one.since_s) if now_s > one.since_s else 0.0
         if now_s >= self._report_s:
             self._report_s, one.changed = now_s + REPORT_EVERY_S, True
         return out
 
+    def _continue(self, one: _Download, result: SdoResult, now_s: float) -> bytes:
+        """Begin the next step after a successful one: number, image, number again."""
+        is_number = (result.index, result.subindex) == self._numbering
+        if result.abort or not result.data or (is_number and one.whole):
+            self._finish(one, result, now_s)
+            return b""
+        self._client.result, self._moved = None, (-1, now_s)
+        if not is_number:
+            one.whole, one.held = result.data, len(result.data)
+            return self._read_number()
+        one.number = int.from_bytes(result.data, "little")
+        if not one.number:
+            self._active = None
+            one.to(TransferState.FAILED, NO_IMAGE)
+            return b""
+        return self._send(self._client.start_read(*self._objects[one.kind], block=True))
+
     def _finish(self, one: _Download, result: SdoResult, now_s: float) -> None:
         self._active, self._client.result = None, None
         if result.abort == TIMED_OUT and not result.by_server:
-            one.tries, one.due_s = 0, now_s + SILENT_AGAIN_S
-            one.to(TransferState.LINK_LOST, "the sensor is silent; the download starts again when it answers")
+            self._stalled(one, now_s)
         elif result.abort and not result.by_server and one.tries < TRIES:
             one.to(TransferState.QUEUED, f"broke off, starts again: {result.text}")
         elif result.abort == NO_DATA or not (result.abort or result.data):
             one.to(TransferState.FAILED, NO_IMAGE)
         elif result.abort:
             one.to(TransferState.FAILED, result.text)
+        elif int.from_bytes(result.data, "little") != one.number:
+            again = one.tries < TRIES
+            one.to(
+                TransferState.QUEUED if again else TransferState.FAILED, REPLACED + (AGAIN if again else STOP_CAPTURE)
+            )
         else:
-            one.data, one.held, one.size = result.data, len(result.data), len(result.data)
+            one.data, one.held, one.size = one.whole, len(one.whole), len(one.whole)
+            one.whole = b""
             one.to(TransferState.VERIFIED)
             sha256 = hashlib.sha256(one.data).hexdigest()
-            self._done.append(TransferDone(one.id, Direction.DOWN, one.kind, one.slot, 0, one.data, sha256))
+            self._done.append(TransferDone(one.id, Direction.DOWN, one.kind, one.slot, one.number, one.data, sha256))
+
+    @staticmethod
+    def _stalled(one: _Download, now_s: float) -> None:
+        """Wait for a silent sensor; give up if every attempt stops at the same place, because another one would stop there too."""
+        if one.held == 0 or one.held > one.furthest:
+            one.tries = 1 if one.held else 0
+        one.furthest, one.due_s = max(one.furthest, one.held), now_s + SILENT_AGAIN_S
+        if one.tries >= TRIES:
+            one.to(TransferState.FAILED, f"the download stopped {TRIES} times after at most {one.furthest} bytes")
+        else:
+            one.to(TransferState.LINK_LOST, "the sensor is silent; the download starts again when it answers")
 
     def news(self) -> list[TransferUpdate | TransferDone]:
         """Return updates since the last call."""

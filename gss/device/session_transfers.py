@@ -26,6 +26,9 @@ REPORT_EVERY_S = 0.25
 class TransferManager:
     """All transfers of a session. Each opening takes a new request id, which identifies the transfer on the line."""
 
+    holds_channel = False
+    """Chunks and packets share the line."""
+
     def __init__(self, dictionary: Dictionary, quality: LineQuality, next_id: int = 1) -> None:
         self._dictionary, self._quality, self._next_id = dictionary, quality, next_id
         self._transfers: dict[int, SessionTransfer] = {}

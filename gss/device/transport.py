@@ -2,7 +2,7 @@
 :mod:`gss.device.udp`, :mod:`gss.device.can_stream` and :mod:`gss.device.zmq_stream`.
 
 The only module that imports pyserial. A read blocks at most for its timeout, opening at most ``OPEN_WITHIN_S``. A port
-that disappears raises LinkDown; a port that another process holds raises Conflict.
+that disappears raises LinkDown; a serial port that another process holds raises Conflict.
 """
 
 from __future__ import annotations
@@ -132,7 +132,8 @@ class Rfc2217Stream(SerialStream):
 
 
 def open_stream(url: str, baud: int = DEFAULT_BAUD, within_s: float = OPEN_WITHIN_S) -> ByteStream:
-    """Open a line for exclusive use, on a separate thread.
+    """Open a line on a separate thread. Only a local serial port is opened for exclusive use; other programs can also use a
+    CAN bus, the port of a serial CAN adapter, and the far end of a network connection.
 
     ``baud``: of a serial port or adapter, which a device server may ignore. Raises NotFound, Conflict, BadInput or LinkDown,
     stating the reason; LinkDown also after ``within_s``. A port that opens after that is closed at once.

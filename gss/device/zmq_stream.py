@@ -6,6 +6,7 @@ and raw packets both pass. The only module that imports pyzmq.
 
 from __future__ import annotations
 
+import logging
 import math
 import threading
 import time
@@ -17,9 +18,12 @@ from zmq.utils.monitor import recv_monitor_message
 from gss.device.line_address import LineAddress
 from gss.domain.errors import LinkDown
 
+log = logging.getLogger("gss.link")
+
 WRITE_TIMEOUT_MS = 10_000
 LARGEST_MESSAGE = 1 << 20
-QUEUED_MESSAGES = 10_000
+QUEUED_MESSAGES = 64
+"""In each direction: with the largest message, 64 MiB. A faster sender waits."""
 CLOSE_WITHIN_S = 11.0
 LOST = (zmq.EVENT_DISCONNECTED, zmq.EVENT_CLOSED)
 FAILED = (
@@ -127,6 +131,7 @@ class ZmqStream:
     def close(self) -> None:
         """Close the connection. May be called more than once, and while another thread reads: it waits for that read to end."""
         if not self._lock.acquire(timeout=CLOSE_WITHIN_S):
+            log.error("%s was not closed: a read did not end within %g s", self.url, CLOSE_WITHIN_S)
             return
         try:
             if not self._closed:

@@ -26,6 +26,13 @@ def get(session: Session, alarm_id: int) -> Alarm:
     return row
 
 
+def set_value(session: Session, alarm_id: int, value: float) -> Alarm:
+    """Store another value of an alarm."""
+    row = get(session, alarm_id)
+    row.value = value
+    return row
+
+
 def still_open(session: Session) -> list[Alarm]:
     """Return alarms that are not closed, oldest first."""
     return list(session.scalars(select(Alarm).where(Alarm.closed.is_(None)).order_by(Alarm.id)))

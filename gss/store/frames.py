@@ -164,20 +164,24 @@ def attitude_pairs(session: Session, limit: int) -> list[tuple[Frame, Solution, 
     """Return up to ``limit`` of the newest frames of the device that have an on-board and an operational ground attitude, newest
     first, each with its newest on-board solution and its ground solution. Their regions and stars are not loaded."""
     on_board, ground = aliased(Solution), aliased(Solution)
+    newest_id = (
+        select(func.max(Solution.id))
+        .where(Solution.frame_id == Frame.id, Solution.origin == "on board", Solution.outcome == "solved")
+        .correlate(Frame)
+        .scalar_subquery()
+    )
     query = (
         select(Frame, on_board, ground)
         .join(on_board, on_board.frame_id == Frame.id)
         .join(ground, ground.frame_id == Frame.id)
         .where(Frame.source == "device", on_board.origin == "on board", ground.operational)
         .where(on_board.outcome == "solved", ground.outcome == "solved")
+        .where(on_board.id == newest_id)
         .options(defer(on_board.detail), defer(ground.detail))
-        .order_by(Frame.id.desc(), on_board.id.desc())
+        .order_by(Frame.id.desc())
         .limit(limit)
     )
-    newest: dict[int, tuple[Frame, Solution, Solution]] = {}
-    for frame, reported, solved in session.execute(query):
-        newest.setdefault(frame.id, (frame, reported, solved))
-    return list(newest.values())
+    return [(frame, reported, solved) for frame, reported, solved in session.execute(query)]
 
 
 def newest_ground_attitude(session: Session) -> tuple[Frame, Solution] | None:

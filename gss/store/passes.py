@@ -19,6 +19,14 @@ def newest_orbits(session: Session, limit: int) -> list[OrbitSet]:
     return list(session.scalars(select(OrbitSet).order_by(OrbitSet.id.desc()).limit(limit)))
 
 
+def nearest_orbits(session: Session, spacecraft: str, moment: datetime, limit: int) -> list[OrbitSet]:
+    """Return up to ``limit`` orbits of a spacecraft, those with the nearest epoch first."""
+    own = select(OrbitSet).where(OrbitSet.spacecraft == spacecraft).limit(limit)
+    before = session.scalars(own.where(OrbitSet.epoch <= moment).order_by(OrbitSet.epoch.desc()))
+    after = session.scalars(own.where(OrbitSet.epoch > moment).order_by(OrbitSet.epoch))
+    return sorted([*before, *after], key=lambda row: abs(row.epoch - moment))[:limit]
+
+
 def add(session: Session, row: OrbitSet | Station | PassPlan) -> None:
     """Store a new row and give it its id."""
     session.add(row)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import io
 
@@ -12,8 +13,11 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from gss.device.can_frames import CanFrame
-from gss.device.driver import Driver, open_driver
-from gss.device.oresat_driver import SILENT_S
+from gss.device.driver import Driver, UnitSetup, open_driver
+from gss.device.oresat_driver import SILENT_S, open_session
+from gss.device.oresat_objects import LAST_CAPTURE, PREVIEW
+from gss.device.sdo_client import SdoClient
+from gss.device.sdo_downloads import SdoDownloads
 from gss.device.session_events import (
     CommandUpdate,
     DeviceEvent,
@@ -270,6 +274,99 @@ def test_abort_codes_reject_the_command(oresat: Instrument) -> None:
     update = stages(session.feed(frame(ANSWER, "80 01 40 01 02 00 01 06"), 0.1), request_id)
     assert (update.stage, update.reason) == (Stage.REJECTED, "abort_06010002")
     assert "read only" in update.detail
+
+
+def test_a_read_back_that_fails_does_not_reject_the_command(oresat: Instrument) -> None:
+    """The sensor took the status; only its confirmation is missing."""
+    session = quiet(oresat)
+    request_id, _ = sent_by(session, "SET_STATUS", {"status": "star_track"})
+    session.feed(frame(ANSWER, "60 00 40 00 00 00 00 00"), 0.1)
+    session.poll(0.1)
+    update = stages(session.feed(frame(ANSWER, "80 00 40 00 00 00 00 08"), 0.2), request_id)
+    assert (update.stage, update.reason) == (Stage.FAILED, "not_read_back")
+    assert session.counters.sent.good == 2
+
+
+def test_the_status_comes_without_a_request_during_a_download(oresat: Instrument) -> None:
+    """Process data object 3 begins with it."""
+    packet = telemetry(quiet(oresat).feed(frame(0x3AC, "04 01 00 2E 93 02"), 0.0), "housekeeping")[0]
+    assert (packet.values["status"], packet.request_id) == ("star_track", 0)
+
+
+def test_a_dictionary_of_another_sensor_is_refused_when_the_driver_is_opened(oresat: Instrument) -> None:
+    """Not by an error at the first frame."""
+    strange = dataclasses.replace(oresat.dictionary, telemetry=oresat.dictionary.telemetry[:1])
+    with pytest.raises(BadInput, match="does not fit the driver oresat"):
+        open_session(UnitSetup(strange, oresat.link))
+
+
+class ImageServer:
+    """A server of the two objects of an image; ``stops``: segments of a block after which it is silent."""
+
+    def __init__(self, content: bytes, stops: int = 1 << 20) -> None:
+        self.number, self._content, self._stops = 7, content, stops
+
+    def answer(self, message: bytes) -> list[bytes]:
+        """Messages after one of the client."""
+        if message[0] == 0x40:
+            return [bytes.fromhex("43 01 40 06") + self.number.to_bytes(4, "little")]
+        if message[0] == 0xA4:
+            return [bytes.fromhex("C2 01 40 05") + len(self._content).to_bytes(4, "little")]  # without a checksum
+        if message[0] == 0xA3:
+            parts = [self._content[k : k + 7] for k in range(0, len(self._content), 7)]
+            block = [bytes([n + 1 | (n + 1 == len(parts)) << 7]) + part.ljust(7, b"\0") for n, part in enumerate(parts)]
+            return block[: self._stops]
+        return (
+            [bytes([0xC1 | (-len(self._content) % 7) << 2]) + bytes(7)]
+            if message[0] == 0xA2 and self._stops > 99
+            else []
+        )
+
+
+def downloaded(downloads: SdoDownloads, client: SdoClient, server: ImageServer, seconds: float) -> None:
+    """Run a download against the server."""
+    for k in range(int(seconds * 10)):
+        out = downloads.poll(0.1 * k) if downloads.holds_channel else downloads.begin(0.1 * k)
+        while out:
+            replies = [client.feed(answer) for answer in server.answer(out)]
+            out = b"".join(replies) or (downloads.poll(0.1 * k) if downloads.holds_channel else b"")
+
+
+def image_downloads() -> tuple[SdoDownloads, SdoClient]:
+    """Downloads of one object, messages without a bus."""
+    client = SdoClient()
+    return SdoDownloads(client, {"frame": PREVIEW}, LAST_CAPTURE, send=bytes), client
+
+
+def test_an_image_carries_the_number_that_was_read_before_and_after() -> None:
+    """From a server without checksums; a number that changes meanwhile starts the download again."""
+    downloads, client = image_downloads()
+    downloads.start_download("frame", 0)
+    server = ImageServer(bytes(range(100)))
+    downloaded(downloads, client, server, 1.0)
+    done = next(e for e in downloads.news() if isinstance(e, TransferDone))
+    assert (done.data, done.frame_number) == (bytes(range(100)), 7)
+    transfer = downloads.start_download("frame", 0)
+    numbers = iter(range(8, 100))
+    serve = server.answer
+
+    def counting(message: bytes) -> list[bytes]:
+        server.number = next(numbers) if message[0] == 0x40 else server.number
+        return serve(message)
+
+    server.answer = counting  # type: ignore[method-assign]
+    downloaded(downloads, client, server, 2.0)
+    ended = downloads.update(transfer)
+    assert (ended.state, "another image" in ended.reason) == (TransferState.FAILED, True)
+
+
+def test_a_download_that_always_stops_at_the_same_place_fails() -> None:
+    """A silent sensor is waited for; one that stops at the same byte each time is not."""
+    downloads, client = image_downloads()
+    transfer = downloads.start_download("frame", 0)
+    downloaded(downloads, client, ImageServer(bytes(600), stops=9), 60.0)
+    ended = downloads.update(transfer)
+    assert (ended.state, ended.reason) == (TransferState.FAILED, "the download stopped 3 times after at most 63 bytes")
 
 
 def test_only_other_nodes_on_the_bus_are_reported_once(oresat: Instrument) -> None:

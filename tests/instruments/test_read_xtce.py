@@ -168,6 +168,21 @@ services: []
         ("<CommandMetaData>", "<SpaceSystem/><CommandMetaData>", "SpaceSystem: is not supported in SpaceSystem"),
         ("org/spec/XTCE/20180204", "org/space/xtce", "line 2: SpaceSystem is not in a supported namespace"),
         ('name="State">', 'name="State">' + ours('{"role_of_container": "headr"}'), "unknown role of a container"),
+        (
+            '<SequenceContainer name="State">',
+            '<SequenceContainer name="Spare">'
+            + ours('{"role_of_container": "row"}')
+            + "<EntryList/></SequenceContainer>"
+            '<SequenceContainer name="State">',
+            "SequenceContainer name=Spare: describes rows that no list contains",
+        ),
+        (
+            '<SequenceContainer name="State">',
+            '<SequenceContainer name="Done">'
+            + ours('{"role_of_container": "returns", "command": "COOL"}')
+            + '<EntryList/></SequenceContainer><SequenceContainer name="State">',
+            "SequenceContainer name=Done: has the values of an unknown command",
+        ),
         ('"Lens"/>\n  </P', '"Lens">' + ours('{"rows": []}') + "</Parameter>\n  </P", "a value has a wrong type"),
         ('<SequenceContainer name="State"><EntryList>', LOOP, "a list inside a list is not supported"),
         ("</MetaCommand>\n  </Meta", f"{MINUTES}\n  </Meta", "timeToStopChecking is not in seconds"),

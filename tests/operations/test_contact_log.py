@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gss.device.session_events import DirectionCounters, HelloReceived, LinkCounters
+from gss.domain.errors import BadInput
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.roles import shared_roles
 from gss.operations.line.dispatcher import LineEventQueue
@@ -39,3 +40,11 @@ def test_a_unit_that_cannot_say_so_is_simulated_at_the_address_of_the_own_simula
         device = devices.get_contact(session, 1)[1]
     assert device is not None
     assert device.simulated == simulated
+
+
+def test_a_line_that_does_not_fit_the_framing_is_refused(database, bus, clock, tmp_path) -> None:
+    """Frames of a CAN bus and bytes of a serial line are different things."""
+    queue = LineEventQueue(clock, lambda: 0.0)
+    link = LinkService(load_dictionary(), shared_roles(), database, bus, tmp_path, clock, lambda: 0.0, queue)
+    with pytest.raises(BadInput, match="does not fit the sensor's framing cobs"):
+        link.open("can://socketcan/can0")

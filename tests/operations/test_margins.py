@@ -54,7 +54,8 @@ def test_an_alarm_follows_the_attitude_while_it_is_current(database, bus, clock,
     telemetry = TelemetryService(dictionary, database, bus, clock, lambda: None, lambda: True)
     alarms = AlarmService(dictionary, telemetry, link, database, bus, clock)
     attitude = LastAttitude(ROLE, lambda: seconds[0], lambda: None)
-    watch = MarginWatch(attitude, lambda at: None, alarms, clock)
+    places: list[Place | None] = [None]
+    watch = MarginWatch(attitude, lambda at: places[0], alarms, clock)
 
     def after(step_s: float, axis: np.ndarray | None) -> list[tuple[str, State, str]]:
         clock.forward(step_s)
@@ -70,3 +71,17 @@ def test_an_alarm_follows_the_attitude_while_it_is_current(database, bus, clock,
     assert ("Angle to Sun", State.WARNING, "raised") in near
     assert after(2 * CURRENT_S, None) == near
     assert after(1, -SUN) == [(title, State.OK, "cleared") for title, _, _ in near]
+
+    def limb() -> tuple[State, str, float | None]:
+        return next((v.level, v.row.state, v.row.value) for v in alarms.opened() if v.title == "Angle to Earth limb")
+
+    places[0] = Place(-6878.0 * SUN, "test")
+    aside = SUN + 1.7 * np.cross(SUN, [0.0, 0.0, 1.0])
+    after(6, aside / np.linalg.norm(aside))
+    first = limb()[2]
+    after(6, SUN)
+    level, state, value = limb()
+    assert (level, state, value < first) == (State.WARNING, "raised", True)  # the smallest angle
+    places[0] = None  # the orbit is no longer known
+    after(6, SUN)
+    assert limb()[:2] == (State.OK, "cleared")

@@ -106,3 +106,4 @@ def test_attitudes_of_sensor_and_ground_are_paired(session):
     assert [frame.id for frame, _, _ in pairs] == [4, 1]  # 10 has no ground attitude
     assert pairs[0][1].id > pairs[1][1].id + 1
     assert pairs[0][2].operational
+    assert [frame.id for frame, _, _ in frames.attitude_pairs(session, 2)] == [4, 1]  # frames count, not results

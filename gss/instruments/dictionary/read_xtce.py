@@ -83,6 +83,7 @@ class _Document:
             "events": rows.events,
             "services": rows.services,
         }
+        self._containers.check_returns([command["name"] for command in content["commands"]])
         for section in ("telemetry", "events", "services"):
             self._lines |= {(section, k): line for k, line in enumerate(rows.lines[section])}
         for key in ("limit_sets", "same_layout_as"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from gss.instruments.dictionary import xtce_terms as terms
@@ -37,6 +38,7 @@ class Containers:
         self._containers = _by_name(telemetry, "ContainerSet", "SequenceContainer")
         self._facts = {name: facts_of(c, CONTAINER_FACTS) for name, c in self._containers.items()}
         self.returns: dict[str, list[Row]] = {}
+        self._return_containers: dict[str, Element] = {}
         self._housekeeping: dict[str, Row] = {}
 
     def rows(self) -> ContainerRows:
@@ -66,7 +68,20 @@ class Containers:
             elif role == terms.RETURNS:
                 command = str(self._facts[name].get("command", ""))
                 self.returns[command] = self._fields(command, container, telemetry=False)
+                self._return_containers[command] = container
+            elif role == terms.ROW and name not in inner:
+                raise container.error(
+                    "describes rows that no list contains", expected="a list that names this container"
+                )
         return rows
+
+    def check_returns(self, commands: Collection[str]) -> None:
+        """Raise BadInput for the values of a command that does not exist."""
+        for command, container in self._return_containers.items():
+            if command not in commands:
+                raise container.error(
+                    "has the values of an unknown command", expected="a MetaCommand of this name", got=command[:80]
+                )
 
     def is_checksum(self, parameter: str) -> bool:
         """True if the parameter is the checksum behind the content."""

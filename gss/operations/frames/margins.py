@@ -53,7 +53,10 @@ class MarginWatch:
             return
         self._checked = now
         boresight = unit_from_ra_dec(math.radians(report.ra_deg), math.radians(report.dec_deg))
-        for name, (angle, least) in margins_deg(boresight, now, self._place_at(now)).items():
+        margins = margins_deg(boresight, now, self._place_at(now))
+        for name in LEVELS.keys() - margins.keys():
+            self._alarms.watch((MARGIN, name), State.OK, 0.0, "", "", judged=False)
+        for name, (angle, least) in margins.items():
             level = LEVELS[name] if angle < least else State.OK
             limit = f"below {least:g}° ({level})"
             self._alarms.watch((MARGIN, name), level, round(angle, 1), f"{name} {angle:.1f}° from boresight", limit)

@@ -9,10 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gss.device.driver import Driver
+from gss.device.line_address import CAN
 from gss.device.session import HostSession
 from gss.device.session_events import HelloReceived, LinkCounters
 from gss.device.transport import DEFAULT_BAUD, ByteStream, open_stream
-from gss.domain.errors import Conflict, GssError, LinkDown
+from gss.domain.errors import BadInput, Conflict, GssError, LinkDown
 from gss.instruments.dictionary.definitions import Dictionary, Value
 from gss.instruments.package_files import LinkFile
 from gss.instruments.registry import shipped_version
@@ -246,6 +247,13 @@ class LinkService:
             self._pause(REOPEN_S)
 
     def _opened(self, url: str) -> ByteStream:
+        framing = self.session.framing
+        if url.startswith(f"{CAN}://") != (framing == CAN):
+            raise BadInput(
+                f"{url} does not fit the sensor's framing {framing}",
+                expected="can://… for the framing can, another address for every other framing",
+                hint="choose another address, or the instrument that is on this line",
+            )
         return (self._open_line or open_stream)(url, self._rules.baud or DEFAULT_BAUD)
 
     def _pause(self, seconds: float) -> None:

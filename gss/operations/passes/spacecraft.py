@@ -17,8 +17,8 @@ from gss.store.engine import Database
 from gss.store.models import OrbitSet
 
 HISTORY = 20
-MOST_EARLIER, NEAREST = 1000, 5
-"""Imported orbits that are considered for a time in the past, and how many of them are read."""
+NEAREST = 5
+"""Imported orbits that are read for a time in the past."""
 DAY = timedelta(days=1)
 WATCH_DAYS, WARNING_DAYS, REFUSED_DAYS = 3.0, 7.0, 14.0
 """Age of a TLE in a low orbit: after three days times are off by about a second, after two weeks by up to a minute."""
@@ -72,13 +72,16 @@ class SpacecraftService:
     def orbit_at(self, moment: datetime) -> tuple[str, Trajectory] | None:
         """Return name and orbit of the spacecraft if an imported orbit is defined at that time, for the place of a frame; else
         None. The one in use comes first, then those of the same spacecraft with the nearest epoch."""
-        rows = self.history(MOST_EARLIER)
-        same = [row for row in rows[1:] if row.spacecraft == rows[0].spacecraft]
-        earlier = sorted(same, key=lambda row: abs(row.epoch - moment))[:NEAREST]
-        for row in (*rows[:1], *earlier):
-            orbit = (
-                self._orbit(row) if row is rows[0] else stored_orbit("tle" if row.kind == "tle" else "oem", row.text)
-            )
+        rows = self.history(1)
+        if not rows:
+            return None
+        newest = self._orbit(rows[0])
+        if newest.start <= moment <= newest.end:
+            return rows[0].spacecraft, newest
+        with self._database.unit_of_work() as session:
+            earlier = store.nearest_orbits(session, rows[0].spacecraft, moment, NEAREST)
+        for row in earlier:
+            orbit = stored_orbit("tle" if row.kind == "tle" else "oem", row.text)
             if orbit.start <= moment <= orbit.end:
                 return row.spacecraft, orbit
         return None

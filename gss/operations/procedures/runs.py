@@ -171,7 +171,8 @@ class ProcedureRunner:
         return row
 
     def hold(self, run_id: int) -> None:
-        """Run no further step and judge no check until ``release``: the signal is lost. A command that was sent is followed."""
+        """Run no further step and judge no check until ``release``, because the signal is lost. A command that was sent is
+        followed. Without effect on a run that is not active."""
         with self._lock:
             active = self._active
             if active is not None and active.id == run_id and active.held_since is None:

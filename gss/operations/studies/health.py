@@ -103,17 +103,21 @@ def bad_pixel_table(health: Mapping[str, Any]) -> bytes:
     lines = ["col,row,course,onset_unix_s,onset_low_s,onset_high_s,first_e_s,now_e_s,half_life_days,bad_now"]
     bad = {(c, r) for c, r in health["proposal"]["bad"]}
     for p in health["pixels"]:
-        onset = p["onset_s"] or {"value": "", "low": "", "high": ""}
-        life = p["half_life_s"]
+        onset = p["onset_s"] or {}
+        life = (p["half_life_s"] or {}).get("value")
         cells = [
             p["col"],
             p["row"],
             p["shape"],
-            *(onset[k] for k in ("value", "low", "high")),
-            f"{p['first_e_s']['value']:.4g}",
-            f"{p['now_e_s']['value']:.4g}",
-            "" if life is None else f"{life['value'] / 86_400:.3g}",
+            *(onset.get(k) for k in ("value", "low", "high")),
+            *(_rounded(p[k]["value"]) for k in ("first_e_s", "now_e_s")),
+            None if life is None else f"{life / 86_400:.3g}",
             int((p["col"], p["row"]) in bad),
         ]
-        lines.append(",".join(str(c) for c in cells))
+        lines.append(",".join("" if c is None else str(c) for c in cells))
     return ("\n".join(lines) + "\n").encode()
+
+
+def _rounded(value: float | None) -> str | None:
+    """Return a number with four digits; None for one that could not be determined."""
+    return None if value is None else f"{value:.4g}"

@@ -40,6 +40,7 @@ from gss.operations.telemetry.alarm_text import (
     with_unit,
 )
 from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.held_channel import HeldChannel
 from gss.operations.telemetry.limit_check import Judgement, Key
 from gss.operations.telemetry.telemetry import Judged, TelemetryService
 from gss.store import alarms as store
@@ -67,6 +68,7 @@ class AlarmService:
         self._database, self._bus, self._now = database, bus, now
         self._open = telemetry.open_alarms
         self._contact: tuple[int | None, datetime] = (None, now())
+        self._channel = HeldChannel(link)
         self._lock = threading.RLock()
 
     def start(self) -> None:
@@ -118,11 +120,11 @@ class AlarmService:
             self._contact = (self._contact[0], after_jump(self._contact[1], now, jump_s))
             self._telemetry.board.clock_jumped(now, jump_s)
 
-    def watch(self, key: Key, state: State, value: float, text: str, limit: str) -> None:
-        """Update an alarm that is judged elsewhere, for example the validity of a catalogue."""
+    def watch(self, key: Key, state: State, value: float, text: str, limit: str, *, judged: bool = True) -> None:
+        """Update an alarm that is judged elsewhere; with OK and not ``judged``, end one that cannot be judged any longer."""
         with self._lock:
             if state is not State.OK or key in self._open:
-                self._follow(key, state, value, text, limit, judged=True)
+                self._follow(key, state, value, text, limit, judged=judged)
 
     def _listen(self, now: datetime) -> None:
         contact_id = self._link.contact_id if self._link.connected else None
@@ -130,11 +132,10 @@ class AlarmService:
             self._contact = (contact_id, now)
         newest = self._telemetry.board.latest(self._link.roles.quantities.status.packet)
         last_received = self._contact[1] if newest is None else max(newest[0], self._contact[1])
-        silent_s = (now - last_received).total_seconds()
-        lost = contact_id is not None and silent_s > SIGNAL_LOST_AFTER_S
+        silent_s, held = (now - last_received).total_seconds(), self._channel.held_within(SIGNAL_LOST_AFTER_S)
+        lost = contact_id is not None and silent_s > SIGNAL_LOST_AFTER_S and not held
         if lost or SIGNAL in self._open:
-            state = State.WARNING if lost else State.OK
-            value = round(silent_s, 1)
+            state, value = State.WARNING if lost else State.OK, round(silent_s, 1)
             limit = f"no housekeeping for {SIGNAL_LOST_AFTER_S:g} s" if lost else ""
             self._follow(SIGNAL, state, value, f"Loss of signal: no housekeeping for {value:g} s", limit, judged=True)
 
@@ -144,9 +145,12 @@ class AlarmService:
             if state is not State.OK:
                 self._raise(key, state, value, text, limit)
         elif state is State.OK:
-            self._back(row, value, judged=judged)
+            self._back(row, judged=judged)
         elif row.state == "cleared" or ORDER[state] > ORDER[State(row.worst)]:
             self._again(row, state, value, text, limit)
+        elif row.packet == MARGIN and row.value is not None and value < row.value:
+            with self._database.unit_of_work() as session:
+                self._open[key] = store.set_value(session, row.id, value)  # telemetry shows that of other alarms
 
     def _raise(
         self, key: Key, level: State, value: float, text: str, limit: str, *, over: datetime | None = None
@@ -175,11 +179,12 @@ class AlarmService:
             more |= {"worst": state.value, "value": value, "limit_text": cut(limit)}
         self._change(row, state.value, text, **more)
 
-    def _back(self, row: Alarm, value: float, *, judged: bool) -> None:
+    def _back(self, row: Alarm, *, judged: bool) -> None:
         if row.state not in ("raised", "acked"):
             return
         now = self._now()
-        why = "back in limits" if judged else "not checked, the cycle is stopped"
+        unjudged = "not checked, the orbit is unknown" if row.packet == MARGIN else "not checked, the cycle is stopped"
+        why = "back in limits" if judged else unjudged
         if row.state == "acked":
             self._change(
                 row, "ok", f"{title_of(self._dictionary, row)}: {why}; closed", state="closed", cleared=now, closed=now

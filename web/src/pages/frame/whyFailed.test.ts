@@ -67,11 +67,11 @@ describe('the stages', () => {
     expect(stages.map((s) => [s.name, s.passed])).toEqual([
       ['Detection', true],
       ['Stars', false],
-      ['Identification', false],
-      ['Verification', false],
+      ['Identification', null],
+      ['Verification', null],
     ]);
-    expect(stages[1]?.words).toBe('1 usable, 1 rejected, most: area (1)');
-    expect(stages[3]?.words).toBe('no match');
+    expect(stages[1]?.words).toBe('1 usable, 1 rejected, most: area (1): no match');
+    expect(stages[3]?.words).toBe('not reached');
   });
   it('name the most frequent rejection', () => {
     const list = [region(1, 1, 'area 1 px < min 6'), region(1, 1, 'area 2 px < min 6'), region(2, 2, 'saturated')];

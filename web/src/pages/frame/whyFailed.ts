@@ -10,7 +10,8 @@ export interface Remedy {
 }
 export interface Stage {
   name: string;
-  passed: boolean;
+  /** null: the run ended before it. */
+  passed: boolean | null;
   words: string;
 }
 export interface Explanation {
@@ -69,8 +70,13 @@ export function explain(run: Run, frame: Pick<FrameDetail, 'profile' | 'complete
       passed: run.matched >= LEAST_STARS,
       words: `${run.matched} matched`,
     },
-    { name: 'Verification', passed: false, words: run.reason || 'no reason stated' },
+    { name: 'Verification', passed: false, words: 'no attitude passed it' },
   ];
+  const failed = stages.findIndex((s) => !s.passed);
+  stages.forEach((s, i) => {
+    if (i > failed) [s.passed, s.words] = [null, 'not reached'];
+    else if (i === failed && run.reason) s.words += `: ${run.reason}`;
+  });
   return { stages, ...causeOf(run, frame, rejected) };
 }
 

@@ -1,0 +1,19 @@
+"""Housekeeping that is missing because a transfer holds the channel on which the ground requests it."""
+
+from __future__ import annotations
+
+from gss.operations.line.link import LinkService
+
+
+class HeldChannel:
+    """Remembers when a transfer last held the channel."""
+
+    def __init__(self, link: LinkService) -> None:
+        self._link, self._held_s = link, float("-inf")
+
+    def held_within(self, seconds: float) -> bool:
+        """True if a transfer held the channel within this time and the sensor answered within it; call it regularly."""
+        now_s, last_s = self._link.monotonic_s(), self._link.counters.last_good_s
+        if self._link.session.transfers.holds_channel:
+            self._held_s = now_s
+        return last_s is not None and now_s - last_s < seconds and now_s - self._held_s < seconds
