@@ -2,13 +2,14 @@
 
     .venv/bin/python -m tools.chains_page
 
-A stage names a function that must exist; the constants and their sources are read from the running code.
+Every stage that a command selects is run, and nothing is written if the command does not call its function
+(:mod:`tools.chains_reach`). Constants and their sources are read from the running code.
 """
 
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,258 +20,12 @@ from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
 from gss.pipeline.chains.options import names, source_of
 from gss.pipeline.chains.systems import CONSTANT_SOURCES, system
+from tools.chain_stages import STAGES, ChainStage
+from tools.chains_reach import unreached
 
 PAGE = Path(__file__).parent.parent / "docs" / "chains.md"
 
 
-@dataclass(frozen=True)
-class ChainStage:
-    """``where``: module:function under gss.pipeline; ``reach``: how to select it on the command line; ``source``:
-    section of the document."""
-
-    what: str
-    where: str
-    source: str
-    reach: str = ""
-
-
-LOST, NEAR, TRACKED = "without `--hint`", "`--hint RA,DEC,ROLL,5`", "`--hint RA,DEC,ROLL,0.3`, or `--sequence`"
-
-STAGES: dict[str, tuple[ChainStage, ...]] = {
-    "sunsat": (
-        ChainStage("dark average of each row", "chains.sunsat_detect:dark_rows_dn", "Jacobs 1995 §2.2.1.2"),
-        ChainStage(
-            "every third pixel, 4-connected growing, 10–300 px, edge rule",
-            "chains.sunsat_detect:find_stars",
-            "§2.2.1.2–3",
-        ),
-        ChainStage("shape: moments, elongation, direction", "chains.sunsat_detect:shapes", "§2.2.3, eq. 2.4–2.10"),
-        ChainStage(
-            "centre of gravity above threshold", "chains.sunsat_detect:gravity_centroids", "§2.2, eq. 2.1–2.2, app. C.1"
-        ),
-        ChainStage(
-            "millimetres on the detector, tilt and radial polynomial",
-            "chains.sunsat_frames:corrected_uv",
-            "eq. 6.13–6.20",
-        ),
-        ChainStage("magnitude from area and illuminance", "chains.sunsat_detect:magnitudes", "eq. 2.12–2.13, app. C.1"),
-        ChainStage(
-            "match groups: magnitude, distance, ICLim, geometry split",
-            "identify.match_groups:match_groups",
-            "§3.3.5, app. D.2",
-            LOST,
-        ),
-        ChainStage("mirror test", "identify.match_groups:mirrored", "§3.3.3"),
-        ChainStage(
-            "star vectors (Baldini)",
-            "identify.star_vectors:match_star_vectors",
-            "§3.2.2, app. D.1",
-            "`--set matcher=star_vectors`",
-        ),
-        ChainStage("TRIAD on the widest pair", "chains.sunsat_match:widest_pair", "§4.1.6.1"),
-        ChainStage("roll, pitch, yaw", "chains.sunsat_frames:attitude_angles_rad", "§1.3–1.5, eq. 1.3–1.9"),
-        ChainStage(
-            "field on the sphere, with pole and RA = 0", "track.sphere_field:sphere_field", "§4.1.2, app. B", TRACKED
-        ),
-        ChainStage("nine boxes", "track.three_stars:by_boxes", "§4.1.4, Fig. 4-4", TRACKED),
-        ChainStage(
-            "expected stars and their windows", "chains.sunsat_track:expected_stars", "§4.1.2–4.1.4, §4.1.6.3", TRACKED
-        ),
-        ChainStage(
-            "search window by window, each from the untouched frame (restores the area)",
-            "chains.sunsat_track:find_in_windows",
-            "§4.1.4.1",
-            TRACKED,
-        ),
-        ChainStage(
-            "three stars by distance; fourth to seventh star",
-            "track.three_stars:ThreeStars",
-            "§4.1.4.1, Tables 4-1, 4-2",
-            TRACKED,
-        ),
-        ChainStage("predictor 2.5, −2, 0.5", "track.predictor:predict_attitude", "§4.1.8, app. E.2", "`--sequence`"),
-        ChainStage(
-            "radius of uncertainty, ADCS or TRIAD", "chains.sunsat_track:uncertainty_px", "§4.1.6, eq. 4.20", TRACKED
-        ),
-        ChainStage("a-priori attitude of the orbit", "chains.apriori:apriori_hint", "§1.3, §1.4", NEAR),
-        ChainStage(
-            "matched star vectors for ADCS, aberration",
-            "chains.sunsat_vectors:matched_vectors",
-            "§3.4, §4.1.7, §7.5",
-            "telemetry `matched_vectors`",
-        ),
-        ChainStage(
-            "GSS: false-match bound, focal-length census",
-            "chains.sunsat_bound:false_match_probability",
-            "–",
-            "`--set acceptance=document` leaves it out",
-        ),
-    ),
-    "cubestar": (
-        ChainStage(
-            "plane search, region growing 6–60 px, at most 50 invalid", "regions:search", "Erlank 2013 §4.1.1–2, §5.3.3"
-        ),
-        ChainStage("5 x 5 centroid round the brightest pixel, at most 20", "centroid:window_centroids", "§4.1.3"),
-        ChainStage(
-            "Brown's K1 K2 P1 P2",
-            "chains.cubestar_match:unit_vectors",
-            "eq. 4.1.3–6",
-            "`--set undistort=document` for inverted signs",
-        ),
-        ChainStage(
-            "geometric voting, binary search of the distance table", "identify.geometric_voting:vote", "§4.3.3", LOST
-        ),
-        ChainStage("verification votes", "identify.geometric_voting:agreement", "§4.3.3"),
-        ChainStage("assisted: catalogue within D_max", "identify.geometric_voting:reduced_table", "§4.3.4", NEAR),
-        ChainStage("tracking within 0.3°", "track.nearest:match_nearest", "§4.5", TRACKED),
-        ChainStage("states 2, 1, 0", "chains.modes:next_mode", "§5.3.4", "`--sequence`"),
-        ChainStage("QUEST, votes as weights", "attitude:quest", "§4.4, eq. 4.4.9–10"),
-        ChainStage(
-            "GSS: false-match bound",
-            "chains.cubestar:false_match_probability",
-            "–",
-            "`--set max_false_probability=1`",
-        ),
-        ChainStage(
-            "GSS: handedness, focal length",
-            "identify.focal_census:focal_objection",
-            "–",
-            "`--set acceptance=document` leaves them out",
-        ),
-    ),
-    "far_mst": (
-        ChainStage(
-            "median dark",
-            "calibration.dark:calibrate_dark",
-            "Huffman 2006 §4.1",
-            "a dark frame in use: page *Calibration*, or `gss calibrate dark`",
-        ),
-        ChainStage("n·σ threshold, 8-connected clusters", "chains.far_mst_detect:clusters", "§4.1, §4.2.1"),
-        ChainStage(
-            "5 x 5 pre-filter, sliding or block",
-            "chains.far_mst_detect:prefiltered",
-            "§4.1, §4.2.2",
-            "`--set prefilter=sliding`, `block`, `none`",
-        ),
-        ChainStage("weighted sum with aspect ratio", "chains.far_mst_centroid:weighted_sum", "§4.2.2"),
-        ChainStage("maximum likelihood", "chains.far_mst_centroid:refine_mle", "eq. 4.3–4.8", "`--set centroider=mle`"),
-        ChainStage("directory by sin²θ, k-vector", "gss.skytables.sin2:sin2_directory", "§5.5.4, eq. 6.6"),
-        ChainStage(
-            "n-vertex, 3, 4 and 5 stars",
-            "identify.n_vertex:match_figure",
-            "§5.5.4",
-            "`--set matcher=n3`, `n4`, `n5`, `auto`",
-        ),
-        ChainStage("pyramid", "identify.triad_pyramid:pyramids", "§5.5.4", "`--set matcher=pyramid`"),
-        ChainStage("tracking near predictions", "chains.far_mst_match:match_stars", "ch. 5, Fig. 8.2", TRACKED),
-        ChainStage(
-            "frame to frame: pair, triangle",
-            "chains.far_mst_relative:relative_attitude",
-            "§5.5, Fig. 8.2",
-            "`--sequence`",
-        ),
-        ChainStage("frame to frame: rate match", "track.rate_match:rate_match", "§5.5.3, §8.1.2", "`--sequence`"),
-        ChainStage(
-            "relative attitude chaining",
-            "chains.far_mst_relative:chained",
-            "§7.2, eq. 7.1–7.2",
-            "`--sequence`: bridges images without names",
-        ),
-        ChainStage("angular rate", "chains.far_mst_relative:rate_rad_s", "§7.2", "`--sequence --interval S`"),
-        ChainStage("selector of the matcher", "chains.far_mst_match:match_stars", "Fig. 8.2", "`--set matcher=auto`"),
-        ChainStage("QUEST with covariance", "attitude:quest", "eq. 6.34"),
-        ChainStage(
-            "q-method, SVD, FOAM",
-            "chains.far_mst:attitude_of",
-            "eq. 6.21–6.24, 6.50, 6.54",
-            "`--set attitude_method=q_method`, `svd`, `foam`",
-        ),
-        ChainStage(
-            "GSS: false-match bound, share of identified stars",
-            "chains.far_mst_verify:complete",
-            "–",
-            "`--set acceptance=document` leaves it out",
-        ),
-    ),
-    "oersted": (
-        ChainStage(
-            "threshold, limit of brightness", "chains.oersted:find_centroids", "Liebe 1992, Magnitude-Uncertainty"
-        ),
-        ChainStage(
-            "window centroid (hyperaccuracy)", "hyperaccuracy:hyperaccurate_centroids", "Liebe 1992, Hyperaccuracy"
-        ),
-        ChainStage(
-            "triplets: two nearest neighbours and their angle", "gss.skytables.triplets:features", "Initial Estimate"
-        ),
-        ChainStage(
-            "data base, quantised, with uncertainties of place and magnitude",
-            "gss.skytables.triplets:build_triplets",
-            "Inclusion of Position- and Magnitude-Uncertainty",
-        ),
-        ChainStage("vote among candidates", "identify.triplet_vote:vote", "Initial Estimate", LOST),
-        ChainStage(
-            "GSS: candidates one by one if the vote fails",
-            "identify.triplet_alone:attitudes_of_triplet",
-            "–",
-            "`--set triplets_alone=0` leaves it out",
-        ),
-        ChainStage(
-            "predicted image, nearest fit", "track.least_distance:pair_least_distance", "Predictional Estimate", TRACKED
-        ),
-        ChainStage(
-            "predictional estimate, least squares",
-            "track.predictional:predictional_fit",
-            "Predictional Estimate",
-            TRACKED,
-        ),
-        ChainStage(
-            "differential correction", "track.differential:differential_attitude", "Predictional Estimate", TRACKED
-        ),
-        ChainStage(
-            "averaging of successive estimates",
-            "track.constant_rate:average_estimates",
-            "Predictional Estimate",
-            "`--sequence --set averaged=3`",
-        ),
-        ChainStage("assisted: triplets near the hint", "chains.oersted_match:match_stars", "– (GSS)", NEAR),
-        ChainStage(
-            "GSS: bound, residuals, focal length",
-            "chains.oersted:false_match_probability",
-            "–",
-            "`--set acceptance=document` leaves them out",
-        ),
-    ),
-    "aim": (
-        ChainStage("coarse image and its mask", "coarse_mask:coarse_mask", "Moniteq 1983 §6.1, Fig. 6.1", LOST),
-        ChainStage(
-            "predicted windows, 4 x 4 or 3 x 3",
-            "coarse_mask:windows_mask",
-            "§3.8, Fig. 6.1",
-            TRACKED + "; `--set window_px=4`",
-        ),
-        ChainStage("mean locator with dark mean", "mean_locator:mean_locations_px", "§4.1–4.3"),
-        ChainStage("linear correction of its bias", "mean_locator:bias_gain", "§4.2"),
-        ChainStage("linked neighbour list, convex hull", "gss.skytables.neighbours:neighbour_links", "§6.1"),
-        ChainStage("walk along the links", "track.link_walk:walk", "§6.1, Fig. 6.1", TRACKED),
-        ChainStage("combinatorial blind search", "identify.neighbour_pattern:pair_hypotheses", "§6.1, Fig. 6.1", LOST),
-        ChainStage("differential small-angle attitude, iterated", "track.differential:small_rotation_rad", "§6.2"),
-        ChainStage(
-            "guidance error: blind search of the same frame",
-            "track.search_and_track:raises_guidance_error",
-            "§6.1, Fig. 6.1",
-            TRACKED,
-        ),
-        ChainStage(
-            "two cameras", "track.cameras_together:body_attitude", "§6.2", "`gss.pipeline.track.cameras_together`"
-        ),
-        ChainStage(
-            "GSS: bound, residuals, handedness",
-            "chains.aim:false_match_probability",
-            "–",
-            "`--set acceptance=document` leaves them out",
-        ),
-    ),
-}
 TITLES = {
     "sunsat": "Jacobs 1995, chapters 2 to 4",
     "cubestar": "Erlank 2013, chapters 4 and 5",
@@ -280,11 +35,13 @@ TITLES = {
 }
 
 
-def function(where: str) -> Any:
+def function(stage: ChainStage) -> Any:
     """Return the function that a stage names; ImportError or AttributeError if it does not exist."""
-    module, name = where.split(":")
-    full = module if module.startswith("gss.") else f"gss.pipeline.{module}"
-    return getattr(importlib.import_module(full), name)
+    module, name = stage.full_name.split(":")
+    found = importlib.import_module(module)
+    for part in name.split("."):
+        found = getattr(found, part)
+    return found
 
 
 def text() -> str:
@@ -294,7 +51,7 @@ def text() -> str:
         "",
         "For engineers. This page lists the algorithms of each system stage by stage, with the function, the section of the",
         "publication, and how to select the stage on the command line: `gss solve FILE --camera X --chain X …`.",
-        "Constants are those",
+        "A test runs each command and checks that it calls the function. Constants are those",
         "for the system's camera and exposure; `--set NAME=VALUE` changes one. An on-board calibration or parameter",
         "table changes the",
         "numbers it contains. Stages marked *GSS* are not in the publication; they run after its algorithm and can",
@@ -310,10 +67,10 @@ def text() -> str:
             "|---|---|---|---|",
         ]
         for s in stages:
-            function(s.where)
+            function(s)
             module, called = s.where.split(":")
             module = module.removeprefix("gss.")
-            parts.append(f"| {s.what} | `{module}.{called}` | {s.source} | {s.reach or 'always'} |")
+            parts.append(f"| {s.what} | `{module}.{called}` | {s.source} | {s.selected_with} |")
         parts += ["", "| constant | value | source |", "|---|---:|---|", *_constants(name), ""]
     return "\n".join(parts).rstrip() + "\n"
 
@@ -340,5 +97,15 @@ def _value(value: Any) -> str:
     return f"{value}"
 
 
+def main() -> int:
+    """Write the page if every stage is reached."""
+    missing = unreached(STAGES)
+    for line in missing:
+        print(line)
+    if not missing:
+        PAGE.write_text(text(), "utf-8")
+    return 1 if missing else 0
+
+
 if __name__ == "__main__":
-    PAGE.write_text(text(), "utf-8")
+    sys.exit(main())

@@ -281,7 +281,7 @@ def _session(server: RoughServer, data: Path) -> str:
     command = [*_gss(), "user", "add", "hour-watch", "--role", "operator", "--password-stdin", "--data", str(data)]
     subprocess.run(command, input=secret + "\n", text=True, check=True, capture_output=True)
     body = {"name": "hour-watch", "password": secret}
-    reply = httpx2.post(f"{server.address}/api/session", json=body, headers={"X-GSS": "1"})
+    reply = httpx2.post(f"{server.address}/api/session", json=body, headers={"X-GSS": "1"}, timeout=START_S)
     reply.raise_for_status()
     return str(reply.cookies["gss_session"])
 

@@ -20,6 +20,7 @@ from validation.jacobs.catalogue import jacobs_5_1, jacobs_5_2
 from validation.jacobs.matching import jacobs_3_7
 from validation.jacobs.tracking import jacobs_fig_2_7, jacobs_tracking
 from validation.liebe.tables import liebe_2, liebe_3, liebe_18
+from validation.moniteq.differential import moniteq_differential
 from validation.moniteq.locator import moniteq_4_2, moniteq_nea, moniteq_noise
 from validation.moniteq.screening import moniteq_screening
 from validation.moniteq.sky import moniteq_2_1, moniteq_links
@@ -59,6 +60,9 @@ ENTRIES: dict[str, ExperimentEntry] = {
         ExperimentEntry("moniteq-4-2", "Systematic error of the mean locator", moniteq_4_2, 1),
         ExperimentEntry("moniteq-noise", "Noise of the mean locator", moniteq_noise, 60_000),
         ExperimentEntry("moniteq-nea", "Noise equivalent angle against orbital rate", moniteq_nea, 1),
+        ExperimentEntry(
+            "moniteq-differential", "Differential attitude with one and two cameras", moniteq_differential, 2_000
+        ),
         ExperimentEntry("moniteq-links", "Walking links against searching the list", moniteq_links, 500),
         ExperimentEntry(
             "moniteq-screening", "False matches by chance, and stars to screen out", moniteq_screening, 9_000

@@ -304,9 +304,10 @@ def as_text(record: dict[str, Any]) -> str:
         else f" ± {record['sigma_arcsec']:.1f}″ per axis, roll ± {record['sigma_roll_arcsec']:.0f}″"
     )
     chance = "unknown" if record["false_match_probability"] is None else f"{record['false_match_probability']:.1e}"
+    residual = "unknown" if record["residual_rms_px"] is None else f"{record['residual_rms_px']:.2f} px"
     lines = [
         f"{record['file']}: RA {record['ra_deg']:.5f}°  Dec {record['dec_deg']:+.5f}°  roll {record['roll_deg']:.4f}°{sigma}",
-        f"  {record['matched']} of {record['centroids']} stars identified, residual {record['residual_rms_px']:.2f} px, "
+        f"  {record['matched']} of {record['centroids']} stars identified, residual {residual}, "
         f"field of view {fov}, false-match probability {chance}",
         f"  {record['chain']} chain, {total_ms:.0f} ms",
     ]

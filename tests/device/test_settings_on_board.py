@@ -16,6 +16,8 @@ from gss.device.session_events import Stage
 from gss.domain.rotation import matrix_from_quaternion
 from gss.pipeline.chains.apriori import EARTH_RADIUS_M, KnownOrbit, apriori_hint
 from gss.pipeline.chains.sunsat_frames import BODY_FROM_CAM, attitude_angles_rad
+from tools.chain_stages import STAGES
+from tools.chains_reach import recorded
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -228,3 +230,17 @@ def _device_time_of(bench: Bench) -> float:
     offset_s = bench.memory.record.utc_offset_s
     assert offset_s is not None
     return UTC_S - offset_s
+
+
+def test_the_unit_runs_the_stages_that_need_its_orbit(make_bench: Callable[..., Bench]) -> None:
+    """Rows of docs/chains.md that only a unit with orbit, UTC and a-priori attitude runs."""
+    bench, orbit, angles_rad = sunsat(make_bench)
+    bench.do("SET_TIME", utc_s=UTC_S)
+    give(bench, orbit, angles_rad)
+    bench.do("SET_MODE", mode="assisted")
+    bench.do("SET_FRAME_RATE", period_ms=1000)
+    with recorded() as calls:
+        bench.do("START_CYCLE")
+        bench.run(8.0)
+        bench.do("STOP_CYCLE")
+    assert [s.where for s in STAGES["sunsat"] if s.by_unit and s.full_name not in calls] == []

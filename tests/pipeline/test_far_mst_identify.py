@@ -21,7 +21,7 @@ from gss.domain.rotation import (
 )
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.far_mst_parameters import default_parameters
-from gss.pipeline.chains.far_mst_relative import Relative, chained, rate_rad_s, relative_attitude
+from gss.pipeline.chains.far_mst_relative import Relative, chained, relative_attitude
 from gss.pipeline.identify.baselines import BaselineCandidates, Baselines, baselines
 from gss.pipeline.identify.frame_figures import candidate_star_matrix, pair_match, triangle_match
 from gss.pipeline.identify.n_vertex import consistent_names, figures, match_figure
@@ -263,17 +263,6 @@ def test_errors_of_chained_attitudes_accumulate() -> None:
         before_trace = np.trace(attitude.covariance_rad2)
     assert before_trace == pytest.approx(3 * (1e-10 + 10 * 1e-10), rel=1e-6)
     assert rotation_angle_rad(attitude.cam_from_icrs, rotation) < 4 * np.sqrt(before_trace)
-
-
-def test_rate_has_the_cameras_sign() -> None:
-    """A camera that rotates about +x by 0.01 rad in 0.5 s has a rate of +0.02 rad/s about x, as the renderer defines
-    it.
-    """
-    turn = rotation_from_vector(np.array([-0.01, 0.0, 0.0]))
-    found = Relative(quaternion_from_matrix(turn), np.eye(3) * 1e-8, np.zeros((2, 2), np.intp), "rate", 0.0, "")
-    rate, covariance = rate_rad_s(found, 0.5)
-    np.testing.assert_allclose(rate, [0.02, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(covariance, np.eye(3) * 4e-8)
 
 
 def test_invalid_relative_requests_are_rejected() -> None:

@@ -76,21 +76,6 @@ def chained(attitude: Attitude, relative: Relative) -> Attitude:
     return Attitude(quaternion, turn @ attitude.covariance_rad2 @ turn.T + relative.covariance_rad2)
 
 
-def rate_rad_s(relative: Relative, interval_s: float) -> tuple[Array, Array]:
-    """Return the (3,) angular velocity in camera axes, assuming uniform rotation, and its (3, 3) covariance.
-
-    If the camera rotates by ω·t, the sky rotates by −ω·t in its frame, so the rotation vector of ``quaternion`` changes sign.
-    """
-    if relative.quaternion is None or not interval_s > 0:
-        raise BadInput(
-            "no rate without a turn and an interval", expected="a solved relative attitude, interval above 0 s"
-        )
-    q = relative.quaternion if relative.quaternion[3] >= 0 else -relative.quaternion
-    half = float(np.linalg.norm(q[:3]))
-    scale = 2.0 if half < 1e-12 else 2 * np.arctan2(half, q[3]) / half
-    return -scale * q[:3] / interval_s, relative.covariance_rad2 / interval_s**2
-
-
 def _stars(centroids: Centroids, camera: Camera, p: FarMstParameters) -> tuple[Array, Array]:
     """Return (n, 3) directions and (n,) σ in rad of the stars used."""
     used = centroids.take(np.arange(min(len(centroids), p.max_centroids)))

@@ -1,8 +1,8 @@
 """Sunsat's coordinate frames (Jacobs 1995 ch. 1) and exact conversions to the project's frames and back.
 
-colrow, horvert   pixels and millimetres from the lower left corner of the frame with its dummy and dark columns.
 uv                millimetres on the detector from the optical axis, u = horoptcen − hor, v = vert − vertoptcen (eq. 1.3).
 ss                star sensor, +y boresight (eq. 1.4–1.9).   body, orbit, celestial: §1.3–1.5.
+The camera model of :mod:`gss.domain.camera` replaces the path over u and v; a test writes that path out as printed.
 
 Handedness: eqs. 1.3 and 1.6 together give x_ss increasing with the columns and z_ss decreasing with v. Drawn with v upwards
 that *is* a mirror image, as expected: the document draws the detector from its front, where the lens inverts both left and
@@ -19,101 +19,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gss.domain.angles import Array, ra_dec_from_unit, unit_from_ra_dec
-from gss.domain.camera import Camera
+from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import rotation_x, rotation_y, rotation_z
 
-# §1.1: dummy and dark columns before the image, dummy and dark rows below it.
-DUMMY_COLUMNS, DUMMY_ROWS = 25, 12
 # Camera (+z boresight, +x columns, +y rows) to star sensor (+y boresight, x along the columns, z opposite to v).
 SS_FROM_CAM = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 # According to the text of §1.3: 180° about x, then −45° about z. Eq. 1.14 has only the second rotation (errata).
 BODY_FROM_SS = rotation_z(-np.pi / 4) @ rotation_x(np.pi)
 BODY_FROM_CAM = BODY_FROM_SS @ SS_FROM_CAM
-
-
-@dataclass(frozen=True)
-class Plate:
-    """The detector in millimetres. ``centre_*_px``: position of the optical axis in the project's pixel coordinates."""
-
-    hunit_mm: float
-    vunit_mm: float
-    focal_mm: float
-    centre_col_px: float
-    centre_row_px: float
-
-    @classmethod
-    def of(cls, camera: Camera, focal_mm: float) -> Plate:
-        """Return the plate of a camera whose lens has that focal length."""
-        return cls(
-            focal_mm / camera.focal_col_px,
-            focal_mm / camera.focal_row_px,
-            focal_mm,
-            camera.centre_col_px,
-            camera.centre_row_px,
-        )
-
-    @property
-    def optical_centre_mm(self) -> tuple[float, float]:
-        """(horoptcen, vertoptcen) of eq. 1.3."""
-        h, v = self.horvert_from_pixels(np.array([[self.centre_col_px, self.centre_row_px]]))[0]
-        return float(h), float(v)
-
-    def horvert_from_pixels(self, pixels: Array) -> Array:
-        """(n, 2) hor, vert in mm of (n, 2) pixels (col, row); in eq. 2.1–2.2 a pixel's centre is at column − 0.5."""
-        p = np.asarray(pixels, float) + 0.5 + np.array([DUMMY_COLUMNS, DUMMY_ROWS])
-        return np.asarray(p * np.array([self.hunit_mm, self.vunit_mm]))
-
-    def pixels_from_horvert(self, horvert_mm: Array) -> Array:
-        """Inverse of :meth:`horvert_from_pixels`."""
-        p = np.asarray(horvert_mm, float) / np.array([self.hunit_mm, self.vunit_mm])
-        return np.asarray(p - 0.5 - np.array([DUMMY_COLUMNS, DUMMY_ROWS]))
-
-    def uv_from_pixels(self, pixels: Array) -> Array:
-        """(n, 2) u, v in mm, as measured (eq. 1.3)."""
-        hor, vert = self.horvert_from_pixels(pixels).T
-        hor_centre, vert_centre = self.optical_centre_mm
-        return np.stack([hor_centre - hor, vert - vert_centre], axis=-1)
-
-    def pixels_from_uv(self, uv_mm: Array) -> Array:
-        """Inverse of :meth:`uv_from_pixels`."""
-        u, v = np.asarray(uv_mm, float).T
-        hor_centre, vert_centre = self.optical_centre_mm
-        return self.pixels_from_horvert(np.stack([hor_centre - u, vert_centre + v], axis=-1))
-
-
-def corrected_uv(uv_mm: Array, camera: Camera, focal_mm: float) -> Array:
-    """(n, 2) u, v in mm corrected for tilt and lens aberration (eq. 6.13–6.20) with the camera's distortion, whose axes are −u
-    and +v in units of the focal length."""
-    flip = np.array([-1.0, 1.0])
-    return np.asarray(camera.distortion.undistort(np.asarray(uv_mm, float) * flip / focal_mm) * focal_mm * flip)
-
-
-def ss_from_uv(uv_mm: Array, focal_mm: float) -> Array:
-    """(n, 3) star sensor unit vectors of corrected (n, 2) u, v (``uvtoss``, eq. 1.4–1.6)."""
-    u, v = np.moveaxis(np.asarray(uv_mm, float), -1, 0)
-    phi = np.arctan2(u, focal_mm)
-    lam = np.arctan2(v * np.cos(phi), focal_mm)
-    return np.stack([-np.sin(phi) * np.cos(lam), np.cos(phi) * np.cos(lam), -np.sin(lam)], axis=-1)
-
-
-def uv_from_ss(unit_ss: Array, focal_mm: float) -> Array:
-    """(n, 2) u, v in mm of (n, 3) star sensor vectors (``sstouv``, eq. 1.7–1.9 without their arcsine); NaN behind the lens."""
-    x, y, z = np.moveaxis(np.asarray(unit_ss, float), -1, 0)
-    ahead = np.where(y > 0, y, np.nan)
-    return np.stack([-focal_mm * x / ahead, -focal_mm * z / ahead], axis=-1)
-
-
-def celestial_from_sphere(ra_rad: Array | float, dec_rad: Array | float) -> Array:
-    """(…, 3) celestial vectors (``cstoc``, eq. 1.21)."""
-    return unit_from_ra_dec(ra_rad, dec_rad)
-
-
-def sphere_from_celestial(unit: Array) -> tuple[Array, Array]:
-    """Right ascension and declination (``ctocs``, eq. 1.22); with arctangents, because its arcsine of z loses half the
-    digits at the poles."""
-    return ra_dec_from_unit(unit)
 
 
 def euler_123(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:

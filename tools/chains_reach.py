@@ -1,0 +1,146 @@
+"""Show that the command line reaches every stage of docs/chains.md, by running ``gss`` and recording what it calls."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import TYPE_CHECKING
+
+from gss.cli import main
+
+if TYPE_CHECKING:
+    from tools.chain_stages import ChainStage
+
+ROOT = Path(__file__).parent.parent
+ORION_DEG = (84.0, 0.0, 20.0)
+"""Right ascension, declination and roll of the first image; every camera sees enough bright stars there."""
+TURN_DEG = 0.05
+"""Rotation between two images of a sequence."""
+SEQUENCE = 4
+FEW_STARS_S = "0.02"
+"""Exposure in which far_mst sees 11 stars."""
+FALSE_STARS = "60"
+"""Number of false stars among which the vote of oersted fails."""
+OPTION = re.compile(r"`(--[^`]*)`")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Images of one system's camera: ``plain`` is a sequence, ``few`` the same with few stars in its third image,
+    ``crowded`` an image with false stars, ``dark`` images without stars."""
+
+    system: str
+    plain: tuple[Path, ...]
+    few: tuple[Path, ...]
+    crowded: Path
+    dark: tuple[Path, ...]
+
+
+def render_scene(system: str, folder: Path) -> Scene:
+    """Render the images with ``gss render``. RuntimeError if that fails."""
+
+    def image(name: str, k: int, *options: str) -> Path:
+        ra, dec, roll = ORION_DEG
+        out = folder / f"{system}-{name}-{k}.png"
+        at = f"{ra + k * TURN_DEG},{dec},{roll}"
+        with contextlib.redirect_stdout(io.StringIO()):
+            code = main(["render", "--camera", system, "--at", at, "--out", str(out), "--seed", str(k + 1), *options])
+        if code != 0:
+            raise RuntimeError(f"gss render --camera {system} failed with exit code {code}")
+        return out
+
+    plain = tuple(image("plain", k) for k in range(SEQUENCE))
+    few = (*plain[:2], image("few", 2, "--exposure", FEW_STARS_S), plain[3])
+    dark = tuple(image("dark", k, "--exposure", "0.000001") for k in range(SEQUENCE))
+    return Scene(system, plain, few, image("crowded", 0, "--false-stars", FALSE_STARS), dark)
+
+
+def unreached(stages: Mapping[str, Sequence[ChainStage]]) -> list[str]:
+    """Run every stage that a command selects; return a line for each that its command does not call, or calls although
+    an option leaves it out. Stages of the simulated unit are tested with the unit."""
+    missing: list[str] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for system, rows in stages.items():
+            scene, known = render_scene(system, Path(folder)), {}
+            for stage in rows:
+                if stage.by_unit:
+                    continue
+                arguments = command(scene, stage)
+                if arguments not in known:
+                    known[arguments] = called(arguments)
+                if not _is_in(stage.full_name, known[arguments]):
+                    missing.append(f"{system}: {stage.where} is not called by gss {' '.join(arguments)}")
+                if stage.left_out_by:
+                    without = called(_solve(scene, stage.left_out_by, scene.plain[:1]))
+                    if _is_in(stage.full_name, without):
+                        missing.append(f"{system}: {stage.where} is called with {stage.left_out_by}")
+    return missing
+
+
+def command(scene: Scene, stage: ChainStage) -> tuple[str, ...]:
+    """Return the arguments of ``gss`` that reach a stage; its scene can also be an experiment."""
+    if stage.scene == "dark":
+        return ("calibrate", *map(str, scene.dark), "--camera", scene.system, "--darks")
+    if stage.scene == "experiment":
+        (words,) = re.findall(r"`gss ([^`]*)`", stage.reach)
+        return (*words.split(), "--trials", "40")
+    options = (
+        "" if stage.left_out_by or stage.reach.startswith("without") else " ".join(OPTION.findall(stage.reach)[:1])
+    )
+    if stage.scene == "crowded":
+        return _solve(scene, options, (scene.crowded,))
+    images = scene.few if stage.scene == "few" else scene.plain
+    return _solve(scene, options, images if "--sequence" in options else images[:1])
+
+
+def _solve(scene: Scene, options: str, images: Sequence[Path]) -> tuple[str, ...]:
+    ra, dec, roll = ORION_DEG
+    given = options.replace("RA,DEC,ROLL", f"{ra},{dec},{roll}").replace("--interval S", "--interval 1").split()
+    return ("solve", *map(str, images), "--camera", scene.system, "--chain", scene.system, *given)
+
+
+def called(arguments: Sequence[str]) -> frozenset[str]:
+    """Run ``gss`` in this process and return the functions of GSS that it called, as module:name."""
+    with (
+        recorded() as names,
+        contextlib.redirect_stdout(io.StringIO()),
+        contextlib.redirect_stderr(io.StringIO()),
+    ):
+        main(list(arguments))
+    return frozenset(names)
+
+
+@contextlib.contextmanager
+def recorded() -> Iterator[set[str]]:
+    """Provide a set that, after the block, holds the functions of GSS that were called in it."""
+    codes: set[CodeType] = set()
+    names: set[str] = set()
+
+    def note(frame: FrameType, event: str, _argument: object) -> None:
+        if event == "call":
+            codes.add(frame.f_code)
+
+    threading.setprofile(note)
+    sys.setprofile(note)
+    try:
+        yield names
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+        for code in codes:
+            path = Path(code.co_filename)
+            if path.is_relative_to(ROOT / "gss"):
+                module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+                names.add(f"{module}:{code.co_qualname}")
+
+
+def _is_in(name: str, calls: frozenset[str] | set[str]) -> bool:
+    return name in calls or any(one.startswith(f"{name}.") for one in calls)
