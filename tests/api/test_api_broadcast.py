@@ -73,7 +73,7 @@ async def until(true: Callable[[], bool]) -> None:
 
 
 def services(bus: EventBus) -> Any:
-    return SimpleNamespace(bus=bus)
+    return SimpleNamespace(base=SimpleNamespace(bus=bus))
 
 
 def follow(bus: EventBus, broadcaster: Broadcaster, connection: Connection, **given: Any) -> Awaitable[None]:

@@ -87,7 +87,7 @@ def test_reprocessing_keeps_one_result_per_frame_and_resumes(client: TestClient)
     assert (row["judged"] > 0, row["wrong_most"] < 1) == (True, True)
     left = client.post("/api/campaigns/reprocess", json={"chain": "cubestar"})
     assert left.status_code == 400
-    assert "no frame to run" in left.json()["message"]
+    assert "No frame to run" in left.json()["message"]
     again = client.post("/api/campaigns/reprocess", json={"chain": "cubestar", "frame_ids": [1, 2], "again": True})
     assert finished(client, again.json())["done"] == 2
 
