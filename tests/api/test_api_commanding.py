@@ -242,7 +242,7 @@ def test_a_stack_is_stored_tried_run_and_followed(console):
         400,
         json={"name": "x", "steps": [{"command": "SET_EXPOSURE", "arguments": {"exposure_ms": 0}}]},
     )
-    assert bad["message"].startswith("step 1: ")
+    assert bad["message"].startswith("Step 1: ")
 
 
 def test_a_command_is_scheduled_listed_and_cancelled(console):

@@ -70,7 +70,7 @@ def test_an_unusual_removal_needs_the_confirmed_preview(client):
     assert (refused.status_code, "2100 of" in refused.json()["got"]) == (409, True), refused.text
     confirmed = {name: preview[name] for name in ("at", "frames", "frames_bytes", "packets", "to_thin", "events")}
     fewer = client.post("/api/admin/retention/run", json={"confirmed": confirmed | {"events": 2000}})
-    assert (fewer.status_code, "more data would be removed" in fewer.json()["message"]) == (409, True), fewer.text
+    assert (fewer.status_code, "More data would be removed" in fewer.json()["message"]) == (409, True), fewer.text
     job = client.post("/api/admin/retention/run", json={"confirmed": confirmed})
     assert job.status_code == 202, job.text
     app.base.jobs.finish()
