@@ -76,7 +76,7 @@ def test_a_line_that_opens_while_the_database_is_locked_gets_its_contact_later(s
     server = serve()
     console = server.console
     with locked(server.folder / "gss.db"):
-        server.console.http.post("/link/open", json={"url": sensor.url}, timeout=30)
+        server.console.http.post("/link/open", json={"url": sensor.url}, timeout=90)
         console.wait("the sensor", lambda: console.get("/link")["dictionary_match"], 30)
         assert console.post("/commands/abort")["command"] is None
     contact = console.wait("the contact", lambda: next(iter(console.get("/contacts")), None))
