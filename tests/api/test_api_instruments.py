@@ -74,7 +74,7 @@ def test_a_package_with_mistakes_is_refused_with_file_line_and_field(server: dic
     assert "camera.yaml, line 8" in reply.json()["message"]
     names = [i["name"] for i in server["viewer"].get("/api/instruments").json()["instruments"]]
     assert "mine" not in names
-    assert not list(server["services"].settings.instruments_folder.glob("mine*"))
+    assert not list(server["services"].base.settings.instruments_folder.glob("mine*"))
 
 
 def test_a_new_version_is_checked_compared_installed_and_exported(server: dict[str, Any]) -> None:
@@ -131,7 +131,7 @@ def test_use_is_counted_by_version(server: dict[str, Any], tmp_path: Path) -> No
     frame |= {"dtype": "|u1", "sha256": "0" * 64, "rows_held": [], "parameters": {}}
     made = {"name": "c", "format": "aim", "created": now, "author": "a", "stars": 1, "pairs": 1, "size": 1}
     made |= {"sha256": "1" * 64, "request": {}, "manifest": {}, "report": {}}
-    with server["services"].database.unit_of_work() as session:
+    with server["services"].base.database.unit_of_work() as session:
         session.add(Frame(**frame, profile="aim", instrument_version=version))
         session.add(Frame(**frame, profile="aim"))
         session.add(Contact(url="x", started=now, ended=now, instrument="aim", instrument_version=version))

@@ -120,7 +120,7 @@ def test_an_instrument_is_made_from_photographs(server: Server) -> None:
     assert numbers["pitch_column"]["chosen"] == "size of a pixel as stated by the user or the files"
     again = server.client.post(PATH, json=body)
     assert again.status_code == 409, again.text
-    assert "an instrument of this name exists" in again.text
+    assert "An instrument of this name exists" in again.text
 
 
 def test_what_no_camera_follows_from_is_refused_with_reasons(server: Server) -> None:
@@ -138,7 +138,7 @@ def test_what_no_camera_follows_from_is_refused_with_reasons(server: Server) -> 
     [
         ({"name": "cubestar"}, 409, "exists"),
         ({"name": "No Name"}, 422, "name"),
-        ({"model": "nosuch"}, 404, "unknown instrument"),
+        ({"model": "nosuch"}, 404, "Unknown instrument"),
         ({"frame_ids": [1, 2]}, 422, "at least 3"),
         ({"frame_ids": [1, 1, 2]}, 422, "appears twice"),
         ({"frame_ids": [1, 2, 9999]}, 404, "frame"),

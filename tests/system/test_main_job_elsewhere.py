@@ -119,7 +119,7 @@ def test_the_main_job_runs_on_postgresql_and_an_object_store(
     assert ran["state"] == "done", ran
 
     other = serve_refused(tmp_path, elsewhere)
-    assert "another server runs on this database" in other
+    assert "Another server runs on this database" in other
     server.stop()
     held = {name.rsplit("/", 2)[1] + name.rsplit("/", 1)[1] for name in bucket.find(f"{BUCKET}/gss")}
     assert {detail["sha256"], catalogue["sha256"]} <= held

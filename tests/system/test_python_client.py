@@ -62,7 +62,7 @@ def test_refusals_are_exceptions_with_the_servers_words(serve, new_token):
     address = server.console.address
     with Client(address, "wrong") as gss, pytest.raises(NotAllowed):
         gss.link()
-    with Client(address, new_token(server.console, "viewer")) as gss, pytest.raises(NotAllowed, match="permission"):
+    with Client(address, new_token(server.console, "viewer")) as gss, pytest.raises(NotAllowed, match="Permission"):
         gss.submit("TAKE_IMAGE")
     with Client(address, new_token(server.console)) as gss:
         gss.wait_connected(60)

@@ -102,7 +102,7 @@ def test_one_data_folder_has_one_server(serve, tmp_path):
     online(first.console)
     command = [sys.executable, "-m", "gss", "serve", "--port", "0", "--data", str(first.folder)]
     other = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert (other.returncode, "another GSS server" in other.stderr) == (2, True)
+    assert (other.returncode, "Another GSS server" in other.stderr) == (2, True)
     assert first.console.get("/contacts")[0]["ended"] is None
 
 
