@@ -184,7 +184,7 @@ def test_a_blank_frame_has_no_solution_and_a_reason(client):
         ({"orbit": "elements", "roll_deg": [5.0, -5.0]}, "roll"),
         ({"start": "yesterday"}, "not a date"),
         ({"bright_mag": 5.0}, "bright limit"),
-        ({"faint_mag": 7.9}, "overflows"),
+        ({"faint_mag": 7.9}, "too large for the bank"),
     ],
 )
 def test_an_impossible_catalogue_is_rejected_with_a_message(client, change, words):
