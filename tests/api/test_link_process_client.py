@@ -191,9 +191,9 @@ def test_a_missing_response_is_an_error_with_instructions(method: str, hint: str
 
     broken, unreachable = asyncio.run(run())
     assert (broken.sent[0]["status"], unreachable.sent[0]["status"]) == (503, 503)
-    assert b"the link process fm1 did not send a complete response" in broken.body
+    assert b"The link process fm1 did not send a complete response" in broken.body
     assert hint.encode() in broken.body
-    assert b"the link process fm1 does not respond" in unreachable.body
+    assert b"The link process fm1 does not respond" in unreachable.body
     assert b"again in a few seconds" in unreachable.body
 
 
