@@ -125,7 +125,7 @@ def test_invalid_bench_input_is_rejected_with_a_message(tmp_path: Path, capsys: 
         (["focus", "--camera", "cubestar"], "--at, or --widths"),
         (["focus", str(image), "--at", "1,2", "--camera", "cubestar"], "its setting"),
         (["focal-pairs", str(image), "--camera", "hubble"], "Unknown instrument"),
-        (["radial", str(image), "--camera", "cubestar", "--order", "7"], "order is out of range"),
+        (["radial", str(image), "--camera", "cubestar", "--order", "7"], "Order is out of range"),
         (["checkerboard", str(image), "--corners", "many", "--square-mm", "1"], "corners"),
     )
     for arguments, expected in wrong:

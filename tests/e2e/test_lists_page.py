@@ -31,7 +31,7 @@ def test_a_file_of_lists_is_solved(page: Page, tmp_path: Path) -> None:
     page.get_by_test_id("lists-flat").check()
     page.get_by_test_id("lists-file").set_input_files(tmp_path / "bad.csv")
     page.get_by_test_id("lists-start").click()
-    expect(page.get_by_test_id("lists-problem")).to_contain_text(f"line {len(rows) + 1} of bad.csv")
+    expect(page.get_by_test_id("lists-problem")).to_contain_text(f"Line {len(rows) + 1} of bad.csv")
     page.get_by_test_id("lists-file").set_input_files(tmp_path / "night.csv")
     page.get_by_test_id("lists-start").click()
     expect(page.get_by_test_id("lists-result")).to_have_count(2, timeout=240_000)
