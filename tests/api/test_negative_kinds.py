@@ -25,6 +25,7 @@ STARTED_AT = {
     "analysis": "/api/analyses",
     "lists": "/api/lists",
     "instrument": "/api/instruments/photographs",
+    "rehearsal": "/api/pass-plans/{plan_id}/rehearsals",
     "derive": "/api/telemetry/derived/{name}/recompute",
     "backup": "/api/admin/backups",
     "retention": "/api/admin/retention/run",
