@@ -31,7 +31,7 @@ def test_a_hostile_star_list_is_refused(
     path.write_bytes(hostile.content(name))
     out = str(tmp_path / "bank.bin")
     said = refused(["catalogue", "build", "--list", str(path), *STATED, "--out", out], capsys)
-    assert "expected" in said
+    assert "Expected" in said
     assert not Path(out).exists()
 
 

@@ -87,4 +87,4 @@ def test_bad_input_is_named(
     (tmp_path / "wrong.tle").write_text(TLE.replace("9991", "9992"))
     monkeypatch.chdir(tmp_path)
     assert main(["passes", *words, "--data", str(tmp_path)]) == 2
-    assert reason in capsys.readouterr().err
+    assert reason.lower() in capsys.readouterr().err.lower()

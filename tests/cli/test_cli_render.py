@@ -66,5 +66,5 @@ def test_impossible_images_are_refused(
     """Exit code 2, the reason, and no file."""
     monkeypatch.chdir(tmp_path)
     assert main(["render", "--camera", "cubestar", *options]) == 2
-    assert message in capsys.readouterr().err
+    assert message.lower() in capsys.readouterr().err.lower()
     assert not list(tmp_path.iterdir())
