@@ -54,7 +54,7 @@ def test_a_table_bomb_is_refused(
     """``gss catalogue import`` measures before it unpacks."""
     path = tmp_path / name
     path.write_bytes(hostile.content(name))
-    assert "expected" in refused(["catalogue", "import", str(path), "--out", str(tmp_path / "a.bin")], capsys)
+    assert "Expected" in refused(["catalogue", "import", str(path), "--out", str(tmp_path / "a.bin")], capsys)
 
 
 def test_a_table_of_equal_values_is_measured(
