@@ -5,11 +5,12 @@ from __future__ import annotations
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import App, User, need
-from gss.api.schemas.design import DesignCameraOut, DesignCamerasOut, DesignOut, FieldLimitOut, TradeRowOut
+from gss.api.schemas.design import DesignCameraOut, DesignCamerasOut
 from gss.api.schemas.jobs import JobOut
 from gss.catalogue_tools.design.camera import DesignCamera
 from gss.operations.catalogues.design import DesignQuestion
 from gss.operations.catalogues.design_record import camera_of, field_limits, row_of
+from gss.operations.catalogues.design_values import DesignValues
 
 router = api_router("design", "/design")
 
@@ -26,15 +27,14 @@ def list_cameras(app: App) -> DesignCamerasOut:
         )
         for p in app.base.instruments.cameras().values()
     ]
-    limits = {name: FieldLimitOut(**limit) for name, limit in field_limits().items()}
-    rows = [TradeRowOut(**row_of(r)) for r in app.catalogues.design.document_rows()]
-    return DesignCamerasOut(unit=app.instruments.unit.name, cameras=cameras, rows=rows, limits=limits)
+    rows = [row_of(r) for r in app.catalogues.design.document_rows()]
+    return DesignCamerasOut(unit=app.instruments.unit.name, cameras=cameras, rows=rows, limits=field_limits())
 
 
 @router.post("", dependencies=[need("view", changes=False)])
-def quick_look(app: App, body: DesignQuestion) -> DesignOut:
+def quick_look(app: App, body: DesignQuestion) -> DesignValues:
     """Preview while values change: about two thousand pointings."""
-    return DesignOut.model_validate(app.catalogues.design.quick(body))
+    return app.catalogues.design.quick(body)
 
 
 @router.post("/run", status_code=202, dependencies=[need("analyse")])

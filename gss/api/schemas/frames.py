@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from gss.api.schemas.base import LARGEST_ID, In, Out, Utc
+from gss.operations.frames.overlay import GridLine, PredictedStar, RegionOverlay
 from gss.operations.requests import ChainOptions
 
 
@@ -64,18 +65,6 @@ class FramePage(Out):
     frames: list[FrameOut]
 
 
-class RegionOut(Out):
-    """Detected region. ``rejected``: reason, empty for a star."""
-
-    col_min: int
-    row_min: int
-    col_max: int
-    row_max: int
-    area_px: int
-    peak_dn: float
-    rejected: str
-
-
 class StarOut(Out):
     """Centroid, with its matched star if any. ``dx/dy_arcsec``: measured − predicted."""
 
@@ -93,24 +82,6 @@ class StarOut(Out):
     dx_arcsec: float | None
     dy_arcsec: float | None
     weight: float | None
-
-
-class PredictedOut(Out):
-    """Catalogue star that falls on the detector at the solved attitude."""
-
-    hip: int
-    name: str
-    v_mag: float
-    col_px: float
-    row_px: float
-    detected: bool
-
-
-class GridLineOut(Out):
-    """Line of the RA/Dec grid across the frame, as pixel points."""
-
-    label: str
-    points: list[tuple[float, float]]
 
 
 class SolutionOut(Out):
@@ -175,10 +146,10 @@ class SolutionDetailOut(SolutionOut):
     turning: TurningOut | None
     aberration_arcsec: float | None
     versions: dict[str, str]
-    regions: list[RegionOut]
+    regions: list[RegionOverlay]
     stars: list[StarOut]
-    predicted: list[PredictedOut]
-    grid: list[GridLineOut]
+    predicted: list[PredictedStar]
+    grid: list[GridLine]
     north: tuple[float, float] | None
     field: list[tuple[float, float]]
     camera: CameraOut

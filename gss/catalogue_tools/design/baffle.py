@@ -7,6 +7,7 @@ through the axis: z from the lens plane outwards, r from the axis, both in mm.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -28,7 +29,7 @@ class BaffleGeometry:
     stage's tube. ``exclusion_rad``: a source at this angle from the axis or beyond never illuminates the lens directly.
     """
 
-    kind: str
+    kind: Literal["one", "two"]
     lens_radius_mm: float
     half_fov_rad: float
     exclusion_rad: float

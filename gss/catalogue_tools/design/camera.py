@@ -179,7 +179,7 @@ class DesignCamera:
 
     @property
     def sensor(self) -> Sensor:
-        """Photometric model; its limits of magnitude and exposure are placeholders."""
+        """Photometric model. A design has one exposure, and limits of magnitude that exclude no star."""
         return Sensor(
             self.bits,
             self.gain_e_per_dn,

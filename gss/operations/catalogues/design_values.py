@@ -1,8 +1,10 @@
-"""The values of a design page, as stored in its job and written as JSON. Units are in the names."""
+"""The values of a design page, as stored in its job and sent to the page. Units are in the names."""
 
 from __future__ import annotations
 
-from typing import TypedDict
+from typing import Literal
+
+from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
 
 
 class FigureValue(TypedDict):
@@ -70,9 +72,9 @@ class CurveValues(TypedDict):
 
 
 class BaffleValues(TypedDict):
-    """Section through a baffle: knife edges (z, r) and walls (z, z, r)."""
+    """Section through a baffle of one or two stages: knife edges (z, r) and walls (z, z, r)."""
 
-    kind: str
+    kind: Literal["one", "two"]
     lens_radius_mm: float
     half_fov_deg: float
     exclusion_deg: float

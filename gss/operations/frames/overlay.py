@@ -6,9 +6,10 @@ Everything is in pixels; degrees appear only in the labels of the grid.
 from __future__ import annotations
 
 import math
-from typing import NotRequired, TypedDict
+from typing import NotRequired
 
 import numpy as np
+from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
 
 from gss.domain.aberration import aberrate
 from gss.domain.angles import Array, unit_from_ra_dec

@@ -29,8 +29,9 @@ HEAD = struct.Struct("<QQ")
 READ, REFUSED = b"+", b"-"
 """First byte of an answer: a result in plain data, or an error as JSON."""
 LONGEST_TEXT = 4000
-NICE = 10
-"""Lower priority, so that the line and ABORT get the processor first."""
+NICE = 5
+"""Lower priority, so that the line and ABORT get the processor first; not so low that a busy machine lets a small file
+reach the limit of wall time."""
 MOST_FILES = 64
 
 
