@@ -75,7 +75,7 @@ def test_impossible_baffles_are_rejected() -> None:
         b.one_stage(9.0, np.radians(30), np.radians(20))
     with pytest.raises(BadInput, match="radius of the lens is out of range"):
         b.two_stage(0.0, 0.1, 0.5)
-    with pytest.raises(BadInput, match="has a length"):
+    with pytest.raises(BadInput, match="length of the baffle is out of range"):
         b.one_stage_of_length(9.0, 0.1, 0.0)
     with pytest.raises(BadInput, match="baffle would be too long"):
         b.two_stage(30.0, np.radians(10.0), np.radians(10.2))
