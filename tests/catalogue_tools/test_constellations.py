@@ -56,5 +56,5 @@ def test_no_segment_crosses_the_sky(bright: StarTable) -> None:
 
 def test_a_table_without_a_joined_star_is_rejected(bright: StarTable) -> None:
     """The error names the constellation and the star."""
-    with pytest.raises(CorruptData, match="does not name"):
+    with pytest.raises(CorruptData, match="is not in the table"):
         figures(bright.brighter_than(2.0))

@@ -178,7 +178,7 @@ def test_any_flipped_bit_is_found(stars, table, format_name):
         (4, b"\x03", "unknown kind"),
         (4, b"\x02", "truncated"),
         (5, b"\x07", "unknown kind"),
-        (64 + 2, b"\x05\x00", "not the row numbers"),
+        (64 + 2, b"\x05\x00", "differ from the row numbers"),
         (64 + 2 * 49, struct.pack("<f", 3.0), "not a unit vector"),
         (64 + 2 * 49, struct.pack("<f", float("nan")), "not a unit vector"),
         (64 + 14 * 49, b"\xff\x7f", "not in the list"),
