@@ -47,7 +47,7 @@ def test_the_lens_deviation_is_proportional_and_reproducible(name: str) -> None:
     assert whole == pytest.approx(2 * half, rel=0.1)
     if isinstance(known.camera.distortion, RadialTilt):
         assert one.camera.distortion.focal_mm == pytest.approx(one.focal_mm)
-    with pytest.raises(BadInput, match="document"):
+    with pytest.raises(BadInput, match="lens error is out of range"):
         own_lens(known, 11.0, 5)
 
 

@@ -175,7 +175,7 @@ def test_active_and_factory_tables_cannot_be_written_or_erased(bench: Bench) -> 
         ("calibration", calibration(columns=1000), "another detector"),
         ("calibration", calibration(focal_col_px=-1.0), "above zero"),
         ("calibration", calibration(distortion="fisheye"), "unknown distortion model"),
-        ("calibration", calibration(k9=1.0), "other values"),
+        ("calibration", calibration(k9=1.0), "missing or unknown values"),
         ("parameters", parameters(chain="unknown"), "unknown chain"),
         ("parameters", parameters(max_centroids=5.5), "another kind"),
         ("parameters", parameters(spice=1.0), "no such constant"),
