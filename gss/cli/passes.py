@@ -186,7 +186,7 @@ def _named(services: Services, name: str) -> Station:
 
     row = next((row for row in services.passes.stations.every() if row.name == name), None)
     if row is None:
-        raise NotFound("no such ground station", got=name, hint="gss passes stations lists them")
+        raise NotFound("no such ground station", got=name, hint="run gss passes stations to list them")
     return row
 
 

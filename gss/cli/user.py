@@ -135,7 +135,7 @@ def _named(store: AccountAdministration, name: str) -> User:
 
     row = store.accounts.users.named(name)
     if row is None:
-        raise NotFound("no such user", got=name, hint="gss user list lists them")
+        raise NotFound("no such user", got=name, hint="run gss user list to list them")
     return row
 
 

@@ -71,7 +71,7 @@ def kernels(fast: bool | None = None) -> Kernels:
         raise BadInput(
             "the compiled loops are not installed",
             expected="the extra [fast]",
-            hint="pip install 'gss-startracker[fast]'",
+            hint="run pip install 'gss-startracker[fast]'",
         )
     return _compiled()
 

@@ -51,7 +51,7 @@ class BlobStore:
             raise BadInput(
                 "the library of this blob store is not installed",
                 got=str(error),
-                hint="pip install 'gss-startracker[s3]'",
+                hint="run pip install 'gss-startracker[s3]'",
             ) from None
         self._root = str(root).rstrip("/")
         self._is_folder = isinstance(self._fs, LocalFileSystem)

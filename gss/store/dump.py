@@ -89,7 +89,7 @@ def _run(program: str, url: str, arguments: list[str]) -> None:
         raise StoreDown(
             f"{program} is not installed here: it copies a PostgreSQL database",
             expected=program,
-            hint="apt install postgresql-client, or use the database server's own backup",
+            hint="run apt install postgresql-client, or use the database server's own backup",
         )
     made = make_url(url)
     done = subprocess.run(  # noqa: S603 - a found program, no shell

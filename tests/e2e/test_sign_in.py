@@ -74,7 +74,7 @@ def test_the_printed_link_leads_to_live_by_the_keyboard_alone(page, printed, pic
     page.goto("about:blank")
     page.goto(printed)
     expect(page.get_by_test_id("link-over")).to_contain_text("invalid, expired or already used")
-    expect(page.get_by_test_id("link-over")).to_contain_text("ask an admin for a new link")
+    expect(page.get_by_test_id("link-over")).to_contain_text("Ask an admin for a new link")
     expect(page.get_by_test_id("set-up")).to_have_count(0)
 
 

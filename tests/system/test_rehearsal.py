@@ -12,11 +12,14 @@ import pytest
 from gss.operations.catalogues.catalogue_request import CatalogueRequest
 from gss.operations.passes.plan_items import PlanItem
 from gss.operations.rehearsals.report import Outage, RehearsalOptions
+from gss.operations.rehearsals.stepped import SteppedClock
 from gss.orbit.station import GroundStation
 from gss.settings import Settings
 from gss.wiring.build import build
 
 pytestmark = pytest.mark.timeout(600)
+START = datetime(2026, 11, 25, 6, tzinfo=UTC)
+"""Time of the server, so that the passes are the same whenever the test runs."""
 PREPARE = """# Prepare the upload
 
 ## status: Ask for the status
@@ -44,10 +47,10 @@ STOP_CYCLE
 @pytest.fixture
 def services(tmp_path: Path, tle_of: Callable[..., str]) -> Any:
     """Services that were not started, with an orbit, a station with a slow line, a procedure and a catalogue."""
-    services = build(Settings(data=tmp_path / "data"))
-    place = GroundStation("Stellenbosch", -0.59215, 0.32926, 136.0, 0.0873)
+    services = build(Settings(data=tmp_path / "data"), clock=SteppedClock(START).clock)
+    place = GroundStation("Longyearbyen", 1.36544, 0.27299, 450.0, 0.0873)
     services.passes.stations.create(place, "", 38_400, "", user="ann")
-    services.passes.spacecraft.set(tle_of(1), name="", source="", user="ann")
+    services.passes.spacecraft.set(tle_of(1, START), name="", source="", user="ann")
     services.procedures.procedures.create(PREPARE, user="ann")
     request = CatalogueRequest(name="bright", profile="cubestar", format="cubestar", faint_mag=2.2)
     services.catalogues.catalogues.build(request, user="ann")
@@ -58,7 +61,7 @@ def services(tmp_path: Path, tle_of: Callable[..., str]) -> Any:
 
 def plan_of(services: Any, *items: PlanItem, resume: bool = True) -> Any:
     """Return a plan for the first long pass over the station."""
-    soon = datetime.now(UTC) + timedelta(minutes=5)
+    soon = START + timedelta(minutes=5)
     first = next(p for p in services.passes.table.coming(3).passes if p.at.rise > soon and p.at.duration_s > 240)
     return services.passes.plans.create("Day", first.station.id, first.at.culmination, items, resume=resume, user="ann")
 

@@ -95,7 +95,7 @@ class DaskExecutor:
             from distributed import Client
         except ImportError:
             raise BadInput(
-                "a cluster is set, but Dask is not installed", hint="pip install 'gss-startracker[cluster]'"
+                "a cluster is set, but Dask is not installed", hint="run pip install 'gss-startracker[cluster]'"
             ) from None
         with self._lock:
             if self._client is None or self._client.status != "running":

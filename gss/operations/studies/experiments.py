@@ -24,7 +24,7 @@ def _package() -> Iterator[None]:
         raise Conflict(
             "the experiments are not installed",
             expected="the package gss-startracker-validation",
-            hint="pip install 'gss-startracker[validation]'",
+            hint="run pip install 'gss-startracker[validation]'",
         ) from None
 
 
