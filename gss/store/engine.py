@@ -12,13 +12,15 @@ from urllib.parse import quote
 
 from alembic import command
 from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError
-from sqlalchemy import Connection, Engine, create_engine, event, func, make_url, select
+from sqlalchemy import Connection, Engine, create_engine, event, func, inspect, make_url, select
 from sqlalchemy.exc import ArgumentError, DatabaseError, NoSuchModuleError, OperationalError
 from sqlalchemy.orm import Session, sessionmaker
 
 from gss.domain.errors import BadInput, Conflict, CorruptData, StoreDown
+from gss.store.models import Base
 
 QUICK_CHECK_BYTES = 512 << 20
 DAMAGED_HINT = (
@@ -109,12 +111,15 @@ def known_schemas() -> list[str]:
 
 
 def migrate(url: str) -> None:
-    """Upgrade the database to the newest schema, if needed. CorruptData if its file is damaged or its schema is newer;
-    StoreDown if PostgreSQL cannot be used."""
+    """Upgrade the database to the newest schema, if needed. An empty database gets it directly, in one transaction.
+
+    Raises CorruptData if its file is damaged or its schema is newer, StoreDown if PostgreSQL cannot be used.
+    """
     config = migration_config(url)
     _check_pages(url)
     try:
-        command.upgrade(config, "head")
+        if not _create_if_empty(url, config):
+            command.upgrade(config, "head")
     except CommandError as error:
         raise CorruptData(
             "the database was written by a newer version",
@@ -129,6 +134,20 @@ def migrate(url: str) -> None:
                 "the database server cannot be used", got=cause, hint="check the server and GSS_DATABASE"
             ) from None
         raise CorruptData("the database cannot be opened", got=str(error.orig), hint=DAMAGED_HINT) from error
+
+
+def _create_if_empty(url: str, config: Config) -> bool:
+    """Create the newest schema from the models if the database has no tables. True if it was created."""
+    engine = open_for_migration(url)
+    try:
+        with engine.begin() as connection:
+            if inspect(connection).get_table_names():
+                return False
+            Base.metadata.create_all(connection)
+            MigrationContext.configure(connection).stamp(ScriptDirectory.from_config(config), "head")
+            return True
+    finally:
+        engine.dispose()
 
 
 def _check_pages(url: str) -> None:
