@@ -11,7 +11,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 PORT ?= $(or $(GSS_PORT),8181)
 SIMULATOR ?= $(or $(GSS_SIMULATOR),cubestar)
 
-.PHONY: run check test lint types unit web web-test evidence bench soak lock clean docs
+.PHONY: run check test lint types unit web web-test kernels evidence bench soak lock clean docs
 
 run: $(VENV)/.run-installed
 	@$(BIN)/python tools/build_web.py --once
@@ -20,7 +20,10 @@ run: $(VENV)/.run-installed
 check: lint types
 	@$(BIN)/python -m tools.check_tests
 
-test: lint types web-test unit
+# The checks before the tests use one processor each, so that two run at a time.
+test: $(VENV)/.test-installed web
+	@$(MAKE) --jobs 2 --no-print-directory lint types web-test kernels
+	@$(MAKE) --no-print-directory unit
 
 lint: web
 	$(BIN)/ruff format --check .
@@ -36,6 +39,10 @@ web: $(VENV)/.test-installed
 
 web-test: web
 	cd web && npm run check && npm test
+
+# Compiles the solver's loops once, instead of in every process that solves a frame.
+kernels: $(VENV)/.test-installed
+	@$(BIN)/gss compile --camera cubestar
 
 # Three processes on two cores: while one waits for a server, two compute. tests/conftest.py says what stays together.
 unit: $(VENV)/.test-installed web

@@ -25,6 +25,7 @@ COMMANDS = {
     "design": ("design", "calculate limits, stars in view, accuracy, baffle and lens trade-off of a camera"),
     "instrument": ("instrument", "list, check, add and compare instrument packages"),
     "solve": ("solve", "find the attitude of images of the sky"),
+    "compile": ("compile", "compile the solver's loops once, instead of at the first frame"),
     "render": ("render", "render a test image of the sky at a pointing"),
     "solve-lists": ("solve_lists", "find the attitudes of lists of measured stars"),
     "calibrate": ("night", "calibrate a camera's geometry, photometry and detector from its frames"),

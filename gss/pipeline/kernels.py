@@ -30,11 +30,10 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class ListLoops:
-    """The loops for lists of stars. ``camera_numbers``: a camera as an array. ``detections``: see ``verify.field_of``. ``find``:
-    see ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.name_the_rest``."""
+    """The loops for lists of stars. ``camera_numbers``: a camera as an array. ``find``: see ``pyramid.identify_lost``.
+    ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.name_the_rest``."""
 
     camera_numbers: Callable[[Camera], Array]
-    detections: Callable[..., int]
     find: Callable[..., tuple[int, int, float, int, bool]]
     find_near: Callable[..., tuple[int, int, float, int, int]]
     finish: Callable[..., tuple[Rows, Rows, Array, Array, Array, float]]
@@ -83,7 +82,6 @@ def _compiled() -> Kernels:
     from gss.pipeline.loops.finish import finish
     from gss.pipeline.loops.geometry import camera_numbers
     from gss.pipeline.loops.prior import find_near
-    from gss.pipeline.loops.proof import detections
     from gss.pipeline.loops.search import find
 
     return Kernels(
@@ -94,5 +92,5 @@ def _compiled() -> Kernels:
         compiled.settle,
         compiled.components,
         compiled.lit,
-        ListLoops(camera_numbers, detections, find, find_near, finish),
+        ListLoops(camera_numbers, find, find_near, finish),
     )

@@ -22,34 +22,9 @@ from gss.pipeline.loops.geometry import (
     inverse,
     project,
     stars_near,
-    unproject,
 )
 
 GAMMA_TERMS = 2000
-
-
-@loop
-def detections(camera, col, row, sigma, flux, least_sigma, pixels, unit, sigma_px, sigma_rad, magnitude, index):
-    """Write the detections that the lens model covers, as ``verify.field_of``; return their number."""
-    count = 0
-    for i in range(len(col)):
-        x, y, z = unproject(camera, col[i], row[i])
-        rx, ry, rz = unproject(camera, col[i] + 0.5, row[i])
-        bx, by, bz = unproject(camera, col[i], row[i] + 0.5)
-        right = (rx - x) ** 2 + (ry - y) ** 2 + (rz - z) ** 2
-        below = (bx - x) ** 2 + (by - y) ** 2 + (bz - z) ** 2
-        px_rad = 2 * math.sqrt(max(right, below)) if right == right and below == below else math.nan
-        if not (math.isfinite(x + y + z) and math.isfinite(px_rad)):
-            continue
-        pixels[count, 0], pixels[count, 1] = col[i], row[i]
-        unit[count, 0], unit[count, 1], unit[count, 2] = x, y, z
-        sigma_px[count] = max(sigma[i], least_sigma)
-        sigma_rad[count] = px_rad * sigma_px[count]
-        light = max(1e-12, flux[i])  # also where the flux is not a number
-        magnitude[count] = -2.5 * math.log10(min(light, 1e300))
-        index[count] = i
-        count += 1
-    return count
 
 
 @loop

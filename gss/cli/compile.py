@@ -1,0 +1,44 @@
+"""``gss compile``: compile the solver's loops once after installation."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from gss.cli.instruments import CAMERA_HELP, registry
+
+if TYPE_CHECKING:
+    from gss.cli import Commands
+
+
+def register(subparsers: Commands) -> None:
+    """Add the command to the parser."""
+    parser = subparsers.add_parser(
+        "compile",
+        description="Compile the loops of the solver and keep them on disk, so that the first frame is not delayed by "
+        "more than a minute. Needs the extra [fast]. Run it once after every installation.",
+    )
+    parser.add_argument(
+        "--camera", required=True, metavar="INSTRUMENT", help=f"camera of the test frames: {CAMERA_HELP}"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compile, and print a line for each case."""
+    from gss.operations.clock import stopwatch_s
+    from gss.operations.frames.compile_ahead import compile_ahead
+    from gss.operations.frames.solve import Solver
+    from gss.operations.frames.solver_cache import SolverCache
+    from gss.pipeline.kernels import kernels
+
+    kernels(fast=True)  # raises BadInput if numba is not installed
+    began_s = stopwatch_s()
+
+    def report(done: int, total: int, case: str) -> None:
+        text = f"compiling for: {case}" if case else f"compiled in {stopwatch_s() - began_s:.0f} s"
+        print(f"{done} of {total}, {text}", flush=True)
+
+    cameras = registry()
+    compile_ahead(Solver(cameras.camera, SolverCache(), stopwatch_s), cameras.camera(arguments.camera), report)
+    return 0

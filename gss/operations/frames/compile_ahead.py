@@ -1,0 +1,62 @@
+"""Compiles the loops of the solver before a frame needs them.
+
+The loops are compiled at their first use and cached on disk; that takes more than a minute of processor time, once per
+installation. Solving small frames in every way that the chains use compiles all of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gss.domain.camera_profile import CameraProfile
+from gss.domain.errors import GssError
+from gss.domain.frames import cam_from_icrs
+from gss.domain.results import Outcome
+from gss.operations.frames.rendered_image import RenderRequest, draw
+from gss.operations.frames.solve import Solver, SolveRequest
+from gss.pipeline.identify.near import BoundedPrior
+
+EPOCH_JYEAR = 2026.5
+POINTING = cam_from_icrs(math.radians(84.0), math.radians(-2.0), math.radians(30.0))
+PRIOR_RADIUS_RAD = math.radians(5.0)
+Report = Callable[[int, int, str], None]
+"""Called with the number of cases done, their total, and the next case."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One way to solve the frame. ``dtype``: of the pixels."""
+
+    name: str
+    request: SolveRequest
+    dtype: type[np.generic] = np.uint8
+
+
+def _cases(profile: CameraProfile) -> list[Case]:
+    """All ways to solve a frame that need different loops, or loops for other types."""
+    request = SolveRequest(profile=profile.name, epoch_jyear=EPOCH_JYEAR, fast=True)
+    cases = [
+        Case("lost in space", request),
+        Case("with a prior attitude", replace(request, hint=BoundedPrior(POINTING, PRIOR_RADIUS_RAD))),
+        Case("16-bit pixels", request, np.uint16),
+    ]
+    return [*cases, Case("the sensor's own chain", replace(request, chain=profile.chain))] if profile.chain else cases
+
+
+def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> None:
+    """Compile the loops with frames of ``profile``'s camera.
+
+    Raises BadInput if numba is not installed, GssError if a frame is not solved.
+    """
+    pixels = draw(profile, RenderRequest(POINTING, epoch_jyear=EPOCH_JYEAR)).pixels
+    cases = _cases(profile)
+    for k, case in enumerate(cases):
+        report(k, len(cases), case.name)
+        result = solver.solve(pixels.astype(case.dtype), case.request)
+        if result.outcome is not Outcome.SOLVED:
+            raise GssError("the loops could not be compiled", got=f"{case.name}: the test frame was not solved")
+    report(len(cases), len(cases), "")
