@@ -7,12 +7,11 @@ import csv
 import io
 import json
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli.input_files import TEXT_BYTES, read_file
 from gss.cli.instruments import CAMERA_HELP, camera, registry
-from gss.cli.night import add_observer, shots_of, show_progress, write_report
+from gss.cli.night import add_observer, add_report_file, shots_of, show_progress, write_report
 from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
@@ -35,9 +34,7 @@ def register(subparsers: Commands) -> None:
     p.add_argument("--temperatures", metavar="FILE", help="CSV: time in ISO 8601 (UTC), temperature of the unit in °C")
     p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
     add_observer(p)
-    p.add_argument(
-        "--out", type=Path, metavar="FILE", help="write the result: .pdf, .html, .json, or .csv: warm pixels"
-    )
+    add_report_file(p, ".csv", text="; .csv: warm pixels")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run)
 

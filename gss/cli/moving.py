@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli.input_files import TEXT_BYTES, read_file
 from gss.cli.instruments import CAMERA_HELP, camera, registry
-from gss.cli.night import add_observer, shots_of, show_progress, write_report
+from gss.cli.night import add_observer, add_report_file, shots_of, show_progress, write_report
 from gss.domain.errors import BadInput
 from gss.operations.clock import utc_now
 
@@ -34,9 +33,7 @@ def register(subparsers: Commands) -> None:
     p.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
     p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
     add_observer(p)
-    p.add_argument(
-        "--out", type=Path, metavar="FILE", help="write the result: .pdf, .html, .json, or .tdm for CCSDS TDM"
-    )
+    add_report_file(p, ".tdm", text="; .tdm: CCSDS TDM")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run)
 

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 UNTIMED_EPOCH = datetime(2026, 7, 1, tzinfo=UTC)
 """Epoch for images without a time: only the intervals between images matter, and stars move little."""
 
+REPORT_KINDS = (".pdf", ".html", ".json")
+
 
 def register(subparsers: Commands) -> None:
     """Add the commands."""
@@ -51,7 +53,7 @@ def register(subparsers: Commands) -> None:
         help="flat fields in pairs of the same illumination (with --darks)",
     )
     add_observer(p)
-    p.add_argument("--out", type=Path, metavar="FILE", help="write the complete result: .json, .html or .pdf")
+    add_report_file(p)
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run_calibrate)
     p = subparsers.add_parser(
@@ -69,7 +71,7 @@ def register(subparsers: Commands) -> None:
     p.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of the second camera")
     p.add_argument("--second-camera", metavar="PROFILE", help="profile of the second camera (default: the same)")
     add_observer(p)
-    p.add_argument("--out", type=Path, metavar="FILE", help="write the report: .html, .pdf or .json")
+    add_report_file(p)
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run_analyse)
 
@@ -78,6 +80,19 @@ def add_observer(p: argparse.ArgumentParser) -> None:
     """Add the option for the observer's motion."""
     words = "do not correct aberration even if the time is known (frames that were rendered without it)"
     p.add_argument("--keep-aberration", action="store_true", help=words)
+
+
+def add_report_file(p: argparse.ArgumentParser, *more: str, text: str = "") -> None:
+    """Add the option ``--out``. ``more``: further suffixes, described by ``text``. Another suffix is refused before the work."""
+    kinds = (*REPORT_KINDS, *more)
+
+    def report_file(name: str) -> Path:
+        path = Path(name)
+        if path.suffix not in kinds:
+            raise argparse.ArgumentTypeError(f"unknown kind of report: {name}; expected {' | '.join(kinds)}")
+        return path
+
+    p.add_argument("--out", type=report_file, metavar="FILE", help=f"write the report: .pdf, .html or .json{text}")
 
 
 def run_calibrate(a: argparse.Namespace) -> int:
@@ -218,8 +233,6 @@ def write_report(
             ".pdf": lambda: as_pdf(report, utc_now()),
             **(more or {}),
         }
-        if a.out.suffix not in makers:
-            raise BadInput("unknown kind of report", expected=" | ".join(makers), got=a.out.suffix or str(a.out))
         try:
             a.out.write_bytes(makers[a.out.suffix]())
         except OSError as error:

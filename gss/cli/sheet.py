@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gss.cli.instruments import CAMERA_HELP, camera, registry
-from gss.cli.night import add_observer, shots_of, show_progress, write_report
+from gss.cli.night import add_observer, add_report_file, shots_of, show_progress, write_report
 from gss.domain.errors import BadInput
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ def register(subparsers: Commands) -> None:
     p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
     p.add_argument("--seed", type=int, default=1, metavar="N", help="of intervals and simulated frames (default: 1)")
     add_observer(p)
-    p.add_argument("--out", type=Path, metavar="FILE", help="write the sheet: .pdf, .html or .json")
+    add_report_file(p)
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.add_argument("--schema", action="store_true", help="print the JSON schema of the sheet and stop")
     p.set_defaults(run=run)

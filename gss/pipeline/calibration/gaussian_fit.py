@@ -61,12 +61,9 @@ def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
     a, d = max(start[0, 0], 0.1), max(start[1, 1], 0.1)
     theta = np.array([value.max(), 0.0, 0.0, a, d, float(np.clip(start[0, 1], -0.8, 0.8) * 0.5), 0.0])
     weight = 1 / (1 + np.maximum(value, 0) / max(float(value.max()), 1e-9) * 20)
+    points = _sampling_points(stamps)
     for _ in range(ROUNDS):
-        base = _model(stamps, theta)
-        steps = np.array([max(theta[0], 1) * 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-2])
-        jacobian = np.stack(
-            [(_model(stamps, theta + s * e) - base) / s for s, e in zip(steps, np.eye(7), strict=True)], axis=1
-        )
+        base, jacobian = _model(points, theta)
         normal = jacobian.T @ (weight[:, None] * jacobian)
         damp = 1e-6 * np.diag(np.diag(normal)) + 1e-12 * np.eye(7)
         move = np.linalg.solve(normal + damp, jacobian.T @ (weight * (value - base)))
@@ -80,8 +77,8 @@ def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
             break
     else:
         return None
-    left = value - _model(stamps, theta)
-    if theta[0] <= 0 or np.hypot(theta[1], theta[2]) > 2 or np.sqrt(np.mean(left**2)) > MISFIT * theta[0]:
+    residual = value - _model(points, theta)[0]
+    if theta[0] <= 0 or np.hypot(theta[1], theta[2]) > 2 or np.sqrt(np.mean(residual**2)) > MISFIT * theta[0]:
         return None
     moments, vectors = np.linalg.eigh(np.array([[theta[3], theta[5]], [theta[5], theta[4]]]))
     if moments[0] <= 0:
@@ -96,14 +93,30 @@ def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
     )
 
 
-def _model(stamps: Stamps, theta: Array) -> Array:
-    """Gaussian with peak, position, (xx, yy, xy) and sky, averaged over the sampling points of each pixel."""
+def _sampling_points(stamps: Stamps) -> tuple[Array, Array]:
+    """(SUB², n) offsets of the sampling points from the stamp's centre, right and down, for each of its n pixels."""
+    offsets = (np.arange(SUB) - (SUB - 1) / 2) / SUB
+    right, down = (grid.reshape(-1, 1) for grid in np.meshgrid(offsets, offsets))
+    return stamps.dx + right, stamps.dy + down
+
+
+def _model(points: tuple[Array, Array], theta: Array) -> tuple[Array, Array]:
+    """Gaussian with peak, position, (xx, yy, xy) and sky, averaged over the sampling points of each pixel: (n,) values and
+    (n, 7) derivatives."""
     peak, x, y, xx, yy, xy, sky = theta
     det = max(xx * yy - xy * xy, 1e-6)
-    offsets = (np.arange(SUB) - (SUB - 1) / 2) / SUB
-    total = np.zeros_like(stamps.dx)
-    for dy in offsets:
-        for dx in offsets:
-            ax, ay = stamps.dx + dx - x, stamps.dy + dy - y
-            total += np.exp(-0.5 * (yy * ax * ax - 2 * xy * ax * ay + xx * ay * ay) / det)
-    return np.asarray(peak * total / SUB**2 + sky)
+    ax, ay = points[0] - x, points[1] - y
+    along, across = (yy * ax - xy * ay) / det, (xx * ay - xy * ax) / det
+    square = along * ax + across * ay
+    share = np.exp(-0.5 * square)
+    light = peak * share
+    parts = (
+        share,
+        light * along,
+        light * across,
+        light * 0.5 * (square * yy - ay * ay) / det,
+        light * 0.5 * (square * xx - ax * ax) / det,
+        light * (ax * ay - square * xy) / det,
+    )
+    columns = [part.mean(axis=0) for part in parts]
+    return peak * columns[0] + sky, np.stack([*columns, np.ones(len(columns[0]))], axis=1)
