@@ -152,20 +152,22 @@ def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
     report("distances", 0.3)
     pairs = distance_table(stars, request.pair_min_rad, p.pair_max_rad)
     camera, name = p.profile.camera, request.format_name
-    own = tables_for(name, stars, pairs, camera, reduced=request.reduced, index=request.k_vector)
+    catalogue_tables = tables_for(name, stars, pairs, camera, reduced=request.reduced, index=request.k_vector)
     report("image", 0.5)
     key = bytes.fromhex(profile_sha256(p.profile))[:8]
-    image = encode(stars, own.distances, name, p.profile.name, key, own.tables)
+    image = encode(stars, catalogue_tables.distances, name, p.profile.name, key, catalogue_tables.tables)
     _check_size(p, len(image))
     report("quality", 0.6)
-    reduced = own.tables.reduced
+    reduced = catalogue_tables.tables.reduced
     # The device searches the reduced catalogue if there is one; only the pairs among its stars are on board then.
     directory = selection.kept if reduced is None else selection.kept.take(reduced.kept)
-    assessment = assess_catalogue(p, selection.kept, pairs if reduced is None else own.distances, directory)
+    assessment = assess_catalogue(
+        p, selection.kept, pairs if reduced is None else catalogue_tables.distances, directory
+    )
     report("manifest", 0.95)
-    manifest = _manifest(p, ready.source, sky, selection, stars, own, image, assessment)
+    manifest = _manifest(p, ready.source, sky, selection, stars, catalogue_tables, image, assessment)
     report("done", 1.0)
-    return BuiltCatalogue(p, image, manifest, selection, stars, own.distances, assessment)
+    return BuiltCatalogue(p, image, manifest, selection, stars, catalogue_tables.distances, assessment)
 
 
 def _source(source: StarSource | StarTable) -> StarSource:
@@ -252,14 +254,14 @@ def _manifest(
     sky: CorrectedSky,
     selection: Selection,
     stars: StarTable,
-    own: OwnTables,
+    catalogue_tables: OwnTables,
     image: bytes,
     assessment: Assessment,
 ) -> BuildManifest:
-    request, error = p.request, quantisation_error(stars, own.distances, image)
-    counts = {"stars": len(stars), "pairs": len(own.distances)}
-    if own.tables.reduced is not None:
-        counts["reduced catalogue"] = int(np.count_nonzero(own.tables.reduced.kept))
+    request, error = p.request, quantisation_error(stars, catalogue_tables.distances, image)
+    counts = {"stars": len(stars), "pairs": len(catalogue_tables.distances)}
+    if catalogue_tables.tables.reduced is not None:
+        counts["reduced catalogue"] = int(np.count_nonzero(catalogue_tables.tables.reduced.kept))
     hidden = request.occultation
     return BuildManifest(
         name=request.name,
@@ -290,7 +292,7 @@ def _manifest(
         source_facts={"name": source.name} | source.facts,
         occultation=dict(vars(hidden)) if hidden.active else {},
         method=request.method,
-        assessment=assessment.facts() | _choice_facts(selection, own.tables.reduced),
+        assessment=assessment.facts() | _choice_facts(selection, catalogue_tables.tables.reduced),
     )
 
 

@@ -110,11 +110,11 @@ def _fits(catalogue: OnboardCatalogue, manifest: BuildManifest) -> bytes:
     codes = {"i": "J", "f": "D"}
 
     def table(name: str, columns: dict[str, Any]) -> Any:
-        made = [
+        fits_columns = [
             fits.Column(name=column, format=codes[values.dtype.kind], array=values, unit=UNITS.get(column))
             for column, values in columns.items()
         ]
-        return fits.BinTableHDU.from_columns(made, name=name)
+        return fits.BinTableHDU.from_columns(fits_columns, name=name)
 
     primary = fits.PrimaryHDU()
     primary.header.update({name: _card(value) for name, value in _facts(manifest).items()})

@@ -81,7 +81,10 @@ class BuildPlan:
         """Time after the end of validity during which enough of the fields remain inside the envelope, of the head for which it
         is shortest."""
         heads = self.base.heads if isinstance(self.base, HeadsEnvelope) else (self.base,)
-        return min((lifetime(one, self.drift_rad_day, self.valid_to) for one in heads), key=lambda one: one.days)
+        return min(
+            (lifetime(envelope, self.drift_rad_day, self.valid_to) for envelope in heads),
+            key=lambda envelope: envelope.days,
+        )
 
 
 def plan(request: BuildRequest, report: ShareReport | None = None) -> BuildPlan:

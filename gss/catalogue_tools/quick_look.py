@@ -51,7 +51,7 @@ class QuickLook:
         u = np.asarray(unit, float)
         patches = _patches(self.base)
         if patches:
-            return np.asarray(np.logical_or.reduce([one.witnessed(u, MEMBER_FIELDS) for one in patches]))
+            return np.asarray(np.logical_or.reduce([patch.witnessed(u, MEMBER_FIELDS) for patch in patches]))
         return self.envelope.contains(u)
 
     def time_fraction(self, unit: Array) -> Array:
@@ -95,13 +95,13 @@ class QuickLook:
         patches = _patches(self.base)
         if not patches:
             return self.base.time_fraction(unit)
-        return np.asarray(np.minimum(1.0, np.sum([_patch_fraction(one, unit) for one in patches], axis=0)))
+        return np.asarray(np.minimum(1.0, np.sum([_patch_fraction(patch, unit) for patch in patches], axis=0)))
 
 
 def _patches(base: Envelope) -> list[PatchEnvelope]:
     """Return the patch of each head; none if the envelope is of another kind."""
     heads = base.heads if isinstance(base, HeadsEnvelope) else (base,)
-    return [one for one in heads if isinstance(one, PatchEnvelope)]
+    return [head for head in heads if isinstance(head, PatchEnvelope)]
 
 
 def _patch_fraction(patch: PatchEnvelope, unit: Array) -> Array:

@@ -271,12 +271,12 @@ def _check_heads(request: BuildRequest) -> None:
         "the method blocks": request.method == "blocks",
         "occultation": request.occultation.active,
     }
-    given = ", ".join(what for what, has in single.items() if has)
-    if given:
+    conflicting = ", ".join(option for option, has in single.items() if has)
+    if conflicting:
         raise BadInput(
             "a catalogue for several heads cannot be built with these options",
             expected="limits of attitude, the exact method, and no occultation",
-            got=given,
+            got=conflicting,
         )
     if len(request.heads) > MOST_HEADS:
         raise BadInput("too many heads", expected=f"at most {MOST_HEADS}", got=str(len(request.heads)))

@@ -96,8 +96,8 @@ def _made_bytes(p: BuildPlan, stars: StarTable) -> int:
     none = np.empty(0, np.int32)
     nothing = DistanceTable(none, none, np.empty(0), p.request.pair_min_rad, p.pair_max_rad)
     name = p.request.format_name
-    own = tables_for(name, stars, nothing, p.profile.camera, reduced=_coarser(p.request.reduced))
-    return len(encode(stars, own.distances, name, p.profile.name, tables=own.tables))
+    catalogue_tables = tables_for(name, stars, nothing, p.profile.camera, reduced=_coarser(p.request.reduced))
+    return len(encode(stars, catalogue_tables.distances, name, p.profile.name, tables=catalogue_tables.tables))
 
 
 def _coarser(frame: ReducedFrame | None) -> ReducedFrame | None:

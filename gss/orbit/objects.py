@@ -154,10 +154,10 @@ def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue, velocity_c: Array 
         return TrackName(PLANETS[planet], "", float(off[planet].mean()), float("nan"))
     if observer_km is None or not catalogue.objects:
         return None
-    seen, distance_km = catalogue.seen_from(times_s, observer_km)
+    directions, distance_km = catalogue.seen_from(times_s, observer_km)
     if velocity_c is not None:
-        seen = aberrate(seen.reshape(-1, 3), -np.asarray(velocity_c)).reshape(seen.shape)
-    off = separation_rad(seen, icrs[None])
+        directions = aberrate(directions.reshape(-1, 3), -np.asarray(velocity_c)).reshape(directions.shape)
+    off = separation_rad(directions, icrs[None])
     age_days = np.array([abs(unix_s(o.epoch) - float(times_s.mean())) for o in catalogue.objects]) / DAY_S
     error_rad = ((ERROR_KM + ERROR_KM_DAY * age_days)[:, None]) / distance_km
     gate = np.maximum(GATE_SIGMA * np.hypot(sigma[None], error_rad), LEAST_RAD)

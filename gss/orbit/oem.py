@@ -27,20 +27,20 @@ BEHIND_UTC_S = {"UTC": 0.0, "GPS": 18.0, "TAI": 37.0, "TT": TT_MINUS_UTC_S}
 def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
     """Return name and orbit of an OEM of one object. Raises BadInput naming the line that is wrong."""
     name, blocks, meta = "", [], dict[str, str]()
-    for line, words in _lines(text):
-        if words == "META_START":
+    for line, statement in _lines(text):
+        if statement == "META_START":
             meta = {}
-        elif words == "META_STOP":
+        elif statement == "META_STOP":
             _check_meta(meta, name)
             name = meta["OBJECT_NAME"]
             blocks.append((meta, list[tuple[float, ...]]()))
-        elif "=" in words:
-            key, _, value = words.partition("=")
+        elif "=" in statement:
+            key, _, value = statement.partition("=")
             meta[key.strip()] = value.strip()
         elif blocks:
-            blocks[-1][1].append(_state(line, words, meta["TIME_SYSTEM"]))
+            blocks[-1][1].append(_state(line, statement, meta["TIME_SYSTEM"]))
         else:
-            raise BadInput(f"line {line} of the OEM is not valid", expected="a META block", got=words[:60])
+            raise BadInput(f"line {line} of the OEM is not valid", expected="a META block", got=statement[:60])
     if not blocks:
         raise BadInput("the OEM has no ephemeris", expected="META_START, META_STOP and states", got="no META block")
     times_s = np.array([state[0] for _, states in blocks for state in states])
@@ -80,10 +80,10 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
     """Yield number and words of each line with content; covariance blocks are left out."""
     covariance = False
     for number, line in enumerate(text.splitlines(), 1):
-        words = line.strip()
-        covariance = (covariance or words == "COVARIANCE_START") and words != "COVARIANCE_STOP"
-        if words and not covariance and not words.startswith(("COMMENT", "COVARIANCE_STOP")):
-            yield number, words
+        statement = line.strip()
+        covariance = (covariance or statement == "COVARIANCE_START") and statement != "COVARIANCE_STOP"
+        if statement and not covariance and not statement.startswith(("COMMENT", "COVARIANCE_STOP")):
+            yield number, statement
 
 
 def _check_meta(meta: dict[str, str], name: str) -> None:
@@ -102,15 +102,17 @@ def _check_meta(meta: dict[str, str], name: str) -> None:
         raise BadInput("the OEM has several objects", expected=name, got=meta["OBJECT_NAME"][:40])
 
 
-def _state(line: int, words: str, system: str) -> tuple[float, ...]:
+def _state(line: int, statement: str, system: str) -> tuple[float, ...]:
     """Unix seconds and km of a state; velocities are not needed."""
-    parts = words.split()
+    parts = statement.split()
     try:
         numbers = tuple(float(part) for part in parts[1:])
     except ValueError:
         numbers = ()
     if len(numbers) not in (3, 6, 9) or not np.isfinite(numbers).all() or max(map(abs, numbers[:3])) > 1e7:
-        raise BadInput(f"line {line} of the OEM is not a state", expected="time x y z vx vy vz, in km", got=words[:80])
+        raise BadInput(
+            f"line {line} of the OEM is not a state", expected="time x y z vx vy vz, in km", got=statement[:80]
+        )
     return unix_s(omm_epoch(parts[0])) - BEHIND_UTC_S[system.upper()], *numbers[:3]
 
 

@@ -61,12 +61,12 @@ def fields_of_kvn(text: str) -> dict[str, str]:
     """Return the fields of a KVN OMM."""
     fields: dict[str, str] = {}
     for number, line in enumerate(text.splitlines(), 1):
-        words = line.strip()
-        if not words or words.startswith("COMMENT"):
+        statement = line.strip()
+        if not statement or statement.startswith("COMMENT"):
             continue
-        key, sign, value = words.partition("=")
+        key, sign, value = statement.partition("=")
         if not sign:
-            raise BadInput(f"line {number} of the OMM is not valid", expected="KEYWORD = value", got=words[:60])
+            raise BadInput(f"line {number} of the OMM is not valid", expected="KEYWORD = value", got=statement[:60])
         fields[key.strip()] = value.partition("[")[0].strip()
     return fields
 
@@ -134,18 +134,18 @@ def omm_of_tle(name: str, tle: str) -> dict[str, object]:
 
 def omm_epoch(text: str) -> datetime:
     """Return a CCSDS time (calendar date or day of the year) in UTC. Raises BadInput."""
-    words = text.strip().removesuffix("Z")
+    epoch = text.strip().removesuffix("Z")
     for form in ("%Y-%m-%dT%H:%M:%S.%f", "%Y-%m-%dT%H:%M:%S", "%Y-%jT%H:%M:%S.%f", "%Y-%jT%H:%M:%S"):
         try:
-            return datetime.strptime(_microseconds(words), form).replace(tzinfo=UTC)
+            return datetime.strptime(_microseconds(epoch), form).replace(tzinfo=UTC)
         except ValueError:
             continue
     raise BadInput("a time of the file is not valid", expected="2026-12-01T18:00:00.000", got=text[:40] or "no time")
 
 
-def _microseconds(words: str) -> str:
+def _microseconds(epoch: str) -> str:
     """Return the time with at most six decimals, because Python reads no more."""
-    whole, dot, decimals = words.partition(".")
+    whole, dot, decimals = epoch.partition(".")
     return whole + dot + decimals[:6] if decimals else whole
 
 

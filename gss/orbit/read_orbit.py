@@ -39,17 +39,17 @@ def read_orbit(text: str) -> ReadOrbit:
             got=str(len(text)),
             hint="Import fewer days or larger steps.",
         )
-    words = text.lstrip("\ufeff").strip()
-    if words.startswith("<"):
-        return _omm("OMM XML", fields_of_xml(words))
-    if words.startswith(("{", "[")):
-        return _omm("OMM JSON", fields_of_json(_json(words)))
-    if words.startswith("CCSDS_OMM_VERS"):
-        return _omm("OMM KVN", fields_of_kvn(words))
-    if words.startswith("CCSDS_OEM_VERS"):
-        name, orbit = read_oem(words)
-        return ReadOrbit("oem", "OEM KVN", name[:LONGEST_NAME], words + "\n", orbit)
-    return _tle("TLE", words)
+    content = text.lstrip("\ufeff").strip()
+    if content.startswith("<"):
+        return _omm("OMM XML", fields_of_xml(content))
+    if content.startswith(("{", "[")):
+        return _omm("OMM JSON", fields_of_json(_json(content)))
+    if content.startswith("CCSDS_OMM_VERS"):
+        return _omm("OMM KVN", fields_of_kvn(content))
+    if content.startswith("CCSDS_OEM_VERS"):
+        name, orbit = read_oem(content)
+        return ReadOrbit("oem", "OEM KVN", name[:LONGEST_NAME], content + "\n", orbit)
+    return _tle("TLE", content)
 
 
 def read_orbits(text: str) -> list[Trajectory]:

@@ -65,11 +65,11 @@ class TleTrajectory:
         days = np.floor(seconds / DAY_S)
         errors, places_km, _ = self.satellite.sgp4_array(UNIX_EPOCH_JD + days, seconds / DAY_S - days)
         if errors.any():
-            words = SGP4_WORDS.get(int(errors.max()), f"SGP4 error {errors.max()}")
+            reason = SGP4_WORDS.get(int(errors.max()), f"SGP4 error {errors.max()}")
             raise BadInput(
                 "the element set has no orbit at that time",
                 expected="a satellite in orbit",
-                got=words,
+                got=reason,
                 hint="Import newer elements.",
             )
         return np.asarray(places_km)

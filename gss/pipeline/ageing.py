@@ -51,8 +51,8 @@ class DamagedPixels:
     def dark_e_s(self, day: float) -> Array:
         """(m,) further dark current on a day; 0 before the onset."""
         age = np.maximum(day - self.onset_day, 0.0)
-        left = self.remaining + (1 - self.remaining) * np.exp2(-age / self.half_life_days)
-        return np.where(day >= self.onset_day, self.peak_e_s * (left + self.growth_per_year * age / 365.25), 0.0)
+        unannealed = self.remaining + (1 - self.remaining) * np.exp2(-age / self.half_life_days)
+        return np.where(day >= self.onset_day, self.peak_e_s * (unannealed + self.growth_per_year * age / 365.25), 0.0)
 
 
 def damage_of(radiation: Radiation, camera: Camera, days: float, seed: int) -> DamagedPixels:
@@ -105,7 +105,7 @@ def particle_hits(
     """Return the pixels that particles of one exposure hit, as pixels of that frame only, and the number of particles. Most hit a
     single pixel, some draw a short line."""
     count = int(rng.poisson(rate_s * exposure_s))
-    made = []
+    hits = []
     for _ in range(count):
         col, row = rng.uniform(0, camera.columns), rng.uniform(0, camera.rows)
         length, direction = min(rng.geometric(0.6), LONGEST_TRACK_PX), rng.uniform(0, 2 * np.pi)
@@ -113,5 +113,5 @@ def particle_hits(
         for step in range(length):
             c, r = int(col + step * np.cos(direction)), int(row + step * np.sin(direction))
             if 0 <= c < camera.columns and 0 <= r < camera.rows:
-                made.append(HotPixel(c, r, charge_e / length / exposure_s))
-    return made, count
+                hits.append(HotPixel(c, r, charge_e / length / exposure_s))
+    return hits, count

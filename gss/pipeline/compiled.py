@@ -231,9 +231,9 @@ def _lit(flat, limit):
         for c in range(first, last):
             if flat[c] > limit:
                 if n == len(out):
-                    more = np.empty(2 * n, np.intp)
-                    more[:n] = out
-                    out = more
+                    larger = np.empty(2 * n, np.intp)
+                    larger[:n] = out
+                    out = larger
                 out[n] = c
                 n += 1
     return out[:n]

@@ -299,9 +299,9 @@ def _regions(
 
     records = [window(k, "") for k in order.tolist()]
     chosen = set(order.tolist())
-    left = [window(k, why) for k, why in enumerate(reasons) if why and k not in chosen]
+    rejected = [window(k, why) for k, why in enumerate(reasons) if why and k not in chosen]
     hot = []
     for k in np.flatnonzero(peaks.single)[:limit].tolist():
         c, r, top = int(peaks.col[k]), int(peaks.row[k]), float(peaks.snr[k] * peaks.noise[k])
         hot.append(Region(c - half, r - half, c + half, r + half, 1, top, 0.0, "single pixel, row or column"))
-    return tuple(records + left[:limit] + hot)
+    return tuple(records + rejected[:limit] + hot)

@@ -34,19 +34,19 @@ def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
     rows, cols = image.shape
     out = np.empty((rows, cols), kind)
     size = (min(rows, STRIP_ROWS) + 4) * (cols + 4)
-    one, two = np.empty(size, kind), np.empty(size, kind)
+    buffer, spare = np.empty(size, kind), np.empty(size, kind)
     for top in range(0, rows, STRIP_ROWS):
         bottom = min(top + STRIP_ROWS, rows)
         high, width = bottom - top + 4, cols + 4
         first, last = max(top - 2, 0), min(bottom + 2, rows)
-        wide = one[: high * width].reshape(high, width)
+        wide = buffer[: high * width].reshape(high, width)
         skip = first - (top - 2)
         wide[skip : skip + last - first, 2:-2] = image[first:last]
         wide[:skip, 2:-2], wide[skip + last - first :, 2:-2] = image[0], image[-1]
         wide[:, :2], wide[:, -2:] = wide[:, 2:3], wide[:, -3:-2]
         # The strip is treated as a flat array: adding the next element or the element one row below needs no copies, and
         # values that wrap over the end of a row are never read.
-        a, b = one[: high * width], two[: high * width]
+        a, b = buffer[: high * width], spare[: high * width]
         length = high * width
         for reach in (1, 1, 1, 1, width, width, width):
             np.add(a[: length - reach], a[reach:length], out=b[: length - reach])

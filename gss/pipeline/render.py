@@ -186,9 +186,9 @@ def _paths(
 def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: float) -> Array:
     """(rows, columns) sum of Gaussian spots integrated over the pixels; ``pixels``: (n, 2) col, row; NaN positions are skipped."""
     half = int(np.ceil(STAMP_SIGMAS * sigma_px))
-    seen = np.isfinite(pixels).all(axis=1) & (electrons > FAINTEST_E / max(1, len(electrons)))
-    seen &= (pixels > -half - 1).all(axis=1) & (pixels < np.array([columns + half, rows + half])).all(axis=1)
-    pixels, electrons = pixels[seen], electrons[seen]
+    drawn = np.isfinite(pixels).all(axis=1) & (electrons > FAINTEST_E / max(1, len(electrons)))
+    drawn &= (pixels > -half - 1).all(axis=1) & (pixels < np.array([columns + half, rows + half])).all(axis=1)
+    pixels, electrons = pixels[drawn], electrons[drawn]
     corner = np.rint(pixels).astype(np.intp) - half
     offsets = np.arange(2 * half + 1)
     across = _pixel_shares(corner[:, :1] + offsets - pixels[:, :1], sigma_px)

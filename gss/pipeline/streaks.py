@@ -257,13 +257,13 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
         if step_size < DONE and np.isfinite(before):
             break
         before, terms = chi2, (turned, w2, x, y)
-        own, common = slopes[..., :3], slopes[..., 3:] if turn else slopes[..., 6:]
+        separate, common = slopes[..., :3], slopes[..., 3:] if turn else slopes[..., 6:]
         weight = trails.use / variance
         residual = (trails.value - model) * weight
-        a = np.einsum("nki,nk,nkj->nij", own, weight, own)
-        b = np.einsum("nki,nk,nkj->nij", own, weight, common)
+        a = np.einsum("nki,nk,nkj->nij", separate, weight, separate)
+        b = np.einsum("nki,nk,nkj->nij", separate, weight, common)
         c = np.einsum("nki,nk,nkj->ij", common, weight, common)
-        p, q = np.einsum("nki,nk->ni", own, residual), np.einsum("nki,nk->i", common, residual)
+        p, q = np.einsum("nki,nk->ni", separate, residual), np.einsum("nki,nk->i", common, residual)
         solved = np.linalg.solve(a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3), b)
         own_step = np.linalg.solve(a + 1e-12 * np.trace(a, axis1=1, axis2=2)[:, None, None] * np.eye(3), p[..., None])
         normal = c - np.einsum("nij,nik->jk", b, solved)

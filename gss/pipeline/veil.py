@@ -129,7 +129,7 @@ def earth_disc(
     """
     grid = grid_of(camera)
     along = grid.unit_cam @ nadir_cam
-    seen = grid.spread(np.arccos(np.clip(along, -1, 1))) < earth_rad
+    on_disc = grid.spread(np.arccos(np.clip(along, -1, 1))) < earth_rad
     # In units of the Earth's radius: distance d = 1/sin ρ; ``reach`` is the nearer intersection of the ray with the sphere.
     distance = 1 / np.sin(earth_rad)
     reach = distance * along - np.sqrt(np.maximum(0.0, 1 - distance**2 * (1 - along**2)))
@@ -138,4 +138,4 @@ def earth_disc(
     per_px = camera.pixel_rad**2
     day_e_s = float(sensor.star_e(SUN_V_MAG, 1.0)) * EARTH_ALBEDO / np.pi * per_px
     night_e_s = float(sensor.star_e(NIGHT_EARTH_V_SR, 1.0)) * per_px
-    return seen, grid.spread(day_e_s * sunlit + night_e_s) * seen
+    return on_disc, grid.spread(day_e_s * sunlit + night_e_s) * on_disc

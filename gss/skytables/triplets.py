@@ -254,9 +254,11 @@ def _constellations(
     chord, near = _without_self(chord, near)
     distance = 2 * np.arcsin(np.minimum(1.0, chord / 2))
     exchange_rad = EXCHANGE_UNCERTAINTIES * uncertainty_rad
-    seen = np.cumsum(certain[near], axis=1)
+    certain_count = np.cumsum(certain[near], axis=1)
     limit = [
-        np.where((seen >= k).any(axis=1), distance[_rows(distance), np.argmax(seen >= k, axis=1)], np.inf)
+        np.where(
+            (certain_count >= k).any(axis=1), distance[_rows(distance), np.argmax(certain_count >= k, axis=1)], np.inf
+        )
         for k in (1, 2)
     ]
     in_reach = distance <= max_rad
@@ -278,9 +280,9 @@ def _rows(table: Array) -> NDArray[np.intp]:
 
 def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp]]:
     """Remove the star itself from its neighbour list. It is not always first: two stars may have the same position."""
-    own = near == np.arange(len(near))[:, None]
-    own[:, -1] |= ~own.any(axis=1)
-    keep = ~own
+    is_self = near == np.arange(len(near))[:, None]
+    is_self[:, -1] |= ~is_self.any(axis=1)
+    keep = ~is_self
     return chord[keep].reshape(len(near), -1), near[keep].reshape(len(near), -1)
 
 

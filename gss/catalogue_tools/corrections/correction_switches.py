@@ -138,8 +138,8 @@ def corrections_of(values: dict[str, Any]) -> Corrections:
         )
     if isinstance(double, dict):
         content["doubles"] = _made(Doubles, double)
-    made: Corrections = _made(Corrections, content)
-    return made
+    corrections: Corrections = _made(Corrections, content)
+    return corrections
 
 
 def frame_name(corrections: Corrections, date_jyear: float) -> str:

@@ -55,8 +55,8 @@ def parallactic(unit: Array, parallax_rad: Array, observer_au: Array) -> Array:
     """(n, 3) directions seen from ``observer_au`` (3,), from (n, 3) barycentric ones. Negative parallaxes are
     measurement noise and count as zero."""
     shift = np.maximum(np.asarray(parallax_rad), 0.0)[..., None] * np.asarray(observer_au)
-    seen = np.asarray(unit) - shift
-    return np.asarray(seen / np.linalg.norm(seen, axis=-1, keepdims=True))
+    direction = np.asarray(unit) - shift
+    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
 
 
 def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresight_orbit: Array) -> Array:

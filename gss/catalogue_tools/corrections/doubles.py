@@ -178,13 +178,13 @@ def _merged(
     several = size > 1
     star_like = _extra_spread_rad(stars.icrs, weight, group, centre, several) <= widest_rad
     leaders = np.sort(leader[star_like])
-    own = group[leaders]
-    joined = several[own]
+    lead = group[leaders]
+    joined = several[lead]
     result = stars.take(leaders)
     result = replace(
         result,
-        icrs=np.where(joined[:, None], centre[own], result.icrs),
-        v_mag=np.where(joined, -2.5 * np.log10(total[own]), result.v_mag),
+        icrs=np.where(joined[:, None], centre[lead], result.icrs),
+        v_mag=np.where(joined, -2.5 * np.log10(total[lead]), result.v_mag),
         flags=np.where(joined, result.flags | FLAG_MULTIPLE, result.flags).astype(np.uint16),
     )
     shift = separation_rad(centre, stars.icrs[leader])[several & star_like]

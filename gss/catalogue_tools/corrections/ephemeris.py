@@ -144,12 +144,12 @@ def _planet(name: str, number: int, jyear: float, earth_au: Array, place_au: Arr
     travel_days = 0.0
     for _ in range(2):
         at_sun = erfa.plan94(J2000_JD, _days(jyear) - travel_days, number)["p"]
-        seen = at_sun - earth_au - place_au
-        travel_days = float(np.linalg.norm(seen)) * AU_DAY
-    r, delta = float(np.linalg.norm(at_sun)), float(np.linalg.norm(seen))
-    phase_deg = float(np.degrees(np.arccos(np.clip(_unit(at_sun) @ _unit(seen), -1, 1))))
+        from_earth_au = at_sun - earth_au - place_au
+        travel_days = float(np.linalg.norm(from_earth_au)) * AU_DAY
+    r, delta = float(np.linalg.norm(at_sun)), float(np.linalg.norm(from_earth_au))
+    phase_deg = float(np.degrees(np.arccos(np.clip(_unit(at_sun) @ _unit(from_earth_au), -1, 1))))
     v_mag = 5 * np.log10(r * delta) + np.polyval(PHASE_LAWS[name][::-1], phase_deg)
     if name == "Saturn":
-        tilt = abs(float(SATURN_POLE @ _unit(seen)))
+        tilt = abs(float(SATURN_POLE @ _unit(from_earth_au)))
         v_mag += -2.60 * tilt + 1.25 * tilt**2
-    return _unit(seen), float(v_mag), delta
+    return _unit(from_earth_au), float(v_mag), delta

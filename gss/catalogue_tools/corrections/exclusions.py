@@ -119,10 +119,10 @@ def exclusions(
     count = int(np.ceil(days / step_days)) + 1
     jyear = jyear_of(start) + np.linspace(0.0, days, count) / DAYS_PER_YEAR
     terrestrial = jyear + TT_MINUS_UTC_S / DAY_S / DAYS_PER_YEAR
-    seen = [bodies_at(float(year), observer_km) for year in terrestrial]
+    bodies = [bodies_at(float(year), observer_km) for year in terrestrial]
     parallax_km = 0.0 if observer_km is not None else LOW_ORBIT_KM
-    tracks = [_disc_track(seen, "Sun", parallax_km), _disc_track(seen, "Moon", parallax_km)]
-    tracks += [_planet_track(seen, i, parallax_km) for i in range(len(PLANETS))]
+    tracks = [_disc_track(bodies, "Sun", parallax_km), _disc_track(bodies, "Moon", parallax_km)]
+    tracks += [_planet_track(bodies, i, parallax_km) for i in range(len(PLANETS))]
     bright_tracks = tuple(t for t in tracks if t.name in ("Sun", "Moon") or t.brightest_mag <= limit_mag)
     return Exclusions(jyear, bright_tracks, float(limit_mag))
 
@@ -175,11 +175,11 @@ def _way_past(path: Array, place: Array) -> Array:
     return away
 
 
-def _disc_track(seen: list[Bodies], name: str, parallax_km: float) -> Track:
-    discs = [bodies.sun if name == "Sun" else bodies.moon for bodies in seen]
+def _disc_track(series: list[Bodies], name: str, parallax_km: float) -> Track:
+    discs = [bodies.sun if name == "Sun" else bodies.moon for bodies in series]
     nearest = min(disc.distance_km for disc in discs)
     # The Moon moves around the Sun with the Earth, so it has no annual aberration.
-    places = np.stack([d.icrs if name == "Moon" else _apparent(d.icrs, b) for d, b in zip(discs, seen, strict=True)])
+    places = np.stack([d.icrs if name == "Moon" else _apparent(d.icrs, b) for d, b in zip(discs, series, strict=True)])
     return Track(
         name,
         places,
@@ -189,13 +189,13 @@ def _disc_track(seen: list[Bodies], name: str, parallax_km: float) -> Track:
     )
 
 
-def _planet_track(seen: list[Bodies], index: int, parallax_km: float) -> Track:
-    places = np.stack([_apparent(bodies.planets_icrs[index], bodies) for bodies in seen])
-    distance_km = np.array([bodies.planets_au[index] for bodies in seen]) * AU_KM
+def _planet_track(series: list[Bodies], index: int, parallax_km: float) -> Track:
+    places = np.stack([_apparent(bodies.planets_icrs[index], bodies) for bodies in series])
+    distance_km = np.array([bodies.planets_au[index] for bodies in series]) * AU_KM
     return Track(
         PLANETS[index],
         places,
-        np.array([bodies.planets_v_mag[index] for bodies in seen]),
+        np.array([bodies.planets_v_mag[index] for bodies in series]),
         np.arcsin(PLANET_RADIUS_KM[index] / distance_km),
         float(np.arcsin(parallax_km / distance_km.min())),
     )

@@ -81,7 +81,7 @@ def _table(response: SpectralResponse) -> tuple[Array, Array]:
     """Colour indices and instrument magnitude minus V."""
     b_v = np.linspace(*B_V_RANGE, GRID_STEPS)
     light = planck(WAVELENGTH_NM, temperature_k(np.append(b_v, 0.0)))
-    seen = light @ response.at(WAVELENGTH_NM)
+    instrument = light @ response.at(WAVELENGTH_NM)
     visual = light @ np.interp(WAVELENGTH_NM, V_WAVELENGTH_NM, V_PASSBAND, left=0.0, right=0.0)
-    ratio = seen / visual
+    ratio = instrument / visual
     return b_v, -2.5 * np.log10(ratio[:-1] / ratio[-1])

@@ -99,20 +99,20 @@ def corrected(
     return CorrectedSky(framed, now, rejected, name, summary, corrections, float(date))
 
 
-def _shift_fact(name: str, before: StarTable, after: StarTable, **more: Any) -> dict[str, Any]:
+def _shift_fact(name: str, before: StarTable, after: StarTable, **details: Any) -> dict[str, Any]:
     shift = separation_rad(before.icrs, after.icrs) if len(before) else np.zeros(1)
     moved = int(np.count_nonzero(shift > 0))
-    return {"name": name, "stars": moved, "largest": float(shift.max()), "unit": "rad", **more}
+    return {"name": name, "stars": moved, "largest": float(shift.max()), "unit": "rad", **details}
 
 
-def _light_fact(name: str, before: StarTable, after: StarTable, **more: Any) -> dict[str, Any]:
+def _light_fact(name: str, before: StarTable, after: StarTable, **details: Any) -> dict[str, Any]:
     change = np.abs(after.v_mag - before.v_mag) if len(before) else np.zeros(1)
     return {
         "name": name,
         "stars": int(np.count_nonzero(change > 0)),
         "largest": float(change.max()),
         "unit": "mag",
-        **more,
+        **details,
     }
 
 
@@ -139,14 +139,19 @@ def _camera_magnitudes(
     now = stars
     if c.instrument_magnitude:
         response = response_of(profile)
-        seen = replace(now, v_mag=now.v_mag + instrument_minus_v(now.b_v, response, c.unknown_b_v))
+        corrected = replace(now, v_mag=now.v_mag + instrument_minus_v(now.b_v, response, c.unknown_b_v))
         guessed = int(np.count_nonzero(np.isnan(now.b_v)))
         facts.append(
             _light_fact(
-                "instrument_magnitude", now, seen, response=response.name, source=response.source, no_colour=guessed
+                "instrument_magnitude",
+                now,
+                corrected,
+                response=response.name,
+                source=response.source,
+                no_colour=guessed,
             )
         )
-        now = seen
+        now = corrected
     if c.roll_off != "off":
         dimmed = replace(now, v_mag=now.v_mag + roll_off_mag(profile, c.roll_off))
         facts.append(_light_fact("roll_off", now, dimmed, over=c.roll_off, corner_loss=profile.defects.corner_loss))

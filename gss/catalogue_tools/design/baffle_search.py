@@ -119,8 +119,8 @@ def _free_in_patch(base: PatchEnvelope, u: Array, baffle: AvoidanceAngles) -> ND
     for k, axes in enumerate(base_from_icrs(base.limits, low + (high - low) * parts)):
         fields = cams @ axes
         fields = fields[baffle.clearance(fields[:, 2], sun[k], moon[k]) >= -PATCH_NEAR_RAD]
-        left = np.flatnonzero(~free)
-        free[left] = fields_per_star(u[left], fields, shape) > 0
+        blocked = np.flatnonzero(~free)
+        free[blocked] = fields_per_star(u[blocked], fields, shape) > 0
     return free
 
 
@@ -143,11 +143,11 @@ def _free_in_band(
     free = np.zeros(len(u), bool)
     for inclination in np.unique([*base.orbit.inclination_rad, np.mean(base.orbit.inclination_rad)]):
         for k, raan in enumerate(base.orbit.raan_at(parts)):
-            left = np.flatnonzero(~free)
+            blocked = np.flatnonzero(~free)
             # Far inside a keep-out zone no field that shows the direction is clear.
-            left = left[baffle.clearance(u[left], sun[k], moon[k]) >= -base.shape.half_diagonal_rad]
+            blocked = blocked[baffle.clearance(u[blocked], sun[k], moon[k]) >= -base.shape.half_diagonal_rad]
             axes = orbit_axes(np.array(raan), inclination, np.array(0.0))
-            star = u[left] @ axes.T
+            star = u[blocked] @ axes.T
             pick, real = _near(angles, np.arccos(np.clip(star[:, 1], -1, 1)), views_per_star)
             out = np.hypot(star[:, 0], star[:, 2])[:, None]
             sx, sz = (star[:, k, None] / np.maximum(out, 1e-12) for k in (0, 2))
@@ -156,7 +156,7 @@ def _free_in_band(
                 axis=-1,
             )
             clear = baffle.clearance(boresight, axes @ sun[k], axes @ moon[k]) >= 0
-            free[left] = (clear & real).any(axis=1)
+            free[blocked] = (clear & real).any(axis=1)
     return free
 
 
@@ -179,8 +179,8 @@ def _free_in_sky(base: Envelope, u: Array, baffle: AvoidanceAngles) -> NDArray[n
     hopeless = (baffle.clearance(u[:, None], sun, moon) < -base.shape.half_diagonal_rad).all(axis=1)
     for radius in np.linspace(0, base.shape.half_diagonal_rad, RINGS):
         for turn in np.linspace(0, 2 * np.pi, RING_POINTS, endpoint=False):
-            left = np.flatnonzero(~free & ~hopeless)
-            side = np.cos(turn) * east[left] + np.sin(turn) * north[left]
-            boresight = np.cos(radius) * u[left] + np.sin(radius) * side
-            free[left] = (baffle.clearance(boresight[:, None], sun, moon) >= 0).any(axis=1)
+            undecided = np.flatnonzero(~free & ~hopeless)
+            side = np.cos(turn) * east[undecided] + np.sin(turn) * north[undecided]
+            boresight = np.cos(radius) * u[undecided] + np.sin(radius) * side
+            free[undecided] = (baffle.clearance(boresight[:, None], sun, moon) >= 0).any(axis=1)
     return free

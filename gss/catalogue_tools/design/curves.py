@@ -61,7 +61,7 @@ def curves_of(
     in_force_mag: float,
     attitudes: Array,
     pairs: StarsInFields,
-    seen: StarsInFields,
+    in_fields: StarsInFields,
     most_pairs: float,
     progress: Progress,
 ) -> Curves:
@@ -100,7 +100,7 @@ def curves_of(
         np.array([limit_at_mag(c, float(t)) for t in exposures]),
         by_exposure,
         used,
-        tuple(against_limit(c, stars, seen, used)),
+        tuple(against_limit(c, stars, in_fields, used)),
     )
 
 

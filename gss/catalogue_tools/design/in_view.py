@@ -146,8 +146,8 @@ def pairs_in_view(unit: Array, attitudes: Array, shape: FieldShape) -> StarsInFi
         near = cKDTree(attitudes[:, 2]).sparse_distance_matrix(cKDTree(unit), reach, output_type="ndarray")
         field, star = near["i"], near["j"]
         cam = np.einsum("nij,nj->ni", attitudes[field], unit[star])
-        seen = shape.inside(cam)
-        field, star, cam = field[seen], star[seen], cam[seen]
+        inside = shape.inside(cam)
+        field, star, cam = field[inside], star[inside], cam[inside]
     else:
         field = star = np.zeros(0, np.intp)
         cam = np.zeros((0, 3))
@@ -213,7 +213,7 @@ def p_fewer_by_focal(unit: Array, attitudes: Array, c: DesignCamera, focal_mm: A
     result = np.empty((len(stars), len(focal_mm)))
     for row, n in enumerate(stars):
         has = pairs.count >= n
-        held = np.sort(longest_mm[start[has] + n - 1])
-        holding = len(held) - np.searchsorted(held, focal_mm, side="left")
+        longest_focal_mm = np.sort(longest_mm[start[has] + n - 1])
+        holding = len(longest_focal_mm) - np.searchsorted(longest_focal_mm, focal_mm, side="left")
         result[row] = 1 - holding / len(attitudes)
     return result

@@ -151,22 +151,38 @@ def design(
     looks = affordable(c, grid_rows, effort.looks, effort.pairs)
     attitudes = look(c, looks, request.seed, request.envelope)
     pairs = pairs_in_view(stars.icrs[:grid_rows], attitudes, c.shape)
-    seen = pairs.brighter_than(rows)
-    counted = counted_pairs(seen, attitudes)
+    used_stars = pairs.brighter_than(rows)
+    counted = counted_pairs(used_stars, attitudes)
     if effort.pointings:
         counted = _count(request, stars.icrs[:rows], effort, each, _part(progress, 0.0, 0.6))
-    curves = curves_of(c, stars, limits.in_force_mag, attitudes, pairs, seen, effort.pairs, _part(progress, 0.6, 0.85))
-    one, two, problem = _baffles(request)
+    curves = curves_of(
+        c, stars, limits.in_force_mag, attitudes, pairs, used_stars, effort.pairs, _part(progress, 0.6, 0.85)
+    )
+    single_stage, double_stage, problem = _baffles(request)
     trade: tuple[TradeRow, ...] = ()
     if effort.trade_looks:
         some = attitudes[: effort.trade_looks]
         trade = lens_trade(c, stars, some, effort.pairs / 4, _part(progress, 0.85, 1.0))
-    accuracies = accuracy(c, stars, seen)
+    accuracies = accuracy(c, stars, used_stars)
     blur, psf = motion_blur(c), psf_advice(c)
     notes = _notes(request, limits, counted)
     longest = longest_exposure_s(c)
     return DesignReport(
-        request, effort, limits, counted, looks, curves, accuracies, blur, psf, longest, one, two, problem, trade, notes
+        request,
+        effort,
+        limits,
+        counted,
+        looks,
+        curves,
+        accuracies,
+        blur,
+        psf,
+        longest,
+        single_stage,
+        double_stage,
+        problem,
+        trade,
+        notes,
     )
 
 
@@ -191,13 +207,13 @@ def _baffles(request: DesignRequest) -> tuple[BaffleGeometry | None, BaffleGeome
     c = request.camera
     radius = c.pupil_mm / 2
     try:
-        one = one_stage(radius, c.half_diagonal_rad, request.exclusion_rad, request.spare_mm)
+        single_stage = one_stage(radius, c.half_diagonal_rad, request.exclusion_rad, request.spare_mm)
     except BadInput as error:
         return None, None, str(error)
     try:
-        return one, two_stage(radius, c.half_diagonal_rad, request.exclusion_rad), ""
+        return single_stage, two_stage(radius, c.half_diagonal_rad, request.exclusion_rad), ""
     except BadInput as error:
-        return one, None, str(error)
+        return single_stage, None, str(error)
 
 
 def _check(limits: MagnitudeLimits, stars: StarTable) -> None:

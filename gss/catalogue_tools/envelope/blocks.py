@@ -114,9 +114,9 @@ class BlockEnvelope:
             self.report(done / whole)
 
         for part in np.unique(node_parts):
-            own = self._marked_at(_deg(float(part)), count)
+            at_first_node = self._marked_at(_deg(float(part)), count)
             for node in np.unique(np.round(np.degrees(nodes[node_parts == part]) - part).astype(int) % RA_BLOCKS):
-                blocks |= np.roll(own, node, axis=1)
+                blocks |= np.roll(at_first_node, node, axis=1)
         return blocks
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
@@ -209,8 +209,8 @@ class BlockEnvelope:
             else:
                 for unit in points:
                     # Only unmarked blocks need to be tested.
-                    left = np.flatnonzero(~blocks)
-                    blocks[left[fields_per_star(unit[left], attitudes, self.shape) > 0]] = True
+                    unmarked = np.flatnonzero(~blocks)
+                    blocks[unmarked[fields_per_star(unit[unmarked], attitudes, self.shape) > 0]] = True
             report(len(attitudes))
         return blocks.reshape(DEC_BLOCKS, RA_BLOCKS)
 

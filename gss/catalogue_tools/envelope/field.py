@@ -59,10 +59,10 @@ class CircularField:
     def inside_planes(self, x: Array, y: Array, z: Array) -> NDArray[np.bool_]:
         """:meth:`inside` for separate component arrays of one shape; optimised for millions of directions."""
         limit = np.cos(min(self.radius_rad, np.pi))
-        seen = np.asarray(z >= limit)
+        inside = np.asarray(z >= limit)
         doubtful = np.nonzero(np.abs(z - limit) < HAIR)
-        seen[doubtful] = self.inside(np.stack([x[doubtful], y[doubtful], z[doubtful]], axis=-1))
-        return seen
+        inside[doubtful] = self.inside(np.stack([x[doubtful], y[doubtful], z[doubtful]], axis=-1))
+        return inside
 
     def may_be_within(self, unit_cam: Array, slack_rad: Array | float) -> NDArray[np.bool_]:
         x, y, z = np.moveaxis(np.asarray(unit_cam), -1, 0)
@@ -126,10 +126,10 @@ class FieldShape:
         ahead = (z > 0) & (np.abs(col) < offset) & (np.abs(row) < offset)
         col[~ahead] = row[~ahead] = offset
         state = chart[(row + (offset + 1)).astype(np.int32), (col + (offset + 1)).astype(np.int32)]
-        seen = np.asarray(state == CHART_INSIDE)
+        inside = np.asarray(state == CHART_INSIDE)
         doubtful = np.nonzero(state == CHART_EDGE)
-        seen[doubtful] = self.inside(np.stack([x[doubtful], y[doubtful], z[doubtful]], axis=-1))
-        return seen
+        inside[doubtful] = self.inside(np.stack([x[doubtful], y[doubtful], z[doubtful]], axis=-1))
+        return inside
 
     def may_be_within(self, unit_cam: Array, slack_rad: Array | float) -> NDArray[np.bool_]:
         """False only if the field is certainly more than (…,) ``slack_rad`` away from (…, 3) ``unit_cam``.

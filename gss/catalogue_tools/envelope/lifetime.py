@@ -59,11 +59,11 @@ def lifetime(
         return Lifetime(threshold, float("inf"), None, np.array([0.0, longest_days]), np.ones(2))
     grid = centres(NSIDE)
     # The sampled map is accurate enough for laws that follow the Sun, and many times faster.
-    held = base.contains(grid) if isinstance(base, BandEnvelope) else base.time_fraction(grid) > 0
+    in_base = base.contains(grid) if isinstance(base, BandEnvelope) else base.time_fraction(grid) > 0
 
     def share(days: float) -> float:
-        seen = _seen_after(base, rate_rad_day * days, grid)
-        return float(seen[held].sum() / max(float(seen.sum()), 1e-300))
+        visible = _seen_after(base, rate_rad_day * days, grid)
+        return float(visible[in_base].sum() / max(float(visible.sum()), 1e-300))
 
     # A full turn of the node restores everything, so the first fall below the threshold counts.
     longest = min(longest_days, 2 * np.pi / abs(rate_rad_day))

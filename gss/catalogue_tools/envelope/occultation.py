@@ -234,16 +234,16 @@ class OccultedEnvelope:
     def contains(self, unit: Array) -> NDArray[np.bool_]:
         """(n,) mask of the (n, 3) directions that are ever seen in a usable field."""
         u = np.asarray(unit, float)
-        seen = self.base.contains(u)
-        seen[seen] = self._clear_of_earth(u[seen])
-        if not self.occultation.baffled or not seen.any():
-            return seen
-        doubtful = np.flatnonzero(seen)
+        visible = self.base.contains(u)
+        visible[visible] = self._clear_of_earth(u[visible])
+        if not self.occultation.baffled or not visible.any():
+            return visible
+        doubtful = np.flatnonzero(visible)
         doubtful = doubtful[~self._witnessed(u[doubtful])]
-        seen[doubtful] = free_of_baffle(
+        visible[doubtful] = free_of_baffle(
             self.base, u[doubtful], self.baffle, self._views, self.occultation.earth_rad, self.effort.views
         )
-        return seen
+        return visible
 
     def _clear_of_earth(self, u: Array) -> NDArray[np.bool_]:
         earth_rad = self.occultation.earth_rad

@@ -176,11 +176,11 @@ def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
     for moment in (start, end):
         error, _, _ = satellite.sgp4(*_julian(moment))
         if error:
-            words = SGP4_WORDS.get(error, f"SGP4 error {error}")
+            reason = SGP4_WORDS.get(error, f"SGP4 error {error}")
             raise BadInput(
                 f"no orbit at {moment:%Y-%m-%d}",
                 expected="a satellite in orbit",
-                got=words,
+                got=reason,
                 hint="use a newer TLE or fewer days",
             )
 

@@ -49,9 +49,9 @@ class HeadsEnvelope:
         """See :meth:`Envelope.at`; the last coordinate selects the head."""
         number = np.minimum((cube[:, -1] * len(self.heads)).astype(int), len(self.heads) - 1)
         moments = [head.at(cube[:, :-1]) for head in self.heads]
-        nadirs = [one.nadir for one in moments if one.nadir is not None]
+        nadirs = [moment.nadir for moment in moments if moment.nadir is not None]
         nadir = _chosen(nadirs, number) if len(nadirs) == len(moments) else None
-        return Moments(_chosen([one.cam_from_icrs for one in moments], number), moments[0].part, nadir)
+        return Moments(_chosen([moment.cam_from_icrs for moment in moments], number), moments[0].part, nadir)
 
 
 def _chosen(values: Sequence[Array], number: NDArray[np.intp]) -> Array:

@@ -40,13 +40,13 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
     ra, dec = ra_dec_from_unit(stars.icrs)
     if np.any(stars.flags > 255):
         raise BadInput("a star's flags do not fit eight bits", expected="at most 255", got=str(int(stars.flags.max())))
-    own: Columns = {
+    columns: Columns = {
         "ra_turn32": np.rint(ra / UNIT_RAD).astype(np.int64) % 2**32,
         "dec_turn32": np.rint(dec / UNIT_RAD).astype(np.int64),
         "v_mmag": to_millimag(stars.v_mag),
         "flags": stars.flags,
     }
-    return own, {}
+    return columns, {}
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:

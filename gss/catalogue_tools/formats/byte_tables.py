@@ -69,5 +69,5 @@ def _line(where: str, kind: str, f: BlockField) -> str:
 
 def _type(name: str) -> str:
     letters = {"i": "i", "u": "u", "f": "f"}
-    words = [w.lstrip("<") for w in name.split()]
-    return " ".join(w if w == "or" else letters[w[0]] + str(8 * int(w[1:])) for w in words)
+    parts = [w.lstrip("<") for w in name.split()]
+    return " ".join(w if w == "or" else letters[w[0]] + str(8 * int(w[1:])) for w in parts)

@@ -60,8 +60,8 @@ def c_source(image: bytes) -> str:
 
 def identifier(block: Block) -> str:
     """Name of a block's array."""
-    own = "" if block.dtype.names or block.bits else block.name
-    return PREFIX + "_".join(word for word in (block.table.removeprefix("raw"), own) if word)
+    block_name = "" if block.dtype.names or block.bits else block.name
+    return PREFIX + "_".join(word for word in (block.table.removeprefix("raw"), block_name) if word)
 
 
 def _described(block: Block) -> list[object]:

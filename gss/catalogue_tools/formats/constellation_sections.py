@@ -22,10 +22,10 @@ def class_blocks() -> tuple[Block, ...]:
     return (Block("triplet_classes", np.dtype([(name, "<f8") for name in CLASSES]), 1),)
 
 
-def class_columns(made: Constellations) -> Columns:
+def class_columns(constellations: Constellations) -> Columns:
     """Return the columns of the classes."""
-    numbers = {name: getattr(made.classes, name) for name in CLASSES[:3]}
-    numbers |= {name: getattr(made, name) for name in CLASSES[3:]}
+    numbers = {name: getattr(constellations.classes, name) for name in CLASSES[:3]}
+    numbers |= {name: getattr(constellations, name) for name in CLASSES[3:]}
     return {name: np.array([value], float) for name, value in numbers.items()}
 
 
@@ -34,10 +34,10 @@ def constellation_blocks(kind: int, count: int) -> tuple[Block, ...]:
     return tuple(Block(f"triplets_{NAMES[kind]}", np.dtype(t), count, name) for name, t in COLUMNS)
 
 
-def constellation_columns(made: Constellations, kind: int) -> Columns:
+def constellation_columns(constellations: Constellations, kind: int) -> Columns:
     """Return the columns of the constellations of one kind."""
-    which = np.flatnonzero(made.kind == kind)
-    return {name: getattr(made, name)[which] for name, _ in COLUMNS}
+    which = np.flatnonzero(constellations.kind == kind)
+    return {name: getattr(constellations, name)[which] for name, _ in COLUMNS}
 
 
 def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellations:
@@ -56,7 +56,7 @@ def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellati
     joined = {name: np.concatenate([p[name] for p in parts]).astype(np.int32) for name, _ in COLUMNS}
     _check(joined, stars)
     try:
-        made = TripletClasses(*(classes[name] for name in CLASSES[:3]))
+        triplet_classes = TripletClasses(*(classes[name] for name in CLASSES[:3]))
     except BadInput as error:
         raise CorruptData(
             "the classes of the triplets are inconsistent", expected=error.expected, got=error.got
@@ -69,7 +69,7 @@ def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellati
         joined["angle_low"],
         joined["angle_high"],
         stars,
-        made,
+        triplet_classes,
         classes["limit_mag"],
         classes["brightness_error"],
         classes["max_rad"],

@@ -38,8 +38,8 @@ PAIRS = Rows(
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
     """Return the columns of both tables."""
     x, y, z = stars.icrs.T
-    own = {"id": np.arange(len(stars)), "x": x, "y": y, "z": z}
-    return own, {"first": distances.first, "second": distances.second, "distance_rad": distances.distance_rad}
+    star_columns = {"id": np.arange(len(stars)), "x": x, "y": y, "z": z}
+    return star_columns, {"first": distances.first, "second": distances.second, "distance_rad": distances.distance_rad}
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:

@@ -64,8 +64,8 @@ def tables_for(
         distances = DistanceTable(none, none, np.empty(0), distances.min_rad, distances.max_rad)
     if format_name == "oersted":
         own_rad = UNCERTAINTY_PX * camera.pixel_rad if uncertainty_rad is None else uncertainty_rad
-        made = constellations_of(stars, own_rad, camera.diagonal_rad, limit_mag, BLEND_PX * camera.pixel_rad)
-        tables = replace(tables, constellations=made)
+        constellations = constellations_of(stars, own_rad, camera.diagonal_rad, limit_mag, BLEND_PX * camera.pixel_rad)
+        tables = replace(tables, constellations=constellations)
     if index and format_name != "far-mst":
         # ``encode()`` recomputes it at the precision stored on the device; far-mst always has a k-vector, of its sin².
         tables = replace(tables, index=line_index(distances.distance_rad))
@@ -108,8 +108,8 @@ def reduced_catalogue(stars: StarTable, frame: ReducedFrame) -> ReducedCatalogue
 
 def frame_camera(frame: ReducedFrame) -> Camera:
     """Return a camera without distortion whose field of view is that frame."""
-    made = Camera.from_fov(FRAME_PX, FRAME_PX, frame.width_rad)
-    return replace(made, focal_row_px=FRAME_PX / (2 * np.tan(frame.height_rad / 2)))
+    camera = Camera.from_fov(FRAME_PX, FRAME_PX, frame.width_rad)
+    return replace(camera, focal_row_px=FRAME_PX / (2 * np.tan(frame.height_rad / 2)))
 
 
 def pairs_among(distances: DistanceTable, reduced: ReducedCatalogue) -> DistanceTable:

@@ -48,12 +48,14 @@ Sections = dict[str, bytes]
 
 def _write_kind(kind: int) -> Callable[[BankTables, int, int], bytes | None]:
     def write(tables: BankTables, stars: int, pairs: int) -> bytes | None:
-        made = tables.constellations
-        if made is None:
+        constellations = tables.constellations
+        if constellations is None:
             return None
-        if made.stars != stars:
-            raise BadInput("the triplets belong to another star list", expected=f"{stars} stars", got=str(made.stars))
-        columns = constellation_columns(made, kind)
+        if constellations.stars != stars:
+            raise BadInput(
+                "the triplets belong to another star list", expected=f"{stars} stars", got=str(constellations.stars)
+            )
+        columns = constellation_columns(constellations, kind)
         return to_bytes(constellation_blocks(kind, len(columns["star"])), columns)
 
     return write
@@ -153,9 +155,9 @@ def write_sections(tables: BankTables, stars: int, pairs: int, core_bytes: int) 
     pairs."""
     content: Sections = {}
     for tag, section in SECTIONS.items():
-        made = section.write(tables, stars, pairs)
-        if made is not None:
-            content[tag] = made
+        payload = section.write(tables, stars, pairs)
+        if payload is not None:
+            content[tag] = payload
     if not content:
         return b""
     row = b"".join(
@@ -197,16 +199,21 @@ def walk(image: bytes | memoryview, core_bytes: int) -> Iterator[tuple[str, int,
 
 
 def read_sections(
-    image: bytes | memoryview, core_bytes: int, own: BankTables, distances: DistanceTable, stars: int, pairs: int
+    image: bytes | memoryview,
+    core_bytes: int,
+    core_tables: BankTables,
+    distances: DistanceTable,
+    stars: int,
+    pairs: int,
 ) -> BankTables:
-    """Return the ``own`` tables with those of the sections added; CorruptData if a section is not valid."""
+    """Return the ``core_tables`` tables with those of the sections added; CorruptData if a section is not valid."""
     content: Sections = {}
     for tag, at, size in walk(image, core_bytes):
         data = bytes(image[at : at + size])
         if size != sum(b.size for b in SECTIONS[tag].blocks(size, stars, pairs)):
             raise CorruptData("a section has the wrong length", expected=f"{tag} of whole rows", got=f"{size} bytes")
         content[tag] = data
-    tables = own
+    tables = core_tables
     if "KVEC" in content:
         tables = read_k(content["KVEC"], tables, stars, pairs)
         _check_index(tables, distances)

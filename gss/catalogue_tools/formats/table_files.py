@@ -52,10 +52,12 @@ def import_table(data: bytes, kind: str) -> bytes:
         columns = read(name)
         image += _bytes_of(name, block, columns)
     decode(image)
-    held = sum(len(data) for _, data in blocks_of(image))
-    if held != len(image):
+    described_bytes = sum(len(data) for _, data in blocks_of(image))
+    if described_bytes != len(image):
         raise CorruptData(
-            "the table file does not contain one complete image", expected=f"{held} bytes", got=f"{len(image)} bytes"
+            "the table file does not contain one complete image",
+            expected=f"{described_bytes} bytes",
+            got=f"{len(image)} bytes",
         )
     return image
 
@@ -170,7 +172,7 @@ def _read_fits(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callabl
 
     try:
         with fits.open(io.BytesIO(data), memmap=False) as hdus:
-            held = {
+            tables = {
                 hdu.name.lower(): {n: np.asarray(hdu.data[n]) for n in hdu.columns.names}
                 for hdu in hdus[1:]
                 if isinstance(hdu, fits.BinTableHDU)
@@ -179,10 +181,10 @@ def _read_fits(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callabl
         raise
     except Exception as error:  # readers raise arbitrary exceptions for malformed files
         raise BadInput("not a FITS file", expected="one that export_table wrote", got=str(error)) from None
-    if LAYOUT not in held or held[LAYOUT].get("json", np.empty(0)).dtype.kind not in "iu":
-        raise BadInput("not a catalogue in FITS tables", expected="a LAYOUT table", got=", ".join(held), hint=HINT)
-    text = held[LAYOUT]["json"].astype(np.uint8).tobytes().decode("utf-8", "replace")
-    return _parsed_layout(text), lambda name: _held(held, name)
+    if LAYOUT not in tables or tables[LAYOUT].get("json", np.empty(0)).dtype.kind not in "iu":
+        raise BadInput("not a catalogue in FITS tables", expected="a LAYOUT table", got=", ".join(tables), hint=HINT)
+    text = tables[LAYOUT]["json"].astype(np.uint8).tobytes().decode("utf-8", "replace")
+    return _parsed_layout(text), lambda name: _held(tables, name)
 
 
 def _held(tables: Tables, name: str) -> Columns:

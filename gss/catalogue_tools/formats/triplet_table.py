@@ -81,11 +81,11 @@ def triplets_of(
 
 def figures(table: TripletTable) -> TripletFigures:
     """Compute size and selectivity of a table."""
-    seen = len(np.unique(table.star))
+    stars = len(np.unique(table.star))
     _, count = np.unique(table.key, return_counts=True)
     share = float(np.sum(count.astype(float) ** 2) / len(table)) if len(table) else float("nan")
     size = HEADER_BYTES + REFERENCE_BYTES * len(table)
-    return TripletFigures(seen, len(table), len(table) / max(seen, 1), size, share)
+    return TripletFigures(stars, len(table), len(table) / max(stars, 1), size, share)
 
 
 def encode_triplets(table: TripletTable, bank_crc32: int = 0) -> bytes:

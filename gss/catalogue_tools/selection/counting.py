@@ -99,7 +99,7 @@ def _seen(
     rows, stars = group
     near = unit[stars].T
     v = (attitudes[rows].reshape(-1, 3) @ near).reshape(len(rows), 3, len(stars))
-    seen = shape.inside_planes(v[:, 0], v[:, 1], v[:, 2])
+    visible = shape.inside_planes(v[:, 0], v[:, 1], v[:, 2])
     if shadow is not None:
-        seen &= shadow.nadir[rows] @ near <= np.cos(shadow.radius_rad)
-    return seen
+        visible &= shadow.nadir[rows] @ near <= np.cos(shadow.radius_rad)
+    return visible

@@ -176,14 +176,14 @@ def screening_facts(selection: Selection) -> ScreeningFacts | None:
     rules, screened = selection.rules.screening, selection.screened
     if rules is None or screened is None:
         return None
-    seen = selection.fate != Fate.OUTSIDE
-    listed = np.flatnonzero(screened.marked & seen)
-    inside = {name: int(np.count_nonzero(mask & seen)) for name, mask in screened.reasons.items()}
+    covered = selection.fate != Fate.OUTSIDE
+    listed = np.flatnonzero(screened.marked & covered)
+    inside = {name: int(np.count_nonzero(mask & covered)) for name, mask in screened.reasons.items()}
     return {
         "action": rules.action,
         "counts": inside | {"any": len(listed)},
-        "mean_companions": float(screened.companions[seen].mean()) if seen.any() else 0.0,
-        "most_companions": float(screened.companions[seen].max(initial=0.0)),
+        "mean_companions": float(screened.companions[covered].mean()) if covered.any() else 0.0,
+        "most_companions": float(screened.companions[covered].max(initial=0.0)),
         "third": screened.third,
         "stars": [
             {

@@ -136,7 +136,7 @@ def _blocks(
         block = attitudes[start : start + size]
         near = cKDTree(block[:, 2]).sparse_distance_matrix(tree, reach * (1 + 1e-9), output_type="ndarray")
         field, star = near["i"].astype(np.intp), near["j"].astype(np.intp)
-        seen = shape.inside(np.einsum("nij,nj->ni", block[field], unit[star]))
-        field, star = field[seen], star[seen]
+        inside = shape.inside(np.einsum("nij,nj->ni", block[field], unit[star]))
+        field, star = field[inside], star[inside]
         sort = np.lexsort((star, field))
         yield field[sort], star[sort], len(block)

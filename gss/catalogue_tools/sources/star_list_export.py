@@ -92,17 +92,17 @@ def _facts(stars: StarTable) -> dict[str, Any]:
 
 
 def _csv(stars: StarTable) -> bytes:
-    made = columns(stars)
+    table = columns(stars)
     text = io.StringIO()
     for name, value in _facts(stars).items():
         text.write(f"# {name} = {value}\n")
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(made)
+    writer.writerow(table)
     lists = [
         ["" if value != value else repr(value) for value in column.tolist()]
         if column.dtype.kind == "f"
         else column.tolist()
-        for column in made.values()
+        for column in table.values()
     ]
     writer.writerows(zip(*lists, strict=True))
     return text.getvalue().encode()
@@ -140,8 +140,10 @@ def _fits(stars: StarTable) -> bytes:
 def _votable(stars: StarTable) -> bytes:
     from astropy.io.votable import from_table, tree, writeto
 
-    made = from_table(_table(stars))
-    made.resources[0].coordinate_systems.append(tree.CooSys(ID="icrs", system="ICRS", epoch=f"J{stars.epoch_jyear!r}"))
+    votable = from_table(_table(stars))
+    votable.resources[0].coordinate_systems.append(
+        tree.CooSys(ID="icrs", system="ICRS", epoch=f"J{stars.epoch_jyear!r}")
+    )
     file = io.BytesIO()
-    writeto(made, file, tabledata_format="binary2")
+    writeto(votable, file, tabledata_format="binary2")
     return file.getvalue()

@@ -210,11 +210,11 @@ def check_ecsv_header(lines: list[str]) -> None:
             "the header of the star list is too long", expected=f"at most {ECSV_HEADER_BYTES} characters", got=str(size)
         )
     try:
-        held = _repeats_itself("\n".join(lines))
+        repeated = _repeats_itself("\n".join(lines))
     except yaml.YAMLError as error:
         got = str(error).splitlines()[0][:200]
         raise BadInput("the star list is not an ecsv table", expected="a YAML header", got=got) from None
-    if held:
+    if repeated:
         raise BadInput(
             "the header of the star list uses anchors or aliases",
             expected="plain values",

@@ -110,10 +110,10 @@ class ListMapping:
     def _check_types(self) -> None:
         """Raise BadInput for values of a wrong type, which JSON may hold; "no" must not count as true."""
         for name in ("columns", "units"):
-            held = getattr(self, name)
-            if not isinstance(held, Mapping) or not all(isinstance(t, str) for pair in held.items() for t in pair):
+            fields = getattr(self, name)
+            if not isinstance(fields, Mapping) or not all(isinstance(t, str) for pair in fields.items() for t in pair):
                 raise BadInput(
-                    f"{name} of a star list is not understood", expected="a word for each field", got=_short(held)
+                    f"{name} of a star list is not understood", expected="a word for each field", got=_short(fields)
                 )
         epoch: object = self.epoch_jyear
         if epoch is not None and (isinstance(epoch, bool) or not isinstance(epoch, int | float)):

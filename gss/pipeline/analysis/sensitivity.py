@@ -58,9 +58,9 @@ def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
     sigma = float(np.sqrt(max(gradient @ covariance @ gradient, 0.0)))
     edges = np.arange(np.floor(v.min() / BIN_MAG), np.ceil(v.max() / BIN_MAG) + 1) * BIN_MAG
     stars = np.histogram(v, edges)[0].astype(np.intp)
-    seen = np.histogram(v[hit], edges)[0].astype(np.intp)
+    detected_stars = np.histogram(v[hit], edges)[0].astype(np.intp)
     limits = np.array(
-        [share_interval(int(s), int(n)) if n else (np.nan, np.nan) for s, n in zip(seen, stars, strict=True)]
+        [share_interval(int(s), int(n)) if n else (np.nan, np.nan) for s, n in zip(detected_stars, stars, strict=True)]
     )
     advice: list[Advice] = []
     if ceiling < 0.95:
@@ -69,7 +69,17 @@ def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
     if mag_50 > v.max() - 0.5:
         advice.append(Advice("shallow", "the limit is at the end of the catalogue", "a deeper catalogue", True))
     return Sensitivity(
-        mag_50, sigma, mag_90, mag_50 - mag_90, ceiling, edges, stars, seen, limits[:, 0], limits[:, 1], tuple(advice)
+        mag_50,
+        sigma,
+        mag_90,
+        mag_50 - mag_90,
+        ceiling,
+        edges,
+        stars,
+        detected_stars,
+        limits[:, 0],
+        limits[:, 1],
+        tuple(advice),
     )
 
 

@@ -128,9 +128,9 @@ def _fit(quaternion: Array, at_s: Array) -> tuple[Array, Array, NDArray[np.bool_
         design = _design(start, rate, at_s, model)
         change = np.asarray(np.linalg.lstsq(design[keep].reshape(-1, FREEDOM), off[keep].ravel(), rcond=None)[0], float)
         start, rate = turned(start, change[:3]), rate + change[3:]
-        left = turn_between(turned(start, -rate * at_s[:, None]), quaternion)
-        spread = np.array([robust_sigma(left[keep, a]) for a in range(3)])
-        keep = (np.abs(left) <= STRAY_SIGMAS * np.maximum(spread, 1e-12)).all(axis=1)
+        residual = turn_between(turned(start, -rate * at_s[:, None]), quaternion)
+        spread = np.array([robust_sigma(residual[keep, a]) for a in range(3)])
+        keep = (np.abs(residual) <= STRAY_SIGMAS * np.maximum(spread, 1e-12)).all(axis=1)
         if keep.sum() < FREEDOM // 3 + 1:
             keep = np.ones(len(at_s), bool)
     return start, rate, keep

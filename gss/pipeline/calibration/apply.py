@@ -105,10 +105,10 @@ def camera_difference(first: Camera, second: Camera) -> Difference:
         )
     col, row = np.meshgrid(np.linspace(0, first.columns - 1, GRID), np.linspace(0, first.rows - 1, GRID))
     pixels = np.column_stack([col.ravel(), row.ravel()])
-    seen = first.unproject(pixels)
-    good = np.isfinite(seen).all(axis=1) & np.isfinite(second.unproject(pixels)).all(axis=1)
-    turn = svd(second.unproject(pixels[good]), seen[good])
-    off = second.project(seen[good] @ turn.T) - pixels[good]
+    rays = first.unproject(pixels)
+    good = np.isfinite(rays).all(axis=1) & np.isfinite(second.unproject(pixels)).all(axis=1)
+    turn = svd(second.unproject(pixels[good]), rays[good])
+    off = second.project(rays[good] @ turn.T) - pixels[good]
     off = off[np.isfinite(off).all(axis=1)]
     skew = (turn - turn.T) / 2
     rotation = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])

@@ -153,8 +153,8 @@ def _kept(stars: StarStack, length: Array, scale: float) -> NDArray[np.bool_]:
     keep = length < REJECT * scale
     short = np.flatnonzero(np.add.reduceat(keep.astype(int), stars.first) < 2)
     for f in short:
-        own = np.flatnonzero(stars.frame == f)
-        keep[own[np.argsort(length[own])[:2]]] = True
+        in_frame = np.flatnonzero(stars.frame == f)
+        keep[in_frame[np.argsort(length[in_frame])[:2]]] = True
     return np.asarray(keep)
 
 

@@ -73,12 +73,12 @@ def calibrate_checkerboard(
             got=f"{len(images)} of sizes {', '.join(map(str, sizes)) or '-'}",
         )
     corners = [_corners(cv, _as_bytes(i), inner_corners) for i in images]
-    seen = [c for c in corners if c is not None]
-    if len(seen) < FEWEST_IMAGES:
+    detected = [c for c in corners if c is not None]
+    if len(detected) < FEWEST_IMAGES:
         raise BadInput(
             "the board was found in too few pictures",
             expected=f"{FEWEST_IMAGES} with all {inner_corners[0]} x {inner_corners[1]} inner corners",
-            got=f"{len(seen)} of {len(images)}",
+            got=f"{len(detected)} of {len(images)}",
             hint="count inner corners, not squares; the whole board with a white rim, sharp, evenly lit",
         )
     rows, columns = next(iter(sizes))
@@ -86,7 +86,7 @@ def calibrate_checkerboard(
     board[:, :2] = np.mgrid[: inner_corners[0], : inner_corners[1]].T.reshape(-1, 2) * square_mm
     flags = 0 if fit_k3 else cv.CALIB_FIX_K3
     _, matrix, lens, turns, shifts, sigma, _, _ = cv.calibrateCameraExtended(
-        [board] * len(seen), [s.astype(np.float32) for s in seen], (columns, rows), None, None, flags=flags
+        [board] * len(detected), [s.astype(np.float32) for s in detected], (columns, rows), None, None, flags=flags
     )
     k1, k2, p1, p2, k3 = (float(v) for v in np.ravel(lens)[:5])
     camera = Camera(
@@ -101,7 +101,7 @@ def calibrate_checkerboard(
     predicted = [
         cv.projectPoints(board, t, s, matrix, lens)[0].reshape(-1, 2) for t, s in zip(turns, shifts, strict=True)
     ]
-    off = [s.reshape(-1, 2) - p for s, p in zip(seen, predicted, strict=True)]
+    off = [s.reshape(-1, 2) - p for s, p in zip(detected, predicted, strict=True)]
     return _made(camera, np.ravel(sigma)[:9], corners, off, [float(np.linalg.norm(np.ravel(t)[:2])) for t in turns])
 
 

@@ -73,7 +73,7 @@ def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
     excess = alone[hot[:, 0], hot[:, 1]]
     order = np.argsort(-excess)
     noisy = np.argwhere(noise > NOISY_TIMES * max(typical_noise, 0.3))
-    left = typical_noise**2 / len(cube)
+    noise_of_mean = typical_noise**2 / len(cube)
     level = np.asarray(np.median(cube.reshape(len(cube), -1), axis=1), np.float64)
     return DarkCalibration(
         exposure_s,
@@ -82,7 +82,7 @@ def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
         noise.astype(np.float32),
         middle,
         typical_noise,
-        float(np.sqrt(max(spread**2 - left, 0.0))),
+        float(np.sqrt(max(spread**2 - noise_of_mean, 0.0))),
         _spread_beyond(columns, spread, len(rows)),
         _spread_beyond(rows, spread, len(columns)),
         hot[order][:, ::-1],

@@ -28,12 +28,12 @@ def focal_from_pair(first: Array, second: Array, separation_true_rad: float) -> 
     which lose precision when divided by the cosine of a small angle.
     """
     u1, u2 = np.asarray(first, float), np.asarray(second, float)
-    dot, one, two = float(u1 @ u2), float(u1 @ u1), float(u2 @ u2)
+    dot, first2, second2 = float(u1 @ u2), float(u1 @ u1), float(u2 @ u2)
     sine2 = float(np.sin(separation_true_rad)) ** 2
     cosine2 = 1 - sine2
     # f⁴ sin² + f² (2·dot − cos²(one + two)) + dot² − cos²·one·two = 0; the middle term is written as a sum of small numbers.
-    b = -float((u1 - u2) @ (u1 - u2)) + sine2 * (one + two)
-    c = dot**2 - cosine2 * one * two
+    b = -float((u1 - u2) @ (u1 - u2)) + sine2 * (first2 + second2)
+    c = dot**2 - cosine2 * first2 * second2
     root = b * b - 4 * sine2 * c
     if sine2 == 0 or root < 0:
         return float("nan")
@@ -64,24 +64,24 @@ def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px:
     stretch = np.array([aspect**-0.5, aspect**0.5])
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
     reach = NEAR_CENTRE * float(np.hypot(camera.columns, camera.rows)) / 2 if radius_px is None else radius_px
-    made: list[tuple[float, float, float, float, float]] = []
+    estimates: list[tuple[float, float, float, float, float]] = []
     per_frame: list[float] = []
     for frame in frames:
         place = (frame.pixels - centre) * stretch
         far = np.hypot(place[:, 0], place[:, 1])
-        own = _pairs(place, frame.icrs, far, reach)
-        if own:
-            values = np.array(own)
+        frame_pairs = _pairs(place, frame.icrs, far, reach)
+        if frame_pairs:
+            values = np.array(frame_pairs)
             per_frame.append(float(np.average(values[:, 0], weights=values[:, 1] ** 2)))
-            made += own
-    if len(made) < FEWEST_PAIRS:
+            estimates += frame_pairs
+    if len(estimates) < FEWEST_PAIRS:
         raise BadInput(
             "too few pairs of stars near the optical centre",
             expected=f"{FEWEST_PAIRS} within {reach:.0f} px of it",
-            got=str(len(made)),
+            got=str(len(estimates)),
             hint="a denser part of the sky, or a larger radius",
         )
-    values = np.array(made[:MOST_PAIRS])
+    values = np.array(estimates[:MOST_PAIRS])
     inliers = np.abs(values[:, 0] - np.median(values[:, 0])) < 5 * max(robust_sigma(values[:, 0]), 1e-9)
     weight = values[inliers, 1] ** 2
     focal = float(np.average(values[inliers, 0], weights=weight))
@@ -101,7 +101,7 @@ def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px:
 
 def _pairs(place: Array, icrs: Array, far: Array, reach: float) -> list[tuple[float, float, float, float, float]]:
     near = np.flatnonzero(far < reach)
-    made = []
+    estimates = []
     for i, a in enumerate(near.tolist()):
         for b in near[i + 1 :].tolist():
             length = float(np.hypot(*(place[a] - place[b])))
@@ -110,8 +110,8 @@ def _pairs(place: Array, icrs: Array, far: Array, reach: float) -> list[tuple[fl
             true = float(separation_rad(icrs[a], icrs[b]))
             f = focal_from_pair(place[a], place[b], true)
             if np.isfinite(f):
-                made.append((f, length, length / true, float(max(far[a], far[b])), true))
-    return made
+                estimates.append((f, length, length / true, float(max(far[a], far[b])), true))
+    return estimates
 
 
 def _said(values: Array) -> list[Advice]:

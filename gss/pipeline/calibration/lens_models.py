@@ -107,8 +107,8 @@ def vector_of(camera: Camera, model: str, focal_mm: float = float("nan")) -> Vec
             values[TILT[1]] = lens.tilt_max_rad * float(np.sin(lens.tilt_direction_rad))
             values |= dict(zip(RADIAL, lens.radial, strict=False))
     elif model != "pinhole":
-        own = {n: getattr(lens, n) for n in BROWN} if isinstance(lens, Brown) else {}
-        values |= {n: own.get(n, 0.0) for n in LENS_MODELS[model]}
+        coefficients = {n: getattr(lens, n) for n in BROWN} if isinstance(lens, Brown) else {}
+        values |= {n: coefficients.get(n, 0.0) for n in LENS_MODELS[model]}
     return Vector(model, camera.columns, camera.rows, values, (*GEOMETRY, *LENS_MODELS[model]), focal_mm)
 
 

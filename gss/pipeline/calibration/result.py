@@ -127,10 +127,10 @@ class CameraCalibration:
         turn_over, moved_over = (d.reshape(2 * GRID * GRID, -1) for d in self._slopes(self._grid(), vector))
         fitted_turn = np.linalg.lstsq(turn_over, moved_over, rcond=None)[0]
         turn, moved = self._slopes(np.asarray(pixels, float), vector)
-        left = moved - turn @ fitted_turn.reshape(3, free)
+        remainder = moved - turn @ fitted_turn.reshape(3, free)
         scale = np.array([self._factor(n) for n in vector.free])
         inside = self.covariance / np.outer(scale, scale)
-        return np.asarray(np.sqrt(np.maximum(np.einsum("nkp,pq,nkq->n", left, inside, left) / 2, 0)))
+        return np.asarray(np.sqrt(np.maximum(np.einsum("nkp,pq,nkq->n", remainder, inside, remainder) / 2, 0)))
 
     def _grid(self) -> Array:
         col, row = np.meshgrid(
@@ -140,8 +140,10 @@ class CameraCalibration:
 
     def _slopes(self, pixels: Array, vector: Vector) -> tuple[Array, Array]:
         unit = np.nan_to_num(self.camera.unproject(pixels))
-        one = StarStack(pixels, np.ones(len(pixels)), unit, np.zeros(len(pixels), np.intp), np.zeros(1, np.intp))
-        return derivatives(one, vector, np.eye(3)[None])
+        single_frame = StarStack(
+            pixels, np.ones(len(pixels)), unit, np.zeros(len(pixels), np.intp), np.zeros(1, np.intp)
+        )
+        return derivatives(single_frame, vector, np.eye(3)[None])
 
     def _factor(self, name: str) -> float:
         """Conversion factor of the covariance from the units of the fit, which uses logarithms of focal length and aspect."""

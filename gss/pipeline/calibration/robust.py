@@ -39,8 +39,8 @@ def fit_linear(design: Array, data: Array, sigma: Array | None = None) -> Linear
     n, p = design.shape
     if n <= p:
         raise BadInput("too few points for this fit", expected=f"more than {p}", got=str(n))
-    own = np.ones(n) if sigma is None else np.asarray(sigma, float)
-    weight, used = 1 / own**2, np.ones(n, bool)
+    scale = np.ones(n) if sigma is None else np.asarray(sigma, float)
+    weight, used = 1 / scale**2, np.ones(n, bool)
     coefficients = np.zeros(p)
     size = np.linalg.norm(design, axis=0)
     size = np.where(size > 0, size, 1.0)
@@ -50,14 +50,14 @@ def fit_linear(design: Array, data: Array, sigma: Array | None = None) -> Linear
         settled = np.allclose(new, coefficients, rtol=1e-10, atol=1e-14)
         coefficients = new
         residual = data - design @ coefficients
-        scaled = np.abs(residual) / own
+        scaled = np.abs(residual) / scale
         spread = max(NORMAL_MAD * float(np.median(scaled)) * float(np.sqrt(n / (n - p))), 1e-12)
         used = scaled < REJECT * spread
-        weight = np.minimum(1.0, HUBER * spread / np.maximum(scaled, 1e-300)) / own**2
+        weight = np.minimum(1.0, HUBER * spread / np.maximum(scaled, 1e-300)) / scale**2
         if settled:
             break
     used_residuals = scaled[used]
     scatter = float(np.sqrt(np.sum(used_residuals**2) / max(len(used_residuals) - p, 1)))
-    shaped = (design[used] / size).T @ (design[used] / size / own[used, None] ** 2)
+    shaped = (design[used] / size).T @ (design[used] / size / scale[used, None] ** 2)
     covariance = np.linalg.pinv(shaped) * scatter**2 / np.outer(size, size)
     return Linear(coefficients, covariance, residual, used, scatter)

@@ -191,16 +191,16 @@ def _of_one_scale(
 
 def frame_offsets_mag(frames: Sequence[FrameStars]) -> Array:
     """(f,) median zero point (magnitude of one DN per second) of each frame minus the median of all; NaN without fluxes."""
-    made = []
+    zero_points = []
     for f in frames:
         good = np.isfinite(f.flux_dn) & (f.flux_dn > 0) & np.isfinite(f.v_mag) & ~f.saturated
         # Equal fluxes mean that the centroids were given without fluxes.
         if good.sum() < FEWEST_STARS or np.ptp(f.flux_dn[good]) == 0:
-            made.append(np.nan)
+            zero_points.append(np.nan)
             continue
         exposure_s = f.exposure_s if np.isfinite(f.exposure_s) else 1.0
-        made.append(float(np.median(f.v_mag[good] + 2.5 * np.log10(f.flux_dn[good] / exposure_s))))
-    zero = np.array(made)
+        zero_points.append(float(np.median(f.v_mag[good] + 2.5 * np.log10(f.flux_dn[good] / exposure_s))))
+    zero = np.array(zero_points)
     return np.asarray(zero - np.nanmedian(zero)) if np.isfinite(zero).any() else zero
 
 
@@ -236,19 +236,19 @@ def coverage(pixels: Array, size: tuple[int, int]) -> float:
 
 def poor_data(pixels: Array, frames: int, size: tuple[int, int]) -> list[Advice]:
     """Return warnings about the remaining stars."""
-    made: list[Advice] = []
+    advice: list[Advice] = []
     if len(pixels) < FEW_STARS:
         text = f"{counted(len(pixels), 'star')} in all"
-        made.append(
+        advice.append(
             Advice("few-stars", text, f"take more frames, until there are {FEW_STARS} or better 300 stars", True)
         )
     if frames < FEW_FRAMES:
-        made.append(Advice("few-frames", counted(frames, "frame"), "take 20 or more, turned against each other"))
+        advice.append(Advice("few-frames", counted(frames, "frame"), "take 20 or more, turned against each other"))
     share = coverage(pixels, size) if len(pixels) else 0.0
     if share < 0.8:
         text = f"stars in {share:.0%} of the field only"
         hint = (
             "point so that stars fall into every part of the detector, corners included; turn the camera between frames"
         )
-        made.append(Advice("one-part", text, hint, severe=share < 0.4))
-    return made
+        advice.append(Advice("one-part", text, hint, severe=share < 0.4))
+    return advice

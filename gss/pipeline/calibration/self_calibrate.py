@@ -123,13 +123,13 @@ def _fit_all(
     progress: Progress,
 ) -> dict[str, _Trial]:
     turns = attitudes_of(stars, start)
-    made: dict[str, _Trial] = {}
+    trials: dict[str, _Trial] = {}
     for k, model in enumerate(models):
         vector = vector_of(start, model, focal_mm)
         fit, frozen = hold_unsupported(stars, vector, turns, priors)
-        made[model] = _Trial(fit, frozen)
+        trials[model] = _Trial(fit, frozen)
         progress(0.5 * (k + 1) / len(models))
-    return made
+    return trials
 
 
 def _without_strange(
@@ -138,8 +138,8 @@ def _without_strange(
     """Exclude frames that fit far worse than the median under the best model: misidentified, or from another camera."""
     fit = min(trials.values(), key=lambda t: t.fit.scale).fit
     length = np.hypot(fit.residual_px[:, 0], fit.residual_px[:, 1]) / stars.sigma_px
-    own = np.array([float(np.median(length[stars.frame == f])) for f in range(stars.frames)])
-    strange = own > STRANGE * max(float(np.median(own)), 1e-9)
+    typical = np.array([float(np.median(length[stars.frame == f])) for f in range(stars.frames)])
+    strange = typical > STRANGE * max(float(np.median(typical)), 1e-9)
     if not strange.any() or strange.mean() > 0.3:
         return screened, stars, False
     names = [(f.name, "does not fit the others") for f, s in zip(screened.frames, strange, strict=True) if s]
@@ -243,8 +243,10 @@ def _parameters(fit: Adjusted) -> tuple[tuple[Parameter, ...], Array]:
     covariance = fit.covariance * np.outer(factor, factor)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0))
     values = fit.vector.values
-    made = [Parameter(n, values[n], float(s), UNITS.get(n, "")) for n, s in zip(fit.vector.free, sigma, strict=True)]
-    return tuple(made), covariance
+    parameters = [
+        Parameter(n, values[n], float(s), UNITS.get(n, "")) for n, s in zip(fit.vector.free, sigma, strict=True)
+    ]
+    return tuple(parameters), covariance
 
 
 def _advice(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
@@ -274,15 +276,22 @@ def _advice(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
 def _frames(screened: ScreenedFrames, stars: StarStack, fit: Adjusted) -> tuple[FrameFit, ...]:
     rows = []
     for k, frame in enumerate(screened.frames):
-        own = stars.frame == k
-        used_stars: NDArray[np.bool_] = own & fit.used
+        in_frame = stars.frame == k
+        used_stars: NDArray[np.bool_] = in_frame & fit.used
         rms = float(np.sqrt(np.mean(fit.residual_px[used_stars] ** 2))) if used_stars.any() else float("nan")
         quaternion = quaternion_from_matrix(fit.cam_from_icrs[k])
         covariance = fit.attitude_covariance_rad2[k]
-        left = int(own.sum()) - int(used_stars.sum())
+        rejected = int(in_frame.sum()) - int(used_stars.sum())
         rows.append(
             FrameFit(
-                frame.name, frame.time_s, int(own.sum()), left, rms, quaternion, covariance, float(screened.scale[k])
+                frame.name,
+                frame.time_s,
+                int(in_frame.sum()),
+                rejected,
+                rms,
+                quaternion,
+                covariance,
+                float(screened.scale[k]),
             )
         )
     nothing = FrameFit("", float("nan"), 0, 0, float("nan"), np.full(4, np.nan), np.full((3, 3), np.nan), float("nan"))

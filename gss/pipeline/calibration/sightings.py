@@ -88,15 +88,15 @@ def frame_stars(
     row_of = stars.row_of_hip
     used = [k for k, h in enumerate(result.matches.hip.tolist()) if result.matches.weight[k] > 0 and int(h) in row_of]
     rows = np.array([row_of[int(result.matches.hip[k])] for k in used], np.intp)
-    seen = result.centroids.take(result.matches.centroid[used].astype(np.intp))
+    centroids = result.centroids.take(result.matches.centroid[used].astype(np.intp))
     size = (result.camera.columns, result.camera.rows)
-    return of_centroids(name, size, seen, stars, rows, exposure_s, time_s, streak_px, saturation_dn)
+    return of_centroids(name, size, centroids, stars, rows, exposure_s, time_s, streak_px, saturation_dn)
 
 
 def of_centroids(
     name: str,
     size: tuple[int, int],
-    seen: Centroids,
+    centroids: Centroids,
     stars: StarTable,
     rows: NDArray[np.intp],
     exposure_s: float = float("nan"),
@@ -108,15 +108,15 @@ def of_centroids(
     return FrameStars(
         name,
         *size,
-        seen.pixels,
-        np.asarray(seen.sigma_px, float),
+        centroids.pixels,
+        np.asarray(centroids.sigma_px, float),
         stars.icrs[rows],
         stars.hip[rows],
         stars.v_mag[rows],
         stars.b_v[rows],
-        seen.flux_dn,
-        seen.peak_dn,
-        seen.area_px,
+        centroids.flux_dn,
+        centroids.peak_dn,
+        centroids.area_px,
         exposure_s,
         time_s,
         streak_px,

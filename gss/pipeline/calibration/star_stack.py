@@ -58,8 +58,8 @@ def attitudes_of(stars: StarStack, camera: Camera) -> Array:
     """(f, 3, 3) cam_from_icrs, fitted to each frame separately with a fixed camera."""
     cam = camera.unproject(stars.pixels)
     ends = np.append(stars.first[1:], len(stars))
-    made = []
+    attitudes = []
     for low, high in zip(stars.first, ends, strict=True):
         good = np.isfinite(cam[low:high]).all(axis=1)
-        made.append(svd(cam[low:high][good], stars.icrs[low:high][good]))
-    return np.stack(made)
+        attitudes.append(svd(cam[low:high][good], stars.icrs[low:high][good]))
+    return np.stack(attitudes)

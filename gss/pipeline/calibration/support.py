@@ -26,11 +26,11 @@ def hold_unsupported(
     vector = _within_equations(stars, vector, frozen)
     while True:
         fit = adjust(stars, vector, turns, priors)
-        held, reason = _worst(fit)
-        if not held:
+        unsupported, reason = _worst(fit)
+        if not unsupported:
             return fit, tuple(frozen)
-        frozen += [Frozen(n, start.values[n], reason, _sigma(fit, n)) for n in held]
-        vector = _restarted(start, fit.vector).without(held)
+        frozen += [Frozen(n, start.values[n], reason, _sigma(fit, n)) for n in unsupported]
+        vector = _restarted(start, fit.vector).without(unsupported)
 
 
 def _sigma(fit: Adjusted, name: str) -> float:
@@ -50,9 +50,9 @@ def _within_equations(stars: StarStack, vector: Vector, frozen: list[Frozen]) ->
     for group in FREEZING_ORDER:
         if 2 * len(stars) - 3 * stars.frames > len(vector.free):
             break
-        held = tuple(n for n in group if n in vector.free)
-        frozen += [Frozen(n, vector.values[n], "fewer equations than unknowns", float("nan")) for n in held]
-        vector = vector.without(held)
+        group_names = tuple(n for n in group if n in vector.free)
+        frozen += [Frozen(n, vector.values[n], "fewer equations than unknowns", float("nan")) for n in group_names]
+        vector = vector.without(group_names)
     return vector
 
 
@@ -65,12 +65,12 @@ def _worst(fit: Adjusted) -> tuple[tuple[str, ...], str]:
     loose = {n for n, s, most in zip(free, sigma, limit, strict=True) if not s <= most}
     twins = _twins(fit, sigma)
     for group in FREEZING_ORDER:
-        held = tuple(n for n in group if n in free)
-        if loose & set(held):
-            worst = max((n for n in held if n in loose), key=lambda n: sigma[free.index(n)] / limit[free.index(n)])
-            return held, f"its σ would be {sigma[free.index(worst)]:.2g}"
-        if twins & set(held):
-            return held, "cannot be separated from another parameter"
+        fitted = tuple(n for n in group if n in free)
+        if loose & set(fitted):
+            worst = max((n for n in fitted if n in loose), key=lambda n: sigma[free.index(n)] / limit[free.index(n)])
+            return fitted, f"its σ would be {sigma[free.index(worst)]:.2g}"
+        if twins & set(fitted):
+            return fitted, "cannot be separated from another parameter"
     return (), ""
 
 

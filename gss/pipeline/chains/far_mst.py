@@ -47,11 +47,11 @@ def calculate_attitude(
     row, unit = matching.row[chosen], matching.unit_cam[chosen]
     reference, weight = catalogue.icrs[row], matching.weight[chosen]
     quaternion = attitude_of(unit, reference, weight, parameters.attitude_method)
-    seen = reference @ matrix_from_quaternion(quaternion).T
+    predicted = reference @ matrix_from_quaternion(quaternion).T
     sigma_rad = np.maximum(centroids.sigma_px[chosen], 1e-3) * camera.pixel_rad
     if parameters.acceptance == "bound":
         radius_rad = star_radius_rad(sigma_rad, camera.pixel_rad, parameters)
-        miss_rad, radius_px = np.linalg.norm(seen - unit, axis=1), float(np.max(radius_rad)) / camera.pixel_rad
+        miss_rad, radius_px = np.linalg.norm(predicted - unit, axis=1), float(np.max(radius_rad)) / camera.pixel_rad
         reason = proof.misfit(miss_rad, MISFIT_RADII * radius_rad, camera.pixel_rad) or proof.another_focal_length(
             centroids.pixels, matching.unit_cam, chosen, reference, catalogue.icrs, camera, radius_px
         )
@@ -59,7 +59,9 @@ def calculate_attitude(
             return proof.rejected(reason, probability)
     covariance = covariance_of(unit, reference, sigma_rad, parameters.attitude_method)
     attitude, share = Attitude(quaternion, covariance), weight / weight.sum()
-    return proof.solved(attitude, probability, centroids, chosen, catalogue.bank.hip[row], share, camera.project(seen))
+    return proof.solved(
+        attitude, probability, centroids, chosen, catalogue.bank.hip[row], share, camera.project(predicted)
+    )
 
 
 def attitude_of(observed: Array, reference: Array, weight: Array, method: str) -> Array:

@@ -148,8 +148,8 @@ def _hypotheses(s: _FrameSearch, n: int) -> Iterator[tuple[str, Rows, Rows]]:
             names = match_figure(figure, s.table, s.unit, icrs)
             if document and len(names) != 1:
                 continue
-            for one in names[:MOST_NAMES_PER_FIGURE]:
-                yield f"{vertices}-vertex", np.array(figure), one
+            for stars in names[:MOST_NAMES_PER_FIGURE]:
+                yield f"{vertices}-vertex", np.array(figure), stars
 
 
 def _vertices(matcher: str, n: int) -> tuple[int, ...]:

@@ -59,9 +59,9 @@ def relative_attitude(
         raise BadInput("the rate match needs the turn of the interval before", expected="a quaternion")
     frames = (_stars(before, camera, parameters), _stars(after, camera, parameters))
     answer = _nothing("", "too few stars in one of the frames")
-    for one in _order(method, len(frames[0][0]), len(frames[1][0]), expected):
-        pairs = _pairs(one, before, after, frames, camera, parameters, expected)
-        answer = _solved(one, pairs, frames, camera, parameters)
+    for hypothesis in _order(method, len(frames[0][0]), len(frames[1][0]), expected):
+        pairs = _pairs(hypothesis, before, after, frames, camera, parameters, expected)
+        answer = _solved(hypothesis, pairs, frames, camera, parameters)
         if answer.quaternion is not None:
             break
     return answer

@@ -161,12 +161,12 @@ def false_match_probability(
     tolerance = parameters.uncertainty_rad
     # Companions within each other's tolerance are not independent evidence and count as one star.
     n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * tolerance)
-    seen = catalogue.icrs[catalogue.seen]
-    per_sr = proof.stars_per_sr(seen, cam_from_icrs, camera)
+    catalogue_icrs = catalogue.icrs[catalogue.seen]
+    per_sr = proof.stars_per_sr(catalogue_icrs, cam_from_icrs, camera)
     if matching.mode is Mode.TRACKING:
         hypotheses = tracking_hypotheses(n, per_sr, tolerance, parameters.capture_rad)
     else:
-        hypotheses = pair_placements(matching.unit_cam, len(seen), 2 * tolerance)
+        hypotheses = pair_placements(matching.unit_cam, len(catalogue_icrs), 2 * tolerance)
         if matching.mode is Mode.ASSISTED:
             hypotheses *= (1 - np.cos(_hint_error_rad(camera, parameters))) / 2
     return accidental_bound(hypotheses, k, n, chance_within(per_sr, tolerance))

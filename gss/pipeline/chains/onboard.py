@@ -83,11 +83,11 @@ P = TypeVar("P")
 
 def with_detection(base: P, commanded: Commanded) -> P:
     """Return a chain's parameters with the commanded threshold and areas; the maximum area is never below the minimum."""
-    own: Any = base
-    smallest = own.min_area_px if commanded.min_area_px is None else commanded.min_area_px
-    largest = own.max_area_px if commanded.max_area_px is None else commanded.max_area_px
-    threshold_dn = own.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn)
-    changed: P = replace(own, threshold_dn=threshold_dn, min_area_px=smallest, max_area_px=max(largest, smallest))
+    current: Any = base
+    smallest = current.min_area_px if commanded.min_area_px is None else commanded.min_area_px
+    largest = current.max_area_px if commanded.max_area_px is None else commanded.max_area_px
+    threshold_dn = current.threshold_dn if commanded.threshold_dn is None else float(commanded.threshold_dn)
+    changed: P = replace(current, threshold_dn=threshold_dn, min_area_px=smallest, max_area_px=max(largest, smallest))
     return changed
 
 

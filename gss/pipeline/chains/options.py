@@ -97,18 +97,18 @@ def _is_plain(value: Any) -> bool:
     return isinstance(value, bool | int | float | str)
 
 
-def _value(name: str, own: Any, text: str) -> Any:
+def _value(name: str, current: Any, text: str) -> Any:
     try:
-        if isinstance(own, bool):
+        if isinstance(current, bool):
             return _truth(text)
-        if isinstance(own, str):
+        if isinstance(current, str):
             return text
-        if isinstance(own, tuple):
-            return _row(own, text)
-        return int(text) if isinstance(own, int) else float(text)
+        if isinstance(current, tuple):
+            return _row(current, text)
+        return int(text) if isinstance(current, int) else float(text)
     except ValueError:
-        kind = "a number" if own is None else type(own).__name__
-        raise BadInput(f"{name} is of another kind", expected=f"{kind}, such as {own}", got=text) from None
+        kind = "a number" if current is None else type(current).__name__
+        raise BadInput(f"{name} is of another kind", expected=f"{kind}, such as {current}", got=text) from None
 
 
 def _truth(text: str) -> bool:
@@ -117,11 +117,11 @@ def _truth(text: str) -> bool:
     return text.lower() in TRUE
 
 
-def _row(own: Sequence[float], text: str) -> tuple[float, ...]:
+def _row(current: Sequence[float], text: str) -> tuple[float, ...]:
     parts = text.split(",")
-    if len(parts) != len(own):
+    if len(parts) != len(current):
         raise ValueError(text)
-    return tuple(type(o)(p) for o, p in zip(own, parts, strict=True))
+    return tuple(type(o)(p) for o, p in zip(current, parts, strict=True))
 
 
 def parse(pairs: Sequence[str]) -> dict[str, str]:

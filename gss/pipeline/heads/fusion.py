@@ -106,7 +106,7 @@ def difference(
     angle = float(np.linalg.norm(vector))
     variance = float(vector @ covariance @ vector) / angle**2 if angle > 0 else float(np.trace(covariance)) / 3
     # The second boresight as the second head sees it, in the first head's idea of the body frame: exp(−[vector]×).
-    seen = matrix_from_quaternion(turned(np.array([0.0, 0.0, 0.0, 1.0]), -vector)) @ second_boresight
+    second_in_first = matrix_from_quaternion(turned(np.array([0.0, 0.0, 0.0, 1.0]), -vector)) @ second_boresight
     nominal = float(separation_rad(first_boresight, second_boresight))
     # Moving along the great circle through both boresights changes their angle; that is a turn about the normal.
     normal = np.cross(first_boresight, second_boresight)
@@ -117,7 +117,7 @@ def difference(
         vector_rad=vector,
         angle_rad=angle,
         angle_sigma_rad=float(np.sqrt(variance)),
-        boresight_rad=float(separation_rad(first_boresight, seen)) - nominal,
+        boresight_rad=float(separation_rad(first_boresight, second_in_first)) - nominal,
         boresight_sigma_rad=float(np.sqrt(spread)),
         agreement=_tested(float(vector @ np.linalg.solve(covariance, vector)), 3),
     )

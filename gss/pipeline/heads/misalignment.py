@@ -86,15 +86,15 @@ def predicted(estimate: Misalignment, time_s: float, model: DriftModel = USUAL_D
         raise BadInput(
             "the difference is older than the estimate", expected=f"≥ {estimate.time_s:.3f} s", got=f"{time_s:.3f} s"
         )
-    step, one = np.eye(6), np.eye(3)
-    step[:3, 3:] = dt * one
+    step, identity = np.eye(6), np.eye(3)
+    step[:3, 3:] = dt * identity
     walk = np.block(
         [
             [
-                (model.walk_rad2_s * dt + model.drift_walk_rad2_s3 * dt**3 / 3) * one,
-                model.drift_walk_rad2_s3 * dt**2 / 2 * one,
+                (model.walk_rad2_s * dt + model.drift_walk_rad2_s3 * dt**3 / 3) * identity,
+                model.drift_walk_rad2_s3 * dt**2 / 2 * identity,
             ],
-            [model.drift_walk_rad2_s3 * dt**2 / 2 * one, model.drift_walk_rad2_s3 * dt * one],
+            [model.drift_walk_rad2_s3 * dt**2 / 2 * identity, model.drift_walk_rad2_s3 * dt * identity],
         ]
     )
     covariance = step @ estimate.covariance @ step.T + walk

@@ -51,7 +51,7 @@ def attitude_at(
 ) -> AttitudeAt | None:
     """Return the head's attitude at a time, from its attitudes in order of time; None if none is within ``tolerance_s`` or the
     change since then is unknown. ``largest_rate_rad_s``: of the body; None: not stated."""
-    near = min(series, key=lambda one: abs(one.time_s - time_s), default=None)
+    near = min(series, key=lambda sample: abs(sample.time_s - time_s), default=None)
     if near is None or abs(near.time_s - time_s) > tolerance_s:
         return None
     pair = _around(series, time_s)
@@ -73,7 +73,7 @@ def _around(series: Sequence[MeasuredAttitude], time_s: float) -> tuple[Measured
     """Return the two attitudes between which the time is, or the last two before or first two after it, if they are close."""
     if len(series) < 2:
         return None
-    second = next((k for k, one in enumerate(series) if one.time_s >= time_s), len(series) - 1)
+    second = next((k for k, sample in enumerate(series) if sample.time_s >= time_s), len(series) - 1)
     first, last = series[max(second, 1) - 1], series[max(second, 1)]
     step_s = last.time_s - first.time_s
     outside_s = max(first.time_s - time_s, time_s - last.time_s, 0.0)

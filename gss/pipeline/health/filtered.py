@@ -45,23 +45,23 @@ def filtered_course(times_s: Array, values: Array, sigma: Array, temperature_c: 
 def _run(days: Array, off: Array, error: Array, starts: list[int], walk_per_day: float) -> tuple[Array, Array, float]:
     """Return estimates, their errors, and −2 ln of the likelihood. Samples far from the estimate do not change it."""
     level, variance, misfit = 0.0, np.inf, 0.0
-    made, spread = np.empty(len(off)), np.empty(len(off))
+    levels, spread = np.empty(len(off)), np.empty(len(off))
     for k in range(len(off)):
         if k in starts:
             variance = np.inf
         elif k:
             variance += walk_per_day**2 * (days[k] - days[k - 1])
-        own = float(error[k]) ** 2
-        if not np.isfinite(off[k]) or own <= 0:
+        error2 = float(error[k]) ** 2
+        if not np.isfinite(off[k]) or error2 <= 0:
             pass
         elif np.isinf(variance):
-            level, variance = float(off[k]), own
+            level, variance = float(off[k]), error2
         else:
-            whole = variance + own
+            whole = variance + error2
             surprise = (float(off[k]) - level) ** 2 / whole
             misfit += min(surprise, CLIP_SIGMAS**2) + float(np.log(whole))
             if surprise < CLIP_SIGMAS**2:
                 level += variance / whole * (float(off[k]) - level)
-                variance *= own / whole
-        made[k], spread[k] = level, np.sqrt(variance)
-    return made, spread, misfit
+                variance *= error2 / whole
+        levels[k], spread[k] = level, np.sqrt(variance)
+    return levels, spread, misfit

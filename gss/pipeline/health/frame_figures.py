@@ -173,9 +173,9 @@ def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]
         values, _, rank, _ = np.linalg.lstsq(rows, off[keep].ravel() * root, rcond=1e-9)
         if rank < LENS_UNKNOWNS:
             return {}
-        left = np.linalg.norm(off - design @ values, axis=1) / sigma
-        scale = max(float(np.median(left[keep])) / 1.1774, 1e-6)
-        keep = left < REJECT_SIGMAS * scale
+        scaled = np.linalg.norm(off - design @ values, axis=1) / sigma
+        scale = max(float(np.median(scaled[keep])) / 1.1774, 1e-6)
+        keep = scaled < REJECT_SIGMAS * scale
     errors = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows))) * max(scale, 0.3)
     # One unit of the focal column moves a star at the corner by a pixel.
     to_focal = camera.focal_col_px / half_px
@@ -188,13 +188,13 @@ def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]
 
 
 def _focus(pixels: NDArray[Any], sensor: Sensor) -> dict[str, tuple[float, float]]:
-    seen = find_stars(
+    detections = find_stars(
         pixels,
         psf_sigma_px=sensor.psf_sigma_px,
         saturation_dn=float(sensor.saturation_dn),
         e_per_dn=sensor.gain_e_per_dn,
     )
-    spots = fit_spots(pixels, seen, float(sensor.saturation_dn), FOCUS_SNR)
+    spots = fit_spots(pixels, detections, float(sensor.saturation_dn), FOCUS_SNR)
     widths = np.array([s.sigma_px for s in spots])
     return {"PSF width": _middle(widths, 0.05)} if len(widths) >= FOCUS_STARS else {}
 
@@ -223,12 +223,12 @@ def _light(
             flux[k] = cut.sum()
     good = flux > 0
     off = sensor.magnitude(flux[good] * sensor.gain_e_per_dn, frame.exposure_s) - v_mag[good]
-    made = {}
+    figures = {}
     for name, low, high in COLOURS:
-        own = off[(b_v[good] >= low) & (b_v[good] < high)]
-        if len(own) >= COLOUR_STARS:
-            made[f"light of {name} stars"] = _middle(own, FLUX_ERROR_MAG)
-    return made
+        in_range = off[(b_v[good] >= low) & (b_v[good] < high)]
+        if len(in_range) >= COLOUR_STARS:
+            figures[f"light of {name} stars"] = _middle(in_range, FLUX_ERROR_MAG)
+    return figures
 
 
 def _middle(values: Array, least: float) -> tuple[float, float]:

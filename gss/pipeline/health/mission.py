@@ -87,14 +87,14 @@ def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor
         )
     edges = block_edges(len(solved))
     blocks = BlockMaps(edges)
-    seen: list[dict[str, tuple[float, float]]] = []
+    measured: list[dict[str, tuple[float, float]]] = []
     level, noise = np.empty(len(solved)), np.empty(len(solved))
     for k, frame in enumerate(solved):
         progress(0.55 * k / len(solved), f"figures of {frame.name}, {k + 1} of {len(solved)}")
         pixels = frame.pixels()
         sky = over_sky(frame, pixels, sensor)
         level[k], noise[k] = sky.level_dn, sky.noise_dn
-        seen.append(frame_figures(frame, pixels, sky, camera, sensor))
+        measured.append(frame_figures(frame, pixels, sky, camera, sensor))
         blocks.add(sky.dark_dn)
     progress(0.55, "searching for warm pixels")
     times, warm, exposure = (
@@ -125,7 +125,7 @@ def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor
         dark,
         warm_e_s,
         tuple(sorted(courses, key=lambda c: -c.now_e_s.value)),
-        tuple(_figure(name, times, warm, seen, camera) for name in FIGURES),
+        tuple(_figure(name, times, warm, measured, camera) for name in FIGURES),
     )
 
 
@@ -169,11 +169,11 @@ def _hits(excess_dn: Map, usual_dn: Map, noise_dn: float, e_per_dn: float) -> in
 
 
 def _figure(
-    name: str, times_s: Array, temperature_c: Array, seen: Sequence[dict[str, tuple[float, float]]], camera: Camera
+    name: str, times_s: Array, temperature_c: Array, measured: Sequence[dict[str, tuple[float, float]]], camera: Camera
 ) -> FigureCourse:
-    at = [k for k, s in enumerate(seen) if name in s]
-    value = np.array([seen[k][name][0] for k in at])
-    sigma = np.array([seen[k][name][1] for k in at])
+    at = [k for k, s in enumerate(measured) if name in s]
+    value = np.array([measured[k][name][0] for k in at])
+    sigma = np.array([measured[k][name][1] for k in at])
     t, warm = times_s[at], temperature_c[at]
     if len(at) < FEWEST_SAMPLES or np.ptp(t) <= 0:
         return FigureCourse(name, FIGURES[name], t, value, sigma, warm, None, float("nan"), None, None)

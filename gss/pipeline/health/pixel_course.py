@@ -94,33 +94,33 @@ def pixel_course(series: PixelSeries, col: int, row: int, warm_e_s: float) -> Pi
         near = np.arange(
             max(FEWEST_EACH_SIDE, starts[s] - step), min(len(fit.t) - FEWEST_EACH_SIDE, starts[s] + step) + 1
         )
-        own = lives[h] * np.geomspace(0.2, 5.0, FINE)
-        gains = fit.gains(near, own)
+        candidates = lives[h] * np.geomspace(0.2, 5.0, FINE)
+        gains = fit.gains(near, candidates)
         profile = {STEADY: gains.steady[:, None], GROWING: gains.growing[:, None], ANNEALING: gains.annealing}[shape]
-        fine[shape] = float(profile.max()), near, own, profile
+        fine[shape] = float(profile.max()), near, candidates, profile
     shape = max((GROWING, ANNEALING), key=lambda name: fine[name][0])
     if fine[shape][0] - fine[STEADY][0] <= SHAPE_GAIN:
         shape = STEADY
-    gain, near, own, profile = fine[shape]
+    gain, near, candidates, profile = fine[shape]
     if gain < SURE_GAIN:
         return _from_start(fit, col, row, warm_e_s)
-    return _course(fit, col, row, shape, near, own, profile)
+    return _course(fit, col, row, shape, near, candidates, profile)
 
 
 def _fit_of(series: PixelSeries) -> _Fit | None:
-    seen = np.flatnonzero(np.isfinite(series.excess_dn))
-    if len(seen) < FEWEST_FRAMES:
+    measured = np.flatnonzero(np.isfinite(series.excess_dn))
+    if len(measured) < FEWEST_FRAMES:
         return None
-    y = series.excess_dn[seen].astype(float)
+    y = series.excess_dn[measured].astype(float)
     # A running median follows the pixel without the particles that hit it; it also gives its shot noise.
     smooth = np.array([np.median(y[max(0, i - 2) : i + 3]) for i in range(len(y))])
-    own = np.maximum(smooth, 0)
-    sigma = np.sqrt(series.noise_dn[seen] ** 2 + own / series.e_per_dn + (LAW_ERROR * own) ** 2)
+    dark_dn = np.maximum(smooth, 0)
+    sigma = np.sqrt(series.noise_dn[measured] ** 2 + dark_dn / series.e_per_dn + (LAW_ERROR * dark_dn) ** 2)
     good = np.abs(y - smooth) < CLIP_SIGMAS * sigma
     if np.count_nonzero(good) < FEWEST_FRAMES:
         return None
     rough = max(1.0, robust_sigma(np.diff(((y - smooth) / sigma)[good])) / float(np.sqrt(2)))
-    at = seen[good]
+    at = measured[good]
     return _Fit(series.times_s[at], series.drive_s[at] / series.e_per_dn, y[good], sigma[good] * rough)
 
 
@@ -144,10 +144,10 @@ class _Fit:
         for i, s in enumerate(starts):
             after_s, drive = self.t[s:] - self.t[s], (self.x / self.sigma)[s:]
             shapes = np.concatenate([after_s[None] / YEAR_S, np.exp2(-after_s[None] / lives_s[:, None])]) * drive
-            shared, own = drive @ self._base[s:], shapes @ self._base[s:]
+            shared, projected = drive @ self._base[s:], shapes @ self._base[s:]
             step2 = float(drive @ drive - shared @ shared)
-            shape2 = np.sum(shapes**2, axis=1) - np.sum(own**2, axis=1)
-            cross = shapes @ drive - own @ shared
+            shape2 = np.sum(shapes**2, axis=1) - np.sum(projected**2, axis=1)
+            cross = shapes @ drive - projected @ shared
             right, rights = float(drive @ self._left[s:]), shapes @ self._left[s:]
             det = step2 * shape2 - cross**2
             good = det > DEGENERATE * step2 * shape2

@@ -191,7 +191,7 @@ def _trend(
     mean_c: float,
 ) -> Trend:
     sigma = np.sqrt(np.diag(fit.covariance))
-    made = [
+    terms = [
         Estimate(float(c), float(c - Z95 * e), float(c + Z95 * e)) for c, e in zip(fit.coefficients, sigma, strict=True)
     ]
     jumps = []
@@ -202,15 +202,15 @@ def _trend(
         near = np.flatnonzero(gains >= gains[k] - TIME_GAIN)
         low, high = int(min(near.min(), k)), int(max(near.max(), k))
         when = Estimate(float((t[k - 1] + t[k]) / 2), float(t[low - 1]), float(t[high]))
-        jumps.append((when.value, Jump(when, made[smooth + j])))
+        jumps.append((when.value, Jump(when, terms[smooth + j])))
     order = sorted(range(len(at)), key=lambda j: jumps[j][0])
     rows = [*range(smooth), *(smooth + j for j in order)]
     return Trend(
         middle_s,
         mean_c,
-        made[0],
-        made[1],
-        made[2] if smooth > 2 else None,
+        terms[0],
+        terms[1],
+        terms[2] if smooth > 2 else None,
         tuple(jumps[j][1] for j in order),
         fit.sigma,
         int(fit.used.sum()),
@@ -232,9 +232,9 @@ def tolerance_exit(trend: Trend, reference: float, tolerance: float, now_s: floa
     def exits(rows: Array) -> Array:
         off = rows[:, 0] + rows[:, 1] * days + rows[:, first:].sum(axis=1) - reference
         rate = rows[:, 1]
-        left = np.where(rate > 0, tolerance - off, tolerance + off) / np.maximum(np.abs(rate), 1e-300)
-        left = np.where(np.abs(off) >= tolerance, 0.0, left) * DAY_S
-        return np.where(left > NEVER_S, np.inf, left)
+        remaining = np.where(rate > 0, tolerance - off, tolerance + off) / np.maximum(np.abs(rate), 1e-300)
+        remaining = np.where(np.abs(off) >= tolerance, 0.0, remaining) * DAY_S
+        return np.where(remaining > NEVER_S, np.inf, remaining)
 
     times = now_s + exits(draws)
     value = float(now_s + exits(mean[None])[0])

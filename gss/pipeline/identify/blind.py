@@ -274,8 +274,8 @@ class _BlindSearch:
 
 def _is_better(fuller: BlindSolution, settled: BlindSolution) -> bool:
     """True if ``fuller`` identifies more stars, or as many with clearly smaller residuals."""
-    more = len(fuller.rows) - len(settled.rows)
-    return more > 0 or (more == 0 and fuller.fit.rms_px < BETTER * settled.fit.rms_px)
+    extra = len(fuller.rows) - len(settled.rows)
+    return extra > 0 or (extra == 0 and fuller.fit.rms_px < BETTER * settled.fit.rms_px)
 
 
 def _rank_batches(n: int) -> Iterator[NDArray[np.int32]]:

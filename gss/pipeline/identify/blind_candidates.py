@@ -75,8 +75,8 @@ def _probe(
         v = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
         return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
-    seen, reference = rays(pixels[ids]), sky.icrs[level.stars[pattern]]
-    u, _, vt = np.linalg.svd(np.einsum("cki,ckj->cij", seen, reference))
+    observed, reference = rays(pixels[ids]), sky.icrs[level.stars[pattern]]
+    u, _, vt = np.linalg.svd(np.einsum("cki,ckj->cij", observed, reference))
     sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
     u[:, :, 2] *= sign[:, None]
     rotation = u @ vt
@@ -84,9 +84,9 @@ def _probe(
     reach = 0.008 * camera.columns / focal[:, 0]
     distance, _ = level.bright.query(others.reshape(-1, 3), distance_upper_bound=float(reach.max()))
     hit = distance.reshape(c, -1) < reach[:, None]
-    own = (ids[:, :, None] == np.arange(len(probes))).any(1)
-    hits = (hit & ~own).sum(1)
-    free = (~own).sum(1)
+    in_pattern = (ids[:, :, None] == np.arange(len(probes))).any(1)
+    hits = (hit & ~in_pattern).sum(1)
+    free = (~in_pattern).sum(1)
     need = np.where(free <= 4, 1, 2)
     return [
         Candidate(camera.with_focal_scaled(float(factor[k])), rotation[k], int(hits[k]), level)

@@ -94,22 +94,22 @@ def _prove(
     fit = Refined(camera, cam_from_icrs, np.zeros((0, 2)), np.zeros(0), radius)
     first, expected = np.zeros((0, 2)), 0
     for round_ in range(6):
-        seen, predicted = _visible(sky, fit.camera, fit.cam_from_icrs, count)
-        if len(seen) < 4:
+        visible, predicted = _visible(sky, fit.camera, fit.cam_from_icrs, count)
+        if len(visible) < 4:
             return None
-        p, m = pair_up(predicted, pixels, np.full(len(seen), radius))
+        p, m = pair_up(predicted, pixels, np.full(len(visible), radius))
         if len(m) < 5:
             return None
         if round_ == 0:
             first = np.full((len(sky), 2), np.inf)
-            first[seen] = predicted
-            expected = len(seen)
+            first[visible] = predicted
+            expected = len(visible)
         free = also if len(m) >= ENOUGH_FOR_MORE else ()
         try:
             lens = WIDE_LENS if len(m) >= WIDE_STARS and round_ >= 2 and _is_wide(fit.camera) else ("k1",)
             fit = refine(
                 pixels[m],
-                sky.icrs[seen[p]],
+                sky.icrs[visible[p]],
                 sigma[m],
                 fit.camera,
                 fit.cam_from_icrs,
@@ -125,17 +125,17 @@ def _prove(
             if round_ < 3
             else float(np.clip(3.5 * fit.rms_px, 0.7, 3.5))
         )
-    difference = magnitude[m] - sky.v_mag[seen[p]]
+    difference = magnitude[m] - sky.v_mag[visible[p]]
     keep = (fit.weight > 0) & (np.abs(difference - np.median(difference)) < BRIGHTNESS_GATE_MAG)
-    rows, stars = m[keep], seen[p][keep]
+    rows, stars = m[keep], visible[p][keep]
     if len(rows) < 5 or not _plausible(fit):
         return None
-    spread = float(np.hypot(np.std(sky.v_mag[seen]), np.std(magnitude)))
+    spread = float(np.hypot(np.std(sky.v_mag[visible]), np.std(magnitude)))
     brightness = brightness_tail(magnitude[rows], sky.v_mag[stars], spread)
     offset = np.linalg.norm(first[stars] - pixels[rows], axis=1)
     tail = _tail(rows, offset, acquire_px, expected, len(pixels), camera, brightness)
     fit = replace(fit, residual_px=fit.residual_px[keep], weight=fit.weight[keep])
-    return BlindSolution(rows, stars, fit, len(seen), false_match_probability(hypotheses, tail))
+    return BlindSolution(rows, stars, fit, len(visible), false_match_probability(hypotheses, tail))
 
 
 def _tail(

@@ -134,17 +134,17 @@ def _expect(spots: Spots, sky: SkyCatalogue, fit: Refined, line: FluxLine) -> _E
     brighter = int(np.searchsorted(sky.v_mag, min(faintest + 1.0, float(sky.v_mag[-1])), side="right"))
     part = SkyCatalogue(sky.hip[:brighter], sky.icrs[:brighter], sky.v_mag[:brighter])
     stars, pixels = in_view(part, fit.camera, fit.cam_from_icrs, MAX_GATE_PX)
-    own = 10 ** (-0.4 * (sky.v_mag[stars] - 5))
-    light, shift, reach = own.copy(), np.zeros((len(stars), 2)), np.full(len(stars), MAX_GATE_PX)
+    star_light = 10 ** (-0.4 * (sky.v_mag[stars] - 5))
+    light, shift, reach = star_light.copy(), np.zeros((len(stars), 2)), np.full(len(stars), MAX_GATE_PX)
     a, b = _close(pixels, pixels, BLEND_REACH_SIGMA * spots.psf_sigma_px)
     a, b = a[a != b], b[a != b]
     if len(a):
         offset = pixels[b] - pixels[a]
         # Light that a second Gaussian adds to the matched filter of the first; it also shifts the fitted centre.
-        overlap = own[b] * np.exp(-(offset**2).sum(1) / (4 * spots.psf_sigma_px**2))
+        overlap = star_light[b] * np.exp(-(offset**2).sum(1) / (4 * spots.psf_sigma_px**2))
         np.add.at(light, a, overlap)
         np.add.at(shift, a, overlap[:, None] * offset)
-        equal = own[b] > COMPARABLE * own[a]
+        equal = star_light[b] > COMPARABLE * star_light[a]
         apart = np.linalg.norm(offset[equal], axis=1)
         np.minimum.at(reach, a[equal], np.where(apart > UNRESOLVED_SIGMA * spots.psf_sigma_px, RESOLVED * apart, 0.0))
     v_mag = 5 - 2.5 * np.log10(light)
@@ -154,7 +154,7 @@ def _expect(spots: Spots, sky: SkyCatalogue, fit: Refined, line: FluxLine) -> _E
         prediction_sigma_px(fit, sky.icrs[stars]),
         v_mag,
         shift / light[:, None],
-        own / light,
+        star_light / light,
         reach,
     )
 

@@ -55,20 +55,25 @@ def flux_line(magnitude: Array, v_mag: Array, sigma: Array) -> FluxLine:
         weight = 1 / (total2 + residual * residual / 4)
         pull = weight * away
         # Normal equations for two unknowns: level and slope.
-        one, cross, lever = float(weight.sum()), float(pull.sum()), float(pull @ away) + prior
-        left, right = float(weight @ residual), float(pull @ residual) + (1 - slope) * prior
-        determinant = one * lever - cross * cross
-        up, steeper = (lever * left - cross * right) / determinant, (one * right - cross * left) / determinant
+        total_weight, cross, lever = float(weight.sum()), float(pull.sum()), float(pull @ away) + prior
+        level_sum, slope_sum = float(weight @ residual), float(pull @ residual) + (1 - slope) * prior
+        determinant = total_weight * lever - cross * cross
+        up, steeper = (
+            (lever * level_sum - cross * slope_sum) / determinant,
+            (total_weight * slope_sum - cross * level_sum) / determinant,
+        )
         level, slope, before = level + up, slope + steeper, scatter
         scatter = _scatter(v_mag - level - slope * away, typical2)
         if max(abs(up), abs(steeper), abs(scatter - before)) < SETTLED_MAG:
             break
-    return FluxLine(level, slope, middle, math.sqrt(lever / determinant), math.sqrt(one / determinant), scatter)
+    return FluxLine(
+        level, slope, middle, math.sqrt(lever / determinant), math.sqrt(total_weight / determinant), scatter
+    )
 
 
 def _scatter(residual: Array, photons2: float) -> float:
     """Robust scatter in excess of photon noise of variance ``photons2``, combined with the prior if there are few stars."""
     n = len(residual)
-    seen = (1.4826 * median(np.abs(residual))) ** 2 - photons2
-    mixed = (n * max(seen, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)
+    observed2 = (1.4826 * median(np.abs(residual))) ** 2 - photons2
+    mixed = (n * max(observed2, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)
     return max(math.sqrt(mixed), LEAST_SCATTER_MAG)

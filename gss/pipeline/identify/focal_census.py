@@ -107,18 +107,18 @@ def _met(
     for round_ in range(ROUNDS + 1):
         last = settled or round_ == ROUNDS
         predicted = camera.project(near @ turned(unit[spots], stars, weight).T)
-        seen = np.flatnonzero(camera.contains(predicted))
-        places = predicted[seen]
-        radius = np.full(len(seen), radius_px)
+        visible = np.flatnonzero(camera.contains(predicted))
+        places = predicted[visible]
+        radius = np.full(len(visible), radius_px)
         if not last:
             radius *= _lever(places, pixels[spots], weight, WIDEST_PX / radius_px)
         star, spot = _nearest(places, pixels, radius)
-        met, in_view = len(spot), len(seen)
+        met, in_view = len(spot), len(visible)
         if met < 2 or last:
             break
-        stars, weight = near[seen[star]], (radius_px / radius[star]) ** 2
-        settled = np.array_equal(spot, spots) and np.array_equal(seen[star], named)
-        spots, named = spot, seen[star]
+        stars, weight = near[visible[star]], (radius_px / radius[star]) ** 2
+        settled = np.array_equal(spot, spots) and np.array_equal(visible[star], named)
+        spots, named = spot, visible[star]
     return met, in_view
 
 

@@ -63,8 +63,8 @@ def triad_partner(
     if len(matrix) != 3:
         return None
     partner = np.array([np.max(matrix[:, column]) for column in range(3)], np.intp)
-    seen, met = np.linalg.det(before[list(triad)]), np.linalg.det(after[partner])
-    if abs(seen) > FLATTEST and seen * met < 0:
+    before_volume, after_volume = np.linalg.det(before[list(triad)]), np.linalg.det(after[partner])
+    if abs(before_volume) > FLATTEST and before_volume * after_volume < 0:
         return None
     return partner
 

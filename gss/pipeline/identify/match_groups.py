@@ -132,10 +132,10 @@ def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimi
     pair, entry = expanded(*table.ranges(apart - limits.distance_rad, apart + limits.distance_rad))
     i, j, first, second = i[pair], j[pair], table.first[entry].astype(np.intp), table.second[entry].astype(np.intp)
     straight, crossed = bright[i, first] & bright[j, second], bright[i, second] & bright[j, first]
-    one = np.concatenate([i[straight] * stars + first[straight], i[crossed] * stars + second[crossed]])
-    other = np.concatenate([j[straight] * stars + second[straight], j[crossed] * stars + first[crossed]])
-    names, at = np.unique(np.concatenate([one, other]), return_inverse=True)
-    a, b = at[: len(one)], at[len(one) :]
+    first_match = np.concatenate([i[straight] * stars + first[straight], i[crossed] * stars + second[crossed]])
+    second_match = np.concatenate([j[straight] * stars + second[straight], j[crossed] * stars + first[crossed]])
+    names, at = np.unique(np.concatenate([first_match, second_match]), return_inverse=True)
+    a, b = at[: len(first_match)], at[len(first_match) :]
     graph = _Graph(names // max(stars, 1), names % max(stars, 1), np.concatenate([a, b]), np.concatenate([b, a]))
     return graph, len(entry)
 
@@ -188,19 +188,19 @@ def group_of(match: tuple[Rows, Rows], unit: Array, guides: Guides) -> MatchGrou
     """Return a set of matches as a group with its quality."""
     observed, guide = match
     i, j = np.triu_indices(len(observed), 1)
-    seen = _angle_rad(unit[observed[i]], unit[observed[j]])
+    angle_rad = _angle_rad(unit[observed[i]], unit[observed[j]])
     reference_rad = _angle_rad(guides.unit[guide[i]], guides.unit[guide[j]])
-    return MatchGroup(observed, guide, float(np.sum(np.abs(seen - reference_rad))))
+    return MatchGroup(observed, guide, float(np.sum(np.abs(angle_rad - reference_rad))))
 
 
 def mirrored(group: MatchGroup, unit: Array, guide_unit: Array) -> bool:
     """True if the observed stars are the mirror image of the guide stars (§3.3.3), tested on the largest triangle at the kernel."""
     o, g = unit[group.observed], guide_unit[group.guide]
     i, j = np.triu_indices(len(o) - 1, 1)
-    seen = np.einsum("ij,ij->i", np.cross(o[1 + i], o[1 + j]), np.broadcast_to(o[0], (len(i), 3)))
+    handedness = np.einsum("ij,ij->i", np.cross(o[1 + i], o[1 + j]), np.broadcast_to(o[0], (len(i), 3)))
     reference = np.einsum("ij,ij->i", np.cross(g[1 + i], g[1 + j]), np.broadcast_to(g[0], (len(i), 3)))
     widest = int(np.argmax(np.abs(reference)))
-    return bool(seen[widest] * reference[widest] < 0)
+    return bool(handedness[widest] * reference[widest] < 0)
 
 
 def ranked(groups: list[MatchGroup]) -> tuple[MatchGroup, ...]:
@@ -218,12 +218,12 @@ def winner(groups: list[MatchGroup], unit: Array, guides: Guides, limits: GroupL
     return None, f"{len(largest)} different groups of {len(best)} stars fit the catalogue"
 
 
-def _one_answer(one: MatchGroup, other: MatchGroup, unit: Array, guides: Guides, limits: GroupLimits) -> bool:
+def _one_answer(group: MatchGroup, other: MatchGroup, unit: Array, guides: Guides, limits: GroupLimits) -> bool:
     """True if both groups give the same answer: they have two matches in common (§3.3.5), or all distances between the two are
     nearly right (stars with a large error can split a constellation into parts that share fewer matches)."""
-    first = dict(zip(one.observed.tolist(), one.guide.tolist(), strict=True))
+    first = dict(zip(group.observed.tolist(), group.guide.tolist(), strict=True))
     if sum(first.get(o) == g for o, g in zip(other.observed.tolist(), other.guide.tolist(), strict=True)) > 1:
         return True
-    seen = _angle_rad(unit[one.observed][:, None], unit[other.observed][None])
-    reference_rad = _angle_rad(guides.unit[one.guide][:, None], guides.unit[other.guide][None])
-    return bool(np.all(np.abs(seen - reference_rad) <= SPLIT_TOLERANCES * limits.distance_rad))
+    angle_rad = _angle_rad(unit[group.observed][:, None], unit[other.observed][None])
+    reference_rad = _angle_rad(guides.unit[group.guide][:, None], guides.unit[other.guide][None])
+    return bool(np.all(np.abs(angle_rad - reference_rad) <= SPLIT_TOLERANCES * limits.distance_rad))

@@ -34,10 +34,10 @@ def consistent_names(figure: tuple[int, ...], baselines: Baselines) -> Rows:
 
 def same_handed(names: Rows, figure: tuple[int, ...], unit_cam: Array, icrs: Array) -> Rows:
     """Return the sets whose first three stars have the handedness of the imaged ones. Nearly flat figures are not tested."""
-    seen = float(np.linalg.det(unit_cam[list(figure[:3])]))
-    if not len(names) or abs(seen) < FLATTEST:
+    handedness = float(np.linalg.det(unit_cam[list(figure[:3])]))
+    if not len(names) or abs(handedness) < FLATTEST:
         return names
-    return np.asarray(names[np.linalg.det(icrs[names[:, :3]]) * seen > 0])
+    return np.asarray(names[np.linalg.det(icrs[names[:, :3]]) * handedness > 0])
 
 
 def match_figure(figure: tuple[int, ...], baselines: Baselines, unit_cam: Array, icrs: Array) -> Rows:

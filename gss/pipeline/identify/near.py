@@ -58,12 +58,12 @@ def identify_near(
     local = np.flatnonzero(sky.icrs @ hint.cam_from_icrs[2] > reach)
     expected = sky.icrs[local] @ hint.cam_from_icrs.T
     chord2 = 2 - 2 * field.unit[:n] @ expected.T
-    seen, reference = np.nonzero(chord2 < (2 * np.sin(hint.radius_rad / 2) + 3 * field.sigma_rad[:n, None]) ** 2)
-    if len(seen) > MAX_CANDIDATES:
-        seen, reference = seen[:MAX_CANDIDATES], reference[:MAX_CANDIDATES]
-    if len(seen) < 3:
-        return PyramidMatch(None, len(seen), FEW)
-    agree = _agreement(field, seen, field.unit[seen], expected[reference], reference)
+    observed, reference = np.nonzero(chord2 < (2 * np.sin(hint.radius_rad / 2) + 3 * field.sigma_rad[:n, None]) ** 2)
+    if len(observed) > MAX_CANDIDATES:
+        observed, reference = observed[:MAX_CANDIDATES], reference[:MAX_CANDIDATES]
+    if len(observed) < 3:
+        return PyramidMatch(None, len(observed), FEW)
+    agree = _agreement(field, observed, field.unit[observed], expected[reference], reference)
     hypotheses = int(agree.sum()) // 2
     best: Evidence | None = None
     for _ in range(TRIES):
@@ -77,12 +77,15 @@ def identify_near(
         if not len(members):
             agree[p, q] = agree[q, p] = False
             continue
-        side, others = field.unit[seen[q]] - field.unit[seen[p]], field.unit[seen[members]] - field.unit[seen[p]]
+        side, others = (
+            field.unit[observed[q]] - field.unit[observed[p]],
+            field.unit[observed[members]] - field.unit[observed[p]],
+        )
         # Square of twice the triangle's area.
         area2 = (side @ side) * (others * others).sum(1) - (others @ side) ** 2
         trio = np.array([p, q, members[area2.argmax()]])
         evidence = verify(
-            field, sky, camera, rows=seen[trio], stars=local[reference[trio]], hypotheses=max(hypotheses, 1)
+            field, sky, camera, rows=observed[trio], stars=local[reference[trio]], hypotheses=max(hypotheses, 1)
         )
         if evidence is not None and _is_near(evidence, hint):
             if evidence.false_match_probability <= accept:
@@ -135,12 +138,12 @@ def _compiled(
     return PyramidMatch(None, hypotheses, _too_weak(-count, field, probability, accept))
 
 
-def _agreement(field: FrameDetections, seen: Rows, unit: Array, expected: Array, reference: Rows) -> Mask:
+def _agreement(field: FrameDetections, observed: Rows, unit: Array, expected: Array, reference: Rows) -> Mask:
     """(k, k) mask of candidate pairs with the right separation and different stars."""
-    variance = field.sigma_rad[seen] ** 2
+    variance = field.sigma_rad[observed] ** 2
     tolerance = TOLERANCE_SIGMA * np.sqrt(variance[:, None] + variance)
     a, b = _distances(np.stack([unit, expected]))
-    return np.asarray((np.abs(a - b) < tolerance) & (seen[:, None] != seen) & (reference[:, None] != reference))
+    return np.asarray((np.abs(a - b) < tolerance) & (observed[:, None] != observed) & (reference[:, None] != reference))
 
 
 def _distances(unit: Array) -> Array:

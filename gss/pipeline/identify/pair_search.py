@@ -133,7 +133,7 @@ class PairSearch:
         if not len(h):
             return []
         u, icrs = self.unit, self.sky.icrs
-        seen = u[k] @ _cross(u[i], u[j])
+        handedness = u[k] @ _cross(u[i], u[j])
         triple_product = (_cross(icrs[a[h]].T, icrs[b[h]].T) * icrs[c].T).sum(0)
         # Nearly collinear triangles have no reliable handedness; they are tested later on the whole field.
         flat = (
@@ -141,8 +141,8 @@ class PairSearch:
             * self.tolerance[i, j]
             * np.maximum(self.distance[i, j], np.maximum(self.distance[i, k], self.distance[j, k]))
         )
-        right = (seen * triple_product > 0) | (np.maximum(np.abs(seen), np.abs(triple_product)) < flat)
-        h, k, c, seen = h[right], k[right], c[right], seen[right]
+        right = (handedness * triple_product > 0) | (np.maximum(np.abs(handedness), np.abs(triple_product)) < flat)
+        h, k, c, handedness = h[right], k[right], c[right], handedness[right]
         if not len(h):
             return []
         votes = np.bincount(h, minlength=len(a))
@@ -151,6 +151,6 @@ class PairSearch:
         strong = np.flatnonzero(votes >= need)
         for which in strong[np.argsort(-votes[strong], kind="stable")][:MOST_CANDIDATES]:
             members = np.flatnonzero(h == which)
-            widest = members[np.argmax(np.abs(seen[members]))]
+            widest = members[np.argmax(np.abs(handedness[members]))]
             out.append((int(a[which]), int(b[which]), int(k[widest]), int(c[widest])))
         return out

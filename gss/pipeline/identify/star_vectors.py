@@ -69,9 +69,9 @@ def _strike_out(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupL
         j = (i + 1) % n
         looked += len(vectors[i]) * len(vectors[j])
         fit = _partners(vectors[i], vectors[j], unit, i, j, guides, limits)
-        one, other = fit.any(axis=1), fit.any(axis=0)
-        still = still + 1 if one.all() and other.all() else 0
-        vectors[i], vectors[j] = vectors[i][one], vectors[j][other]
+        first_fit, second_fit = fit.any(axis=1), fit.any(axis=0)
+        still = still + 1 if first_fit.all() and second_fit.all() else 0
+        vectors[i], vectors[j] = vectors[i][first_fit], vectors[j][second_fit]
         i = j
     return looked
 

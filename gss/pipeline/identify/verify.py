@@ -159,34 +159,34 @@ def verify(
     for round_ in range(ROUNDS):
         weights = 1 / field.sigma_rad[rows] ** 2
         cam_from_icrs = turned(field.unit[rows], sky.icrs[stars], weights)
-        seen, predicted = in_view(sky, camera, cam_from_icrs)
-        if len(seen) < 2:
+        visible, predicted = in_view(sky, camera, cam_from_icrs)
+        if len(visible) < 2:
             return None
-        radius = _radius(field, camera, sky.icrs[seen] @ cam_from_icrs.T, field.unit[rows], weights, calibration_px)
+        radius = _radius(field, camera, sky.icrs[visible] @ cam_from_icrs.T, field.unit[rows], weights, calibration_px)
         if round_ == 0:
-            first_seen, first, first_radius = seen, predicted, radius
+            first_seen, first, first_radius = visible, predicted, radius
         p, m = pair_up(predicted, field.pixels, radius)
         if len(m) < 3:
             return None
-        settled = len(m) == len(rows) and (m == rows).all() and (seen[p] == stars).all()
-        rows, stars = m, seen[p]
+        settled = len(m) == len(rows) and (m == rows).all() and (visible[p] == stars).all()
+        rows, stars = m, visible[p]
         if settled:
             break  # another round would repeat this one
-    spread = float(np.hypot(sky.v_mag[seen].std(), field.magnitude_spread))
+    spread = float(np.hypot(sky.v_mag[visible].std(), field.magnitude_spread))
     brightness = brightness_tail(field.magnitude[rows], sky.v_mag[stars], spread)
     offset = _first_offset(first_seen, first, first_radius, stars, field.pixels[rows])
     tail = _tail(offset, first_radius, len(field), camera, brightness)
     order = np.argsort(rows)
-    return Evidence(rows[order], stars[order], cam_from_icrs, len(seen), false_match_probability(hypotheses, tail))
+    return Evidence(rows[order], stars[order], cam_from_icrs, len(visible), false_match_probability(hypotheses, tail))
 
 
 def _first_offset(
-    seen: NDArray[np.intp], places: Array, radius: Array, stars: NDArray[np.intp], pixels: Array
+    visible: NDArray[np.intp], places: Array, radius: Array, stars: NDArray[np.intp], pixels: Array
 ) -> Array:
     """(m,) distance of each match from its first prediction, in acceptance radii; infinite if it was not predicted."""
-    at = np.minimum(np.searchsorted(seen, stars), len(seen) - 1)
+    at = np.minimum(np.searchsorted(visible, stars), len(visible) - 1)
     off = places[at] - pixels
-    return np.asarray(np.where(seen[at] == stars, np.sqrt((off * off).sum(1)) / radius[at], np.inf))
+    return np.asarray(np.where(visible[at] == stars, np.sqrt((off * off).sum(1)) / radius[at], np.inf))
 
 
 def _radius(
@@ -198,8 +198,8 @@ def _radius(
     covariance = np.linalg.inv(information)
     trace = float(covariance[0, 0] + covariance[1, 1] + covariance[2, 2])
     lever2 = np.maximum(trace - ((unit @ covariance) * unit).sum(1), 0) * (0.75 / camera.pixel_rad**2)
-    own = field.typical_sigma_px
-    radius = RADIUS_SIGMA * np.sqrt(own**2 + lever2) + calibration_px
+    typical_px = field.typical_sigma_px
+    radius = RADIUS_SIGMA * np.sqrt(typical_px**2 + lever2) + calibration_px
     return np.asarray(np.minimum(np.maximum(radius, MIN_RADIUS_PX), MAX_RADIUS_PX))
 
 

@@ -80,12 +80,12 @@ def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, star
         for k in range(n):
             v, sigma_v = line_mag(line, magnitude[k])
             faintest = max(faintest, v + BRIGHTNESS_SIGMA * sigma_v)
-        star, places, place_sigma, seen = expected_stars(
+        star, places, place_sigma, visible = expected_stars(
             camera, icrs, v_mag, cells, velocity, turn, covariance, faintest + 1.0
         )
-        order = np.argsort(places[:seen, 0])
-        bright, shift, share, reach = np.empty(seen), np.empty((seen, 2)), np.empty(seen), np.empty(seen)
-        companions(star, v_mag, places, order, seen, psf_px, bright, shift, share, reach)
+        order = np.argsort(places[:visible, 0])
+        bright, shift, share, reach = np.empty(visible), np.empty((visible, 2)), np.empty(visible), np.empty(visible)
+        companions(star, v_mag, places, order, visible, psf_px, bright, shift, share, reach)
         excess = excess_px(residual, weight, sigma_px, named_rows, len(named_rows))
         expected = (star, places, place_sigma, bright, shift, share, reach)
         assign(
@@ -94,7 +94,7 @@ def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, star
             magnitude,
             magnitude_sigma,
             expected,
-            seen,
+            visible,
             order,
             line,
             max(excess, FLOOR_PX),

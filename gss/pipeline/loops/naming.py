@@ -38,27 +38,30 @@ def flux_line(magnitude, v_mag, sigma):
     away, photons2 = magnitude - middle, sigma * sigma
     level, slope, scatter = middle_of(v_mag - away, n), 1.0, SCATTER_MAG
     typical2, prior = middle_of(photons2, n), SLOPE_SIGMA**-2
-    one = lever = determinant = 1.0
+    total_weight = lever = determinant = 1.0
     for _ in range(LINE_ROUNDS):
-        one, cross, lever, left, right = 0.0, 0.0, prior, 0.0, (1 - slope) * prior
+        total_weight, cross, lever, level_sum, slope_sum = 0.0, 0.0, prior, 0.0, (1 - slope) * prior
         for k in range(n):
             residual = v_mag[k] - level - slope * away[k]
             weight = 1 / (scatter * scatter + photons2[k] + residual * residual / 4)
             pull = weight * away[k]
-            one += weight
+            total_weight += weight
             cross += pull
             lever += pull * away[k]
-            left += weight * residual
-            right += pull * residual
-        determinant = one * lever - cross * cross
-        up, steeper = (lever * left - cross * right) / determinant, (one * right - cross * left) / determinant
+            level_sum += weight * residual
+            slope_sum += pull * residual
+        determinant = total_weight * lever - cross * cross
+        up, steeper = (
+            (lever * level_sum - cross * slope_sum) / determinant,
+            (total_weight * slope_sum - cross * level_sum) / determinant,
+        )
         level, slope, before = level + up, slope + steeper, scatter
-        seen = (1.4826 * middle_of(np.abs(v_mag - level - slope * away), n)) ** 2 - typical2
-        mixed = (n * max(seen, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)
+        observed2 = (1.4826 * middle_of(np.abs(v_mag - level - slope * away), n)) ** 2 - typical2
+        mixed = (n * max(observed2, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)
         scatter = max(math.sqrt(mixed), LEAST_SCATTER_MAG)
         if max(abs(up), abs(steeper), abs(scatter - before)) < SETTLED_MAG:
             break
-    return level, slope, middle, math.sqrt(lever / determinant), math.sqrt(one / determinant), scatter
+    return level, slope, middle, math.sqrt(lever / determinant), math.sqrt(total_weight / determinant), scatter
 
 
 @loop
@@ -117,8 +120,8 @@ def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, 
     widest = BLEND_REACH_SIGMA * psf_px
     for k in range(count):
         a = order[k]
-        own = 10 ** (-0.4 * (v_mag[star[a]] - 5))
-        light, reach[a], moved_col, moved_row = own, MAX_GATE_PX, 0.0, 0.0
+        star_light = 10 ** (-0.4 * (v_mag[star[a]] - 5))
+        light, reach[a], moved_col, moved_row = star_light, MAX_GATE_PX, 0.0, 0.0
         for side in (-1, 1):
             other = k + side
             while 0 <= other < count and abs(places[order[other], 0] - places[a, 0]) <= widest:
@@ -134,12 +137,12 @@ def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, 
                 light += overlap
                 moved_col += overlap * across
                 moved_row += overlap * down
-                if companion_flux > COMPARABLE * own:
+                if companion_flux > COMPARABLE * star_light:
                     apart = math.sqrt(d2)
                     reach[a] = min(reach[a], RESOLVED * apart if apart > UNRESOLVED_SIGMA * psf_px else 0.0)
         bright[a] = 5 - 2.5 * math.log10(light)
         shift[a, 0], shift[a, 1] = moved_col / light, moved_row / light
-        share[a] = own / light
+        share[a] = star_light / light
 
 
 @loop

@@ -18,7 +18,7 @@ NO_THREE = 2
 
 
 @loop
-def _candidates(unit, sigma_rad, n, icrs, local, near, prior, radius_rad, most, seen, star, expected):
+def _candidates(unit, sigma_rad, n, icrs, local, near, prior, radius_rad, most, observed, star, expected):
     """List (detection, star) pairs within the radius, in the order of the detections; return their number."""
     cam = np.empty((near, 3))
     for k in range(near):
@@ -33,7 +33,7 @@ def _candidates(unit, sigma_rad, n, icrs, local, near, prior, radius_rad, most, 
             if chord2 < within2:
                 if count == most:
                     return count
-                seen[count], star[count] = d, local[k]
+                observed[count], star[count] = d, local[k]
                 expected[count] = cam[k]
                 count += 1
     return count
@@ -46,14 +46,14 @@ def _angle(a, b):
 
 
 @loop
-def _agreement(unit, sigma_rad, seen, star, expected, count, sigmas):
+def _agreement(unit, sigma_rad, observed, star, expected, count, sigmas):
     agree = np.zeros((count, count), np.bool_)
     for a in range(count):
         for b in range(a + 1, count):
-            if seen[a] == seen[b] or star[a] == star[b]:
+            if observed[a] == observed[b] or star[a] == star[b]:
                 continue
-            tolerance = sigmas * math.sqrt(sigma_rad[seen[a]] ** 2 + sigma_rad[seen[b]] ** 2)
-            if abs(_angle(unit[seen[a]], unit[seen[b]]) - _angle(expected[a], expected[b])) < tolerance:
+            tolerance = sigmas * math.sqrt(sigma_rad[observed[a]] ** 2 + sigma_rad[observed[b]] ** 2)
+            if abs(_angle(unit[observed[a]], unit[observed[b]]) - _angle(expected[a], expected[b])) < tolerance:
                 agree[a, b] = agree[b, a] = True
     return agree
 
@@ -73,15 +73,15 @@ def _partner(agree, p):
 
 
 @loop
-def _third(agree, p, q, unit, seen):
+def _third(agree, p, q, unit, observed):
     """Return the candidate that agrees with both and gives the largest triangle, or -1."""
     best, most = -1, -1.0
-    u, v = unit[seen[p]], unit[seen[q]]
+    u, v = unit[observed[p]], unit[observed[q]]
     side = v - u
     side2 = side[0] * side[0] + side[1] * side[1] + side[2] * side[2]
     for k in range(len(agree)):
         if agree[p, k] and agree[q, k]:
-            other = unit[seen[k]] - u
+            other = unit[observed[k]] - u
             along = side[0] * other[0] + side[1] * other[1] + side[2] * other[2]
             area2 = side2 * (other[0] * other[0] + other[1] * other[1] + other[2] * other[2]) - along * along
             if area2 > most:
@@ -99,11 +99,13 @@ def find_near(
     icrs, _, cells = sky
     local = np.empty(len(icrs), np.int64)
     near = stars_near(icrs, cells, prior[2], reach_cosine, len(icrs), local)
-    seen, star, expected = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, 3))
-    count = _candidates(unit, sigma_rad, brightest, icrs, local, near, prior, radius_rad, most, seen, star, expected)
+    observed, star, expected = np.empty(most, np.int64), np.empty(most, np.int64), np.empty((most, 3))
+    count = _candidates(
+        unit, sigma_rad, brightest, icrs, local, near, prior, radius_rad, most, observed, star, expected
+    )
     if count < 3:
         return 0, 0, 1.0, count, FEW_CANDIDATES
-    agree = _agreement(unit, sigma_rad, seen, star, expected, count, sigmas)
+    agree = _agreement(unit, sigma_rad, observed, star, expected, count, sigmas)
     hypotheses = int(agree.sum()) // 2
     work = workspace(len(icrs), len(unit))
     best_count, best_predicted, best = 0, 0, 2.0
@@ -113,11 +115,11 @@ def find_near(
         if votes[p] < 2:
             break
         q = _partner(agree, p)
-        third = _third(agree, p, q, unit, seen)
+        third = _third(agree, p, q, unit, observed)
         if third < 0:
             agree[p, q] = agree[q, p] = False
             continue
-        rows[0], rows[1], rows[2] = seen[p], seen[q], seen[third]
+        rows[0], rows[1], rows[2] = observed[p], observed[q], observed[third]
         stars[0], stars[1], stars[2] = star[p], star[q], star[third]
         matched, predicted, chance = verify(view, sky, camera, work, rows, stars, 3, float(max(hypotheses, 1)), turn)
         if matched >= 3:

@@ -190,22 +190,22 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
     number, the number of predicted stars and the false-match probability; no matches if the hypothesis is inconsistent."""
     pixels, unit, sigma_rad, magnitude, typical_px, magnitude_spread = view
     icrs, v_mag, cells = sky
-    seen, places, cam, radius, first_places, first_radius, to, back = work
+    visible, places, cam, radius, first_places, first_radius, to, back = work
     n = len(pixels)
     first_predicted = predicted = 0
     first_seen = np.empty(0, np.int64)
     for round_ in range(ROUNDS):
         rotation_of(unit, sigma_rad, icrs, rows, stars, count, turn)
-        near = stars_near(icrs, cells, turn[2], camera[REACH], len(icrs), seen)
+        near = stars_near(icrs, cells, turn[2], camera[REACH], len(icrs), visible)
         predicted = 0
         for k in range(near):
-            s = seen[k]
+            s = visible[k]
             x = turn[0, 0] * icrs[s, 0] + turn[0, 1] * icrs[s, 1] + turn[0, 2] * icrs[s, 2]
             y = turn[1, 0] * icrs[s, 0] + turn[1, 1] * icrs[s, 1] + turn[1, 2] * icrs[s, 2]
             z = turn[2, 0] * icrs[s, 0] + turn[2, 1] * icrs[s, 1] + turn[2, 2] * icrs[s, 2]
             col, row = project(camera, x, y, z)
             if contains(camera, col, row, 0.0):
-                seen[predicted] = s
+                visible[predicted] = s
                 places[predicted, 0], places[predicted, 1] = col, row
                 cam[predicted, 0], cam[predicted, 1], cam[predicted, 2] = x, y, z
                 predicted += 1
@@ -216,14 +216,14 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
             first_predicted = predicted
             first_places[:predicted] = places[:predicted]
             first_radius[:predicted] = radius[:predicted]
-            first_seen = seen[:predicted].copy()
+            first_seen = visible[:predicted].copy()
         _pair_up(places, radius, predicted, pixels, n, to, back)
         matched, same = 0, 0
         for p in range(predicted):
             if to[p] >= 0:
                 matched += 1
                 for k in range(count):
-                    if rows[k] == to[p] and stars[k] == seen[p]:
+                    if rows[k] == to[p] and stars[k] == visible[p]:
                         same += 1
                         break
         if matched < 3:
@@ -233,16 +233,16 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
         for m in range(n):  # in the order of the detections
             p = back[m]
             if p >= 0 and to[p] == m:
-                rows[count], stars[count] = m, seen[p]
+                rows[count], stars[count] = m, visible[p]
                 count += 1
         if settled:
             break  # another round would repeat this one
     mean = squares = 0.0
     for p in range(predicted):
-        mean += v_mag[seen[p]]
+        mean += v_mag[visible[p]]
     mean /= predicted
     for p in range(predicted):
-        squares += (v_mag[seen[p]] - mean) ** 2
+        squares += (v_mag[visible[p]] - mean) ** 2
     spread = math.sqrt(squares / predicted + magnitude_spread * magnitude_spread)
     brightness = brightness_tail(magnitude, v_mag, rows, stars, count, spread)
     offset = np.full(count, math.inf)

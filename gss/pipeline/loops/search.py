@@ -74,7 +74,9 @@ def _anchor(i, distance, tolerance, table_rad, first, second, start, stop, offse
 
 
 @loop
-def _join(i, j, h_first, h_second, slices, offsets, pool_k, pool_c, icrs, unit, seen, flat, middle, half, need, out):
+def _join(
+    i, j, h_first, h_second, slices, offsets, pool_k, pool_c, icrs, unit, handedness, flat, middle, half, need, out
+):
     """Write the best supported hypotheses of the pair (i, j) to ``out``, rows of (star of i, star of j, third, its star, votes).
     Return their number."""
     count = 0
@@ -91,9 +93,9 @@ def _join(i, j, h_first, h_second, slices, offsets, pool_k, pool_c, icrs, unit, 
                 if abs(off) > half[j, k] or k == j or c == b:
                     continue
                 triple = nx * icrs[c, 0] + ny * icrs[c, 1] + nz * icrs[c, 2]
-                wide = abs(seen[k])
+                wide = abs(handedness[k])
                 # Nearly collinear triangles have no reliable handedness; they are tested later on the whole field.
-                if not (seen[k] * triple > 0 or max(wide, abs(triple)) < flat[k]):
+                if not (handedness[k] * triple > 0 or max(wide, abs(triple)) < flat[k]):
                     continue
                 votes += 1
                 if wide > widest or (wide == widest and k == third and c < its):
@@ -120,7 +122,7 @@ def next_pair(unit, icrs, table, geometry_of, anchors, pool_k, pool_c, state, li
     distance, tolerance, middle, half = geometry_of
     built, offsets, start, stop = anchors
     n = len(unit)
-    seen, flat = np.empty(n), np.empty(n)
+    handedness, flat = np.empty(n), np.empty(n)
     need = min(2, n - 2)
     while state[0] < 2 * n - 2:
         total, i = state[0], state[1]
@@ -163,10 +165,25 @@ def next_pair(unit, icrs, table, geometry_of, anchors, pool_k, pool_c, state, li
         cy = unit[i, 2] * unit[j, 0] - unit[i, 0] * unit[j, 2]
         cz = unit[i, 0] * unit[j, 1] - unit[i, 1] * unit[j, 0]
         for k in range(n):
-            seen[k] = unit[k, 0] * cx + unit[k, 1] * cy + unit[k, 2] * cz
+            handedness[k] = unit[k, 0] * cx + unit[k, 1] * cy + unit[k, 2] * cz
             flat[k] = limits[3] * tolerance[i, j] * max(distance[i, j], distance[i, k], distance[j, k])
         count = _join(
-            i, j, first, second, (s, e), offsets[i], pool_k, pool_c, icrs, unit, seen, flat, middle, half, need, out
+            i,
+            j,
+            first,
+            second,
+            (s, e),
+            offsets[i],
+            pool_k,
+            pool_c,
+            icrs,
+            unit,
+            handedness,
+            flat,
+            middle,
+            half,
+            need,
+            out,
         )
         if count:
             return count, pool_k, pool_c

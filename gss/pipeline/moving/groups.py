@@ -42,7 +42,7 @@ def pixel_groups(
     significance = (smooth - middle) / spread
     significance[mask] = 0.0
     labels, count = ndimage.label(significance > GROUP_SIGMA, np.ones((3, 3)))
-    made: list[tuple[float, PixelGroup]] = []
+    groups: list[tuple[float, PixelGroup]] = []
     for label, place in enumerate(ndimage.find_objects(labels, count), 1):
         inside = labels[place] == label
         weight = np.where(inside, significance[place], 0.0)
@@ -61,6 +61,6 @@ def pixel_groups(
         group = PixelGroup(
             round(x + place[1].start), round(y + place[0].start), vectors[:, 1] * length, max(flux, float(noise))
         )
-        made.append((max(float(weight.max()), whole), group))
-    made.sort(key=lambda m: -m[0])
-    return [group for _, group in made[:MOST_GROUPS]]
+        groups.append((max(float(weight.max()), whole), group))
+    groups.sort(key=lambda m: -m[0])
+    return [group for _, group in groups[:MOST_GROUPS]]

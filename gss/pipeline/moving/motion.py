@@ -83,8 +83,8 @@ class SkyMotion:
         speed = float(np.hypot(*self.rate_rad_s))
         # The next power is bounded by the geometry of a straight pass: each derivative brings one more factor of the rate.
         nodes = np.sort(np.abs(time_s - self.knots_s))[: len(self.coefficients)]
-        left = ACCELERATION * speed ** len(self.coefficients) * float(np.prod(nodes)) / 2
-        return np.asarray(place / np.linalg.norm(place)), float(np.hypot(np.sqrt(max(spread, 0.0)), left))
+        model_error_rad = ACCELERATION * speed ** len(self.coefficients) * float(np.prod(nodes)) / 2
+        return np.asarray(place / np.linalg.norm(place)), float(np.hypot(np.sqrt(max(spread, 0.0)), model_error_rad))
 
 
 def fit_motion(frames: Sequence[FrameSpots], hits: Sequence[Hit]) -> SkyMotion | None:
@@ -140,9 +140,9 @@ def _fitted(
 
 def gate_rad(frame: FrameSpots, rows: NDArray[np.intp], sigma_rad: float) -> Array:
     """(n,) distance within which these sources belong to a prediction with that error."""
-    own = np.linalg.eigvalsh(frame.covariance_rad2[rows])[:, 1]
+    star_variance = np.linalg.eigvalsh(frame.covariance_rad2[rows])[:, 1]
     least = LEAST_GATE_PX * frame.view.camera.pixel_rad
-    return np.asarray(np.maximum(GATE_SIGMA * np.sqrt(own + sigma_rad**2), least))
+    return np.asarray(np.maximum(GATE_SIGMA * np.sqrt(star_variance + sigma_rad**2), least))
 
 
 def trail_agrees(frames: Sequence[FrameSpots], hits: Sequence[Hit], motion: SkyMotion) -> bool:
@@ -162,11 +162,11 @@ def trail_agrees(frames: Sequence[FrameSpots], hits: Sequence[Hit], motion: SkyM
         ]
         expected = ends[1] - ends[0]
         length, shortest = float(np.hypot(*expected)), TRAIL_PX * frame.star_sigma_px
-        seen = frame.trail_px[hit.row]
-        if not seen.any():  # a trail that was not significant
+        trail = frame.trail_px[hit.row]
+        if not trail.any():  # a trail that was not significant
             compared, agreeing = compared + 1, agreeing + (length <= max(shortest, frame.longest_px[hit.row]))
             continue
-        off = min(float(np.hypot(*(seen - expected))), float(np.hypot(*(seen + expected))))
+        off = min(float(np.hypot(*(trail - expected))), float(np.hypot(*(trail + expected))))
         compared += 1
         agreeing += off <= max(shortest, TRAIL_SHARE * length)
     return compared == 0 or agreeing > 0.6 * compared

@@ -25,7 +25,7 @@ def views_of(
     """Return the views of frames with an attitude, in order of time (Unix seconds)."""
     solved = [k for k, r in enumerate(results) if r.attitude is not None]
     attitudes = [a.cam_from_icrs for a in (results[k].attitude for k in solved) if a is not None]
-    made = []
+    views = []
     for number, k in enumerate(solved):
         result = results[k]
         if result.attitude is None:
@@ -36,7 +36,7 @@ def views_of(
             for a, b in itertools.pairwise(near)
             if 0 < times_s[solved[b]] - times_s[solved[a]] <= LONGEST_STEP_S
         ]
-        made.append(
+        views.append(
             SolvedView(
                 times_s[k],
                 exposures_s[k],
@@ -47,7 +47,7 @@ def views_of(
                 None if result.velocity_c is None else np.array(result.velocity_c),
             )
         )
-    return made
+    return views
 
 
 def rate_between(first: Array, second: Array, step_s: float) -> Array:

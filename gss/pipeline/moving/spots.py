@@ -103,7 +103,7 @@ class _Photometry:
 def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor: Sensor) -> FrameSpots | None:
     """Find the sources of a (rows, columns) frame that are not in ``stars`` (apparent places at its date). None if too few stars
     are seen to measure brightness and width."""
-    seen = find_stars(
+    detections = find_stars(
         pixels,
         psf_sigma_px=sensor.psf_sigma_px,
         saturation_dn=float(sensor.saturation_dn),
@@ -111,11 +111,11 @@ def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor:
     )
     at, v_mag = _stars_on(view, stars)
     columns, rows = np.arange(pixels.shape[1]), np.arange(pixels.shape[0])
-    level = seen.background.on_grid(columns, rows)
+    level = detections.background.on_grid(columns, rows)
     image = (pixels - level).astype(np.float32)
-    noise = float(np.median(seen.background.noise))
+    noise = float(np.median(detections.background.noise))
     ceiling = float(sensor.saturation_dn) - float(np.median(level))
-    photometry = _photometry(image, noise, ceiling, seen, view, at, v_mag, sensor)
+    photometry = _photometry(image, noise, ceiling, detections, view, at, v_mag, sensor)
     if photometry is None:
         return None
     light_dn = 10 ** (-0.4 * (v_mag - photometry.zero_mag))
@@ -152,24 +152,24 @@ def _photometry(
     image: NDArray[np.float32],
     noise: float,
     ceiling: float,
-    seen: Detections,
+    detections: Detections,
     view: SolvedView,
     at: Array,
     v_mag: Array,
     sensor: Sensor,
 ) -> _Photometry | None:
-    spots = seen.centroids.pixels
+    spots = detections.centroids.pixels
     if len(spots) < 3 or not len(at):
         return None
     gap = np.linalg.norm(spots[:, None] - at[None], axis=2)
     star = np.array([np.argmin(v_mag + np.where(g < STAR_GATE_PX, 0.0, 100.0)) for g in gap])
-    good = (gap[np.arange(len(spots)), star] < STAR_GATE_PX) & (seen.centroids.peak_dn < 0.8 * ceiling)
+    good = (gap[np.arange(len(spots)), star] < STAR_GATE_PX) & (detections.centroids.peak_dn < 0.8 * ceiling)
     if np.count_nonzero(good) < 3:
         return None
     rows = np.flatnonzero(good)
-    zero = float(np.median(v_mag[star[rows]] + 2.5 * np.log10(seen.centroids.flux_dn[rows])))
+    zero = float(np.median(v_mag[star[rows]] + 2.5 * np.log10(detections.centroids.flux_dn[rows])))
     off2 = float(np.median((spots[rows] - at[star[rows]]) ** 2)) / 0.455  # median of a squared normal deviate
-    floor_px2 = max(off2 - float(np.median(seen.centroids.sigma_px[rows] ** 2)), FLOOR_PX**2)
+    floor_px2 = max(off2 - float(np.median(detections.centroids.sigma_px[rows] ** 2)), FLOOR_PX**2)
     start = sensor.psf_sigma_px**2 + PIXEL_VARIANCE_PX2
     widths = []
     for k in rows[:WIDTH_STARS]:
@@ -177,7 +177,7 @@ def _photometry(
         half = int(np.ceil(4 * np.sqrt(start) + np.abs(trail).max() / 2))
         col, row = (int(v) for v in np.rint(spots[k]))
         cut = cut_out(image, noise, col, row, half, ceiling, sensor.gain_e_per_dn)
-        guess = np.array([seen.centroids.flux_dn[k], *(spots[k] - (col, row)), *trail, start])
+        guess = np.array([detections.centroids.flux_dn[k], *(spots[k] - (col, row)), *trail, start])
         fit = fit_line(cut, guess, (*POINT, WIDTH))
         if fit is not None:
             widths.append(fit.variance_px2)
@@ -272,11 +272,11 @@ def _without_pieces(sources: list[_Source], variance: float) -> list[_Source]:
 
 def _is_sharp(cut: Cutout, fit: LineFit, free: tuple[int, ...], variance: float) -> bool:
     start = np.array([fit.flux_dn, *fit.centre_px, *fit.trail_px, variance])
-    own = fit_line(cut, start, (*free, WIDTH))
-    if own is None:
+    with_width = fit_line(cut, start, (*free, WIDTH))
+    if with_width is None:
         return True  # all the light is in one pixel, which does not determine a width
-    better = (fit.chi2 - own.chi2) / own.excess
-    return bool(own.variance_px2 < SHARP_SHARE**2 * variance and better > SHARPER)
+    better = (fit.chi2 - with_width.chi2) / with_width.excess
+    return bool(with_width.variance_px2 < SHARP_SHARE**2 * variance and better > SHARPER)
 
 
 def _spots(view: SolvedView, sources: list[_Source], photometry: _Photometry, limit_mag: float) -> FrameSpots:

@@ -109,15 +109,15 @@ def link(
     doubtful: set[tuple[int, int]] = set()
     paths: list[SkyMotion] = []
     for hits, motion, chance in sorted(candidates, key=lambda c: (-len(c[0]), c[1].chi2)):
-        own = {(h.frame, h.row) for h in hits}
-        if own & used:
+        hit_keys = {(h.frame, h.row) for h in hits}
+        if hit_keys & used:
             continue
         if chance > MOST_CHANCE:
-            doubtful |= own
+            doubtful |= hit_keys
             continue
-        used |= own
-        made = _tracklet(frames, hits, motion, chance)
-        (resting if made.rests else moving).append(made)
+        used |= hit_keys
+        candidate = _tracklet(frames, hits, motion, chance)
+        (resting if candidate.rests else moving).append(candidate)
         paths.append(motion)
     streaks = []
     for k, frame in enumerate(frames):
@@ -145,13 +145,13 @@ def _fixed_on_detector(frames: Sequence[FrameSpots]) -> list[tuple[int, int]]:
     icrs = np.concatenate([f.icrs for f in frames])
     of = np.array([k for k, _ in owner])
     pixel_rad = frames[0].view.camera.pixel_rad
-    made = []
+    owners = []
     for at, near in enumerate(cKDTree(pixels).query_ball_point(pixels, SAME_PIXEL_PX)):
         if len(set(of[near])) < FEWEST_HITS:
             continue
         if float(separation_rad(icrs[near], icrs[at]).max()) > SKY_MOVED_PX * pixel_rad:
-            made.append(owner[at])
-    return made
+            owners.append(owner[at])
+    return owners
 
 
 def _candidates(
@@ -177,7 +177,7 @@ def _candidates(
             for m, k in zip(a, b, strict=True):
                 seeds.append((Hit(i, int(rows[i][m])), Hit(j, int(rows[j][k]))))
     done: set[frozenset[Hit]] = set()
-    made = []
+    candidates = []
     inside: set[tuple[Hit, Hit]] = set()
     for number, seed in enumerate(seeds):
         if number % 200 == 0:
@@ -191,8 +191,8 @@ def _candidates(
         inside |= {(a, b) for a in hits for b in hits if a.frame < b.frame}
         motion = fit_motion(frames, hits)
         if motion is not None and trail_agrees(frames, hits, motion):
-            made.append((hits, motion, _chance(frames, rows, hits, motion, pairs)))
-    return made
+            candidates.append((hits, motion, _chance(frames, rows, hits, motion, pairs)))
+    return candidates
 
 
 def _grown(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: list[Hit]) -> list[Hit]:
@@ -293,20 +293,20 @@ def _is_streak(frame: FrameSpots, row: int) -> bool:
 def _streak(frames: Sequence[FrameSpots], k: int, row: int) -> Tracklet:
     """A line in one frame: its rate is known without sign, from its length."""
     frame = frames[k]
-    one = np.array([row])
+    single = np.array([row])
     nothing = np.full(2, np.nan)
     return Tracklet(
         np.array([k]),
-        one,
+        single,
         np.array([frame.view.time_s]),
-        frame.icrs[one],
-        frame.covariance_rad2[one],
-        frame.v_mag[one],
-        frame.snr[one],
+        frame.icrs[single],
+        frame.covariance_rad2[single],
+        frame.v_mag[single],
+        frame.snr[single],
         nothing,
         np.full((2, 2), np.nan),
         np.zeros((1, 2)),
         float("nan"),
-        frame.ends_icrs[one][:, [0, 1], [0, 1]],
-        frame.ends_sigma_rad[one],
+        frame.ends_icrs[single][:, [0, 1], [0, 1]],
+        frame.ends_sigma_rad[single],
     )

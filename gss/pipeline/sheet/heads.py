@@ -73,14 +73,14 @@ class ReferenceInput:
     true_reference: bool = False
 
 
-def reference_errors(given: ReferenceInput, rng: np.random.Generator) -> ReferenceErrors:
+def reference_errors(data: ReferenceInput, rng: np.random.Generator) -> ReferenceErrors:
     """Fit all terms. Raises BadInput with fewer than five pairs."""
-    pairs = two_cameras(given.reference, given.camera)
-    at = np.searchsorted(given.camera.times_s, pairs.times_s - 1e-9)
-    at = np.clip(_nearest(given.camera.times_s, pairs.times_s, at), 0, len(given.camera) - 1)
-    camera, expected = given.camera.only(at), given.expected
+    pairs = two_cameras(data.reference, data.camera)
+    at = np.searchsorted(data.camera.times_s, pairs.times_s - 1e-9)
+    at = np.clip(_nearest(data.camera.times_s, pairs.times_s, at), 0, len(data.camera) - 1)
+    camera, expected = data.camera.only(at), data.expected
     mounting = pairs.second_from_first if expected is None else expected
-    reference = _at(given.reference, pairs.times_s)
+    reference = _at(data.reference, pairs.times_s)
     off = turn_between(
         np.broadcast_to(mounting, camera.quaternion.shape),
         quaternion_product(camera.quaternion, quaternion_inverse(reference)),
@@ -91,7 +91,7 @@ def reference_errors(given: ReferenceInput, rng: np.random.Generator) -> Referen
     if np.ptp(clock) > LEAST_DRIFT_S:
         columns.append(_each_axis(clock / DAY_S))
         names.append("drift")
-    temperature = np.full(len(at), np.nan) if given.temperature_c is None else given.temperature_c[at]
+    temperature = np.full(len(at), np.nan) if data.temperature_c is None else data.temperature_c[at]
     span_k = float(np.ptp(temperature)) if np.isfinite(temperature).all() else 0.0
     middle_c = float(temperature.mean()) if span_k else float("nan")
     if span_k >= LEAST_SPAN_K:
@@ -101,24 +101,24 @@ def reference_errors(given: ReferenceInput, rng: np.random.Generator) -> Referen
     if float(np.linalg.norm(rate - rate.mean(axis=0), axis=1).max()) >= LEAST_RATE_RAD_S:
         columns.append(-rate[:, :, None])
         names.append("date")
-    if given.velocity_c is not None:
-        shift = _aberration(camera.quaternion, given.velocity_c[at])
-        if not given.true_reference:
+    if data.velocity_c is not None:
+        shift = _aberration(camera.quaternion, data.velocity_c[at])
+        if not data.true_reference:
             turn = matrix_from_quaternion(mounting)
-            shift = shift - _aberration(reference, given.velocity_c[at]) @ turn.T
+            shift = shift - _aberration(reference, data.velocity_c[at]) @ turn.T
         if float(np.linalg.norm(shift - shift.mean(axis=0), axis=1).max()) >= LEAST_ABERRATION_RAD:
             columns.append(shift[:, :, None])
             names.append("aberration")
-    blocks = given.block[at]
+    blocks = data.block[at]
     if len(np.unique(blocks)) < FEWEST_BLOCKS:
         blocks = np.arange(len(at), dtype=np.intp) * min(BLOCKS, len(at)) // len(at)
-    made, residual = _fitted(np.concatenate(columns, axis=2), off, names, [c.shape[2] for c in columns], blocks, rng)
+    fitted, residual = _fitted(np.concatenate(columns, axis=2), off, names, [c.shape[2] for c in columns], blocks, rng)
     return ReferenceErrors(
-        made["bias"] if expected is not None else None,
-        made.get("drift"),
-        made.get("thermal"),
-        made.get("date"),
-        made.get("aberration"),
+        fitted["bias"] if expected is not None else None,
+        fitted.get("drift"),
+        fitted.get("thermal"),
+        fitted.get("date"),
+        fitted.get("aberration"),
         span_k,
         middle_c,
         float(np.linalg.norm(rate, axis=1).max()),
@@ -140,11 +140,11 @@ def _fitted(
     """Fit (m, 3, p) columns to (m, 3) rotations and return the terms by name, and the rest."""
     p = design.shape[2]
     # The error about the boresight is many times larger, so each axis is weighted with its own scatter.
-    left, good = off, np.ones(off.shape, bool)
+    residual, good = off, np.ones(off.shape, bool)
     for _ in range(WEIGHT_ROUNDS):
-        scale = np.array([max(robust_sigma(left[:, k]), 1e-12) for k in range(3)])
+        scale = np.array([max(robust_sigma(residual[:, k]), 1e-12) for k in range(3)])
         fit = fit_linear((design / scale[None, :, None]).reshape(-1, p), (off / scale).ravel())
-        left, good = off - design @ fit.coefficients, fit.used.reshape(off.shape)
+        residual, good = off - design @ fit.coefficients, fit.used.reshape(off.shape)
     design_w, off_w = design / scale[None, :, None] * good[:, :, None], off / scale * good
 
     def once(index: NDArray[np.intp]) -> Array:
@@ -155,8 +155,8 @@ def _fitted(
     best = once(np.arange(len(off), dtype=np.intp))
     low, high = interval(resampled(blocks, once, rng))
     starts = np.cumsum([0, *widths])
-    made = {n: Fitted(best[a:b], low[a:b], high[a:b]) for n, a, b in zip(names, starts, starts[1:], strict=False)}
-    return made, np.asarray(off - design @ best)
+    fitted = {n: Fitted(best[a:b], low[a:b], high[a:b]) for n, a, b in zip(names, starts, starts[1:], strict=False)}
+    return fitted, np.asarray(off - design @ best)
 
 
 def _each_axis(values: Array) -> Array:

@@ -103,11 +103,11 @@ def allan_deviation(values: Array, step_s: float) -> tuple[Array, Array]:
     n = len(values)
     groups = [m for m in (2**k for k in range(int(np.log2(max(n, 2))))) if n - 2 * m + 1 >= FEWEST_STEPS]
     sums = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
-    made = []
+    deviations = []
     for m in groups:
         means = (sums[m:] - sums[:-m]) / m
-        made.append(np.sqrt(0.5 * np.mean((means[m:] - means[:-m]) ** 2, axis=0)))
-    return np.array(groups, float) * step_s, np.array(made).reshape(len(groups), values.shape[1])
+        deviations.append(np.sqrt(0.5 * np.mean((means[m:] - means[:-m]) ** 2, axis=0)))
+    return np.array(groups, float) * step_s, np.array(deviations).reshape(len(groups), values.shape[1])
 
 
 def _curves(run: AttitudeSeries) -> tuple[Array, Array, Array, Array]:

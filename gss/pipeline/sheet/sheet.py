@@ -173,9 +173,9 @@ def _pixel_row(spatial: SpatialErrors | None, pattern: PatternError | None, prob
         text = "fixed pattern not separated: too few stars return to the same pixels"
         return SheetRow(*PIXEL, text, spatial.frames, figures)
     fixed = axis_rows(pattern.value_rad, pattern.low_rad, pattern.high_rad, "rad", "fixed ")
-    one = SheetFigure("one star, fixed", pattern.value_px, pattern.low_px, pattern.high_px, "px")
+    single_star = SheetFigure("one star, fixed", pattern.value_px, pattern.low_px, pattern.high_px, "px")
     text = f"{pattern.pairs} returns of {pattern.stars} stars; 'fixed' includes the periodic part"
-    return SheetRow(*PIXEL, text, spatial.frames, (*figures, *fixed, one))
+    return SheetRow(*PIXEL, text, spatial.frames, (*figures, *fixed, single_star))
 
 
 def _noise_row(noise: TemporalNoise | None) -> SheetRow:

@@ -135,17 +135,17 @@ def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Gene
     degree = 5 if np.count_nonzero(keep) * 2 > PER_UNKNOWN * (2 * _terms(5) + 4 * HARMONICS) else 3
     slow = 2 * _terms(degree)
     frames = [np.flatnonzero(used & (sightings.frame == f)) for f in np.unique(sightings.frame[keep])]
-    made = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
-    total = np.sum([f.normal for f in made], axis=0), np.sum([f.right for f in made], axis=0)
+    frame_sums = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
+    total = np.sum([f.normal for f in frame_sums], axis=0), np.sum([f.right for f in frame_sums], axis=0)
     first = _solve(*total)
     residual_rest = _rest(sightings, frames, camera, first[:slow], degree)
     # Without the slow error, outliers stand out.
     keep = _inliers(residual_rest, used, REJECT_SIGMAS)
-    made = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
-    best, drawn, often = _drawn(made, sightings.block[[int(sightings.frame[at[0]]) for at in frames]], rng)
+    frame_sums = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
+    best, drawn, often = _drawn(frame_sums, sightings.block[[int(sightings.frame[at[0]]) for at in frames]], rng)
     residual_rest = _rest(sightings, frames, camera, best[:slow], degree)
     residual_rest[~keep] = np.nan
-    value, low, high = _debiased(made, slow, best, drawn, often)
+    value, low, high = _debiased(frame_sums, slow, best, drawn, often)
     columns, rows, field = _map(camera, best[:slow], degree)
     within = np.linspace(-0.5, 0.5, PHASE_POINTS)
     return SpatialErrors(
@@ -160,36 +160,41 @@ def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Gene
         np.asarray(_phase_terms(within) @ best[slow:].reshape(2, -1).T),
         float(np.mean([robust_sigma(residual_rest[:, k]) for k in (0, 1)])),
         residual_rest,
-        _gains(sightings, frames, made),
-        np.array([np.sqrt((f.gain**2).sum(axis=1)) for f in made]),
+        _gains(sightings, frames, frame_sums),
+        np.array([np.sqrt((f.gain**2).sum(axis=1)) for f in frame_sums]),
         int(np.count_nonzero(keep)),
-        len(made),
+        len(frame_sums),
         degree,
     )
 
 
-def _drawn(made: list[_Frame], block: NDArray[np.intp], rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def _drawn(frame_sums: list[_Frame], block: NDArray[np.intp], rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Return the coefficients (p,), those of each bootstrap sample (r, p), and how often each frame is in it (r,
     n)."""
-    normals, rights = np.array([f.normal for f in made]), np.array([f.right for f in made])
+    normals, rights = np.array([f.normal for f in frame_sums]), np.array([f.right for f in frame_sums])
     p = rights.shape[1]
     whole = normals.sum(axis=0)
-    best, seen = _solve(whole, rights.sum(axis=0)), _observed(whole)
+    best, observable = _solve(whole, rights.sum(axis=0)), _observed(whole)
     often = draws(block, rng)
     # Two products of matrices instead of a sum for each sample.
-    shaped = seen.T @ normals @ seen
-    sums = (often @ shaped.reshape(len(made), -1)).reshape(len(often), seen.shape[1], seen.shape[1])
-    right = often @ (rights @ seen)
-    tiny = np.eye(seen.shape[1]) * SMALLEST_SHARE**2 * np.trace(whole) / p
-    return best, np.linalg.solve(sums + tiny, right[..., None])[..., 0] @ seen.T, often
+    shaped = observable.T @ normals @ observable
+    sums = (often @ shaped.reshape(len(frame_sums), -1)).reshape(len(often), observable.shape[1], observable.shape[1])
+    right = often @ (rights @ observable)
+    tiny = np.eye(observable.shape[1]) * SMALLEST_SHARE**2 * np.trace(whole) / p
+    return best, np.linalg.solve(sums + tiny, right[..., None])[..., 0] @ observable.T, often
 
 
-def _debiased(made: list[_Frame], slow: int, best: Array, drawn: Array, often: Array) -> tuple[Array, Array, Array]:
+def _debiased(
+    frame_sums: list[_Frame], slow: int, best: Array, drawn: Array, often: Array
+) -> tuple[Array, Array, Array]:
     """Return root mean squares over the frames with intervals. Noise of the coefficients adds to a mean square; the
     spread of the bootstrap samples about the estimate shows how much, and it is subtracted (twice for the samples,
     which have the noise twice)."""
-    turns, moment = np.array([f.turn for f in made]), sum(f.moment for f in made) / sum(f.count for f in made)
-    ones = np.ones(len(made))
+    turns, moment = (
+        np.array([f.turn for f in frame_sums]),
+        sum(f.moment for f in frame_sums) / sum(f.count for f in frame_sums),
+    )
+    ones = np.ones(len(frame_sums))
 
     def squares(c: Array, weight: Array) -> Array:
         parts = []
@@ -264,12 +269,12 @@ def _frame(
     flat = design.reshape(-1, design.shape[2])
     turn = gain @ flat
     both = np.repeat(keep, 2)
-    seen = (flat - effect @ turn)[both]
+    reduced = (flat - effect @ turn)[both]
     residual = sightings.residual_px[at].ravel()
     residual = (residual - effect @ (gain @ residual))[both]
     return _Frame(
-        seen.T @ (seen * weight[both, None]),
-        seen.T @ (weight[both] * residual),
+        reduced.T @ (reduced * weight[both, None]),
+        reduced.T @ (weight[both] * residual),
         turn,
         gain,
         np.einsum("mkp,mkq->pq", slow, slow, optimize=True) / 2,
@@ -277,11 +282,11 @@ def _frame(
     )
 
 
-def _gains(sightings: StarSightings, frames: list[NDArray[np.intp]], made: list[_Frame]) -> Array:
+def _gains(sightings: StarSightings, frames: list[NDArray[np.intp]], frame_sums: list[_Frame]) -> Array:
     """(m, 2, 3) squared sensitivities of the attitude to each star."""
     gains = np.zeros((len(sightings), 2, 3))
-    for at, one in zip(frames, made, strict=True):
-        gains[at] = (one.gain.T**2).reshape(-1, 2, 3)
+    for at, frame_sum in zip(frames, frame_sums, strict=True):
+        gains[at] = (frame_sum.gain.T**2).reshape(-1, 2, 3)
     return gains
 
 
@@ -291,8 +296,8 @@ def _rest(sightings: StarSightings, frames: list[NDArray[np.intp]], camera: Came
     for at in frames:
         effect, _, gain = _absorbed(sightings, at, camera)
         design = _design(sightings.pixels[at] - sightings.residual_px[at], camera, degree)[:, :, : len(slow)]
-        left = sightings.residual_px[at].ravel() - (design @ slow).ravel()
-        remainder[at] = (left - effect @ (gain @ left)).reshape(-1, 2)
+        residual = sightings.residual_px[at].ravel() - (design @ slow).ravel()
+        remainder[at] = (residual - effect @ (gain @ residual)).reshape(-1, 2)
     return remainder
 
 
@@ -304,8 +309,8 @@ def _observed(normal: Array) -> Array:
 
 def _solve(normal: Array, right: Array) -> Array:
     """Least squares in the observed directions."""
-    seen = _observed(normal)
-    return np.asarray(seen @ np.linalg.solve(seen.T @ normal @ seen, seen.T @ right))
+    observable = _observed(normal)
+    return np.asarray(observable @ np.linalg.solve(observable.T @ normal @ observable, observable.T @ right))
 
 
 def _map(camera: Camera, slow: Array, degree: int) -> tuple[Array, Array, Array]:

@@ -119,24 +119,24 @@ def observe(
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[Observation]:
     """Render and solve a frame for each moment."""
-    made = []
+    observations = []
     for k, at in enumerate(moments):
         progress(k)
         drawn = unit.frame(at, rng)
-        made.append(Observation(at, solve(drawn.pixels, at), drawn.truth))
-    return made
+        observations.append(Observation(at, solve(drawn.pixels, at), drawn.truth))
+    return observations
 
 
-def sheet_input(seen: Sequence[Observation], camera: Camera) -> SheetInput:
+def sheet_input(observations: Sequence[Observation], camera: Camera) -> SheetInput:
     """Return the input of the sheet; the reference is the body's attitude, which a simulation knows. ``camera``: as
     assumed."""
-    at = [o.moment for o in seen]
+    at = [o.moment for o in observations]
     times = [m.time_s for m in at]
-    n = len(seen)
+    n = len(observations)
     true = np.array([quaternion_from_matrix(m.cam_from_icrs) for m in at])
     ones = np.ones(n, np.intp)
     reference = AttitudeSeries(np.array(times), true, np.zeros((n, 3, 3)), ones, ones, np.zeros(n))
-    results = [o.result for o in seen]
+    results = [o.result for o in observations]
     series = series_of(times, results)
     return SheetInput(
         camera,
@@ -172,12 +172,12 @@ def slew(start: Array, count: int, top_rad_s: float, begin_s: float = 0.0, step_
     """Moments of a turn about the diagonal of the detector whose rate swings between ± ``top_rad_s``."""
     axis = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
     period_s = count * step_s
-    made = []
+    observations = []
     for k in range(count):
         phase = 2 * np.pi * k * step_s / period_s
         rate = axis * top_rad_s * np.sin(phase)
         angle = axis * top_rad_s * (1 - np.cos(phase)) * period_s / (2 * np.pi)
-        made.append(
+        observations.append(
             Moment(begin_s + k * step_s, rotation_from_vector(-angle) @ start, (float(rate[0]), float(rate[1]), 0.0))
         )
-    return made
+    return observations

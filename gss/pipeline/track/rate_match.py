@@ -27,9 +27,9 @@ def mutual_nearest(predicted: Array, measured: Array, radius_rad: float) -> Rows
         return np.empty((0, 2), np.intp)
     chord = np.linalg.norm(predicted[:, None] - measured[None], axis=2)
     forward, backward = np.argmin(chord, axis=1), np.argmin(chord, axis=0)
-    own = np.arange(len(predicted))
-    good = (backward[forward] == own) & (chord[own, forward] <= 2 * np.sin(radius_rad / 2))
-    return np.column_stack([own[good], forward[good]])
+    rows = np.arange(len(predicted))
+    good = (backward[forward] == rows) & (chord[rows, forward] <= 2 * np.sin(radius_rad / 2))
+    return np.column_stack([rows[good], forward[good]])
 
 
 def rate_match(before: Array, after: Array, relative: Array, camera: Camera, radius_rad: float) -> Rows:

@@ -50,8 +50,8 @@ class ThreeStars:
         if not self.pair:
             for old in self.columns:
                 self.pair = self.pair or self._fit((old, new))
-        for one, two in itertools.combinations(self.columns, STARS - 1):
-            self.found = self._fit((one, two, new))
+        for first, second in itertools.combinations(self.columns, STARS - 1):
+            self.found = self._fit((first, second, new))
             if self.found:
                 break
         self.columns.append(new)
@@ -73,13 +73,13 @@ class ThreeStars:
 
         return grow([])
 
-    def _same_distance(self, one: tuple[int, int], other: tuple[int, int]) -> bool:
-        if one[0] == other[0]:
+    def _same_distance(self, match: tuple[int, int], other: tuple[int, int]) -> bool:
+        if match[0] == other[0]:
             return False
         self.operations += 1
-        seen = _angle_rad(self.unit_cam[one[0]], self.unit_cam[other[0]])
-        reference_rad = _angle_rad(self.reference_unit[one[1]], self.reference_unit[other[1]])
-        return abs(seen - reference_rad) <= self.tolerance_rad
+        angle_rad = _angle_rad(self.unit_cam[match[0]], self.unit_cam[other[0]])
+        reference_rad = _angle_rad(self.reference_unit[match[1]], self.reference_unit[other[1]])
+        return abs(angle_rad - reference_rad) <= self.tolerance_rad
 
 
 def _angle_rad(a: Array, b: Array) -> float:
