@@ -143,7 +143,7 @@ def run_import(arguments: argparse.Namespace) -> int:
 
     name = arguments.file.name
     with ParseProcesses() as parsing:
-        image = parsing.parse(import_file, _bytes(arguments.file, TABLE_FILE_BYTES), name, what=name)
+        image = parsing.parse(import_file, _bytes(arguments.file, TABLE_FILE_BYTES), name, subject=name)
     write_file(arguments.out, image)
     header = read_header(image)
     facts = {"profile": header.profile_name, "format": header.format_name, "stars": header.stars, "bytes": len(image)}

@@ -180,7 +180,7 @@ def _read(files: list[Path]) -> Iterator[tuple[str, ImportedFrame | BadInput]]:
             name = path.name if counts[path.name] == 1 else str(path)
             try:
                 data = read_limited(path, MAX_BYTES)
-                yield name, parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
+                yield name, parsing.parse(read_frame, data, name, classes=(ImportedFrame,), subject=name)
             except OSError as error:
                 yield name, BadInput("the file cannot be read", got=str(error.strerror))
             except BadInput as error:

@@ -197,7 +197,7 @@ def _frames(files: Sequence[str]) -> Iterator[ImportedFrame]:
                 data = read_limited(Path(name), MAX_BYTES)
             except OSError as error:
                 raise BadInput("the file cannot be read", got=f"{name}: {error.strerror}") from None
-            yield parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
+            yield parsing.parse(read_frame, data, name, classes=(ImportedFrame,), subject=name)
 
 
 def _given(pixels: Any) -> Any:

@@ -130,7 +130,7 @@ def _one(
     from gss.pipeline.chains.options import parse
 
     frame = parsing.parse(
-        read_frame, read_file(name, "an image file", MAX_BYTES), name, classes=(ImportedFrame,), what=name
+        read_frame, read_file(name, "an image file", MAX_BYTES), name, classes=(ImportedFrame,), subject=name
     )
     taken = frame.taken_at if arguments.utc is None else _moment(arguments.utc)
     seen = frame.seen_at if arguments.utc is None else taken

@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     data = read_file(arguments.file, "a file of star lists", MAX_LIST_BYTES)
     name = Path(arguments.file).name
     with ParseProcesses() as parsing:
-        lists = parsing.parse(read_star_lists, data, name, classes=(StarLists,), what=name)
+        lists = parsing.parse(read_star_lists, data, name, classes=(StarLists,), subject=name)
     solver = StarListSolver(camera, faint_limit_mag, epoch, SolverCache(), processor_s)
     results = [list_result(*answer) for answer in solver.solve(lists, arguments.sigma_px)]
     if arguments.json:

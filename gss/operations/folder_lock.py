@@ -47,12 +47,12 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def named_lock(path: Path, words: str, *, wait: bool = False) -> Iterator[None]:
+def named_lock(path: Path, message: str, *, wait: bool = False) -> Iterator[None]:
     """Lock a file. If another thread or process holds it, raise Conflict with this text, or wait for it."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except BlockingIOError:
-            raise Conflict(words, got=str(path), hint="wait until it has stopped") from None
+            raise Conflict(message, got=str(path), hint="wait until it has stopped") from None
         yield

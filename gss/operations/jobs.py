@@ -152,8 +152,8 @@ class JobService:
     def start(self) -> None:
         """Resume the jobs that the last server left open; jobs that cannot be resumed are closed, keeping their requests."""
         with self._database.unit_of_work() as session:
-            left = store.unfinished(session)
-        for job in left:
+            unfinished = store.unfinished(session)
+        for job in unfinished:
             deaths = job.attempts + (job.state == "running")
             if job.kind not in self._kinds:
                 self._fail(job.id, "the server stopped before the job ended; start it again")
@@ -282,8 +282,8 @@ class JobService:
 
         def keep(checkpoint: dict[str, Any], session: Any = None) -> None:
             if session is None:
-                with self._database.unit_of_work() as own:
-                    store.keep(own, job_id, checkpoint)
+                with self._database.unit_of_work() as unit_session:
+                    store.keep(unit_session, job_id, checkpoint)
             else:
                 store.keep(session, job_id, checkpoint)
 

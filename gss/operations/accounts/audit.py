@@ -64,24 +64,24 @@ class AuditService:
         if last is not None:  # the chain up to here is that of an older version
             self._anchor(Anchor(last.seq, last.hash, iso_z(self._now())))
 
-    def accept(self, who: str, reason: str) -> None:
+    def accept(self, user: str, reason: str) -> None:
         """Accept the log as it is: compare only later anchors with it. For a database that was replaced on purpose. Raises
         StoreDown if the anchor file cannot be created."""
         self._anchors.create()
         self.begin_anchors()
-        seq = self.record(who, "audit.accept", "anchor file", "done", reason, role="shell")
+        seq = self.record(user, "audit.accept", "anchor file", "done", reason, role="shell")
         with self._database.unit_of_work() as session:
             stored = store.hashes(session, [seq])[seq]
-        self._anchors.append(Anchor(seq, stored, iso_z(self._now()), f"{_fit(who, 80)}: {_fit(reason, 200)}"))
+        self._anchors.append(Anchor(seq, stored, iso_z(self._now()), f"{_fit(user, 80)}: {_fit(reason, 200)}"))
 
     def record(
         self, who: str, action: str, target: str, result: Result, detail: str = "", *, role: str = "", address: str = ""
     ) -> int:
         """Append a row and return its number."""
-        words = (_fit(who, 80), _fit(role, 20), _fit(action, 60), _fit(target, 200), result, _fit(detail, 2000))
+        fields = (_fit(who, 80), _fit(role, 20), _fit(action, 60), _fit(target, 200), result, _fit(detail, 2000))
         for _ in range(TRIES):
             try:
-                added = self._append(*words, _fit(address, 60))
+                added = self._append(*fields, _fit(address, 60))
             except store.PlaceTaken:
                 continue  # another process appended a row meanwhile: try again after it
             self._anchor(added)
@@ -177,7 +177,7 @@ class AuditService:
         return f"the anchor file cannot be read: {error}; {HINT}" if began else ""
 
     def _verify_chain(self, known_hash: str) -> AuditVerdict:
-        seq, previous, seen = 0, FIRST, not known_hash
+        seq, previous, anchored = 0, FIRST, not known_hash
         with self._database.unit_of_work() as session:
             try:
                 for row in store.every(session, AuditFilter()):
@@ -188,13 +188,13 @@ class AuditService:
                     if row.hash not in (hash_of(row), hash_of(row, ONCE)):
                         return AuditVerdict(seq, previous, f"row {row.seq} was changed")
                     seq, previous = row.seq, row.hash
-                    seen = seen or row.hash == known_hash
+                    anchored = anchored or row.hash == known_hash
             except ValueError as error:  # an invalid time
                 return AuditVerdict(seq, previous, f"a row after row {seq} is unreadable: {error}")
             strays = store.before_the_first(session)
         if strays:
             return AuditVerdict(seq, previous, f"{strays} rows precede the first row")
-        if not seen:
+        if not anchored:
             return AuditVerdict(seq, previous, "no row has the noted hash: the end was truncated")
         return AuditVerdict(seq, previous, "")
 

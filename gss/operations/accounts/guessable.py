@@ -51,8 +51,8 @@ def why_guessable(password: str, name: str) -> str:
         return "a sequence of keys or letters"
     if name and plain in (name.lower(), name.lower()[::-1]):
         return "the user name"
-    left = _without_words(plain, name)
-    if len(left) < FEWEST_LETTERS:
+    remaining = _without_words(plain, name)
+    if len(remaining) < FEWEST_LETTERS:
         return "a common word or the user name with few other characters"
     return ""
 
@@ -65,7 +65,7 @@ def _neighbours(plain: str) -> int:
 def _without_words(plain: str, name: str) -> str:
     """Return the letters that are left without common words and the name; all characters if there are none of these."""
     letters = "".join(c for c in plain.translate(AS_LETTERS) if c.isalpha())
-    left = letters
+    remaining = letters
     for word in ("".join(c for c in name.lower() if c.isalpha()), *WORDS):
-        left = left.replace(word, "") if len(word) > 2 else left
-    return left if left != letters else plain
+        remaining = remaining.replace(word, "") if len(word) > 2 else remaining
+    return remaining if remaining != letters else plain

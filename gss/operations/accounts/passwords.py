@@ -75,15 +75,15 @@ class Passwords:
     @staticmethod
     def check_new(password: str, name: str) -> None:
         """Raise BadInput unless the password is acceptable. Messages never contain the password."""
-        words = normalized(password)
-        if not SHORTEST <= len(words) <= LONGEST:
+        normal_form = normalized(password)
+        if not SHORTEST <= len(normal_form) <= LONGEST:
             raise BadInput(
                 "invalid password length",
                 expected=f"{SHORTEST} – {LONGEST} characters",
-                got=f"{len(words)} characters",
+                got=f"{len(normal_form)} characters",
                 hint="use four or five unrelated words",
             )
-        reason = why_guessable(words, name)
+        reason = why_guessable(normal_form, name)
         if reason:
             raise BadInput(
                 "this password is too easy to guess",

@@ -99,8 +99,8 @@ def permitted(permissions: frozenset[str], permission: str) -> bool:
     """True if one of the alternatives is granted. ``permission`` is a permission, or several separated by |; ``command`` means
     any command permission."""
     return any(
-        one in permissions or (one == "command" and any(p in permissions for p in COMMANDS))
-        for one in permission.split("|")
+        alternative in permissions or (alternative == "command" and any(p in permissions for p in COMMANDS))
+        for alternative in permission.split("|")
     )
 
 

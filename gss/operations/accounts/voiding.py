@@ -25,9 +25,9 @@ class Voided:
 
     def __str__(self) -> str:
         """Return the text for the audit log; "" if nothing was withdrawn."""
-        words = [f"also disabled: {', '.join(self.users)}"] if self.users else []
-        words += [f"links made invalid: {self.links}"] if self.links else []
-        return "; ".join(words)
+        parts = [f"also disabled: {', '.join(self.users)}"] if self.users else []
+        parts += [f"links made invalid: {self.links}"] if self.links else []
+        return "; ".join(parts)
 
 
 class Voiding:

@@ -46,7 +46,7 @@ def record_of(
     report: DesignReport, base: DesignCamera, cameras: tuple[TradeRow, ...], elapsed_ms: float
 ) -> DesignValues:
     """Return all values of a design page. ``elapsed_ms``: how long the calculation took."""
-    c, seen = report.request.camera, report.in_view
+    c, in_view = report.request.camera, report.in_view
     papers = values_for(base.name)
     return {
         "profile": base.name,
@@ -56,14 +56,14 @@ def record_of(
         "sky": "whole sky" if report.request.envelope is None else "along the orbit",
         "figures": [_with_paper(f, papers) for f in _figures(report)],
         "histogram": {
-            "pointings": seen.pointings,
-            "counts": [int(n) for n in seen.histogram],
-            "mean": seen.mean,
-            "p_fewer_than_3": seen.p_fewer_than(3),
-            "p_fewer_than_5": seen.p_fewer_than(5),
-            "worst_stars": seen.worst_stars,
-            "worst_ra_deg": math.degrees(seen.worst_ra_rad),
-            "worst_dec_deg": math.degrees(seen.worst_dec_rad),
+            "pointings": in_view.pointings,
+            "counts": [int(n) for n in in_view.histogram],
+            "mean": in_view.mean,
+            "p_fewer_than_3": in_view.p_fewer_than(3),
+            "p_fewer_than_5": in_view.p_fewer_than(5),
+            "worst_stars": in_view.worst_stars,
+            "worst_ra_deg": math.degrees(in_view.worst_ra_rad),
+            "worst_dec_deg": math.degrees(in_view.worst_dec_rad),
         },
         # The documents' values are valid only for their own fields of view.
         "curves": curve_values(report, papers if c.fov_rad == base.fov_rad else ()),
@@ -162,13 +162,13 @@ def _light(r: DesignReport) -> list[FigureValue]:
 
 
 def _sky(r: DesignReport) -> list[FigureValue]:
-    seen, g = r.in_view, "Stars in view"
-    source = f"Hipparcos, {seen.pointings} pointings (Jacobs 1995 §5.1)"
+    in_view, g = r.in_view, "Stars in view"
+    source = f"Hipparcos, {in_view.pointings} pointings (Jacobs 1995 §5.1)"
     return [
-        _figure(g, "stars_mean", "mean", seen.mean, "stars", source),
-        _figure(g, "p_fewer_3", "fewer than 3", 100 * seen.p_fewer_than(3), "%", source),
-        _figure(g, "p_fewer_5", "fewer than 5", 100 * seen.p_fewer_than(5), "%", source),
-        _figure(g, "stars_least", "fewest found", seen.worst_stars, "stars", source),
+        _figure(g, "stars_mean", "mean", in_view.mean, "stars", source),
+        _figure(g, "p_fewer_3", "fewer than 3", 100 * in_view.p_fewer_than(3), "%", source),
+        _figure(g, "p_fewer_5", "fewer than 5", 100 * in_view.p_fewer_than(5), "%", source),
+        _figure(g, "stars_least", "fewest found", in_view.worst_stars, "stars", source),
     ]
 
 
@@ -217,11 +217,11 @@ def _shade(r: DesignReport) -> list[FigureValue]:
         _figure(g, "exclusion_deg", "sources kept out from", math.degrees(r.request.exclusion_rad), "°", "requested")
     ]
     if r.one_stage is not None:
-        one, source = r.one_stage, "Jacobs 1995 §7.6"
+        baffle, source = r.one_stage, "Jacobs 1995 §7.6"
         result += [
-            _figure(g, "one_length_mm", "one stage, length", one.length_mm, "mm", source),
-            _figure(g, "one_diameter_mm", "one stage, diameter", one.outer_diameter_mm, "mm", source),
-            _figure(g, "one_vanes", "one stage, knife edges", len(one.edge_mm), "", source),
+            _figure(g, "one_length_mm", "one stage, length", baffle.length_mm, "mm", source),
+            _figure(g, "one_diameter_mm", "one stage, diameter", baffle.outer_diameter_mm, "mm", source),
+            _figure(g, "one_vanes", "one stage, knife edges", len(baffle.edge_mm), "", source),
         ]
     if r.two_stage is not None:
         two, source = r.two_stage, "Moniteq 1983 §5.2"

@@ -102,13 +102,13 @@ class StarListService:
         row = self.get(list_id)
         require_camera(row.profile, profile)
         with self._lock:
-            held = self._read.get(list_id)
-        if held is None:
+            cached = self._read.get(list_id)
+        if cached is None:
             data, mapping = self._blobs.get(row.sha256), ListMapping(**row.mapping)
-            held = of_list(parse_star_list(self._parsing, data, row.format, mapping).stars, row.name)
+            cached = of_list(parse_star_list(self._parsing, data, row.format, mapping).stars, row.name)
             with self._lock:
-                self._keep(list_id, held)
-        return held
+                self._keep(list_id, cached)
+        return cached
 
     def _keep(self, list_id: int, source: StarSource) -> None:
         self._read.pop(list_id, None)
@@ -120,7 +120,7 @@ class StarListService:
 def parse_star_list(parsing: ParseProcesses, data: bytes, kind: str, mapping: ListMapping) -> ImportedList:
     """Run :func:`read_star_list` in a child process; also raises TooCostly and Busy."""
     classes = (ImportedList, StarTable, DroppedRow)
-    return parsing.parse(read_with_mapping, data, kind, asdict(mapping), classes=classes, what="the star list")
+    return parsing.parse(read_with_mapping, data, kind, asdict(mapping), classes=classes, subject="the star list")
 
 
 def read_with_mapping(data: bytes, kind: str, mapping: dict[str, Any]) -> ImportedList:

@@ -117,8 +117,8 @@ def check_tables(probe: Probe, findings: Findings) -> None:
             with findings.trying("7.3", table):
                 data = probe.device.download(table, table_number(probe, bank), _silent).data
                 name, values = decode_table(table, data)
-                own = name == probe.device.hello.profile and len(values) > 1
-                findings.check("7.3", f"{table} {bank}", own, f"{len(values)} values for {name}")
+                matches_profile = name == probe.device.hello.profile and len(values) > 1
+                findings.check("7.3", f"{table} {bank}", matches_profile, f"{len(values)} values for {name}")
         if info["active"] or bank == "factory":
             _check_protected(probe, findings, info)
 
@@ -145,11 +145,11 @@ def check_results(probe: Probe, findings: Findings) -> None:
     """Check clauses 5.5, 5.7 and 7.5: repeated results, and the registers, which contain a housekeeping packet."""
     probe.order("TAKE_IMAGE", {"slot": 0})
     for ask, make, packet in RESULTS:
-        made, again = (_last(probe, probe.order(name).packets, packet) for name in (make, ask))
-        if made is None:
+        measured, requested = (_last(probe, probe.order(name).packets, packet) for name in (make, ask))
+        if measured is None:
             findings.skip("5.5", ask, f"{make} brought no {packet}")
             continue
-        same = again is not None and (made.values, made.lists) == (again.values, again.lists)
+        same = requested is not None and (measured.values, measured.lists) == (requested.values, requested.lists)
         findings.check("5.5", ask, same, "" if same else "another packet, or none")
     with findings.trying("5.7", "READ_MEMORY"):
         fields = probe.dictionary.packet("housekeeping").fields

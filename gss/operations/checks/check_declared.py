@@ -36,12 +36,12 @@ def _check_operation(device: DirectDevice, operations: StandardOperations, opera
     subject = f"{operation.value} ({command.name})"
     if command.hazard.rank >= Hazard.WARNING.rank and not write:
         return Case(subject, None, f"{command.hazard}: {command.hazard_reason}")
-    given = operations.call(operation).arguments
-    missing = [a.name for a in command.arguments if a.default is None and a.name not in given]
+    arguments = operations.call(operation).arguments
+    missing = [a.name for a in command.arguments if a.default is None and a.name not in arguments]
     if missing:
         return Case(subject, None, f"no default for {', '.join(missing)}")
     try:
-        done = device.command(command.name, given)
+        done = device.command(command.name, arguments)
     except (Conflict, LinkDown, BadInput) as error:
         return Case(subject, False, str(error))
     return Case(subject, True, ", ".join(f"{name} {shown(value)}" for name, value in done.values.items()))

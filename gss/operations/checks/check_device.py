@@ -148,8 +148,10 @@ def check_identity(probe: Probe, findings: Findings) -> None:
         least = {"columns": 1, "rows": 1, "bits": 1, "image_slots": 1, "bank_bytes": 1, "boot_count": 1}
         for name, minimum in (least | {"window_chunks": 1, "max_chunk_bytes": 1}).items():
             findings.check("3.1", name, int(v[name]) >= minimum, shown(v[name]))
-        reported, own = hello.dictionary_hash, d.hash_hex
-        findings.check("3.2", "dictionary_hash", reported == own, f"device {reported[:12]}, ground {own[:12]}")
+        reported, expected = hello.dictionary_hash, d.hash_hex
+        findings.check(
+            "3.2", "dictionary_hash", reported == expected, f"device {reported[:12]}, ground {expected[:12]}"
+        )
         findings.check(
             "3.3", "last_request_id", int(v["last_request_id"]) >= used, f"{shown(v['last_request_id'])}, used {used}"
         )

@@ -55,9 +55,9 @@ class Findings:
         except (Conflict, CorruptData, BadInput) as error:
             self.check(number, subject, False, str(error))
 
-    def result(self, one: Clause) -> str:
+    def result(self, clause: Clause) -> str:
         """Return pass, fail or not checked."""
-        tried = [c.passed for c in self.cases.get(one.number, []) if c.passed is not None]
+        tried = [c.passed for c in self.cases.get(clause.number, []) if c.passed is not None]
         if not tried:
             return NOT_CHECKED
         return PASS if all(tried) else FAIL
@@ -81,15 +81,15 @@ class Findings:
             "damaged": self.damaged,
             "clauses": [
                 {
-                    "number": one.number,
-                    "text": one.text,
+                    "number": clause.number,
+                    "text": clause.text,
                     "result": result,
-                    "cases": [vars(c) for c in self.cases.get(one.number, [])] or self._why_not(one),
+                    "cases": [vars(c) for c in self.cases.get(clause.number, [])] or self._why_not(clause),
                 }
-                for one, result in zip(CLAUSES, results, strict=True)
+                for clause, result in zip(CLAUSES, results, strict=True)
             ],
         }
 
     @staticmethod
-    def _why_not(one: Clause) -> list[dict[str, Any]]:
-        return [{"subject": "", "passed": None, "detail": one.unchecked or "the check ended before"}]
+    def _why_not(clause: Clause) -> list[dict[str, Any]]:
+        return [{"subject": "", "passed": None, "detail": clause.unchecked or "the check ended before"}]

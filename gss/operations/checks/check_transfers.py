@@ -166,9 +166,9 @@ def _check_upload(probe: Probe, findings: Findings, name: str, image: bytes) -> 
     answer = probe.order("VERIFY_BANK", {"bank": name})
     read = answer.last.values.get("sha256") if answer.last else None
     findings.check("6.7", f"bank {name}: VERIFY_BANK", read == bytes.fromhex(sha256), answer.text)
-    held = next(b for b in probe.banks() if b["bank"] == name)
-    fits = held["state"] == "committed" and held["sha256"] == bytes.fromhex(sha256) and not held["active"]
-    findings.check("6.7", f"bank {name}: bank_info", fits, shown(held["state"]))
+    reported = next(b for b in probe.banks() if b["bank"] == name)
+    fits = reported["state"] == "committed" and reported["sha256"] == bytes.fromhex(sha256) and not reported["active"]
+    findings.check("6.7", f"bank {name}: bank_info", fits, shown(reported["state"]))
     back = probe.device.download("catalogue", CATALOGUES.number(probe.operations, name), _silent).data
     findings.check("6.7", f"bank {name}: the same bytes come back", back == image, f"{len(back)} B")
 

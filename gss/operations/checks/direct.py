@@ -62,8 +62,8 @@ class DirectDevice:
 
     def upload_table(self, kind: str, data: bytes, target: int, format_version: int, watch: Watch) -> str:
         """Upload a table to bank ``target``, including read-back and commit. Return the SHA-256 that the device confirmed."""
-        model, own = self.hello.device_model, self.hello.profile
-        compatibility = Compatibility(model, own, self._dictionary.hash, format_version)
+        model, profile = self.hello.device_model, self.hello.profile
+        compatibility = Compatibility(model, profile, self._dictionary.hash, format_version)
         transfer_id = self._session.transfers.start_upload(kind, target, data, compatibility)
         return self._finish(transfer_id, f"the upload of {kind} {target}", watch).sha256
 
@@ -125,10 +125,10 @@ class DirectDevice:
         """Read the available bytes, waiting at most ``READ_WAIT_S``, and write what is due. Return the session's events."""
         data = self._stream.read(READ_BYTES, READ_WAIT_S)
         events = list(self._session.feed(data, self._now_s()))
-        out, more = self._session.poll(self._now_s())
+        out, polled = self._session.poll(self._now_s())
         if out:
             self._stream.write(out)
-        return events + more
+        return events + polled
 
     def _events(self) -> Iterator[SessionEvent | None]:
         """Yield the session's events, and None after each turn without any so that the caller can check its deadline."""

@@ -122,12 +122,12 @@ class Probe:
         return self._collect(len(self.tap.packets), done, within_s)
 
     def _collect(self, start: int, done: Callable[[Packet], bool], within_s: float) -> list[Packet]:
-        seen, deadline_s = start, self._now_s() + within_s
+        position, deadline_s = start, self._now_s() + within_s
         while True:
-            for at in range(seen, len(self.tap.packets)):
+            for at in range(position, len(self.tap.packets)):
                 if done(self.tap.packets[at]):
                     return self.tap.packets[start : at + 1]
-            seen = len(self.tap.packets)
+            position = len(self.tap.packets)
             if self._now_s() >= deadline_s:
                 return self.tap.packets[start:]
             self.device.turn()

@@ -91,6 +91,6 @@ class Aborts:
         issued.recorded.set_result(row)
         if issued.withdrawn:
             self._writes.add(partial(self._recorder.add_withdrawn, issued.withdrawn))
-        more = f"; withdrawn unsent: {len(issued.withdrawn)}" if issued.withdrawn else ""
-        text = f"ABORT by {issued.user}{more}"
+        withdrawn = f"; withdrawn unsent: {len(issued.withdrawn)}" if issued.withdrawn else ""
+        text = f"ABORT by {issued.user}{withdrawn}"
         self._writes.add(partial(self._bus.record, "command", "watch", text, command_id=row.id))

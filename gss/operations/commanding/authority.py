@@ -59,18 +59,18 @@ class AuthorityService:
 
     def check(self, user: str) -> None:
         """Raise Conflict, with the holder's name, if another user holds authority."""
-        held = self.holder()
-        if held is not None and held != user:
-            raise _held_by(held)
+        holder = self.holder()
+        if holder is not None and holder != user:
+            raise _held_by(holder)
 
     def require(self, user: str) -> None:
         """As ``check``; if there is no holder, the user takes authority by commanding."""
         with self._lock:
-            held = self.holder()
-            if held is None:
+            holder = self.holder()
+            if holder is None:
                 self._take(user)
-            elif held != user:
-                raise _held_by(held)
+            elif holder != user:
+                raise _held_by(holder)
             else:
                 return
         self._record_event("ok", f"{user} took command authority with the first command", user)
@@ -79,12 +79,12 @@ class AuthorityService:
         """Take authority if there is no holder; no effect if the user already holds it. Raises Conflict if another user
         holds it."""
         with self._lock:
-            held = self.holder()
-            if held is not None and held != user:
-                raise _held_by(held)
-            if held is None:
+            holder = self.holder()
+            if holder is not None and holder != user:
+                raise _held_by(holder)
+            if holder is None:
                 self._take(user)
-        if held is None:
+        if holder is None:
             self._record_event("ok", f"{user} took command authority", user)
         return self.state()
 
@@ -99,19 +99,19 @@ class AuthorityService:
     def request(self, user: str, note: str) -> AuthorityState:
         """Request authority from its holder. Raises Conflict if no other user holds it, or another request or offer waits for
         an answer."""
-        words = _note(note)
+        checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
             row = _of_another(store.holder(session), user)
             _check_none_waits(row)
-            store.put_transfer(session, row, REQUEST, checked_user(user), words, self._now())
+            store.put_transfer(session, row, REQUEST, checked_user(user), checked_note, self._now())
             holder = row.holder
-        self._record_event("watch", f"{user} requested command authority from {holder}{_said(words)}", user)
+        self._record_event("watch", f"{user} requested command authority from {holder}{_said(checked_note)}", user)
         return self.state()
 
     def offer(self, user: str, to: str, note: str) -> AuthorityState:
         """Offer authority to another user. Raises Conflict unless the user holds it and no request or offer waits for an
         answer; NotFound unless ``to`` is an enabled user whose role may hold authority."""
-        words = _note(note)
+        checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
             row = _of_holder(store.holder(session), user, "offer")
             _check_none_waits(row)
@@ -122,15 +122,15 @@ class AuthorityService:
                     expected="name of another enabled user whose role may take command authority",
                     got=to[:60],
                 )
-            store.put_transfer(session, row, OFFER, other.name, words, self._now())
+            store.put_transfer(session, row, OFFER, other.name, checked_note, self._now())
             name = other.name
-        self._record_event("watch", f"{user} offered command authority to {name}{_said(words)}", user)
+        self._record_event("watch", f"{user} offered command authority to {name}{_said(checked_note)}", user)
         return self.state()
 
     def accept(self, user: str, note: str) -> AuthorityState:
         """Hand authority over: the holder accepts a request, or the named user accepts an offer. Raises Conflict if no
         request or offer waits for this user's answer."""
-        words = _note(note)
+        checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
             row = store.holder(session)
             if (
@@ -139,7 +139,7 @@ class AuthorityService:
                 or user != (row.holder if row.transfer == REQUEST else row.transfer_user)
             ):
                 raise Conflict("no request or offer of command authority waits for your answer", got=_waiting(row))
-            before, after, text = row.holder, row.transfer_user, words or row.transfer_note
+            before, after, text = row.holder, row.transfer_user, checked_note or row.transfer_note
             store.end(session, row, self._now(), user, f"handed over to {after}{_said(text)}")
             session.flush()
             store.take(session, checked_user(after), self._now())
@@ -148,7 +148,7 @@ class AuthorityService:
 
     def decline(self, user: str, note: str) -> AuthorityState:
         """Refuse or withdraw the request or offer that waits for an answer. Raises Conflict if none concerns this user."""
-        words = _note(note)
+        checked_note = _note(note)
         with self._lock, self._database.unit_of_work() as session:
             row = store.holder(session)
             if row is None or not row.transfer or user not in (row.holder, row.transfer_user):
@@ -159,26 +159,26 @@ class AuthorityService:
             verb = "withdrew" if user == maker else "refused"
             kind = row.transfer
             store.put_transfer(session, row, "", "", "", None)
-        self._record_event("watch", f"{user} {verb} {owner} {kind} of command authority{_said(words)}", user)
+        self._record_event("watch", f"{user} {verb} {owner} {kind} of command authority{_said(checked_note)}", user)
         return self.state()
 
     def break_(self, user: str, reason: str) -> AuthorityState:
         """Take authority from another user, with a reason that is recorded. Raises BadInput without a valid reason, Conflict
         if no other user holds it."""
-        words = " ".join(reason.split())
-        if not 0 < len(words) <= LONGEST_REASON:
+        checked_reason = " ".join(reason.split())
+        if not 0 < len(checked_reason) <= LONGEST_REASON:
             raise BadInput(
                 "breaking command authority needs a reason",
                 expected=f"1 – {LONGEST_REASON} characters",
-                got=f"{len(words)}",
+                got=f"{len(checked_reason)}",
             )
         with self._lock, self._database.unit_of_work() as session:
             row = _of_another(store.holder(session), user)
             before = row.holder
-            store.end(session, row, self._now(), user, words)
+            store.end(session, row, self._now(), user, checked_reason)
             session.flush()
             store.take(session, checked_user(user), self._now())
-        self._record_event("warning", f"{user} broke the command authority of {before}: {words}", user)
+        self._record_event("warning", f"{user} broke the command authority of {before}: {checked_reason}", user)
         return self.state()
 
     def _take(self, user: str) -> None:
@@ -231,11 +231,11 @@ def _waiting(row: Authority | None) -> str:
 
 
 def _note(note: str) -> str:
-    words = " ".join(note.split())
-    if len(words) > LONGEST_REASON:
-        raise BadInput("the note is too long", expected=f"at most {LONGEST_REASON} characters", got=f"{len(words)}")
-    return words
+    checked = " ".join(note.split())
+    if len(checked) > LONGEST_REASON:
+        raise BadInput("the note is too long", expected=f"at most {LONGEST_REASON} characters", got=f"{len(checked)}")
+    return checked
 
 
-def _said(words: str) -> str:
-    return f": {words}" if words else ""
+def _said(note: str) -> str:
+    return f": {note}" if note else ""

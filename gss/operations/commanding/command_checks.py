@@ -56,14 +56,14 @@ def risk_of(operations: StandardOperations, command: CommandDefinition, argument
     """Return the higher of the hazards of the command and of its argument values; for SCHEDULE, also of the command that it
     carries."""
     hazard, reason = command.hazard_for(arguments)
-    own = Risk(hazard, reason, command.name)
+    direct = Risk(hazard, reason, command.name)
     inner = _carried(operations, command, arguments)
     if inner is None:
-        return own
+        return direct
     carried = risk_of(operations, *inner)
-    if carried.hazard.rank > own.hazard.rank:
+    if carried.hazard.rank > direct.hazard.rank:
         return Risk(carried.hazard, f"At execution: {carried.reason}", carried.name)
-    return own
+    return direct
 
 
 def subsystems_of(
@@ -89,15 +89,17 @@ def _carried(
     return scheduled(operations.dictionary, operations.given(Operation.SCHEDULE, arguments))
 
 
-def scheduled(dictionary: Dictionary, given: Mapping[str, Any]) -> tuple[CommandDefinition, dict[str, Value]] | None:
+def scheduled(
+    dictionary: Dictionary, arguments: Mapping[str, Any]
+) -> tuple[CommandDefinition, dict[str, Value]] | None:
     """Decode the command in the standard arguments of a schedule, with its arguments; None if it cannot be decoded."""
     try:
-        command = dictionary.command_of_code(int(given[COMMAND_CODE]))
-        payload = given[PAYLOAD]
+        command = dictionary.command_of_code(int(arguments[COMMAND_CODE]))
+        payload = arguments[PAYLOAD]
         data = bytes.fromhex(payload) if isinstance(payload, str) else bytes(payload)
         if command is None:
             return None
-        return command, decode(command.arguments, data[: int(given[LENGTH])]).values
+        return command, decode(command.arguments, data[: int(arguments[LENGTH])]).values
     except (GssError, KeyError, ValueError, TypeError):
         return None
 

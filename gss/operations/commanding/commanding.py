@@ -137,8 +137,8 @@ class CommandService:
         except GssError as error:
             problems.append(str(error))
         risk = risk_of(self._link.roles.operations, definition, arguments)
-        held = self._authority.holder()
-        return DryRun(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, held)
+        holder = self._authority.holder()
+        return DryRun(tuple(problems), states, tuple(groups), risk, definition.role, definition.idempotent, holder)
 
     def _aborts_all(self, name: str) -> bool:
         return self._link.roles.operations.of_command(name) is Operation.ABORT

@@ -97,12 +97,12 @@ def _close(at_device_s: float, now_s: float | None, uncertainty_s: float | None)
     if now_s is None or uncertainty_s is None:
         return ["device clock offset unknown: the time may be in the past"]
     left_s = at_device_s - now_s
-    words = []
+    warnings = []
     if 0 < left_s < CLOSE_S + uncertainty_s:
-        words.append(f"due in {left_s:.1f} s: it may arrive too late")
+        warnings.append(f"due in {left_s:.1f} s: it may arrive too late")
     if uncertainty_s > ROUGH_S:
-        words.append(f"UTC time is uncertain by ± {uncertainty_s:.1f} s")
-    return words
+        warnings.append(f"UTC time is uncertain by ± {uncertainty_s:.1f} s")
+    return warnings
 
 
 def _order(
@@ -134,10 +134,12 @@ def moment_of(clock: Correlation | None, device_s: float | None) -> tuple[dateti
 
 
 def _warnings(operations: StandardOperations, inner: CommandDefinition) -> list[str]:
-    words = [f"checked on board at execution: {c.text}" for c in inner.preconditions]
+    warnings = [f"checked on board at execution: {c.text}" for c in inner.preconditions]
     operation = operations.of_command(inner.name)
     if operation is Operation.RESET:
-        words.insert(0, "the device restarts unattended and loses image memory")
+        warnings.insert(0, "the device restarts unattended and loses image memory")
     if operation in CONFIRMED_BY:
-        words.insert(0, f"{operations.command(CONFIRMED_BY[operation])} must follow in time, or the device falls back")
-    return words
+        warnings.insert(
+            0, f"{operations.command(CONFIRMED_BY[operation])} must follow in time, or the device falls back"
+        )
+    return warnings

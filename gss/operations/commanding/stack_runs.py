@@ -84,13 +84,13 @@ class StackRunner:
         def open_again() -> StackRun:
             self._failed_last(run_id)
             if skip:
-                words = f"by {user}: {skip}; before {failed['state']} {failed['detail']}".strip()
-                self._record.mark(run_id, row.step, "skipped", command_id=failed["command_id"], detail=words)
+                detail = f"by {user}: {skip}; before {failed['state']} {failed['detail']}".strip()
+                self._record.mark(run_id, row.step, "skipped", command_id=failed["command_id"], detail=detail)
             return self._record.change(run_id, state="running", reason="", finished=None)
 
         opened = self._begin(open_again, first, user)
-        words = f"{user} {'skips' if skip else 'retries'} step {row.step + 1} of {row.name}"
-        self._bus.record("stack", "watch", f"{words}: {skip}" if skip else words, run_id=run_id)
+        message = f"{user} {'skips' if skip else 'retries'} step {row.step + 1} of {row.name}"
+        self._bus.record("stack", "watch", f"{message}: {skip}" if skip else message, run_id=run_id)
         return opened
 
     def _failed_last(self, run_id: int) -> StackRun:
@@ -204,8 +204,8 @@ class StackRunner:
             self._orders = self._run_id = None
             row = self._record.change(run_id, state=state, reason=reason, finished=self._now())
         severity = "ok" if state == "completed" else "watch" if state == "stopped" else "warning"
-        words = f"{row.name}: {state} at step {row.step + 1} of {len(row.steps)}" + (f", {reason}" if reason else "")
-        self._bus.record("stack", severity, words, run_id=run_id)
+        message = f"{row.name}: {state} at step {row.step + 1} of {len(row.steps)}" + (f", {reason}" if reason else "")
+        self._bus.record("stack", severity, message, run_id=run_id)
 
     def _step(self, run_id: int, number: int, step: Mapping[str, Any], orders: Orders, user: str) -> None:
         began_s = self._monotonic_s()
@@ -221,8 +221,8 @@ class StackRunner:
             row = self._send(run_id, step, orders, user)
         except (Stopped, GssError) as error:
             state = error.state if isinstance(error, Stopped) else "failed"
-            words = error.reason if isinstance(error, Stopped) else str(error)
-            self._record.mark(run_id, number, state, command_id=step["command_id"], detail=words)
+            detail = error.reason if isinstance(error, Stopped) else str(error)
+            self._record.mark(run_id, number, state, command_id=step["command_id"], detail=detail)
             raise
         self._record.mark(run_id, number, row.result, command_id=row.id, detail=row.detail)
         if row.result != "completed":

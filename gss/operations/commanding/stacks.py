@@ -109,8 +109,8 @@ class StackService:
             store.delete(session, stack_id)
 
     @staticmethod
-    def _check_name(same_name: Stack | None, own: Stack | None) -> None:
-        if same_name is not None and (own is None or same_name.id != own.id):
+    def _check_name(same_name: Stack | None, replaced: Stack | None) -> None:
+        if same_name is not None and (replaced is None or same_name.id != replaced.id):
             raise Conflict(
                 "a stack with this name exists", got=same_name.name, hint="choose another name, or edit that stack"
             )
@@ -270,10 +270,10 @@ def _seconds(name: str, value: Any, least_s: float) -> float:
 
 
 def _name(name: str) -> str:
-    words = " ".join(name.split())
-    if not 0 < len(words) <= 80:
-        raise BadInput("the stack has no name", expected="1 – 80 characters", got=str(len(words)))
-    return words
+    checked = " ".join(name.split())
+    if not 0 < len(checked) <= 80:
+        raise BadInput("the stack has no name", expected="1 – 80 characters", got=str(len(checked)))
+    return checked
 
 
 def condition_of(condition: Mapping[str, Any]) -> Precondition:

@@ -259,8 +259,8 @@ class ContactService:
         and a lost line."""
         with self._database.unit_of_work() as session:
             events = store.events_between(session, row.started, end, ("device", "link", TELEMETRY_STORE))
-        words = self._link.roles.events
-        names = {words.boot: RESTARTED, words.time_set: CLOCK_SET, words.clock_jump: CLOCK_JUMPED}
+        roles = self._link.roles.events
+        names = {roles.boot: RESTARTED, roles.time_set: CLOCK_SET, roles.clock_jump: CLOCK_JUMPED}
         happenings = []
         for event in events:
             name, _, text = event.text.partition(": ")
@@ -316,9 +316,9 @@ class ContactService:
         removed = self._removed_before()
         if removed is None:
             return check
-        words = f"removed by retention, which thins data older than {removed:%Y-%m-%d %H:%M} UTC"
+        cause = f"removed by retention, which thins data older than {removed:%Y-%m-%d %H:%M} UTC"
         gaps = [
-            replace(g, cause=words) if g.from_s < removed.timestamp() and not g.explained else g for g in check.gaps
+            replace(g, cause=cause) if g.from_s < removed.timestamp() and not g.explained else g for g in check.gaps
         ]
         return replace(check, gaps=tuple(gaps))
 

@@ -115,8 +115,8 @@ def check_record(
             (gaps if gaps_between.missing else late).append(gaps_between)
     gaps += _ends(samples, evidence, start_s, end_s, period_s)
     gaps.sort(key=lambda gap: gap.from_s)
-    held = len(samples)
-    return RecordCheck(held + sum(gap.missing for gap in gaps), held, tuple(gaps), tuple(late))
+    present = len(samples)
+    return RecordCheck(present + sum(gap.missing for gap in gaps), present, tuple(gaps), tuple(late))
 
 
 def why_silent(
@@ -147,9 +147,9 @@ class _Evidence:
     def risen(self, from_s: float, to_s: float, contact_id: int | None) -> dict[str, float]:
         """Return the increase of each counter of a contact over a span: from the last count before it to the first one after
         it."""
-        own = [c for c in self._counts if c.contact_id == contact_id]
-        before = next((c.values for c in reversed(own) if c.at_s <= from_s), {})
-        after = next((c.values for c in own if c.at_s >= to_s), own[-1].values if own else {})
+        counts = [c for c in self._counts if c.contact_id == contact_id]
+        before = next((c.values for c in reversed(counts) if c.at_s <= from_s), {})
+        after = next((c.values for c in counts if c.at_s >= to_s), counts[-1].values if counts else {})
         return {name: value - before.get(name, 0) for name, value in after.items()}
 
     def cause(self, a_s: float, b_s: float, contact_id: int | None) -> str:
@@ -195,8 +195,8 @@ def _between(a: HousekeepingSample, b: HousekeepingSample, evidence: _Evidence, 
         if here_s <= GAP_PERIODS * period_s or not missing:
             return None
         if restarted:
-            words = f" ({boot.text})" if boot is not None and boot.text else ""
-            return Gap(a.at_s, b.at_s, missing, f"the device restarted{words}")
+            detail = f" ({boot.text})" if boot is not None and boot.text else ""
+            return Gap(a.at_s, b.at_s, missing, f"the device restarted{detail}")
         return Gap(a.at_s, b.at_s, missing, evidence.cause(a.at_s, b.at_s, a.contact_id))
     if on_board_s > GAP_PERIODS * period_s:
         missing = max(1, round(on_board_s / period_s) - 1)

@@ -93,9 +93,9 @@ def from_bytes(data: bytes) -> DarkPattern:
             size = sum(member.file_size for member in archive.infolist())
         if size > MOST_BYTES:
             raise ValueError(f"{size} bytes when it is unpacked, more than {MOST_BYTES}")
-        with np.load(io.BytesIO(data), allow_pickle=False) as held:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             return DarkPattern(
-                held["pattern_dn"].astype(np.float32), held["bad"].astype(np.intp), float(held["exposure_s"])
+                arrays["pattern_dn"].astype(np.float32), arrays["bad"].astype(np.intp), float(arrays["exposure_s"])
             )
     except Exception as error:  # zipfile, zlib and numpy raise many kinds of errors on damaged data
         raise CorruptData("the file is not a dark frame", got=f"{type(error).__name__}: {error}") from None

@@ -41,10 +41,10 @@ def picture_optics(exif: Mapping[int, Any], inner: Mapping[int, Any], size: tupl
     per_unit = _within(inner.get(0xA20E), (1e-6, 1e9))
     if per_unit is not None and not resized:
         values["pixel_um"] = _within(1e3 * UNIT_MM.get(inner.get(0xA210, 2), INCH_MM) / per_unit, PIXEL_UM)
-    words = {name: f"{value:g}" for name, value in values.items() if value is not None}
+    facts = {name: f"{value:g}" for name, value in values.items() if value is not None}
     if exif.get(0x0110):
-        words["camera"] = str(exif.get(0x0110)).strip("\0 ")
-    return words | ({"original_px": f"{original[0]} x {original[1]}"} if resized else {})
+        facts["camera"] = str(exif.get(0x0110)).strip("\0 ")
+    return facts | ({"original_px": f"{original[0]} x {original[1]}"} if resized else {})
 
 
 def fits_optics(header: Mapping[str, Any]) -> dict[str, str]:

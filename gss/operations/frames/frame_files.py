@@ -196,8 +196,8 @@ def _luminance(image: Any, name: str) -> NDArray[np.generic]:
     for row in range(0, image.height, BAND_ROWS):
         until = min(row + BAND_ROWS, image.height)
         band = np.asarray(image.crop((0, row, image.width, until)))
-        own = band[..., :3].astype(np.float32) @ LUMINANCE_32 if band.shape[2] in (3, 4) else band[..., 0]
-        grey[row:until] = np.rint(own) if grey.dtype.kind == "u" else own
+        luminance = band[..., :3].astype(np.float32) @ LUMINANCE_32 if band.shape[2] in (3, 4) else band[..., 0]
+        grey[row:until] = np.rint(luminance) if grey.dtype.kind == "u" else luminance
     return grey
 
 

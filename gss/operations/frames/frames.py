@@ -135,7 +135,7 @@ class FrameService:
 
     def read_image(self, data: bytes, name: str) -> ImportedFrame:
         """Return the content of an image file. Raises BadInput naming the defect."""
-        return self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), what=name)
+        return self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), subject=name)
 
     def has_number(self, number: int) -> bool:
         """True if a frame of the sensor with that number is stored."""
@@ -280,10 +280,10 @@ class FrameService:
         self._bus.publish("solution", row)
         return row
 
-    def _solve_on_arrival(self, frame: Frame, kept: Pixels | None) -> None:
+    def _solve_on_arrival(self, frame: Frame, stored_pixels: Pixels | None) -> None:
         frame_id = frame.id
         try:
-            pixels = self.pixels(frame) if kept is None else kept
+            pixels = self.pixels(frame) if stored_pixels is None else stored_pixels
             request = SolveRequest(
                 chain=self._chain,
                 profile=frame.profile,

@@ -49,5 +49,5 @@ def _sample(frame: Frame, solution: Solution, clock: Correlation | None) -> Atti
     cross, roll = (None if s is None else float(s) / ARCSEC_RAD for s in solution.sigma_rad or (None, None))
     at = frame.taken.astimezone(UTC)
     sigma_s = RECEPTION_SIGMA_S if clock is None else clock.uncertainty_at(at.timestamp())
-    known = [s if s is not None and math.isfinite(s) else None for s in (cross, roll)]
-    return AttitudeSample("ground", (x, y, z, w), known[0], known[1], at, sigma_s)
+    sigmas = [s if s is not None and math.isfinite(s) else None for s in (cross, roll)]
+    return AttitudeSample("ground", (x, y, z, w), sigmas[0], sigmas[1], at, sigma_s)

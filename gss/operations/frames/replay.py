@@ -118,16 +118,20 @@ class ReplayService:
     def _shelf(self, frame: Frame) -> Shelf:
         """Return the tables that were active when the frame was taken, from the store."""
         used: Mapping[str, str] = frame.parameters.get("tables", {})
-        held = {kind: self._tables.bytes_of(kind, sha256) for kind, sha256 in used.items()}
+        table_bytes = {kind: self._tables.bytes_of(kind, sha256) for kind, sha256 in used.items()}
         if frame.profile is None:
             raise GssError("the camera of the frame is not known", expected="a frame of a known instrument")
-        own = self._instruments.camera(frame.profile)
-        values = {kind: decode_table(kind, held[kind])[1] for kind in ("calibration", "parameters") if kind in held}
-        camera = calibrated(own, values["calibration"]) if "calibration" in values else own
+        uncalibrated = self._instruments.camera(frame.profile)
+        values = {
+            kind: decode_table(kind, table_bytes[kind])[1]
+            for kind in ("calibration", "parameters")
+            if kind in table_bytes
+        }
+        camera = calibrated(uncalibrated, values["calibration"]) if "calibration" in values else uncalibrated
         parameters = values.get("parameters", {})
-        triplets = decode_triplets(held["triplets"]) if "triplets" in held else None
+        triplets = decode_triplets(table_bytes["triplets"]) if "triplets" in table_bytes else None
         key = tuple(sorted(used.items()))
-        return Shelf(camera, chain_of(own, parameters), parameters, triplets, key)
+        return Shelf(camera, chain_of(uncalibrated, parameters), parameters, triplets, key)
 
     def _prepared(self, shelf: Shelf, sha256: str, bank: OnboardCatalogue) -> Any:
         """Return the bank as prepared by the chain; cached for the last bank only."""

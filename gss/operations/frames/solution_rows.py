@@ -108,11 +108,11 @@ def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None
     spots = row.detail["stars"]
     col_px, row_px = (np.array([s[name] for s in spots], float) for name in ("col_px", "row_px"))
     none = np.zeros(len(spots))
-    seen = Centroids(col_px, row_px, none, none, none.astype(np.int32), none)
+    centroids = Centroids(col_px, row_px, none, none, none.astype(np.int32), none)
     limit = _limit_of(profile, camera)
     velocity_c = row.detail.get("velocity_c")  # a list in the store
     moving = None if velocity_c is None else (velocity_c[0], velocity_c[1], velocity_c[2])
-    return overlay.describe(camera, stars, limit, seen, cam_from_icrs, moving) | row.detail
+    return overlay.describe(camera, stars, limit, centroids, cam_from_icrs, moving) | row.detail
 
 
 def finite(value: float) -> float | None:

@@ -147,12 +147,12 @@ class Solver:
             return pixels, ()
         dark = self._dark(key)
         mended = f"{len(dark.bad)} bad pixels replaced by their neighbours"
-        words = f"dark frame subtracted, {mended}"
+        note = f"dark frame subtracted, {mended}"
         if not dark.pattern_dn.any():
-            words = mended
+            note = mended
         elif not dark.fits(exposure_s):
-            words = f"{mended}; the dark frame is of {dark.exposure_s:g} s and was not subtracted"
-        return clean(pixels, dark, float(profile.sensor.saturation_dn), exposure_s), (words,)
+            note = f"{mended}; the dark frame is of {dark.exposure_s:g} s and was not subtracted"
+        return clean(pixels, dark, float(profile.sensor.saturation_dn), exposure_s), (note,)
 
     def _foreign(self, pixels: NDArray[Any], request: SolveRequest, epoch_jyear: float) -> SolveResult:
         limits = request.fov_limits_rad or BLIND_FOV_RAD
@@ -223,8 +223,8 @@ def _started(hint: near.BoundedPrior | None) -> Started:
 def _parameters(
     chain: OnboardChain, profile: CameraProfile, started: Started, options: tuple[tuple[str, str], ...]
 ) -> Any:
-    own = chain.parameters(profile, None, Commanded(hint_radius_rad=started.radius_rad), started.mode)
-    return with_options(own, dict(options))
+    defaults = chain.parameters(profile, None, Commanded(hint_radius_rad=started.radius_rad), started.mode)
+    return with_options(defaults, dict(options))
 
 
 def _velocity_c(request: SolveRequest) -> Array | None:
@@ -235,8 +235,8 @@ def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
     """Add a note on whether aberration was corrected."""
     if result.attitude is None:
         return result
-    words = "aberration was not corrected" if observer is None else observer.words
-    return replace(result, notes=(*result.notes, words))
+    note = "aberration was not corrected" if observer is None else observer.words
+    return replace(result, notes=(*result.notes, note))
 
 
 def _camera_of(

@@ -43,7 +43,7 @@ class SolveQueue:
 
     def add(self, frame: Frame, pixels: NDArray[np.generic]) -> None:
         """Queue a frame. If too many wait, the oldest is dropped; dropped frames are counted and reported."""
-        in_memory = sum(one.pixels.nbytes for one in list(self._unsolved) if one.pixels is not None)
+        in_memory = sum(unsolved.pixels.nbytes for unsolved in list(self._unsolved) if unsolved.pixels is not None)
         fits = in_memory + pixels.nbytes <= MOST_PIXEL_BYTES
         self._unsolved.append(_Unsolved(frame, pixels if fits else None))
         if len(self._unsolved) > MOST_WAITING:

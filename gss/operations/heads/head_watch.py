@@ -98,7 +98,10 @@ class HeadWatch:
         now_s = self._now().timestamp()
         with self._lock:
             followers = list(self._followers.values())
-            return [_state(one, now_s) for one in sorted(followers, key=lambda one: one.tracker.setup.name)]
+            return [
+                _state(follower, now_s)
+                for follower in sorted(followers, key=lambda follower: follower.tracker.setup.name)
+            ]
 
     def correct(self, spacecraft_id: int, unit: str, *, user: str) -> SpacecraftSetup:
         """Correct the mounting of a head by its estimated misalignment. Raises Conflict without a current estimate."""
@@ -106,7 +109,7 @@ class HeadWatch:
             follower = self._followers.get(spacecraft_id)
             result = follower.tracker.result if follower else None
         pairs = result.pairs if result else ()
-        pair = next((one for one in pairs if one.unit == unit), None)
+        pair = next((pair_state for pair_state in pairs if pair_state.unit == unit), None)
         if pair is None:
             raise Conflict(
                 "no misalignment of this head is known at present",
@@ -153,9 +156,9 @@ class HeadWatch:
         """Follow the spacecraft as stored now. A changed one begins again, and its alarms are cleared until it is compared."""
         before, after = self._followers, {}
         for setup in self._book.every():
-            known = before.get(setup.id)
-            same = known is not None and known.tracker.setup.changed == setup.changed
-            after[setup.id] = known if known and same else _Follower(HeadTracker(setup, self._resumed(setup)))
+            previous = before.get(setup.id)
+            same = previous is not None and previous.tracker.setup.changed == setup.changed
+            after[setup.id] = previous if previous and same else _Follower(HeadTracker(setup, self._resumed(setup)))
         with self._lock:
             self._followers = after
         for spacecraft_id, follower in before.items():
@@ -188,8 +191,8 @@ class HeadWatch:
                     store.add_results(session, rows)
         if results and results[-1].fused.agreement is not None:
             last, chi2 = results[-1], results[-1].fused.agreement.chi2
-            for one in findings(setup, follower.agreement.disagreeing, last.pairs, chi2):
-                self._alarms.watch((HEADS, one.name), one.state, one.value, one.text, one.limit)
+            for finding in findings(setup, follower.agreement.disagreeing, last.pairs, chi2):
+                self._alarms.watch((HEADS, finding.name), finding.state, finding.value, finding.text, finding.limit)
 
     def _resumed(self, setup: SpacecraftSetup) -> dict[str, Misalignment]:
         """Return the stored estimates since the spacecraft was changed last."""

@@ -52,8 +52,8 @@ def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> HeadsVerdi
     if result is None or now_s - result.time_s > 2 * setup.stale_s:
         return HeadsVerdict(None, "The attitudes received so far cannot be compared.")
     if result.fused.agreement is None:
-        words = "; ".join(f"{unit}: {reason}" for unit, reason in result.missing.items())
-        return HeadsVerdict(None, f"Only one head could be used. {words}.")
+        reasons = "; ".join(f"{unit}: {reason}" for unit, reason in result.missing.items())
+        return HeadsVerdict(None, f"Only one head could be used. {reasons}.")
     agreement = result.fused.agreement
     figures = f"χ² {agreement.chi2:.1f} with {agreement.freedom} degrees of freedom"
     if disagreeing:
@@ -80,14 +80,14 @@ class AgreementWatch:
 
 def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResult], chi2: float) -> list[HeadsFinding]:
     """Return the conditions of the alarms of a spacecraft after a comparison of at least two heads."""
-    words = _apart(pairs)
-    found = [
+    disagreement = _apart(pairs)
+    result = [
         HeadsFinding(
             f"{setup.name}: agreement",
             State.WARNING if disagreeing else State.OK,
             round(chi2, 1),
-            f"{setup.name}: {words}",
-            f"{words}, probability below {UNLIKELY:g}",
+            f"{setup.name}: {disagreement}",
+            f"{disagreement}, probability below {UNLIKELY:g}",
         )
     ]
     for pair in pairs:
@@ -97,14 +97,14 @@ def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResu
             limit = setup.misalignment_limit_rad / ARCSEC_RAD
             size, sigma = _size(m.vector_rad / ARCSEC_RAD, pair.sigma_rad / ARCSEC_RAD)
             text = f"{pair.unit} is misaligned by {size:.1f}″ ± {sigma:.1f}″ against {pair.reference}"
-            found.append(_against(f"{name} misalignment", State.WARNING, size, sigma, text, limit, "″"))
+            result.append(_against(f"{name} misalignment", State.WARNING, size, sigma, text, limit, "″"))
         if setup.drift_limit_rad_s is not None:
             limit = setup.drift_limit_rad_s / ARCSEC_RAD * HOUR_S
             scale = HOUR_S / ARCSEC_RAD
             size, sigma = _size(m.drift_rad_s * scale, pair.drift_sigma_rad_s * scale)
             text = f"{pair.unit} drifts by {size:.1f}″/h ± {sigma:.1f}″/h against {pair.reference}"
-            found.append(_against(f"{name} drift", State.WATCH, size, sigma, text, limit, "″/h"))
-    return found
+            result.append(_against(f"{name} drift", State.WATCH, size, sigma, text, limit, "″/h"))
+    return result
 
 
 def _against(name: str, level: State, size: float, sigma: float, text: str, limit: float, unit: str) -> HeadsFinding:

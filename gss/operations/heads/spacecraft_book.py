@@ -39,10 +39,10 @@ class SpacecraftBook:
     def named(self, name: str) -> SpacecraftSetup:
         """Return the spacecraft with that name. Raises NotFound naming the others."""
         every = self.every()
-        setup = next((one for one in every if one.name == name), None)
+        setup = next((candidate for candidate in every if candidate.name == name), None)
         if setup is None:
-            known = " | ".join(one.name for one in every)
-            raise NotFound("no such spacecraft", expected=known or "a spacecraft; none is stored", got=name)
+            names = " | ".join(candidate.name for candidate in every)
+            raise NotFound("no such spacecraft", expected=names or "a spacecraft; none is stored", got=name)
         return setup
 
     def create(self, request: SpacecraftRequest, *, user: str) -> SpacecraftSetup:
@@ -62,7 +62,7 @@ class SpacecraftBook:
         """Replace all values of a spacecraft. Raises as ``create``, and NotFound."""
         with self._database.unit_of_work() as session:
             row = store.get(session, spacecraft_id)
-            others = [one for one in store.every(session) if one.id != spacecraft_id]
+            others = [row_of_other for row_of_other in store.every(session) if row_of_other.id != spacecraft_id]
             for name, value in row_values(request).items():
                 setattr(row, name, value)
             row.user, row.changed = user, self._now()
@@ -91,7 +91,7 @@ class SpacecraftBook:
             better = replace(
                 head, body_from_cam=turned(head.body_from_cam, vector), sigma_rad=float(np.max(pair.sigma_rad))
             )
-            row.heads = [head_columns(better if one is head else one) for one in setup.heads]
+            row.heads = [head_columns(better if stored_head is head else stored_head) for stored_head in setup.heads]
             row.user, row.changed = user, self._now()
             setup = setup_of(row)
         by = float(np.linalg.norm(vector)) / ARCSEC_RAD
@@ -104,7 +104,7 @@ def _units(setup: SpacecraftSetup) -> str:
 
 
 def _check_free(row: Spacecraft, others: list[Spacecraft]) -> None:
-    if any(one.name.lower() == row.name.lower() for one in others):
+    if any(stored.name.lower() == row.name.lower() for stored in others):
         raise Conflict(
             "a spacecraft with this name exists", got=row.name, hint="Choose another name, or edit that one."
         )

@@ -145,11 +145,11 @@ class HeadTracker:
         usable: dict[str, AttitudeAt] = {}
         missing: dict[str, str] = {}
         for head in self.setup.heads:
-            found, reason = self._at(head, time_s, now_s)
-            if found is None:
+            sample, reason = self._at(head, time_s, now_s)
+            if sample is None:
                 missing[head.unit] = reason
             else:
-                usable[head.unit] = found
+                usable[head.unit] = sample
         if not usable:
             return None
         whole = {unit: self._whole(unit, at) for unit, at in usable.items()}
@@ -163,8 +163,8 @@ class HeadTracker:
         if not self.is_fresh(head.unit, now_s):
             return None, "no attitude received" if series.newest_s is None else "silent"
         setup = self.setup
-        found = attitude_at(list(series.attitudes), time_s, setup.tolerance_s, setup.largest_rate_rad_s)
-        return found, f"no attitude within {setup.tolerance_s:g} s of the comparison, or unknown rate"
+        sample = attitude_at(list(series.attitudes), time_s, setup.tolerance_s, setup.largest_rate_rad_s)
+        return sample, f"no attitude within {setup.tolerance_s:g} s of the comparison, or unknown rate"
 
     def _whole(self, unit: str, at: AttitudeAt) -> BodyAttitude:
         head = self.setup.head(unit)

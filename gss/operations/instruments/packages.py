@@ -115,7 +115,7 @@ class InstrumentService:
 
     def _checked(self, data: bytes, filename: str) -> CheckedPackage:
         label = filename or "the package"
-        return self._parsing.parse(check_zip, data, classes=(CheckedPackage,), what=label)
+        return self._parsing.parse(check_zip, data, classes=(CheckedPackage,), subject=label)
 
     def _counts(self) -> list[UseCount]:
         with self._database.unit_of_work() as session:

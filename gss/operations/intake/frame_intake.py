@@ -91,14 +91,14 @@ class FrameIntake:
         is unchanged."""
         settings, hello = dict(self._records.facts(number).settings), self._link.hello
         values = {column.name: getattr(sent, column.name) for column in Frame.__table__.columns}
-        own = {
+        on_board = {
             "number": number,
             "profile": hello.profile if hello else sent.profile,
             "exposure_s": float(info["exposure_ms"]) / 1000,
             "bank_sha256": settings.pop("bank_sha256", None),
             "parameters": settings,
         }
-        return Frame(**(values | own))
+        return Frame(**(values | on_board))
 
     def _fetch_wanted(self) -> None:
         """Download the newest reported frame, one at a time; older frames that were overtaken are not downloaded."""

@@ -136,9 +136,9 @@ class UploadedImages:
             self._found_in = None
             self._send(Operation.CALCULATE_ATTITUDE)
 
-    def _send(self, operation: Operation, given: Values | None = None) -> None:
+    def _send(self, operation: Operation, arguments: Values | None = None) -> None:
         try:
-            call = self._link.roles.operations.call(operation, given)
+            call = self._link.roles.operations.call(operation, arguments)
             self._commands.send(call.command, call.arguments, confirm="", user=SOFTWARE, source=SERVER)
         except GssError as error:
             name = self._link.roles.operations.title(operation)

@@ -15,8 +15,8 @@ def is_allowed(address: LineAddress, allowed: str) -> bool:
     if address.is_local:
         return True
     host = address.host
-    words = [word.strip().lower() for word in allowed.split(",") if word.strip()]
-    return host == "localhost" or host in words or _is_in(host, ["127.0.0.0/8", "::1", *words])
+    entries = [word.strip().lower() for word in allowed.split(",") if word.strip()]
+    return host == "localhost" or host in entries or _is_in(host, ["127.0.0.0/8", "::1", *entries])
 
 
 def _is_in(host: str, networks: list[str]) -> bool:

@@ -84,8 +84,8 @@ class ClockTracker:
                 return
             late = self._late[:]
             self.restart()
-            for one in late:
-                self._keep(one)
+            for late_sample in late:
+                self._keep(late_sample)
             return
         self._late.clear()
         self._keep(sample)

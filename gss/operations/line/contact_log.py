@@ -152,13 +152,13 @@ class ContactLog:
                     instrument_version=self._version_of(hello.profile),
                 )
 
-    def _store_count(self, contact_id: int, own: LinkCounters, ended: datetime | None) -> None:
+    def _store_count(self, contact_id: int, counters: LinkCounters, ended: datetime | None) -> None:
         with self._database.unit_of_work() as session:
             store.update_contact(
                 session,
                 contact_id,
-                rx_bytes=own.received.bytes,
-                tx_bytes=own.sent.bytes,
+                rx_bytes=counters.received.bytes,
+                tx_bytes=counters.sent.bytes,
                 captures=self._capture.files_of(contact_id),
                 ended=ended,
             )

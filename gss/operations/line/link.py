@@ -293,8 +293,8 @@ class LinkService:
             now_s = self.monotonic_s()
             with self.lock:
                 events = list(self.session.feed(data, now_s)) if data else []
-                out, more = self.session.poll(now_s)
-            self.events.publish([*events, *more])  # first: a write that fails must not lose the reports of this round
+                out, polled = self.session.poll(now_s)
+            self.events.publish([*events, *polled])  # first: a write that fails must not lose the reports of this round
             if out:
                 self.capture.write(SENT, out)
                 stream.write(out)

@@ -151,9 +151,9 @@ class NotificationRules(_Strict):
 
     @model_validator(mode="after")
     def _named(self) -> Self:
-        for words, names in (("targets", [t.name for t in self.targets]), ("rules", [r.name for r in self.rules])):
+        for section, names in (("targets", [t.name for t in self.targets]), ("rules", [r.name for r in self.rules])):
             if len(set(names)) != len(names):
-                raise ValueError(f"two {words} have the same name")
+                raise ValueError(f"two {section} have the same name")
         target_names = {t.name for t in self.targets}
         used = {name for r in self.rules for name in (*r.to, *(n for e in r.escalate for n in e.to))}
         if used - target_names:

@@ -91,10 +91,10 @@ class ParseProcesses:
         data: bytes,
         *arguments: object,
         classes: tuple[type, ...] = (),
-        what: str = "the file",
+        subject: str = "the file",
     ) -> Result:
         """Call ``function(data, *arguments)`` in a child. ``function`` is a module-level function, ``arguments`` are JSON
-        values, the result is plain data or one of the dataclasses ``classes``; ``what`` names the file in messages.
+        values, the result is plain data or one of the dataclasses ``classes``; ``subject`` names the file in messages.
 
         Raises the BadInput or CorruptData of the function, TooCostly if a limit was reached, and Busy.
         """
@@ -102,9 +102,9 @@ class ParseProcesses:
             {"function": f"{function.__module__}:{function.__qualname__}", "arguments": arguments}
         ).encode()
         with self._turn():
-            reply, body = self._ask(job, data, what)
+            reply, body = self._ask(job, data, subject)
         if reply.startswith(REFUSED):
-            raise self._error(json.loads(reply[1:]), what)
+            raise self._error(json.loads(reply[1:]), subject)
         result: Result = decode(reply[1:], body, {kind.__name__: kind for kind in classes})
         return result
 

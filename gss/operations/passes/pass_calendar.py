@@ -16,16 +16,16 @@ def calendar(table: PassTable) -> str:
     """Return the calendar of a table of passes."""
     lines = ["BEGIN:VCALENDAR", "VERSION:2.0", "PRODID:-//GSS//Passes//EN", "CALSCALE:GREGORIAN"]
     name = table.current.row.spacecraft if table.current else "Spacecraft"
-    for one in table.passes:
-        lines += _event(name, one, table.start)
+    for coming in table.passes:
+        lines += _event(name, coming, table.start)
     lines.append("END:VCALENDAR")
     return "".join(part + "\r\n" for line in lines for part in _folded(line))
 
 
-def _event(name: str, one: ComingPass, stamp: datetime) -> list[str]:
-    p, station = one.at, one.station
+def _event(name: str, coming: ComingPass, stamp: datetime) -> list[str]:
+    p, station = coming.at, coming.station
     top_deg = math.degrees(p.max_elevation_rad)
-    words = (
+    description = (
         f"Rise {p.rise:%H:%M:%S} UTC at azimuth {math.degrees(p.rise_azimuth_rad):.0f}°, culmination "
         f"{p.culmination:%H:%M:%S} UTC at {top_deg:.1f}°, set {p.set:%H:%M:%S} UTC at azimuth "
         f"{math.degrees(p.set_azimuth_rad):.0f}°. Sun {math.degrees(p.sun_elevation_rad):.0f}° at the station."
@@ -39,7 +39,7 @@ def _event(name: str, one: ComingPass, stamp: datetime) -> list[str]:
         f"SUMMARY:{_text(f'{name} over {station.name}, {top_deg:.0f}°')}",
         f"LOCATION:{_text(station.name)}",
         f"GEO:{math.degrees(station.latitude_rad):.6f};{math.degrees(station.longitude_rad):.6f}",
-        f"DESCRIPTION:{_text(words)}",
+        f"DESCRIPTION:{_text(description)}",
         "END:VEVENT",
     ]
 
@@ -48,9 +48,9 @@ def _utc(moment: datetime) -> str:
     return f"{moment.astimezone(UTC):%Y%m%dT%H%M%SZ}"
 
 
-def _text(words: str) -> str:
+def _text(text: str) -> str:
     """Escape a text value (RFC 5545 §3.3.11); control characters are left out."""
-    plain = "".join(c if c.isprintable() else " " for c in words)
+    plain = "".join(c if c.isprintable() else " " for c in text)
     return plain.replace("\\", "\\\\").replace(";", "\\;").replace(",", "\\,")
 
 

@@ -60,19 +60,19 @@ class PassService:
             problem = "No orbit was imported." if current is None else "There is no ground station."
             return PassTable(current, stations, [], problem, now, days)
         try:
-            passes = [one for row in stations for one in self._over(current, row, now, days)]
+            passes = [coming_pass for row in stations for coming_pass in self._over(current, row, now, days)]
         except GssError as error:
             return PassTable(current, stations, [], str(error), now, days)
-        return PassTable(current, stations, sorted(passes, key=lambda one: one.at.rise), "", now, days)
+        return PassTable(current, stations, sorted(passes, key=lambda coming_pass: coming_pass.at.rise), "", now, days)
 
     def at(self, station_id: int, moment: datetime) -> ComingPass:
         """Return the pass over a station at a time. Raises BadInput if the spacecraft is not in view then, Conflict without an
         orbit."""
         current, row = self._spacecraft.require(), self._stations.get(station_id)
         start = moment - UNDER_WAY
-        for one in find_passes(current.orbit, ground_station(row), start, moment + UNDER_WAY):
-            if one.rise <= moment + timedelta(seconds=1) and one.set >= moment:
-                return ComingPass(one, row, self._budgets.of(row))
+        for found_pass in find_passes(current.orbit, ground_station(row), start, moment + UNDER_WAY):
+            if found_pass.rise <= moment + timedelta(seconds=1) and found_pass.set >= moment:
+                return ComingPass(found_pass, row, self._budgets.of(row))
         raise BadInput(
             f"{current.row.spacecraft} is not in view of {row.name} at that time",
             expected="a time within a pass",
@@ -83,4 +83,4 @@ class PassService:
     def _over(self, current: CurrentOrbit, row: Station, now: datetime, days: float) -> list[ComingPass]:
         budget = self._budgets.of(row)
         station_passes = find_passes(current.orbit, ground_station(row), now - UNDER_WAY, now + timedelta(days=days))
-        return [ComingPass(one, row, budget) for one in station_passes if one.set > now]
+        return [ComingPass(station_pass, row, budget) for station_pass in station_passes if station_pass.set > now]

@@ -170,7 +170,7 @@ class PlanRunner:
                 coming = self._table.coming(NEXT_DAYS, row.station_id).passes
             except GssError:
                 coming = []
-            later = next((one for one in coming if one.at.rise > row.set), None)
+            later = next((coming_pass for coming_pass in coming if coming_pass.at.rise > row.set), None)
             if later is not None:
                 self._pause(row, "waiting", f"{reason}; continues at {later.at.rise:%Y-%m-%d %H:%M:%S} UTC")
                 self._plans.change(row.id, rise=later.at.rise, set=later.at.set)
@@ -190,9 +190,9 @@ class PlanRunner:
     def _end(self, row: PassPlan, items: list[PlanItem], state: str, reason: str) -> PassPlan:
         row = self._plans.change(row.id, items, state=state, reason=reason, finished=self._now())
         done = sum(item.state == "done" for item in items)
-        words = f"{state}, {done} of {len(items)} items done" + (f": {reason}" if reason else "")
-        self._record(row, "ok" if state == "completed" else "warning", words)
+        message = f"{state}, {done} of {len(items)} items done" + (f": {reason}" if reason else "")
+        self._record(row, "ok" if state == "completed" else "warning", message)
         return row
 
-    def _record(self, row: PassPlan, severity: str, words: str) -> None:
-        self._bus.record("pass", severity, f"plan {row.name} {words}", plan_id=row.id)
+    def _record(self, row: PassPlan, severity: str, message: str) -> None:
+        self._bus.record("pass", severity, f"plan {row.name} {message}", plan_id=row.id)

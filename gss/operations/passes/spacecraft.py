@@ -103,9 +103,9 @@ class SpacecraftService:
                 hint="Import newer elements.",
             )
         before = self.history(1)
-        words = " ".join(name.split()) or read.name or (before[0].spacecraft if before else "Spacecraft")
+        spacecraft_name = " ".join(name.split()) or read.name or (before[0].spacecraft if before else "Spacecraft")
         row = OrbitSet(
-            spacecraft=words[:80],
+            spacecraft=spacecraft_name[:80],
             kind=read.kind,
             source_format=read.source_format,
             source=source,
@@ -133,11 +133,11 @@ def _judged(row: OrbitSet, orbit: Trajectory, now: datetime) -> CurrentOrbit:
     if row.kind == "oem":
         left_days = (orbit.end - now) / DAY
         state: OrbitState = "ok" if left_days > 1 else "watch" if left_days > 0.25 else "critical"
-        words = f"The ephemeris ends in {left_days:.1f} days" if left_days > 0 else "The ephemeris has ended"
+        message = f"The ephemeris ends in {left_days:.1f} days" if left_days > 0 else "The ephemeris has ended"
     else:
         age = abs(age_days)
         state = "ok" if age <= WATCH_DAYS else "watch" if age <= WARNING_DAYS else "warning"
         state = "critical" if age > REFUSED_DAYS else state
-        words = f"The elements are {age_days:.1f} days old" if age_days >= 0 else f"The epoch is {age:.1f} days ahead"
+        message = f"The elements are {age_days:.1f} days old" if age_days >= 0 else f"The epoch is {age:.1f} days ahead"
     remedy = {"critical": ". Pass plans cannot be armed; import newer elements.", "ok": "."}
-    return CurrentOrbit(row, orbit, age_days, state, words + remedy.get(state, ". Import newer elements."))
+    return CurrentOrbit(row, orbit, age_days, state, message + remedy.get(state, ". Import newer elements."))

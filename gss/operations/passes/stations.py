@@ -86,17 +86,17 @@ def ground_station(row: Station) -> GroundStation:
 
 def checked_url(url: str) -> str:
     """Return the address of a line, "" if none is given. Raises BadInput."""
-    words = url.strip()
-    if words:
-        parse_line_address(words)
-    return words
+    address = url.strip()
+    if address:
+        parse_line_address(address)
+    return address
 
 
 def _named(station: GroundStation) -> GroundStation:
-    words = " ".join(station.name.split())
-    if not 0 < len(words) <= 60:
-        raise BadInput("the ground station has no name", expected="1 – 60 characters", got=str(len(words)))
-    return replace(station, name=words)
+    name = " ".join(station.name.split())
+    if not 0 < len(name) <= 60:
+        raise BadInput("the ground station has no name", expected="1 – 60 characters", got=str(len(name)))
+    return replace(station, name=name)
 
 
 def _place(row: Station, station: GroundStation) -> None:

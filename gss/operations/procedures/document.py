@@ -187,18 +187,20 @@ def _with_action(bare: ProcedureStep, lines: Sequence[str]) -> ProcedureStep:
     """Return the step with its action. Raises BadInput."""
     if not lines:
         raise BadInput(f"The {bare.kind} block is empty")
-    words, seconds, branches = lines[0], 0.0, [*_branches(bare, lines)]
+    action, seconds, branches = lines[0], 0.0, [*_branches(bare, lines)]
     if bare.kind == "check":
         within = [b.target for b in branches if b.when == "within"]
         seconds = seconds_of(within[0]) if within else 0.0
         branches = [b for b in branches if b.when != "within"]
     elif bare.kind == "wait":
-        words, seconds = lines[0], seconds_of(lines[0])
+        action, seconds = lines[0], seconds_of(lines[0])
     elif bare.kind == "branch":
-        words = "; ".join(lines)
+        action = "; ".join(lines)
     elif bare.kind in ("hold", "sign"):
-        words = " ".join(lines)
-    return ProcedureStep(bare.id, bare.title, bare.text, bare.kind, bare.line, words, seconds, tuple(branches), bare.at)
+        action = " ".join(lines)
+    return ProcedureStep(
+        bare.id, bare.title, bare.text, bare.kind, bare.line, action, seconds, tuple(branches), bare.at
+    )
 
 
 def _branches(step: ProcedureStep, lines: Sequence[str]) -> list[Branch]:

@@ -58,9 +58,9 @@ class ProcedureService:
         checked = self.check(procedure.text)
         if checked.mistakes:
             first = checked.mistakes[0]
-            more = f" There are {len(checked.mistakes)} mistakes." if len(checked.mistakes) > 1 else ""
+            others = f" There are {len(checked.mistakes)} mistakes." if len(checked.mistakes) > 1 else ""
             raise BadInput(
-                f"The procedure cannot start. Line {first.line}: {first.text}{more}",
+                f"The procedure cannot start. Line {first.line}: {first.text}{others}",
                 hint="correct it and save it again",
             )
         return checked.document

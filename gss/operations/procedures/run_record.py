@@ -163,8 +163,8 @@ class ProcedureRecorder:
             row.sha256 = hashlib.sha256(record_bytes(row)).hexdigest()
         self._bus.publish("procedure_run", row)
         severity = "ok" if state == "completed" else "watch"
-        words = f"Procedure {row.name}: {state}" + (f", {reason}" if reason else "")
-        self._bus.record("procedure", severity, f"{words}; record {row.sha256[:12]}", procedure_run_id=row.id)
+        message = f"Procedure {row.name}: {state}" + (f", {reason}" if reason else "")
+        self._bus.record("procedure", severity, f"{message}; record {row.sha256[:12]}", procedure_run_id=row.id)
         return row
 
     def reopen(self, run_id: int) -> ProcedureRun:

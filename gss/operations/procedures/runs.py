@@ -191,8 +191,8 @@ class ProcedureRunner:
         """End the run; a command that was sent is still followed on its own."""
         with self._lock:
             self._under_way(run_id)
-            words = f"stopped by {user}" + (f": {reason.strip()}" if reason.strip() else "")
-            return self._finish(run_id, "stopped", words)
+            message = f"stopped by {user}" + (f": {reason.strip()}" if reason.strip() else "")
+            return self._finish(run_id, "stopped", message)
 
     def interrupt(self, run_id: int, reason: str) -> None:
         """End a run in its current step, so that another can start; ``resume`` continues it. No effect on a run that has
@@ -212,8 +212,8 @@ class ProcedureRunner:
             self._aborted_by, aborts = "", self._commands.aborts
             earlier, row = row.sha256, self._record.reopen(run_id)
             self._active = ActiveRun(run_id, read_procedure(row.text), aborts)
-        words = f"{user} resumed the procedure {row.name}; record until then {earlier[:12]}"
-        self._bus.record("procedure", "ok", words, procedure_run_id=run_id)
+        message = f"{user} resumed the procedure {row.name}; record until then {earlier[:12]}"
+        self._bus.record("procedure", "ok", message, procedure_run_id=run_id)
         return row
 
     def get(self, run_id: int) -> ProcedureRun:

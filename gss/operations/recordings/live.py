@@ -46,11 +46,13 @@ class LiveRecording:
         if not relevant and not dropped:
             return b""
         # A frame and its solutions arrive as several messages, so it is drawn once, in its current state.
-        seen = {m.payload.id if m.topic == "frame" else m.payload.frame_id for m in relevant if m.topic in TOPICS[:2]}
+        frame_ids = {
+            m.payload.id if m.topic == "frame" else m.payload.frame_id for m in relevant if m.topic in TOPICS[:2]
+        }
         pictures = {m.payload.id for m in relevant if m.topic == "frame"}
         for message in relevant:
             self._small(message)
-        for frame_id in sorted(seen):
+        for frame_id in sorted(frame_ids):
             self._frame(frame_id, picture=frame_id in pictures)
         return self._recorder.take()
 

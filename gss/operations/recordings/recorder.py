@@ -86,8 +86,8 @@ class Recorder:
         self._at(row.finished or row.created)
         arguments = ", ".join(f"{k} {v}" for k, v in row.arguments.items())
         level = "ERROR" if row.result in ("rejected", "failed", "unknown") else "INFO"
-        words = f"{row.name} {arguments}".strip() + f": {row.result}" + (f", {row.detail}" if row.detail else "")
-        self._stream.log("log/commands", self._rr.TextLog(words, level=level))
+        message = f"{row.name} {arguments}".strip() + f": {row.result}" + (f", {row.detail}" if row.detail else "")
+        self._stream.log("log/commands", self._rr.TextLog(message, level=level))
 
     def event(self, row: Event) -> None:
         """Add a recorded event."""
@@ -175,8 +175,8 @@ class Recorder:
     def _summary(self, solution: Solution) -> None:
         solved = solution.outcome == "solved"
         text = f"{solution.matched} of {solution.found} stars" if solved else solution.reason
-        words = f"{solution.origin} {solution.chain}: {solution.outcome}, {text}"
-        self._stream.log("log/solutions", self._rr.TextLog(words, level="INFO" if solved else "WARN"))
+        message = f"{solution.origin} {solution.chain}: {solution.outcome}, {text}"
+        self._stream.log("log/solutions", self._rr.TextLog(message, level="INFO" if solved else "WARN"))
 
     def _figures(self, detail: FrameDetail) -> None:
         """Plot residual and error per chain, on board against ground, and stars."""
@@ -192,8 +192,8 @@ class Recorder:
                 self._stream.log(f"attitude/{name}/residual_rms_arcsec", scalars(rms))
         a, b = detail.on_board, detail.ground
         if a is not None and b is not None and a.quaternion is not None and b.quaternion is not None:
-            one, two = (matrix_from_quaternion(np.array(s.quaternion, float)) for s in (a, b))
-            cross = pointing_difference_rad(one, two)[0] * ARCSEC
+            first, second = (matrix_from_quaternion(np.array(s.quaternion, float)) for s in (a, b))
+            cross = pointing_difference_rad(first, second)[0] * ARCSEC
             self._stream.log("attitude/on_board_minus_ground_arcsec", scalars(cross))
 
 

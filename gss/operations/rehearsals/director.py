@@ -101,8 +101,8 @@ class Director:
         station = ground_station(self._ground.stations.get(plan.station_id))
         orbit = self._ground.spacecraft.require().orbit
         return [
-            RehearsedPass(one.rise, one.set, 0.0, 0, 0)
-            for one in find_passes(orbit, station, plan.rise - EARLY, min(end, orbit.end))
+            RehearsedPass(found_pass.rise, found_pass.set, 0.0, 0, 0)
+            for found_pass in find_passes(orbit, station, plan.rise - EARLY, min(end, orbit.end))
         ]
 
     # --- time ---------------------------------------------------------------------------------------------------
@@ -132,12 +132,12 @@ class Director:
             self._followed_s = now_s
             self._ground.procedures.tick()
         if number is not None:
-            one, used_s = self._passes[number], step_s if plan.state == "running" else 0.0
+            current, used_s = self._passes[number], step_s if plan.state == "running" else 0.0
             self._passes[number] = replace(
-                one,
-                used_s=one.used_s + used_s,
-                bytes_up=one.bytes_up + self._line.up - up,
-                bytes_down=one.bytes_down + self._line.down - down,
+                current,
+                used_s=current.used_s + used_s,
+                bytes_up=current.bytes_up + self._line.up - up,
+                bytes_down=current.bytes_down + self._line.down - down,
             )
         if plan.state == "running":
             for k, item in enumerate(items_of(plan)):
@@ -161,7 +161,7 @@ class Director:
 
     def _changes(self) -> list[datetime]:
         """Return when the signal appears or disappears, in order."""
-        edges = [edge for one in self._passes for edge in (one.rise, one.set)]
+        edges = [edge for rehearsed in self._passes for edge in (rehearsed.rise, rehearsed.set)]
         for outage in self._options.outages:
             if outage.pass_number <= len(self._passes):
                 lost = self._passes[outage.pass_number - 1].rise + timedelta(seconds=outage.after_s)
@@ -170,7 +170,7 @@ class Director:
 
     def _pass_number(self) -> int | None:
         now = self._clock.now()
-        return next((k for k, one in enumerate(self._passes) if one.rise <= now < one.set), None)
+        return next((k for k, rehearsed in enumerate(self._passes) if rehearsed.rise <= now < rehearsed.set), None)
 
     def _is_out(self, number: int) -> bool:
         since_s = (self._clock.now() - self._passes[number].rise).total_seconds()
@@ -248,7 +248,11 @@ class Director:
             real_s=round(real_s, 1),
             bytes_lost=self._line.lost,
             items=items,
-            passes=[replace(one, used_s=round(one.used_s, 2)) for one in self._passes if one.rise <= now],
+            passes=[
+                replace(rehearsed, used_s=round(rehearsed.used_s, 2))
+                for rehearsed in self._passes
+                if rehearsed.rise <= now
+            ],
             transitions=self._transitions,
             person=self._person,
             steps=[step for run_id in runs for step in _steps(self._ground.procedures.get(run_id))],

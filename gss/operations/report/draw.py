@@ -138,8 +138,8 @@ def _axes(pen: Pen, plot: Plot, f: _Frame) -> None:
     step = x_ticks[1] - x_ticks[0] if len(x_ticks) > 1 else 1.0
     for value in x_ticks:
         pen.line([(f.x(value), bottom), (f.x(value), bottom + 3)], SOFT, 0.5)
-        words = clock(value, f.x1 - f.x0) if plot.time else written(value, min(step, value) if plot.log_x else step)
-        pen.text(f.x(value), bottom + 11, words, size=7, anchor="middle", colour=SOFT)
+        label = clock(value, f.x1 - f.x0) if plot.time else written(value, min(step, value) if plot.log_x else step)
+        pen.text(f.x(value), bottom + 11, label, size=7, anchor="middle", colour=SOFT)
     pen.box(LEFT, TOP, WIDTH - LEFT - RIGHT, bottom - TOP, stroke=SOFT)
     pen.text((LEFT + WIDTH - RIGHT) / 2, PLOT_HEIGHT - 4, plot.x_label, size=7.5, anchor="middle", colour=SOFT)
     pen.text(10, (TOP + bottom) / 2, plot.y_label, size=7.5, anchor="middle", colour=SOFT, up=True)
@@ -186,13 +186,13 @@ def _runs(series: Series, log_y: bool = False) -> list[list[Point]]:
 
 def _shares(pen: Pen, shares: Shares) -> None:
     pen.text(0, 11, shares.title, size=8.5)
-    at, words = 0.0, 0.0
+    at, label_x = 0.0, 0.0
     for k, (name, size) in enumerate(shares.parts):
         colour, length = COLOURS[k % len(COLOURS)], WIDTH * size / max(shares.whole, 1e-9)
         pen.box(at, TOP, length, 13, fill=colour)
         label = f"{name} {size:.0f} {shares.unit}"
-        pen.text(words, TOP + 25, label, size=7.5, colour=colour)
-        at, words = at + length, words + 4.2 * len(label) + 12
+        pen.text(label_x, TOP + 25, label, size=7.5, colour=colour)
+        at, label_x = at + length, label_x + 4.2 * len(label) + 12
     pen.box(0, TOP, WIDTH, 13, stroke=SOFT)
 
 

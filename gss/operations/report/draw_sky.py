@@ -36,9 +36,16 @@ def draw_sky(pen: Pen, sky: SkyMap) -> None:
     if sky.mark:
         x, y = place(sky.mark[0], sky.mark[1])
         pen.box(x - 5, y - 5, 10, 10, stroke=MARK)
-        left, wide = x > WIDTH * 0.7, 3.9 * len(sky.mark[2]) + 4
-        pen.box(x - 8 - wide if left else x + 6, y - 5, wide, 10, fill="#ffffff")
-        pen.text(x + (-10 if left else 8), y + 3, sky.mark[2], size=7.5, colour=MARK, anchor="end" if left else "start")
+        near_edge, wide = x > WIDTH * 0.7, 3.9 * len(sky.mark[2]) + 4
+        pen.box(x - 8 - wide if near_edge else x + 6, y - 5, wide, 10, fill="#ffffff")
+        pen.text(
+            x + (-10 if near_edge else 8),
+            y + 3,
+            sky.mark[2],
+            size=7.5,
+            colour=MARK,
+            anchor="end" if near_edge else "start",
+        )
     rim = [(math.cos(t), math.sin(t)) for t in np.linspace(0, 2 * math.pi, 181).tolist()]
     pen.line([(WIDTH / 2 + ACROSS * c, TOP + UP + UP * s) for c, s in rim], SOFT, 0.6)
     pen.text(0, HEIGHT - 6, sky.note, size=7.5, colour=SOFT)

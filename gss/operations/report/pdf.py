@@ -30,10 +30,10 @@ MOST_ROWS = 400
 """Maximum number of rows of a table. The report states how many rows were omitted; the CSV file has all of them."""
 
 
-def as_pdf(report: Report, made: datetime) -> bytes:
-    """Return the PDF file. ``made`` is its creation date, so that the same report gives the same bytes."""
+def as_pdf(report: Report, created: datetime) -> bytes:
+    """Return the PDF file. ``created`` is its creation date, so that the same report gives the same bytes."""
     sheet = _Sheet(report.title)
-    sheet.pdf.set_creation_date(made)
+    sheet.pdf.set_creation_date(created)
     sheet.words(report.title, size=15, bold=True, gap=3)
     sheet.words(report.subtitle, colour=SOFT, gap=6)
     for note in report.notes:
@@ -155,10 +155,10 @@ class _Sheet:
             at += width
         self.y += self._row_height(row, layout)
 
-    def _width(self, words: str, size: float) -> float:
+    def _width(self, text: str, size: float) -> float:
         """Return the width of a text."""
         wide = 0.0
-        for face, run in _runs(words, self._faces):
+        for face, run in _runs(text, self._faces):
             self._use(face, size, False)
             wide += self.pdf.get_string_width(run)
         return wide
@@ -167,7 +167,7 @@ class _Sheet:
         self,
         x: float,
         y: float,
-        words: str,
+        text: str,
         *,
         size: float = 9,
         colour: str = INK,
@@ -175,7 +175,7 @@ class _Sheet:
         bold: bool = False,
     ) -> None:
         """Draw text on its baseline, each run of letters in the font that contains them."""
-        runs = list(_runs(words, self._faces))
+        runs = list(_runs(text, self._faces))
         widths = []
         for face, run in runs:
             self._use(face, size, bold)
@@ -203,14 +203,14 @@ def _faces(pdf: FPDF) -> bool:
     return True
 
 
-def _runs(words: str, faces: bool) -> Iterator[tuple[str, str]]:
+def _runs(text: str, faces: bool) -> Iterator[tuple[str, str]]:
     """Yield (font, letters) in order."""
-    words = words.translate(PLAIN)
+    text = text.translate(PLAIN)
     if not faces:
-        yield "helvetica", words.translate(BARE).encode("latin-1", "replace").decode("latin-1")
+        yield "helvetica", text.translate(BARE).encode("latin-1", "replace").decode("latin-1")
         return
     face, run = "latin", ""
-    for letter in words:
+    for letter in text:
         of = "greek" if "\u0370" <= letter <= "\u03ff" else "latin"
         if of != face and run:
             yield face, run
@@ -271,7 +271,7 @@ class _PdfPen:
         self,
         x: float,
         y: float,
-        words: str,
+        text: str,
         *,
         size: float = 8,
         colour: str = INK,
@@ -281,6 +281,6 @@ class _PdfPen:
         left, top = self._at(x, y)
         if up:
             with self._pdf.rotation(90, x=left, y=top):
-                self._sheet.put(left, top, words, size=size, colour=colour, anchor=anchor)
+                self._sheet.put(left, top, text, size=size, colour=colour, anchor=anchor)
         else:
-            self._sheet.put(left, top, words, size=size, colour=colour, anchor=anchor)
+            self._sheet.put(left, top, text, size=size, colour=colour, anchor=anchor)

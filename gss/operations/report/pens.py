@@ -31,7 +31,7 @@ class Pen(Protocol):
         self,
         x: float,
         y: float,
-        words: str,
+        text: str,
         *,
         size: float = 8,
         colour: str = INK,
@@ -71,7 +71,7 @@ class SvgPen:
         self,
         x: float,
         y: float,
-        words: str,
+        text: str,
         *,
         size: float = 8,
         colour: str = INK,
@@ -81,7 +81,7 @@ class SvgPen:
         turn = f" transform='rotate(-90 {x:.1f} {y:.1f})'" if up else ""
         self._parts.append(
             f"<text x='{x:.1f}' y='{y:.1f}' font-size='{size:g}' text-anchor='{anchor}' fill='{colour}'{turn}>"
-            f"{escape(words)}</text>"
+            f"{escape(text)}</text>"
         )
 
     def svg(self) -> str:

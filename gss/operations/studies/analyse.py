@@ -151,14 +151,14 @@ def _slew(run: AnalysisRun, commanded_rad_s: float) -> AnalysisResult:
 
 def _sensitivity(run: AnalysisRun, solver: Solver) -> AnalysisResult:
     v_mag: list[Array] = []
-    seen: list[NDArray[np.bool_]] = []
+    detected: list[NDArray[np.bool_]] = []
     for shot, result in zip(run.shots, run.results, strict=True):
         if result is None or result.attitude is None:
             continue
         v, hit = looked_for(result, solver, shot, run.known.sensor.faint_limit_mag + DEEPER_MAG)
         v_mag.append(v)
-        seen.append(hit)
-    limit = detection_limit(np.concatenate(v_mag), np.concatenate(seen))
+        detected.append(hit)
+    limit = detection_limit(np.concatenate(v_mag), np.concatenate(detected))
     return AnalysisResult("sensitivity", sheets.sensitivity(limit, run.known, subject_of(run)), dict(as_record(limit)))
 
 

@@ -128,23 +128,23 @@ class AnalysisService:
             if run.checkpoint:  # the row was stored before the server stopped
                 return run.checkpoint
             if isinstance(analysis_request, TelemetryAnalysis):
-                made = self._of_contact(analysis_request)
+                outcome = self._of_contact(analysis_request)
             elif isinstance(analysis_request, SheetRequest):
-                made = self._sheet(analysis_request, first, other, run.progress)
+                outcome = self._sheet(analysis_request, first, other, run.progress)
             elif isinstance(analysis_request, MovingRequest):
-                made = self._moving(analysis_request, first, run.progress)
+                outcome = self._moving(analysis_request, first, run.progress)
             elif isinstance(analysis_request, HealthRequest):
-                made = self._health(analysis_request, first, run.progress)
+                outcome = self._health(analysis_request, first, run.progress)
             else:
-                made = self._of_frames(analysis_request, first, other, run.progress)
+                outcome = self._of_frames(analysis_request, first, other, run.progress)
             row = Analysis(
-                kind=made.kind,
+                kind=outcome.kind,
                 title=name[:120],
                 created=self._now(),
                 author=job.user,
                 tool=f"gss {__version__}",
                 request=as_stored(analysis_request),
-                result={"report": made.report.as_dict(), "figures": made.figures},
+                result={"report": outcome.report.as_dict(), "figures": outcome.figures},
             )
             with self._database.unit_of_work() as session:
                 store.add_analysis(session, row)
@@ -202,8 +202,8 @@ class AnalysisService:
             named = self._orbit_at(datetime.fromtimestamp(at_s, UTC))
             return None if named is None else named[1]
 
-        given = request.trajectories
-        orbit = orbit_within(given) if given else stored
+        trajectories = request.trajectories
+        orbit = orbit_within(trajectories) if trajectories else stored
         profile = self._book.profile(request.profile)
         run = run_frames(self._solver, shots, profile, request.chain, lambda s, t: report(0.5 * s, t))
         status = self._book.status_of(request.profile)

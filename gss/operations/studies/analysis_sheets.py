@@ -122,11 +122,11 @@ def slew(result: SlewTest, series: AttitudeSeries, of: str) -> Report:
 
 def sensitivity(result: Sensitivity, profile: CameraProfile, of: str) -> Report:
     """Return the report of the detection limit."""
-    own = profile.sensor.faint_limit_mag
+    profile_limit = profile.sensor.faint_limit_mag
     facts = [
         Fact("50 % of the stars detected at", number(result.mag_50, 3), "V", f"±{number(result.sigma_50, 2)}"),
         Fact("90 % detected at", number(finite(result.mag_90), 3), "V"),
-        Fact("profile value", number(own, 3), "V"),
+        Fact("profile value", number(profile_limit, 3), "V"),
         Fact("bright stars detected", number(100 * result.ceiling, 3), "%"),
         Fact("stars expected", number(int(result.stars.sum()))),
     ]
@@ -141,7 +141,7 @@ def sensitivity(result: Sensitivity, profile: CameraProfile, of: str) -> Report:
             Series("95 % low", middles, maybe(result.low), "dots"),
             Series("95 % high", middles, maybe(result.high), "dots"),
         ],
-        [Level(result.mag_50, "50 %", True), Level(own, "profile", True)],
+        [Level(result.mag_50, "50 %", True), Level(profile_limit, "profile", True)],
     )
     rows = [
         [f"{lo:.2f} – {hi:.2f}", str(int(n)), str(int(f)), number(100 * f / n, 3) if n else "–"]

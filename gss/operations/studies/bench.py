@@ -102,8 +102,8 @@ def radial(
     values: dict[str, Any] = {}
     lens = profile.camera.distortion
     if isinstance(lens, RadialTilt):
-        made = replace(lens, radial=tuple(float(k) for k in polynomial.coefficients))
-        values = dict(calibration_values(calibrated_profile(profile, replace(profile.camera, distortion=made))))
+        fitted = replace(lens, radial=tuple(float(k) for k in polynomial.coefficients))
+        values = dict(calibration_values(calibrated_profile(profile, replace(profile.camera, distortion=fitted))))
     return CalibrationInput(
         "bench-radial", values, {"radial": content, "account": solved.account, "warnings": report.warnings(polynomial)}
     )

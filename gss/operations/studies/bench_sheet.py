@@ -49,8 +49,8 @@ def _tilt(t: Mapping[str, Any]) -> list[Section]:
     angle = [a * degrees for a in t["angle_rad"]]
     residual_um = [1000 * v for v in t["residual_mm"]]
     measured = Plot("Distance of the dots", "angle, °", "mm", [Series("measured", angle, t["distance_mm"], "dots")])
-    left = Plot("Measured − eq. 6.15", "angle, °", "µm", [Series("residual", angle, residual_um, "dots")])
-    return [Section("Tilt of the detector from pairs of dots", "Jacobs 1995 §6.2.3.1.", facts, [measured, left])]
+    residuals = Plot("Measured − eq. 6.15", "angle, °", "µm", [Series("residual", angle, residual_um, "dots")])
+    return [Section("Tilt of the detector from pairs of dots", "Jacobs 1995 §6.2.3.1.", facts, [measured, residuals])]
 
 
 def _focal(f: Mapping[str, Any]) -> list[Section]:
@@ -102,8 +102,8 @@ def _checkerboard(c: Mapping[str, Any]) -> list[Section]:
         for n, v, s in zip(c["names"], c["values"], c["sigma"], strict=True)
     ]
     pictures = [
-        [name, "found" if seen else "not found", number(rms, 3)]
-        for name, seen, rms in zip(c["pictures"], c["found"], c["rms_px"], strict=True)
+        [name, "found" if found_board else "not found", number(rms, 3)]
+        for name, found_board, rms in zip(c["pictures"], c["found"], c["rms_px"], strict=True)
     ]
     camera = c["camera"]
     longest = max((math.hypot(d[0], d[1]) for d in c["residual_px"]), default=0.0)

@@ -167,7 +167,7 @@ def from_darks(
     exposure_s = exposures.pop() or profile.sensor.exposure_s
     dark = calibrate_dark(stack(darks, profile), exposure_s)
     result: dict[str, Any] = {"dark": report.dark(dark)}
-    made: list[Any] = [dark]
+    parts: list[Any] = [dark]
     curve, even = None, None
     if flat_pairs:
         progress(0.5, f"{len(flat_pairs)} pairs of flat fields")
@@ -177,7 +177,7 @@ def from_darks(
         )
         even = pixel_response(_alike(np.concatenate(flats) - dark.median_dn), 0.0)
         result |= {"photon_transfer": report.photon_transfer(curve), "response": report.response(even)}
-        made += [curve, even]
+        parts += [curve, even]
     bias_dn = curve.bias_dn if curve is not None and math.isfinite(curve.bias_dn) else profile.sensor.bias_dn
     gain = curve.gain_e_per_dn if curve is not None else profile.sensor.gain_e_per_dn
     figures = detector_figures(curve, dark.dark_e_s(bias_dn, gain))
@@ -185,7 +185,7 @@ def from_darks(
     calibrated(profile, values)
     if keep is not None:
         result["dark_frame"] = keep(dark, even)
-    result["warnings"] = report.warnings(*made)
+    result["warnings"] = report.warnings(*parts)
     return CalibrationInput("detector", values, result)
 
 

@@ -76,6 +76,6 @@ def photon_transfer(transfer: PhotonTransfer) -> dict[str, Any]:
     return dict(as_record(replace(transfer, warnings=())))
 
 
-def warnings(*found: Any) -> list[dict[str, Any]]:
+def warnings(*parts: Any) -> list[dict[str, Any]]:
     """Return the warnings of all parts of a calibration."""
-    return [as_record(advice) for part in found if part is not None for advice in part.warnings]
+    return [as_record(advice) for part in parts if part is not None for advice in part.warnings]

@@ -100,9 +100,9 @@ class _BenchFrames(BenchCalibration):
         return self
 
 
-def _rows(columns: int, words: str) -> Any:
+def _rows(columns: int, description: str) -> Any:
     row = Annotated[list[Measured], Field(min_length=columns, max_length=columns)]
-    return Annotated[list[row], Field(min_length=1, max_length=5000, description=words)]
+    return Annotated[list[row], Field(min_length=1, max_length=5000, description=description)]
 
 
 class BenchCentre(BenchCalibration):

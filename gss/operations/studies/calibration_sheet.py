@@ -73,13 +73,13 @@ def _health(health: Mapping[str, Any]) -> list[Section]:
 
 
 def _geometry(g: Mapping[str, Any]) -> list[Section]:
-    after, before, held = g["residuals"], g["before"], g["held_out"]
+    after, before, held_out = g["residuals"], g["before"], g["held_out"]
     facts = [
         Fact("lens model", str(g["model"])),
         Fact("residual before", number(before["rms_px"]), "px", "rms per axis"),
         Fact("residual after", number(after["rms_px"]), "px", "rms per axis"),
         Fact("scatter of one star", number(after["noise_px"]), "px", "corrected for degrees of freedom"),
-        Fact("leave-one-out over frames", number(held["noise_px"] if held else None), "px", "held-out stars"),
+        Fact("leave-one-out over frames", number(held_out["noise_px"] if held_out else None), "px", "held-out stars"),
         Fact("stars used", number(after["stars"]), "", f"{after['rejected']} rejected"),
     ]
     columns, rows = g["camera"]["columns"], g["camera"]["rows"]
@@ -262,8 +262,10 @@ def _dark_frame(d: Any) -> list[Section]:
         Fact("exposure", number(d["exposure_s"], 3), "s", "the pattern is subtracted from frames within 20 % of it"),
         replaced,
     ]
-    words = f"black {number(p['low_dn'], 3)} DN, white {number(p['high_dn'], 3)} DN or more, against the typical pixel"
-    return [Section("Dark frame", "", facts, [Picture("Median dark frame", p["png"], words)])]
+    caption = (
+        f"black {number(p['low_dn'], 3)} DN, white {number(p['high_dn'], 3)} DN or more, against the typical pixel"
+    )
+    return [Section("Dark frame", "", facts, [Picture("Median dark frame", p["png"], caption)])]
 
 
 def _account(result: Mapping[str, Any]) -> list[Section]:

@@ -222,9 +222,9 @@ def _reasons(runs: Sequence[FrameRun]) -> Section:
     counts: dict[str, int] = {}
     for run in runs:
         if not run.solved:
-            words = " ".join("…" if any(c.isdigit() for c in word) else word for word in run.reason.split())
-            counts[words] = counts.get(words, 0) + 1
-    rows = [[str(n), words or "no reason stored"] for words, n in sorted(counts.items(), key=lambda item: -item[1])]
+            reason = " ".join("…" if any(c.isdigit() for c in word) else word for word in run.reason.split())
+            counts[reason] = counts.get(reason, 0) + 1
+    rows = [[str(n), reason or "no reason stored"] for reason, n in sorted(counts.items(), key=lambda item: -item[1])]
     table = Table("Numbers in the reasons are left out", ["Frames", "Reason"], rows)
     return Section("Why frames were not solved", tables=[table] if rows else [])
 

@@ -71,11 +71,11 @@ class DaskExecutor:
         try:
             while True:
                 ahead = AHEAD * max(1, self.workers)
-                while len(running) < ahead and (more := next(remaining, _END)) is not _END:
+                while len(running) < ahead and (item := next(remaining, _END)) is not _END:
                     # A unique key per item, so that equal items are separate and results of another run are never used.
                     key = f"{run}-{submitted}"
                     running.append(
-                        client.submit(_on_worker, gss.__version__, work, more, run, submitted, key=key, pure=False)
+                        client.submit(_on_worker, gss.__version__, work, item, run, submitted, key=key, pure=False)
                     )
                     submitted += 1
                 if not running:

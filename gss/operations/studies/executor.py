@@ -87,8 +87,8 @@ class LocalExecutor:
                 with self._pool.borrowed() as pool:
                     running = deque(pool.submit(work, item, _silent) for item in open_items)
                     while True:
-                        while len(running) < AHEAD * self.workers and (more := next(remaining, _END)) is not _END:
-                            open_items.append(more)  # type: ignore[arg-type]  # it is not _END, which mypy does not see
+                        while len(running) < AHEAD * self.workers and (next_item := next(remaining, _END)) is not _END:
+                            open_items.append(next_item)  # type: ignore[arg-type]  # it is not _END, which mypy does not see
                             running.append(pool.submit(work, open_items[-1], _silent))
                         if not running:
                             return

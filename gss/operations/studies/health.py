@@ -40,13 +40,13 @@ def places_below(orbit_at: Callable[[float], Trajectory | None]) -> GroundPlaces
     """Return the places below a spacecraft whose orbit at a Unix time is given, None where it is not known."""
 
     def places(times_s: Array) -> Array:
-        made = np.full((len(times_s), 2), np.nan)
+        positions = np.full((len(times_s), 2), np.nan)
         for k, at_s in enumerate(times_s.tolist()):
             orbit = orbit_at(at_s)
             if orbit is not None:
                 x, y, z = earth_fixed_km(orbit, np.array([at_s]))[0]
-                made[k] = np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)
-        return made
+                positions[k] = np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)
+        return positions
 
     return places
 

@@ -220,13 +220,13 @@ def _dark_facts(health: MissionHealth) -> list[Fact]:
 
 
 def _dark_plots(health: MissionHealth) -> list[Drawing]:
-    made: list[Drawing] = []
+    plots: list[Drawing] = []
     measured = np.isfinite(health.temperature_c)
     if measured.any():
         at = Series("frames", numbers(health.temperature_c[measured]), maybe(health.level_dn[measured]), "dots")
-        made.append(Plot("Sky level against temperature", "temperature, °C", "DN", [at]))
+        plots.append(Plot("Sky level against temperature", "temperature, °C", "DN", [at]))
     over = Series("frames", numbers(health.times_s), maybe(health.level_dn), "dots")
-    return [*made, Plot("Sky level", "UTC", "DN", [over], time=True)]
+    return [*plots, Plot("Sky level", "UTC", "DN", [over], time=True)]
 
 
 def _hit_facts(health: MissionHealth) -> list[Fact]:

@@ -19,13 +19,13 @@ SOON_DAYS = 180.0
 def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
     """Return what needs attention: tolerances that are left, jumps, and changes that cannot be proposed."""
     end_s = float(health.times_s[-1])
-    made = []
+    notes = []
     for f in health.figures:
         leaves = f.leaves
         if leaves is None:
             continue
         if leaves.outside:
-            made.append(
+            notes.append(
                 Note(
                     f"{f.name} is outside its tolerance",
                     "Compare it with the proposed calibration, which may not contain it; check the focus if it is the width.",
@@ -34,10 +34,10 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
                 )
             )
         elif (leaves.time_s.value - end_s) / DAY_S <= SOON_DAYS:
-            made.append(
+            notes.append(
                 Note(f"{f.name} leaves its tolerance {forecast(f, end_s)}", "Plan a new calibration.", code="tolerance")
             )
-    made += [
+    notes += [
         Note(
             f"{f.name} changed by {signed(jump.size, 3)} {f.unit} between {day(jump.time_s.low)} and {day(jump.time_s.high)}",
             "Look for the cause at that time.",
@@ -46,11 +46,11 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
         for f in health.figures
         for jump in (() if f.trend is None else f.trend.jumps)
     ]
-    made += [
+    notes += [
         Note(f"not proposed: {reason}", "Calibrate from star frames.", code="lens") for reason in proposal.left_out
     ]
     if not np.isfinite(health.temperature_c).any():
-        made.append(
+        notes.append(
             Note(
                 "the temperature is unknown: its changes look like jumps of the lens, and like growth or annealing of pixels",
                 "Give the temperatures of the frames.",
@@ -58,10 +58,10 @@ def health_notes(health: MissionHealth, proposal: Proposal) -> list[Note]:
             )
         )
     if not np.isfinite(health.place_rad).any():
-        made.append(
+        notes.append(
             Note("the map of radiation hits is empty", "Give the orbit of the spacecraft.", code="place"),
         )
-    return made
+    return notes
 
 
 def forecast(figure: FigureCourse, now_s: float) -> str:

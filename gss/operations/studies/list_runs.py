@@ -150,7 +150,7 @@ class ListRunService:
         return rows
 
     def _read(self, data: bytes, name: str) -> StarLists:
-        return self._parsing.parse(read_star_lists, data, name, classes=(StarLists,), what=name)
+        return self._parsing.parse(read_star_lists, data, name, classes=(StarLists,), subject=name)
 
     def _solve(self, request: ListRunJob, run: JobRun) -> JobResult:
         row = self.get(request.run_id)

@@ -102,8 +102,8 @@ def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
     sections = [Section("Objects", text, facts, list(drawings), [_table(record.tracks)] if record.tracks else [])]
     lines = _ends(record.tracks)
     if lines.rows:
-        words = "Directions at the start and the end of the exposure; for S the order is not known."
-        sections.append(Section("Trails", words, [], [], [lines]))
+        caption = "Directions at the start and the end of the exposure; for S the order is not known."
+        sections.append(Section("Trails", caption, [], [], [lines]))
     if record.reasons:
         counts = [[reason, number(n)] for reason, n in sorted(record.reasons.items(), key=lambda r: -r[1])]
         listed = [
@@ -126,9 +126,9 @@ def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
 
 
 def _notes(record: MovingRecord, camera: Camera) -> list[Note]:
-    made = []
+    notes = []
     if record.used < 3:
-        made.append(
+        notes.append(
             Note(
                 "fewer than three frames: only lines in one frame can be found",
                 "Take a sequence in which an object stays in the field for several frames.",
@@ -136,14 +136,14 @@ def _notes(record: MovingRecord, camera: Camera) -> list[Note]:
             )
         )
     if record.known_objects and any(t.name is None for t in record.tracks) and "not known" in record.place:
-        made.append(
+        notes.append(
             Note(
                 "satellites cannot be named: the place of the camera is not known",
                 "Give the orbit of the spacecraft or the site.",
                 code="place",
             )
         )
-    return made
+    return notes
 
 
 def _sky(tracks: list[TrackRecord]) -> Plot:

@@ -63,24 +63,24 @@ class NewInstrumentService:
     def _make(self, job: NewInstrumentJob, run: JobRun) -> JobResult:
         if run.checkpoint:  # the package was installed before the server stopped
             return run.checkpoint
-        wanted = job.wanted
+        options = job.wanted
 
         def progress(share: float, text: str) -> None:
             run.progress(round(STEPS * share), STEPS, text)
 
-        check_new_name(self._instruments, wanted.name)
-        made = make_package(
+        check_new_name(self._instruments, options.name)
+        package = make_package(
             self._solver,
-            self._photographs(wanted),
+            self._photographs(options),
             (),
-            wanted,
-            model_of(self._instruments, wanted),
+            options,
+            model_of(self._instruments, options),
             self._now(),
             self._stopwatch_s,
             progress,
         )
-        instrument = self._instruments.add(made.files, replaces=False)
-        result = record_of(made)
+        instrument = self._instruments.add(package.files, replaces=False)
+        result = record_of(package)
         run.keep(result)
         text = f"instrument {instrument.name} version {instrument.version[:12]} made from photographs by {job.user}"
         self._bus.record("instrument", "watch", text, instrument=instrument.name, version=instrument.version)
@@ -114,14 +114,14 @@ def model_of(instruments: Registry, options: PhotographOptions) -> Instrument | 
     return instruments.get(options.model) if options.model else None
 
 
-def record_of(made: PhotographPackage) -> dict[str, Any]:
+def record_of(package: PhotographPackage) -> dict[str, Any]:
     """Return the result as JSON values."""
     return {
-        "name": made.instrument.name,
-        "version": made.instrument.version,
-        "summary": made.summary,
-        "photographs": as_record(made.rows),
-        "trials": as_record(made.trials),
-        "warnings": list(made.warnings),
-        "numbers": as_record([n for n in made.instrument.camera.numbers() if n.sigma is not None]),
+        "name": package.instrument.name,
+        "version": package.instrument.version,
+        "summary": package.summary,
+        "photographs": as_record(package.rows),
+        "trials": as_record(package.trials),
+        "warnings": list(package.warnings),
+        "numbers": as_record([n for n in package.instrument.camera.numbers() if n.sigma is not None]),
     }

@@ -130,10 +130,10 @@ def _limit(solver: Solver, photographs: Sorted) -> Sensitivity:
     return detection_limit(np.concatenate([v for v, _ in looked]), np.concatenate([hit for _, hit in looked]))
 
 
-def _unless_poor(what: str, missing: list[str], make: Callable[[], T]) -> T | None:
+def _unless_poor(quantity: str, missing: list[str], make: Callable[[], T]) -> T | None:
     """Return a measurement; if the photographs do not suffice, note the reason and return None."""
     try:
         return make()
     except BadInput as error:
-        missing.append(f"{what}: {error.message}")
+        missing.append(f"{quantity}: {error.message}")
         return None

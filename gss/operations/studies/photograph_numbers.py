@@ -46,12 +46,12 @@ class _Numbers:
     def __init__(self, origin: str) -> None:
         self.origin = origin
 
-    def measured(self, value: float, unit: str, sigma: float, more: str = "") -> dict[str, Any]:
-        text = f"{self.origin}; {more}" if more else self.origin
+    def measured(self, value: float, unit: str, sigma: float, detail: str = "") -> dict[str, Any]:
+        text = f"{self.origin}; {detail}" if detail else self.origin
         return {"value": rounded(value, sigma), "unit": unit, "sigma": significant(sigma), "source": text[:400]}
 
-    def exact(self, value: float, unit: str, more: str = "") -> dict[str, Any]:
-        return {"value": value, "unit": unit, "source": f"{self.origin}; {more}" if more else self.origin}
+    def exact(self, value: float, unit: str, detail: str = "") -> dict[str, Any]:
+        return {"value": value, "unit": unit, "source": f"{self.origin}; {detail}" if detail else self.origin}
 
 
 def chosen(value: float, unit: str, reason: str, sigma: float | None = None) -> dict[str, Any]:
@@ -72,29 +72,29 @@ def rounded(value: float, sigma: float) -> float:
     return float(round(float(value), 3 - math.floor(math.log10(sigma))))
 
 
-def camera_file(made: PhotographCamera, stated: Stated, origin: str) -> CameraFile:
+def camera_file(measured: PhotographCamera, stated: Stated, origin: str) -> CameraFile:
     """Return the whole file. ``origin``: source of the measured numbers. Raises BadInput if a number is outside its range."""
     numbers = _Numbers(origin)
-    geometry, gain = _geometry(made, stated, numbers), _gain(made, numbers)
+    geometry, gain = _geometry(measured, stated, numbers), _gain(measured, numbers)
     return CameraFile.model_validate(
         {
             "geometry": geometry,
-            "lens": _lens(made, numbers),
-            "detector": _detector(made, numbers, gain),
-            "limits": _limits(made, numbers),
+            "lens": _lens(measured, numbers),
+            "detector": _detector(measured, numbers, gain),
+            "limits": _limits(measured, numbers),
             "baffle": _baffle(),
         }
     )
 
 
-def spread_factor(made: PhotographCamera) -> float:
+def spread_factor(measured: PhotographCamera) -> float:
     """Return the factor of all uncertainties of the geometry: photographs of one field repeat the same errors, so they count as
     one."""
-    return math.sqrt(len(made.photographs.used)) if made.same_field else 1.0
+    return math.sqrt(len(measured.photographs.used)) if measured.same_field else 1.0
 
 
-def _geometry(made: PhotographCamera, stated: Stated, numbers: _Numbers) -> dict[str, Any]:
-    camera, fit = made.geometry.camera, made.geometry
+def _geometry(measured: PhotographCamera, stated: Stated, numbers: _Numbers) -> dict[str, Any]:
+    camera, fit = measured.geometry.camera, measured.geometry
     covariance = dict.fromkeys(("focal_px", "aspect"), 0.0) | {
         p.name: p.sigma**2 for p in fit.parameters if p.name in ("focal_px", "aspect")
     }
@@ -104,16 +104,16 @@ def _geometry(made: PhotographCamera, stated: Stated, numbers: _Numbers) -> dict
     if {"focal_px", "aspect"} <= set(fit.names):
         i, j = fit.names.index("focal_px"), fit.names.index("aspect")
         relative += float(fit.covariance[i, j]) / (focal_px * aspect)
-    noise = spread_factor(made) * math.sqrt(max(relative, 0.0))
-    dated = all(s.photograph.shot.observer is not None for s in made.photographs.used)
+    noise = spread_factor(measured) * math.sqrt(max(relative, 0.0))
+    dated = all(s.photograph.shot.observer is not None for s in measured.photographs.used)
     other = (0.0 if dated or not stated.atmosphere else ABERRATION), (REFRACTION if stated.atmosphere else 0.0)
     sigma = math.hypot(noise, *other)
     pitch_mm, pitch_reason = _pitch(stated, camera.focal_col_px)
-    more = f"{camera.focal_col_px:.2f} px ± {camera.focal_col_px * noise:.2f} px from the scatter of the stars"
+    detail = f"{camera.focal_col_px:.2f} px ± {camera.focal_col_px * noise:.2f} px from the scatter of the stars"
     if stated.atmosphere:
-        more += f", and {other[1]:.0e} for refraction" + ("" if dated else f" and {other[0]:.0e} for an unknown date")
+        detail += f", and {other[1]:.0e} for refraction" + ("" if dated else f" and {other[0]:.0e} for an unknown date")
     size = "size of the images"
-    row_sigma = spread_factor(made) * math.sqrt(covariance["aspect"]) * pitch_mm
+    row_sigma = spread_factor(measured) * math.sqrt(covariance["aspect"]) * pitch_mm
     square = "aspect" not in fit.names
     return {
         "columns": numbers.exact(camera.columns, "px", size),
@@ -123,13 +123,13 @@ def _geometry(made: PhotographCamera, stated: Stated, numbers: _Numbers) -> dict
         if square
         else numbers.measured(pitch_mm * aspect, "mm", row_sigma, "ratio of the sides, times pitch_column"),
         "focal_length": numbers.measured(
-            camera.focal_col_px * pitch_mm, "mm", camera.focal_col_px * pitch_mm * sigma, more
+            camera.focal_col_px * pitch_mm, "mm", camera.focal_col_px * pitch_mm * sigma, detail
         ),
         "f_number": chosen(stated.f_number, "1", "stated by the user or the files")
         if stated.f_number
         else chosen(TYPICAL_F_NUMBER, "1", TYPICAL),
-        "centre_column": _centre(made, numbers, "centre_col_px", camera.centre_col_px),
-        "centre_row": _centre(made, numbers, "centre_row_px", camera.centre_row_px),
+        "centre_column": _centre(measured, numbers, "centre_col_px", camera.centre_col_px),
+        "centre_row": _centre(measured, numbers, "centre_row_px", camera.centre_row_px),
     }
 
 
@@ -145,56 +145,56 @@ def _pitch(stated: Stated, focal_px: float) -> tuple[float, str]:
     )
 
 
-def _centre(made: PhotographCamera, numbers: _Numbers, name: str, value: float) -> dict[str, Any]:
-    most = CENTRE_SHARE * made.geometry.camera.columns
-    held = next((f for f in made.geometry.frozen if f.name == name), None)
-    if held is not None:
-        would = f" (σ would be {held.sigma:.0f} px)" if math.isfinite(held.sigma) else ""
+def _centre(measured: PhotographCamera, numbers: _Numbers, name: str, value: float) -> dict[str, Any]:
+    most = CENTRE_SHARE * measured.geometry.camera.columns
+    frozen = next((f for f in measured.geometry.frozen if f.name == name), None)
+    if frozen is not None:
+        would = f" (σ would be {frozen.sigma:.0f} px)" if math.isfinite(frozen.sigma) else ""
         reason = f"middle of the detector: the photographs do not determine it{would}; σ is typical of unknown cameras"
-        return chosen(value, "px", reason, min(held.sigma, most) if math.isfinite(held.sigma) else most)
-    sigma = spread_factor(made) * made.geometry.parameter(name).sigma
-    one_field = "; all photographs show one field, so it is hardly determined" if made.same_field else ""
-    return numbers.measured(value, "px", min(sigma, most), f"for the lens model {made.geometry.model}{one_field}")
+        return chosen(value, "px", reason, min(frozen.sigma, most) if math.isfinite(frozen.sigma) else most)
+    sigma = spread_factor(measured) * measured.geometry.parameter(name).sigma
+    one_field = "; all photographs show one field, so it is hardly determined" if measured.same_field else ""
+    return numbers.measured(value, "px", min(sigma, most), f"for the lens model {measured.geometry.model}{one_field}")
 
 
-def _lens(made: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
-    fit, why = made.geometry, model_reason(made)
+def _lens(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+    fit, why = measured.geometry, model_reason(measured)
     if fit.model == "pinhole":
         return {"model": "pinhole", "source": f"{numbers.origin}; {why}"[:400]}
     lens: dict[str, Any] = {"model": "brown"}
-    held = {f.name: f for f in fit.frozen}
+    frozen = {f.name: f for f in fit.frozen}
     for name in BROWN:
         value = float(getattr(fit.camera.distortion, name))
         if name in fit.names:
-            lens[name] = numbers.measured(value, "1", spread_factor(made) * fit.parameter(name).sigma, why)
-        elif name in held:
-            lens[name] = chosen(value, "1", f"not determined: {held[name].reason}")
+            lens[name] = numbers.measured(value, "1", spread_factor(measured) * fit.parameter(name).sigma, why)
+        elif name in frozen:
+            lens[name] = chosen(value, "1", f"not determined: {frozen[name].reason}")
         else:
             lens[name] = chosen(0.0, "1", f"not part of the model {fit.model}; {why}")
     return lens
 
 
-def model_reason(made: PhotographCamera) -> str:
+def model_reason(measured: PhotographCamera) -> str:
     """Return why the lens model was chosen."""
-    rows = made.geometry.comparison
+    rows = measured.geometry.comparison
     best = next(r for r in rows if r.chosen)
     others = ", ".join(f"{r.model} {r.bic:+.0f}" for r in rows if not r.chosen)
     return f"{best.model} has the smallest BIC (others: {others}); residual of left-out photographs {best.held_out_px:.2f} px"
 
 
-def _gain(made: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
-    sky = made.sky
+def _gain(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+    sky = measured.sky
     if math.isfinite(sky.gain_e_per_dn):
-        more = "variance of the sky's pixels against their level"
-        return numbers.measured(sky.gain_e_per_dn, "e/DN", sky.gain_sigma, more)
-    why = "the sky's level varies too little" if made.linear else "the files are not linear (JPEG or colour)"
+        detail = "variance of the sky's pixels against their level"
+        return numbers.measured(sky.gain_e_per_dn, "e/DN", sky.gain_sigma, detail)
+    why = "the sky's level varies too little" if measured.linear else "the files are not linear (JPEG or colour)"
     return chosen(1.0, "e/DN", f"{why}; pairs of flat fields would give it. All values in electrons refer to it")
 
 
-def _detector(made: PhotographCamera, numbers: _Numbers, gain: Mapping[str, Any]) -> dict[str, Any]:
-    sky, e_per_dn = made.sky, float(gain["value"])
-    exposure_s, _ = exposure(made)
-    bits, reason = converter_bits(made)
+def _detector(measured: PhotographCamera, numbers: _Numbers, gain: Mapping[str, Any]) -> dict[str, Any]:
+    sky, e_per_dn = measured.sky, float(gain["value"])
+    exposure_s, _ = exposure(measured)
+    bits, reason = converter_bits(measured)
     bias = max(sky.level_dn, 0.0)
     full_well = e_per_dn * ((1 << bits) - 1 - bias)
     read_sigma, gain_share = sky.noise_sigma * e_per_dn, float(gain.get("sigma", 0.0)) / e_per_dn
@@ -222,58 +222,58 @@ def _detector(made: PhotographCamera, numbers: _Numbers, gain: Mapping[str, Any]
             max(sky.excess_sigma * e_per_dn / exposure_s, background * gain_share),
             "sky above the darkest one",
         ),
-        "psf_sigma": _width(made, numbers),
+        "psf_sigma": _width(measured, numbers),
     }
-    if made.light is None:
+    if measured.light is None:
         return detector | {
-            "zero_point": chosen(1e5, "e/s", next(m for m in made.missing if m.startswith("zero point")))
+            "zero_point": chosen(1e5, "e/s", next(m for m in measured.missing if m.startswith("zero point")))
         }
-    zero = made.light.zero_point_dn_s * e_per_dn
-    share = math.hypot(0.4 * math.log(10) * made.light.zero_point_sigma_mag, gain_share)
-    more = f"V {made.light.zero_point_mag:.2f} for 1 DN/s at {exposure_s:g} s, with B−V = 0, times the gain"
-    return detector | {"zero_point": numbers.measured(zero, "e/s", zero * share, more)}
+    zero = measured.light.zero_point_dn_s * e_per_dn
+    share = math.hypot(0.4 * math.log(10) * measured.light.zero_point_sigma_mag, gain_share)
+    detail = f"V {measured.light.zero_point_mag:.2f} for 1 DN/s at {exposure_s:g} s, with B−V = 0, times the gain"
+    return detector | {"zero_point": numbers.measured(zero, "e/s", zero * share, detail)}
 
 
-def _width(made: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
-    if made.spots is None:
-        reason = next(m for m in made.missing if m.startswith("width"))
+def _width(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+    if measured.spots is None:
+        reason = next(m for m in measured.missing if m.startswith("width"))
         return chosen(1.0, "px", reason)
-    spots = made.spots
+    spots = measured.spots
     count, width = len(spots.sigma_px), min(max(spots.typical_sigma_px, 0.05), 50.0)
     sigma = MEDIAN * robust_sigma(spots.sigma_px) / math.sqrt(count)
-    more = f"median of {count} stars, FWHM {2.3548 * width:.2f} px without the pixel's own width; 1 % for its shape"
-    return numbers.measured(width, "px", math.hypot(sigma, SHAPE * width), more)
+    detail = f"median of {count} stars, FWHM {2.3548 * width:.2f} px without the pixel's own width; 1 % for its shape"
+    return numbers.measured(width, "px", math.hypot(sigma, SHAPE * width), detail)
 
 
-def converter_bits(made: PhotographCamera) -> tuple[int, str]:
+def converter_bits(measured: PhotographCamera) -> tuple[int, str]:
     """Return the bits of the converter with the reason. A file with 16 bits often holds 12 or 14."""
-    file_bits = min(max(s.photograph.shot.bits for s in made.photographs.used), MOST_BITS)
-    largest, times = made.sky.largest_dn, made.sky.largest_count
+    file_bits = min(max(s.photograph.shot.bits for s in measured.photographs.used), MOST_BITS)
+    largest, times = measured.sky.largest_dn, measured.sky.largest_count
     bits = math.ceil(math.log2(largest + 1)) if largest >= 1 else file_bits
     if 8 <= bits < file_bits and largest == (1 << bits) - 1 and times > 1:
         return bits, f"{times} pixels reach {largest:.0f} and none is above it"
     return file_bits, "bits of the files"
 
 
-def exposure(made: PhotographCamera) -> tuple[float, str]:
+def exposure(measured: PhotographCamera) -> tuple[float, str]:
     """Return the typical exposure with its origin."""
-    known = [s.photograph.shot.exposure_s for s in made.photographs.used if s.photograph.shot.exposure_s]
-    if len(known) == len(made.photographs.used):
-        return float(np.median(known)), "median of the photographs"
+    exposures_s = [s.photograph.shot.exposure_s for s in measured.photographs.used if s.photograph.shot.exposure_s]
+    if len(exposures_s) == len(measured.photographs.used):
+        return float(np.median(exposures_s)), "median of the photographs"
     return 1.0, "the files do not state it; values per second refer to it"
 
 
-def _limits(made: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
-    exposure_s, why = exposure(made)
-    times = [s.photograph.shot.exposure_s or exposure_s for s in made.photographs.used]
-    matched = np.concatenate([s.stars.v_mag for s in made.photographs.used])
-    if made.limit is not None:
-        more = f"half of the catalogue's stars are detected at {exposure_s:g} s"
-        faintest = numbers.measured(made.limit.mag_50, "mag", made.limit.sigma_50, more)
+def _limits(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+    exposure_s, why = exposure(measured)
+    times = [s.photograph.shot.exposure_s or exposure_s for s in measured.photographs.used]
+    matched = np.concatenate([s.stars.v_mag for s in measured.photographs.used])
+    if measured.limit is not None:
+        detail = f"half of the catalogue's stars are detected at {exposure_s:g} s"
+        faintest = numbers.measured(measured.limit.mag_50, "mag", measured.limit.sigma_50, detail)
     else:
-        reason = next(m for m in made.missing if m.startswith("limiting"))
+        reason = next(m for m in measured.missing if m.startswith("limiting"))
         faintest = chosen(round(float(matched.max()), 2), "mag", f"faintest identified star; {reason}")
-    bright = made.light.saturation_mag if made.light is not None else math.nan
+    bright = measured.light.saturation_mag if measured.light is not None else math.nan
     if math.isfinite(bright) and bright < faintest["value"] - 1:
         brightest = chosen(round(bright, 2), "mag", f"a typical star saturates at {exposure_s:g} s")
     else:

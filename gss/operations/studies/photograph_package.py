@@ -80,19 +80,31 @@ def make_package(
     timed = _exposures(_dated(photographs, options.taken), options.exposure_s)
     limits = options.fov_limits_rad
     sorted_out = sort_out(solver, timed, unreadable, limits, lambda share, text: progress(0.6 * share, text))
-    made = measure(solver, sorted_out, lambda share, text: progress(0.6 + 0.3 * share, text))
-    warnings = _warnings(made)
-    used = made.photographs.used
-    origin = f"photographs: {counted(len(used), 'frame')}, {_dates(made.photographs, now)}"
-    camera = camera_file(made, _stated(made.photographs, options), origin)
-    about = _about(options, model, made, origin, warnings)
-    files = {"instrument.yaml": instrument_text(about), "camera.yaml": camera_text(camera, _comment(made, warnings))}
+    measured = measure(solver, sorted_out, lambda share, text: progress(0.6 + 0.3 * share, text))
+    warnings = _warnings(measured)
+    used = measured.photographs.used
+    origin = f"photographs: {counted(len(used), 'frame')}, {_dates(measured.photographs, now)}"
+    camera = camera_file(measured, _stated(measured.photographs, options), origin)
+    about = _about(options, model, measured, origin, warnings)
+    files = {
+        "instrument.yaml": instrument_text(about),
+        "camera.yaml": camera_text(camera, _comment(measured, warnings)),
+    }
     if model is not None:
-        kept = ("dictionary.yaml", "dictionary.xml", "operations.yaml", "link.yaml", "catalogue.yaml", "simulator.yaml")
-        files |= {name: data for name, data in model.files.items() if name in kept}
+        copied = (
+            "dictionary.yaml",
+            "dictionary.xml",
+            "operations.yaml",
+            "link.yaml",
+            "catalogue.yaml",
+            "simulator.yaml",
+        )
+        files |= {name: data for name, data in model.files.items() if name in copied}
     instrument = load_instrument(files)
-    trials = _trials(solver, made.photographs, instrument, stopwatch_s, lambda s, text: progress(0.9 + 0.1 * s, text))
-    return PhotographPackage(files, instrument, made.photographs.rows, trials, tuple(warnings))
+    trials = _trials(
+        solver, measured.photographs, instrument, stopwatch_s, lambda s, text: progress(0.9 + 0.1 * s, text)
+    )
+    return PhotographPackage(files, instrument, measured.photographs.rows, trials, tuple(warnings))
 
 
 def _dated(photographs: Sequence[Photograph], taken: datetime | None) -> list[Photograph]:
@@ -108,10 +120,10 @@ def _dated(photographs: Sequence[Photograph], taken: datetime | None) -> list[Ph
 
 def _exposures(photographs: Sequence[Photograph], stated_s: float | None) -> list[Photograph]:
     """Fill in the stated exposure. Without one, magnitudes are comparable only if all exposures are known or none is."""
-    known = all(p.shot.exposure_s for p in photographs)
+    all_stated = all(p.shot.exposure_s for p in photographs)
     return [
         p
-        if known
+        if all_stated
         else replace(p, shot=replace(p.shot, exposure_s=(p.shot.exposure_s or stated_s) if stated_s else None))
         for p in photographs
     ]
@@ -141,37 +153,43 @@ def _dates(photographs: Sorted, now: datetime) -> str:
     return days[0] if len(days) == 1 else f"{days[0]} to {days[-1]}"
 
 
-def _warnings(made: PhotographCamera) -> list[str]:
-    said = [f"{w.text}. {w.hint[:1].upper()}{w.hint[1:]}" for w in made.geometry.warnings]
-    alone = [row.rms_px for row in made.photographs.rows if row.used and row.rms_px]
-    together = made.geometry.residuals.rms_px
+def _warnings(measured: PhotographCamera) -> list[str]:
+    warnings = [f"{w.text}. {w.hint[:1].upper()}{w.hint[1:]}" for w in measured.geometry.warnings]
+    alone = [row.rms_px for row in measured.photographs.rows if row.used and row.rms_px]
+    together = measured.geometry.residuals.rms_px
     if alone and together > WORSE_TOGETHER * float(np.median(alone)):
-        said.append(
+        warnings.append(
             f"Residual of all photographs together {together:.2f} px, of each alone {np.median(alone):.2f} px. They may be of "
             "different cameras, lenses or focus"
         )
-    if made.same_field:
-        said.append(
+    if measured.same_field:
+        warnings.append(
             "All photographs show one field, so they count as one and the optical centre is hardly determined. Turn the camera to "
             "other parts of the sky"
         )
     resized = sorted(
-        {s.photograph.file["original_px"] for s in made.photographs.used if "original_px" in s.photograph.file}
+        {s.photograph.file["original_px"] for s in measured.photographs.used if "original_px" in s.photograph.file}
     )
     if resized:
-        said.append(f"Resized or cut out after the exposure (original {', '.join(resized)}). Use the original files")
-    if made.light is not None:
-        said += [f"{w.text}. {w.hint[:1].upper()}{w.hint[1:]}" for w in made.light.warnings]
-    return [*said, *(f"Not measured: {text}" for text in made.missing)]
+        warnings.append(
+            f"Resized or cut out after the exposure (original {', '.join(resized)}). Use the original files"
+        )
+    if measured.light is not None:
+        warnings += [f"{w.text}. {w.hint[:1].upper()}{w.hint[1:]}" for w in measured.light.warnings]
+    return [*warnings, *(f"Not measured: {text}" for text in measured.missing)]
 
 
 def _about(
-    options: PhotographOptions, model: Instrument | None, made: PhotographCamera, origin: str, warnings: Sequence[str]
+    options: PhotographOptions,
+    model: Instrument | None,
+    measured: PhotographCamera,
+    origin: str,
+    warnings: Sequence[str],
 ) -> InstrumentFile:
-    figures = made.geometry.residuals
+    figures = measured.geometry.residuals
     notes = [
-        f"The camera was calibrated from {origin.removeprefix('photographs: ')}; {words_of(made.photographs.rows)} were used.",
-        f"{figures.stars} stars, residual {figures.rms_px:.2f} px; {model_reason(made)}.",
+        f"The camera was calibrated from {origin.removeprefix('photographs: ')}; {words_of(measured.photographs.rows)} were used.",
+        f"{figures.stars} stars, residual {figures.rms_px:.2f} px; {model_reason(measured)}.",
         *(f"{text}." for text in warnings),
     ]
     common = {
@@ -187,20 +205,20 @@ def _about(
     return model.about.model_copy(update=common | {"maker": "", "tried_on_hardware": None})
 
 
-def _comment(made: PhotographCamera, warnings: Sequence[str]) -> list[str]:
+def _comment(measured: PhotographCamera, warnings: Sequence[str]) -> list[str]:
     """Return the head of the camera file: every photograph, the lens models, and the warnings."""
     lines = [
         "Made by gss instrument new --from-frames. Every measured number has its standard deviation (sigma).",
         "",
         "Photographs:",
     ]
-    for row in made.photographs.rows:
+    for row in measured.photographs.rows:
         if row.used:
             lines.append(f"  {row.name}: {row.matched} stars, {row.rms_px or math.nan:.2f} px")
         else:
             lines.append(f"  {row.name}: not used: {row.reason}")
     lines += ["", "Lens models (parameters, BIC above the best, residual, residual of left-out photographs):"]
-    for fit in made.geometry.comparison:
+    for fit in measured.geometry.comparison:
         mark = ", chosen" if fit.chosen else ""
         lines.append(
             f"  {fit.model}: {fit.free_parameters}, {fit.bic:.1f}, {fit.rms_px:.3f} px, {fit.held_out_px:.3f} px{mark}"

@@ -82,8 +82,8 @@ class _Sorting:
         if remaining >= FEWEST:
             return
         reasons = [f"{row.name}: {row.reason}" for row in self.rows.values() if row.reason]
-        more = len(reasons) - MOST_REASONS
-        listed = "\n".join([*reasons[:MOST_REASONS], *([f"and {more} more"] if more > 0 else [])])
+        unlisted = len(reasons) - MOST_REASONS
+        listed = "\n".join([*reasons[:MOST_REASONS], *([f"and {unlisted} more"] if unlisted > 0 else [])])
         raise BadInput(
             "no camera can be calibrated from these photographs",
             expected=f"{FEWEST} or more of one camera that can be solved; better 20",
@@ -130,15 +130,15 @@ def _row(name: str, result: SolveResult | None, reason: str) -> PhotographRow:
 
 def _different(photographs: Sequence[Photograph], sorting: _Sorting) -> list[Photograph]:
     """Return the photographs with different pixels; a copy would count as another measurement."""
-    seen: dict[str, str] = {}
+    name_by_key: dict[str, str] = {}
     different = []
     for photograph in photographs:
         name, pixels = photograph.shot.name, np.ascontiguousarray(photograph.shot.pixels())
         key = hashlib.sha256(pixels.data.cast("B")).hexdigest()
-        if key in seen:
-            sorting.reject(name, f"the same pixels as {seen[key]}")
+        if key in name_by_key:
+            sorting.reject(name, f"the same pixels as {name_by_key[key]}")
             continue
-        seen[key] = name
+        name_by_key[key] = name
         different.append(photograph)
     return different
 
@@ -150,15 +150,15 @@ def _of_one_size(photographs: list[Photograph], sorting: _Sorting) -> list[Photo
     ranking = Counter(sizes).most_common(2)
     (rows, columns), most = ranking[0]
     tied = len(ranking) == 2 and ranking[1][1] == most
-    kept = []
+    same_size = []
     for photograph, size in zip(photographs, sizes, strict=True):
         if size == (rows, columns) and not tied:
-            kept.append(photograph)
+            same_size.append(photograph)
             continue
         of = f"{size[1]} x {size[0]} px"
         others = "no size is more frequent than the others" if tied else f"{most} others are {columns} x {rows} px"
         sorting.reject(photograph.shot.name, f"{of}; {others}: cropped, resized, or of another camera")
-    return kept
+    return same_size
 
 
 def _solved(
@@ -203,15 +203,15 @@ def _of_one_scale(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[Sol
     largest = max(groups, key=len)
     tied = [g for g in groups if len(g) == len(largest)]
     typical = float(np.median([np.degrees(solved[k].result.camera.fov_rad[0]) for k in largest]))
-    kept = set() if len(tied) > 1 else set(largest.tolist())
+    same_scale = set() if len(tied) > 1 else set(largest.tolist())
     for k, s in enumerate(solved):
-        if k not in kept:
-            own = f"field of view {np.degrees(s.result.camera.fov_rad[0]):.2f}°"
+        if k not in same_scale:
+            field_text = f"field of view {np.degrees(s.result.camera.fov_rad[0]):.2f}°"
             others = (
                 "as many photographs have another one" if len(tied) > 1 else f"that of most others is {typical:.2f}°"
             )
-            sorting.reject(s.name, f"{own}; {others}: another camera or lens, or cut out and enlarged", s.result)
-    return [s for k, s in enumerate(solved) if k in kept]
+            sorting.reject(s.name, f"{field_text}; {others}: another camera or lens, or cut out and enlarged", s.result)
+    return [s for k, s in enumerate(solved) if k in same_scale]
 
 
 def _steady(solved: list[SolvedPhotograph], sorting: _Sorting) -> list[SolvedPhotograph]:

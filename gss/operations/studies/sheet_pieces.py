@@ -41,8 +41,8 @@ def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]
             number(drift, 4),
         ]
         if paper is not None:
-            one, three = paper[a.name]
-            row += [number(one * 3600, 3), number(three * 3600, 3)]
+            one_sigma, three_sigma = paper[a.name]
+            row += [number(one_sigma * 3600, 3), number(three_sigma * 3600, 3)]
         rows.append(row)
     if paper is not None:
         head += ["Erlank 2013 1σ ″", "3σ ″"]

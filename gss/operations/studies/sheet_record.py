@@ -176,14 +176,14 @@ def sheet_report(sheet: PerformanceSheet, of: SheetSource, camera: Camera) -> Re
 def _lines(row: RowValues) -> list[list[str]]:
     if not row["measured"]:
         return [[row["title"], "not measured", "–", f"needs {row['needs']}", "–"]]
-    made = []
+    rows = []
     for k, f in enumerate(row["figures"]):
         sign = SIGNS.get(f["unit"], f["unit"])
         low, high = number(f["low"], 3), number(f["high"], 3)
         bounds = f"{low} – {high}" if f["high"] is not None else f"≥ {low}"
         head = [row["title"], str(row["frames"])] if k == 0 else ["", ""]
-        made.append([head[0], f["name"], f"{number(f['value'], 3)} {sign}".strip(), bounds, head[1]])
-    return made
+        rows.append([head[0], f["name"], f"{number(f['value'], 3)} {sign}".strip(), bounds, head[1]])
+    return rows
 
 
 def _scatter(spatial: SpatialErrors) -> str:
@@ -216,13 +216,13 @@ def _spatial_drawings(spatial: SpatialErrors, camera: Camera) -> list[Drawing]:
 
 
 def _noise_drawings(noise: TemporalNoise) -> list[Drawing]:
-    made: list[Drawing] = []
+    drawings: list[Drawing] = []
     if len(noise.allan_s):
         at, allan = numbers(noise.allan_s), noise.allan_rad / ARCSEC_RAD
         lines = [Series(axis, at, maybe(allan[:, k])) for k, axis in enumerate("xyz")]
-        made.append(Plot("Allan deviation", "averaging time, s", "arcsec", lines, log_y=True, log_x=True))
+        drawings.append(Plot("Allan deviation", "averaging time, s", "arcsec", lines, log_y=True, log_x=True))
     if len(noise.frequency_hz):
         at, power = numbers(noise.frequency_hz), noise.psd_rad2_hz / ARCSEC_RAD**2
         lines = [Series(axis, at, maybe(power[:, k])) for k, axis in enumerate("xyz")]
-        made.append(Plot("Power spectrum", "frequency, Hz", "arcsec²/Hz", lines, log_y=True, log_x=True))
-    return made
+        drawings.append(Plot("Power spectrum", "frequency, Hz", "arcsec²/Hz", lines, log_y=True, log_x=True))
+    return drawings

@@ -98,10 +98,10 @@ def simulated_input(
     def step(text: str) -> None:
         progress(min(1.0, next(count) / total), text)
 
-    seen = _sky(bench, unit, rng, step)
-    scores = [assess(o.result, o.truth, profile.camera) for o in seen]
+    observations = _sky(bench, unit, rng, step)
+    scores = [assess(o.result, o.truth, profile.camera) for o in observations]
     # A pointing that the chain solves, so that the noise can be measured there.
-    solved = [o.moment for o in seen if o.result.attitude is not None] or [o.moment for o in seen]
+    solved = [o.moment for o in observations if o.result.attitude is not None] or [o.moment for o in observations]
     start = solved[0].cam_from_icrs
     top = SLEW_PX * profile.camera.pixel_rad / profile.sensor.exposure_s
     runs = (
@@ -111,9 +111,9 @@ def simulated_input(
     for title, run in runs:
         for k, moment in enumerate(run):
             step(f"{title}, frame {k + 1} of {len(run)}")
-            seen.append(_observed(bench, unit, in_orbit(moment), rng))
+            observations.append(_observed(bench, unit, in_orbit(moment), rng))
     return replace(
-        sheet_input(seen, profile.camera),
+        sheet_input(observations, profile.camera),
         acquisition=trials_of("pointings even over the sky, at rest, simulated", scores),
         aged=tuple(_aged(bench, seed, step)),
         disturbed=tuple(_disturbed(bench, unit, conditions, seed, step)),
@@ -122,15 +122,15 @@ def simulated_input(
 
 def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Callable[[str], None]) -> list[Observation]:
     """Observe random pointings; more of them if the chain names few stars in each."""
-    seen: list[Observation] = []
+    observations: list[Observation] = []
     stars = 0
-    while len(seen) < SCAN_FRAMES or (stars < WANTED_STARS and len(seen) < MOST_SCAN_FRAMES):
-        moment = in_orbit(scan(1, rng, 100.0 * len(seen))[0])
-        step(f"sky, frame {len(seen) + 1}")
-        seen.append(_observed(bench, unit, moment, rng))
-        matches = seen[-1].result.matches
+    while len(observations) < SCAN_FRAMES or (stars < WANTED_STARS and len(observations) < MOST_SCAN_FRAMES):
+        moment = in_orbit(scan(1, rng, 100.0 * len(observations))[0])
+        step(f"sky, frame {len(observations) + 1}")
+        observations.append(_observed(bench, unit, moment, rng))
+        matches = observations[-1].result.matches
         stars += 0 if matches is None else int(np.count_nonzero(matches.weight > 0))
-    return seen
+    return observations
 
 
 def in_orbit(moment: Moment) -> Moment:
@@ -156,18 +156,22 @@ def _scores(
 ) -> list[Score]:
     """Solve the same pointings under one condition."""
     rng = np.random.default_rng([seed, 62])
-    made = []
+    scores = []
     for moment in map(in_orbit, scan(EACH_FRAMES, np.random.default_rng([seed, 63]))):
         step(title)
         drawn = unit.frame(moment, rng, disturbed, dark_factor)
-        made.append(assess(bench.solver.solve(drawn.pixels, bench.request(moment)), drawn.truth, bench.profile.camera))
-    return made
+        scores.append(
+            assess(bench.solver.solve(drawn.pixels, bench.request(moment)), drawn.truth, bench.profile.camera)
+        )
+    return scores
 
 
 def _aged(bench: _Bench, seed: int, step: Callable[[str], None]) -> Iterator[Trials]:
     for title, dark, light, hot in AGED:
-        own = bench.profile.defects
-        defects = replace(own, hot_share=own.hot_share + hot, hot_e_s=max(own.hot_e_s, 10 * _noise_e_s(bench.profile)))
+        current = bench.profile.defects
+        defects = replace(
+            current, hot_share=current.hot_share + hot, hot_e_s=max(current.hot_e_s, 10 * _noise_e_s(bench.profile))
+        )
         yield trials_of(title, _scores(bench, bench.unit(light, defects, seed), seed, step, title, None, dark))
 
 
@@ -179,8 +183,8 @@ def _noise_e_s(profile: CameraProfile) -> float:
 def _disturbed(
     bench: _Bench, unit: RenderedUnit, conditions: list[Disturbance], seed: int, step: Callable[[str], None]
 ) -> Iterator[Trials]:
-    for one in conditions:
-        yield trials_of(one.title, _scores(bench, unit, seed, step, one.title, one))
+    for condition in conditions:
+        yield trials_of(condition.title, _scores(bench, unit, seed, step, condition.title, condition))
 
 
 def disturbances(profile: CameraProfile, rng: np.random.Generator) -> list[Disturbance]:

@@ -90,9 +90,9 @@ class AlarmService:
                 key = (j.packet, j.field.name)
                 if j.state is State.OK and key not in self._open:
                     continue
-                words = f"{j.field.title} {with_unit(j.value, j.field)}"
+                reading = f"{j.field.title} {with_unit(j.value, j.field)}"
                 limit = limit_text(j.rule, j.state, j.value) if j.state is not State.OK else ""
-                self._follow(key, j.state, j.value, f"{words}, {limit}", limit, judged=j.judged)
+                self._follow(key, j.state, j.value, f"{reading}, {limit}", limit, judged=j.judged)
 
     def handle(self, batch: LineBatch) -> None:
         """Update alarms from judged telemetry, and raise alarms for the device's severe events, which are cleared at once."""
@@ -132,8 +132,8 @@ class AlarmService:
             self._contact = (contact_id, now)
         newest = self._telemetry.board.latest(self._link.roles.quantities.status.packet)
         last_received = self._contact[1] if newest is None else max(newest[0], self._contact[1])
-        silent_s, held = (now - last_received).total_seconds(), self._channel.held_within(SIGNAL_LOST_AFTER_S)
-        lost = contact_id is not None and silent_s > SIGNAL_LOST_AFTER_S and not held
+        silent_s, paused = (now - last_received).total_seconds(), self._channel.held_within(SIGNAL_LOST_AFTER_S)
+        lost = contact_id is not None and silent_s > SIGNAL_LOST_AFTER_S and not paused
         if lost or SIGNAL in self._open:
             state, value = State.WARNING if lost else State.OK, round(silent_s, 1)
             limit = f"no housekeeping for {SIGNAL_LOST_AFTER_S:g} s" if lost else ""
@@ -174,10 +174,10 @@ class AlarmService:
     def _again(self, row: Alarm, state: State, value: float, text: str, limit: str) -> None:
         """Raise the alarm again, because it is out of limits again or worse than before; this resets the acknowledgement."""
         peak = worst((state, State(row.worst)))
-        more: dict[str, Any] = {"state": "raised", "cleared": None, "acknowledged": None, "acknowledged_by": ""}
+        changes: dict[str, Any] = {"state": "raised", "cleared": None, "acknowledged": None, "acknowledged_by": ""}
         if peak is state:
-            more |= {"worst": state.value, "value": value, "limit_text": cut(limit)}
-        self._change(row, state.value, text, **more)
+            changes |= {"worst": state.value, "value": value, "limit_text": cut(limit)}
+        self._change(row, state.value, text, **changes)
 
     def _back(self, row: Alarm, *, judged: bool) -> None:
         if row.state not in ("raised", "acked"):
@@ -227,8 +227,8 @@ class AlarmService:
             raise BadInput("shelving needs a reason", expected="a note")
         with self._lock:
             row = self._opened(alarm_id)
-            words = f"shelved until {until:%H:%M:%S} UTC"
-            return self._by(row, user, words, note, shelved_until=until, shelved_by=user)
+            action = f"shelved until {until:%H:%M:%S} UTC"
+            return self._by(row, user, action, note, shelved_until=until, shelved_by=user)
 
     def unshelve(self, alarm_id: int, *, user: str, note: str = "") -> AlarmView:
         """End the shelving of an alarm. Raises Conflict if it is not shelved."""
@@ -274,11 +274,11 @@ class AlarmService:
         stale_s = self._dictionary.packet(row.packet).stale_after_s or float("inf")
         return latest is not None and (self._now() - latest[0]).total_seconds() <= stale_s
 
-    def _by(self, row: Alarm, user: str, words: str, note: str, **changes: Any) -> AlarmView:
+    def _by(self, row: Alarm, user: str, action: str, note: str, **changes: Any) -> AlarmView:
         if note.strip():
-            line = f"{self._now():%Y-%m-%d %H:%M:%S} {user}, {words}: {note.strip()}"
+            line = f"{self._now():%Y-%m-%d %H:%M:%S} {user}, {action}: {note.strip()}"
             changes["note"] = f"{row.note}\n{line}".strip()
-        text = f"{title_of(self._dictionary, row)}: {words} by {user}" + (f": {note.strip()}" if note.strip() else "")
+        text = f"{title_of(self._dictionary, row)}: {action} by {user}" + (f": {note.strip()}" if note.strip() else "")
         return self.view(self._change(row, "ok", text, **changes))
 
     # --- rows ---------------------------------------------------------------------------------------------------
@@ -311,8 +311,8 @@ class AlarmService:
     def view(self, row: Alarm) -> AlarmView:
         """Return the alarm for display."""
         shelved = row.shelved_until is not None and row.shelved_until > self._now()
-        words = title_of(self._dictionary, row), unit_of(self._dictionary, row), text_of(self._dictionary, row)
-        return AlarmView(row, self._level(row), *words, shelved, action_of(self._dictionary, row))
+        texts = title_of(self._dictionary, row), unit_of(self._dictionary, row), text_of(self._dictionary, row)
+        return AlarmView(row, self._level(row), *texts, shelved, action_of(self._dictionary, row))
 
     def get(self, alarm_id: int) -> AlarmView:
         """Return the alarm with that id. Raises NotFound."""

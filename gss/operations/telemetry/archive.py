@@ -99,11 +99,11 @@ class Thinner:
         bins = max(1, self.points // 2)
         part = (t - self.start_s) / max(self.end_s - self.start_s, 1e-9)
         b = min(bins - 1, max(0, int(part * bins)))
-        held = self._bins.get(b)
-        if held is None or (held[0][1] is None and y is not None):
+        stored_bin = self._bins.get(b)
+        if stored_bin is None or (stored_bin[0][1] is None and y is not None):
             self._bins[b] = ((t, y), (t, y))
         elif y is not None:
-            low, high = held
+            low, high = stored_bin
             if y < low[1]:  # type: ignore[operator]  # y is a number, so the held value is one too (see above)
                 low = (t, y)
             if y > high[1]:  # type: ignore[operator]  # as above

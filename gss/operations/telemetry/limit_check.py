@@ -99,15 +99,17 @@ class LimitCheck:
             if watched is None:
                 watched = self._watched[packet.packet] = self._watch(packet.packet)
             values, judgements = packet.values, []
-            for one in watched:
-                value: Any = values.get(one.key[1], math.nan)
-                if one.calm and one.low <= value <= one.high:
-                    if one.key in self._followed:
-                        judged = iterating or one.field.page not in ITERATION_PAGES
-                        judgements.append(Judgement(packet.packet, one.field, float(value), State.OK, one.rule, judged))
-                elif one.unknown and value != value:
+            for watch in watched:
+                value: Any = values.get(watch.key[1], math.nan)
+                if watch.calm and watch.low <= value <= watch.high:
+                    if watch.key in self._followed:
+                        judged = iterating or watch.field.page not in ITERATION_PAGES
+                        judgements.append(
+                            Judgement(packet.packet, watch.field, float(value), State.OK, watch.rule, judged)
+                        )
+                elif watch.unknown and value != value:
                     continue
-                elif (judgement := self._judge(packet, one, iterating)) is not None:
+                elif (judgement := self._judge(packet, watch, iterating)) is not None:
                     judgements.append(judgement)
         return judgements
 
@@ -125,12 +127,12 @@ class LimitCheck:
     def _look_again(self) -> None:
         """Reset the fast path of all fields until their next sample has been judged."""
         for watched in self._watched.values():
-            for one in watched:
-                one.calm = one.unknown = False
+            for watch in watched:
+                watch.calm = watch.unknown = False
 
-    def _judge(self, packet: Telemetry, one: _Watched, iterating: bool) -> Judgement | None:
-        key, field, rule = one.key, one.field, one.rule
-        one.calm = one.unknown = False
+    def _judge(self, packet: Telemetry, watch: _Watched, iterating: bool) -> Judgement | None:
+        key, field, rule = watch.key, watch.field, watch.rule
+        watch.calm = watch.unknown = False
         run = self._runs.get(key, AT_REST)
         if not rule.limits.any and run.counted is State.OK:
             self._samples.pop(key, None)
@@ -139,19 +141,19 @@ class LimitCheck:
         if not isinstance(value, int | float):
             self._runs[key] = run.broken()  # sent as NaN: the device has not measured it
             self._samples.pop(key, None)
-            one.unknown = True
+            watch.unknown = True
             return None
         sample = rule.limits.state(float(value))
         self._samples[key] = sample
         if not iterating and field.page in ITERATION_PAGES:
             self._unjudged.add(key)
             self._runs[key] = AT_REST
-            one.calm = sample is State.OK
+            watch.calm = sample is State.OK
             return Judgement(packet.packet, field, float(value), State.OK, rule, judged=False)
         self._unjudged.discard(key)
         self._runs[key] = after = run.after(sample, rule.persistence)
         # A further sample in the same range changes no state either.
-        one.calm = after is run and run.counted is sample is State.OK and rule.limits.any
+        watch.calm = after is run and run.counted is sample is State.OK and rule.limits.any
         return Judgement(packet.packet, field, float(value), after.counted, rule)
 
     def _iterating(self) -> bool:

@@ -140,13 +140,13 @@ class Rollups:
 
     def make(self, most: int = HOURS_AT_ONCE) -> int:
         """Compute missing hours, oldest first. Return the number of hours computed."""
-        made, over = 0, store.hour_of(self._now() - timedelta(seconds=SETTLE_S))
+        count, over = 0, store.hour_of(self._now() - timedelta(seconds=SETTLE_S))
         for packet in list(self._fields):
             for hour in self._missing(packet, over):
-                if made >= most or self._ended.is_set():
-                    return made
-                made += self._make_hour(packet, hour)
-        return made
+                if count >= most or self._ended.is_set():
+                    return count
+                count += self._make_hour(packet, hour)
+        return count
 
     def _missing(self, packet: str, over: int) -> Iterator[int]:
         """Yield hours before ``over`` that have packets and no rollup, with one index lookup per stretch without packets."""

@@ -39,8 +39,8 @@ def export(
 
 
 def _shaped(columns: Sequence[Column], row: Row, values: Sequence[Any], form: str) -> list[Any]:
-    own = [_in_form(c, value, form) for c, value in zip(columns, values, strict=True)]
-    return [row.received, row.device_time_s, row.contact_id, row.packet, *own]
+    cells = [_in_form(c, value, form) for c, value in zip(columns, values, strict=True)]
+    return [row.received, row.device_time_s, row.contact_id, row.packet, *cells]
 
 
 def _in_form(column: Column, value: Any, form: str) -> Any:

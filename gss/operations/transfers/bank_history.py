@@ -160,10 +160,10 @@ class BankHistoryService:
         if self._device_id is None:
             return
         bank, word = str(info["bank"]), str(info["state"])
-        held = word in ("loaded", "committed")
-        sha256 = _hex(info.get("sha256")) if held else ""
+        occupied = word in ("loaded", "committed")
+        sha256 = _hex(info.get("sha256")) if occupied else ""
         state = STATE_OF.get(word, word)
-        if held and info["active"]:
+        if occupied and info["active"]:
             state = TRIAL if self._trial else ACTIVE
         with self._lock, self._database.unit_of_work() as session:
             rows = {row.bank: row for row in store.still_so(session, self._device_id)}
@@ -171,11 +171,11 @@ class BankHistoryService:
             if row is not None and (row.state, row.sha256) == (state, sha256):
                 row.told = self._now()
                 return
-            made = self._next(row, bank=bank, state=state, sha256=sha256, cause=self._cause)
+            added = self._next(row, bank=bank, state=state, sha256=sha256, cause=self._cause)
             catalogue = catalogues.by_sha256(session, sha256) if sha256 else None
             if catalogue:
-                made.catalogue_id, made.name = catalogue.id, catalogue.name[:NAME_LENGTH]
-            store.add(session, made)
+                added.catalogue_id, added.name = catalogue.id, catalogue.name[:NAME_LENGTH]
+            store.add(session, added)
 
     def _next(
         self, row: BankHistory | None, *, bank: str, state: str, sha256: str, cause: tuple[str, str]

@@ -31,7 +31,7 @@ class Cover:
 def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping[str, BankPeriod]], list[Planned]]:
     """Return a planner for catalogue uploads in progress."""
 
-    def planned(_held: Mapping[str, BankPeriod]) -> list[Planned]:
+    def planned(_periods: Mapping[str, BankPeriod]) -> list[Planned]:
         plans = []
         for view in transfers.newest(WATCHED_TRANSFERS):
             row = view.row
@@ -55,7 +55,7 @@ def activations(
 ) -> Callable[[Mapping[str, BankPeriod]], list[Planned]]:
     """Return a planner for bank activations in the device's schedule."""
 
-    def planned(held: Mapping[str, BankPeriod]) -> list[Planned]:
+    def planned(periods: Mapping[str, BankPeriod]) -> list[Planned]:
         plans = []
         for entry in schedule.state().entries:
             if entry.command is None or entry.state != "waiting":
@@ -63,7 +63,7 @@ def activations(
             if operations.of_command(entry.command) is not Operation.ACTIVATE:
                 continue
             bank = str(operations.given(Operation.ACTIVATE, entry.arguments).get(BANK, ""))
-            stay = held.get(bank)
+            stay = periods.get(bank)
             c = stay.catalogue if stay else None
             name = c.name if c else (stay.row.name if stay else "")
             sha256 = stay.row.sha256 if stay else ""
@@ -98,16 +98,16 @@ def cover(stays: Sequence[BankPeriod], planned: Sequence[Planned], now: datetime
     ready = next((s for s in stays if _follows(s, until, now)), None)
     if state is State.OK:
         return Cover(state, f"cover until {until:%Y-%m-%d}", until)
-    words = f"unless bank {ready.row.bank} is activated" if ready else "and no bank holds a successor"
-    return Cover(state, f"no cover from {until:%m-%d %H:%M} {words}", until)
+    remedy = f"unless bank {ready.row.bank} is activated" if ready else "and no bank holds a successor"
+    return Cover(state, f"no cover from {until:%m-%d %H:%M} {remedy}", until)
 
 
 def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) -> State:
     """Return the severity of the approaching end of validity."""
-    left = days_left(valid_to, now)
-    if left is None or left > watch_days:
+    remaining_days = days_left(valid_to, now)
+    if remaining_days is None or remaining_days > watch_days:
         return State.OK
-    return State.CRITICAL if left <= 0 else State.WARNING if left <= WARNING_DAYS else State.WATCH
+    return State.CRITICAL if remaining_days <= 0 else State.WARNING if remaining_days <= WARNING_DAYS else State.WATCH
 
 
 def _follows(stay: BankPeriod, until: datetime, now: datetime) -> bool:

@@ -59,14 +59,14 @@ class Downloads:
             raise BadInput("the region and the kind of the download do not match", got=kind)
         if side_px is not None and kind != "star_windows":
             raise BadInput("a side can only be given for the kind star_windows", got=kind)
-        words = kind.replace("_", " ")
+        subject = kind.replace("_", " ")
         if kind in IMAGE_KINDS:
             number = self._slot(kind, slot, bank)
             part = self._part(kind, region, side_px)
             stored = self._stored(number) if kind == "frame" else None
-            return self._transfers.download(kind, number, f"{words} of slot {number}", part=part, stored=stored)
+            return self._transfers.download(kind, number, f"{subject} of slot {number}", part=part, stored=stored)
         name, number = self._bank(kind, slot, bank)
-        return self._transfers.download(kind, number, f"{words} of bank {name}", target=name)
+        return self._transfers.download(kind, number, f"{subject} of bank {name}", target=name)
 
     def _stored(self, slot: int) -> StoredContent | None:
         """Return the newest stored image of a slot; the device compares its hash. None if there is none to use."""

@@ -34,8 +34,10 @@ class ExpiryWatch:
         if catalogue is None or current is None:
             return
         state, limit = _judged(catalogue, now, self._watch_days)
-        left = days_left(catalogue.valid_to, now)
-        self._alarms.watch(current, state, round(left or 0.0, 2), f"Catalogue {catalogue.name} {limit}", limit)
+        remaining_days = days_left(catalogue.valid_to, now)
+        self._alarms.watch(
+            current, state, round(remaining_days or 0.0, 2), f"Catalogue {catalogue.name} {limit}", limit
+        )
 
 
 def _key(catalogue: Catalogue) -> Key:

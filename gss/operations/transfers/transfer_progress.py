@@ -73,22 +73,22 @@ class TransferProgress:
     def busy(self, direction: Direction) -> bool:
         """True if a transfer in that direction is in progress. One that is only being stored does not count, unless the
         writer's queue is full."""
-        stored = {one.row.id for one in self._storing}
+        stored = {storing.row.id for storing in self._storing}
         return (direction is Direction.DOWN and self._writer.full) or any(
             update.direction is direction and update.state not in AT_REST and row_id not in stored
             for row_id, update in self._live.items()
         )
 
-    def note(self, row_id: int, words: str = "", live: TransferUpdate | None = None, **values: Any) -> Transfer:
+    def note(self, row_id: int, line: str = "", live: TransferUpdate | None = None, **values: Any) -> Transfer:
         """Change the row, append a line to its log, and publish it."""
-        if not words and "state" in values and live is None:
-            words = f"{values['state']}: {values['reason']}" if values.get("reason") else str(values["state"])
+        if not line and "state" in values and live is None:
+            line = f"{values['state']}: {values['reason']}" if values.get("reason") else str(values["state"])
         with self._database.unit_of_work() as session:
             row = store.get(session, row_id)
             for name, value in values.items():
                 setattr(row, name, value)
-            if words:
-                row.log = [*row.log[-LOG_LINES:], f"{self._now():%H:%M:%SZ} {words}"]
+            if line:
+                row.log = [*row.log[-LOG_LINES:], f"{self._now():%H:%M:%SZ} {line}"]
         self._bus.publish("transfer", TransferView(row, live))
         return row
 
@@ -117,33 +117,33 @@ class TransferProgress:
     def finalise(self) -> None:
         """Complete the transfers whose content has been stored. Called periodically by the dispatcher."""
         try:
-            for one in [storing for storing in self._storing if storing.answers.ready()]:
-                self._settle(one)
+            for ready in [storing for storing in self._storing if storing.answers.ready()]:
+                self._settle(ready)
             self._writes.run()
         except StoreDown as error:
             log.warning("a transfer is waiting for the store: %s", error)
         self._link.events.publish(self._take_parts())
 
-    def _settle(self, one: Storing) -> None:
+    def _settle(self, storing: Storing) -> None:
         """Record the outcome, then the updates received meanwhile. StoreDown leaves it where it is, to be continued."""
-        if not one.linked:
-            self._link_to(one)
-            one.linked = True
-        while one.held:
-            self._update(one.row.id, one.held[0])
-            one.held.pop(0)
-        if one.transfer_id is not None:
-            if one.keeps_part:
-                self.note(one.row.id, state=str(TransferState.FAILED), reason="received, but not stored")
-            self._end(one.transfer_id, keep_part=one.keeps_part)
-        self._storing.remove(one)
+        if not storing.linked:
+            self._link_to(storing)
+            storing.linked = True
+        while storing.held:
+            self._update(storing.row.id, storing.held[0])
+            storing.held.pop(0)
+        if storing.transfer_id is not None:
+            if storing.keeps_part:
+                self.note(storing.row.id, state=str(TransferState.FAILED), reason="received, but not stored")
+            self._end(storing.transfer_id, keep_part=storing.keeps_part)
+        self._storing.remove(storing)
 
     def _take_parts(self) -> list[PartArrived]:
         parts, self._parts_arrived = self._parts_arrived, []
         return parts
 
     def _stored_later(self, transfer_id: int) -> Storing | None:
-        return next((one for one in self._storing if one.transfer_id == transfer_id), None)
+        return next((storing for storing in self._storing if storing.transfer_id == transfer_id), None)
 
     def _end(self, transfer_id: int, *, keep_part: bool) -> None:
         row_id = self._row_of[transfer_id]
@@ -176,9 +176,9 @@ class TransferProgress:
         if update.direction is not Direction.DOWN or not update.stored or update.state is TransferState.VERIFIED:
             return
         with self._link.lock:
-            data, held = self._link.session.transfers.partial(update.transfer_id)
+            data, chunks = self._link.session.transfers.partial(update.transfer_id)
         try:
-            self._parts.keep(row_id, HeldPart(update.sha256, update.chunk_size, data, held))
+            self._parts.keep(row_id, HeldPart(update.sha256, update.chunk_size, data, chunks))
         except OSError as error:
             self._bus.record("transfer", "watch", f"received data could not be kept: {error}", transfer_id=row_id)
 
@@ -200,21 +200,21 @@ class TransferProgress:
         if update.direction is not Direction.DOWN or not update.stored:
             return
         with self._link.lock:
-            data, held = self._link.session.transfers.partial(update.transfer_id)
-        part = PartArrived(row, data, held, update)
+            data, chunks = self._link.session.transfers.partial(update.transfer_id)
+        part = PartArrived(row, data, chunks, update)
         self._storing.append(Storing(row, part.answers, None))
         self._parts_arrived.append(part)
 
-    def _link_to(self, one: Storing) -> None:
+    def _link_to(self, storing: Storing) -> None:
         """Store the links to the rows made from the content, or why there are none. Content that could not be stored at all, for
         another reason than its own, can be downloaded again."""
-        row = one.row
+        row = storing.row
         try:
-            if one.answers.missing and one.transfer_id is not None and row.direction == Direction.DOWN:
+            if storing.answers.missing and storing.transfer_id is not None and row.direction == Direction.DOWN:
                 raise StoreDown("it was not stored")
-            links = one.answers.links()
+            links = storing.answers.links()
         except Exception as error:  # a transfer must not be reported as complete whatever went wrong
-            one.keeps_part = isinstance(error, StoreDown) or not isinstance(error, GssError)
+            storing.keeps_part = isinstance(error, StoreDown) or not isinstance(error, GssError)
             if not isinstance(error, GssError):
                 log.exception("content of transfer %d was not stored", row.id)
             text = f"{row.subject} was received but is not usable: {error}"

@@ -60,8 +60,8 @@ Start = Callable[[Driver], int]
 """Starts a transfer in a session and returns its number there; needs neither store nor files."""
 
 
-def prepare(row: Transfer, blobs: BlobStore, held: HeldPart | None = None, paused: str | None = None) -> Start:
-    """Read what a session needs to start the transfer described by ``row``. ``held``, ``paused``: see ``DriverTransfers``.
+def prepare(row: Transfer, blobs: BlobStore, partial: HeldPart | None = None, paused: str | None = None) -> Start:
+    """Read what a session needs to start the transfer described by ``row``. ``partial``, ``paused``: see ``DriverTransfers``.
     Raises BadInput."""
     options = row.options
     if "slot" not in options:
@@ -69,7 +69,7 @@ def prepare(row: Transfer, blobs: BlobStore, held: HeldPart | None = None, pause
     slot, reason = int(options["slot"]), paused or ""
     if row.direction == Direction.DOWN:
         part = Part(**options["part"]) if options.get("part") else None
-        return lambda session: session.transfers.start_download(row.kind, slot, held=held, part=part, paused=reason)
+        return lambda session: session.transfers.start_download(row.kind, slot, held=partial, part=part, paused=reason)
     facts = options["compatibility"]
     compatibility = Compatibility(**(facts | {"dictionary_hash": bytes.fromhex(facts["dictionary_hash"])}))
     data = blobs.get(options["content"])
@@ -155,8 +155,8 @@ class TransferService:
                 "frame_number": stored.frame_number,
                 "sha256": stored.sha256,
             }
-        held = stored.whole() if stored is not None else None
-        return self._add(Direction.DOWN, kind, target or str(slot), subject, options, {}, held)
+        partial = stored.whole() if stored is not None else None
+        return self._add(Direction.DOWN, kind, target or str(slot), subject, options, {}, partial)
 
     def upload(
         self,
@@ -242,7 +242,7 @@ class TransferService:
         subject: str,
         options: dict[str, Any],
         links: Mapping[str, int | None],
-        held: HeldPart | None = None,
+        partial: HeldPart | None = None,
     ) -> TransferView:
         row = Transfer(
             contact_id=self._link.contact_id,
@@ -257,7 +257,7 @@ class TransferService:
             log=[],
             **links,
         )
-        start = prepare(row, self._blobs, held)
+        start = prepare(row, self._blobs, partial)
         with self._link.hold_events():
             with self._link.lock:
                 session_id = start(self._link.session)

@@ -86,11 +86,11 @@ class BackupService:
     def _job(self, request: BackupJob, run: JobRun) -> JobResult:
         if run.checkpoint:  # it was finished before the server stopped
             return run.checkpoint
-        made = self.make(run.progress)
-        result = {"name": made.name, "bytes": made.total_bytes, "blobs": len(made.blobs)}
+        backup = self.make(run.progress)
+        result = {"name": backup.name, "bytes": backup.total_bytes, "blobs": len(backup.blobs)}
         run.keep(result)
-        removed = self.prune(request.keep, made.name) if request.keep else []
-        self._bus.record("upkeep", "ok", f"backup {made.name} made, by {request.user}", **result)
+        removed = self.prune(request.keep, backup.name) if request.keep else []
+        self._bus.record("upkeep", "ok", f"backup {backup.name} made, by {request.user}", **result)
         return result | {"removed": removed}
 
     def needed_bytes(self) -> int:
@@ -103,8 +103,8 @@ class BackupService:
         before their rows."""
         self._folder.mkdir(parents=True, exist_ok=True)
         with named_lock(self._lock, BUSY):
-            for left in self._folder.glob(f"*{UNFINISHED}"):
-                shutil.rmtree(left)
+            for unfinished in self._folder.glob(f"*{UNFINISHED}"):
+                shutil.rmtree(unfinished)
             at = self._now()
             name = self._free_name(at)
             draft = self._folder / f"{name}{UNFINISHED}"
@@ -217,11 +217,11 @@ class BackupService:
             return []
         with named_lock(self._lock, BUSY):
             latest = self._now() + BEHIND
-            dated = [made.name for made in self.every() if datetime.fromisoformat(made.created) <= latest]
+            dated = [manifest.name for manifest in self.every() if datetime.fromisoformat(manifest.created) <= latest]
             old = [name for name in dated if name != just_made][max(0, keep - 1) :]
             for name in old:
                 shutil.rmtree(self._folder / name)
-            needed = {key for made in self.every() for key in made.blobs}
+            needed = {key for manifest in self.every() for key in manifest.blobs}
             pool = BlobStore(str(self._folder / POOL))
             for key in list(pool.keys()):
                 if key not in needed:
@@ -230,13 +230,13 @@ class BackupService:
 
     def archive(self, name: str) -> Iterator[bytes]:
         """Yield one backup as a tar file, piece by piece, in the format that ``gss restore`` reads."""
-        made, folder = self.get(name), self._folder / name
+        manifest, folder = self.get(name), self._folder / name
         pool, sink = BlobStore(str(self._folder / POOL)), _Sink()
         with tarfile.open(fileobj=sink, mode="w|", format=tarfile.PAX_FORMAT) as tar:
-            for file in (MANIFEST, SEAL, made.database):
+            for file in (MANIFEST, SEAL, manifest.database):
                 tar.add(folder / file, arcname=f"{name}/{file}", filter=_plain)
                 yield from sink.take()
-            for key in sorted(made.blobs):
+            for key in sorted(manifest.blobs):
                 data = pool.get(key)
                 head = tarfile.TarInfo(f"{POOL}/{key[:2]}/{key[2:]}")
                 head.size, head.mode = len(data), 0o600
@@ -260,8 +260,8 @@ class _Sink(io.RawIOBase):
         return len(data)
 
     def take(self) -> list[bytes]:
-        held, self._held = self._held, []
-        return held
+        pieces, self._held = self._held, []
+        return pieces
 
 
 def _plain(member: tarfile.TarInfo) -> tarfile.TarInfo:

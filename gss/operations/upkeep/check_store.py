@@ -46,10 +46,10 @@ class StoreReport:
         """True if there is no error."""
         return all(f.state != ERROR for f in self.findings)
 
-    def add(self, name: str, bad: list[str], text: str, words: str, level: str = ERROR) -> None:
-        """Add ``text`` if nothing is bad, else the number of problems and ``words``."""
+    def add(self, name: str, bad: list[str], text: str, problem: str, level: str = ERROR) -> None:
+        """Add ``text`` if nothing is bad, else the number of problems and ``problem``."""
         if bad:
-            self.findings.append(Finding(name, level, f"{len(bad)} {words}", tuple(bad[:SHOWN])))
+            self.findings.append(Finding(name, level, f"{len(bad)} {problem}", tuple(bad[:SHOWN])))
         else:
             self.findings.append(Finding(name, "ok", text))
 
@@ -114,8 +114,8 @@ def _blobs(report: StoreReport, database: Database, blobs: BlobStore, progress: 
     report.add("wrong file sizes", unequal, "all sizes match", "do not have the recorded size")
     orphans = [key for key in blobs.keys() if key not in expected]  # noqa: SIM118 - no dictionary
     size = sum(blobs.size(key) for key in orphans[:1000])
-    words = f"are no longer referenced, {size} B in the first {min(len(orphans), 1000)}"
-    report.add("unused files", orphans, "none", words, NOTE)
+    problem = f"are no longer referenced, {size} B in the first {min(len(orphans), 1000)}"
+    report.add("unused files", orphans, "none", problem, NOTE)
 
 
 def _captures(report: StoreReport, database: Database, folder: Path, progress: Progress) -> None:

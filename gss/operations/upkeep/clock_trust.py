@@ -79,15 +79,15 @@ class ClockTrust:
                 hint=HINT,
             )
 
-    def confirm(self, seen: datetime, *, user: str) -> ClockState:
-        """Record that a person has checked the server's clock. ``seen``: the time that was shown to them. Raises BadInput if
+    def confirm(self, displayed: datetime, *, user: str) -> ClockState:
+        """Record that a person has checked the server's clock. ``displayed``: the time that was shown to them. Raises BadInput if
         it differs from the clock."""
         now = self._now()
-        if abs(now - seen) > SEEN_WITHIN:
+        if abs(now - displayed) > SEEN_WITHIN:
             raise BadInput(
                 "the confirmed time differs from the server's clock",
                 expected=f"within {SEEN_WITHIN / timedelta(minutes=1):g} minutes of {iso_z(now, 'seconds')}",
-                got=iso_z(seen, "seconds"),
+                got=iso_z(displayed, "seconds"),
                 hint="reload the page and check the time",
             )
         before = self._trusted()

@@ -169,9 +169,9 @@ class HealthService:
     def _queues_check(self) -> HealthCheck:
         lost = self._dropped()
         total = sum(lost.values())
-        words = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
+        losses = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
         return HealthCheck(
-            "queues", "watch" if total else "ok", total, f"dropped: {words}" if total else "nothing dropped"
+            "queues", "watch" if total else "ok", total, f"dropped: {losses}" if total else "nothing dropped"
         )
 
     def _dropped(self) -> dict[str, int]:

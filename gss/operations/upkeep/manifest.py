@@ -67,31 +67,38 @@ def read_manifest(folder: Path) -> Manifest:
         record = json.loads(data)
         if record.get("format") != FORMAT:
             raise BadInput("a backup of another format", expected=FORMAT, got=str(record.get("format"))[:40])
-        made = Manifest(**record)
-        _check_kinds(made)
+        manifest = Manifest(**record)
+        _check_kinds(manifest)
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise CorruptData("the backup's manifest cannot be read", got=str(error)[:200]) from None
     # These names are used as paths, so their format must be checked.
-    keys = [*made.blobs, made.database_sha256, *made.captures.values()]
-    if made.kind not in DATABASE or not all(SHA256.fullmatch(key) for key in keys):
+    keys = [*manifest.blobs, manifest.database_sha256, *manifest.captures.values()]
+    if manifest.kind not in DATABASE or not all(SHA256.fullmatch(key) for key in keys):
         raise CorruptData("the manifest of the backup contains an invalid hash", got=str(folder))
-    if not NAME.fullmatch(made.name) or not all(CAPTURE.fullmatch(name) for name in made.captures):
+    if not NAME.fullmatch(manifest.name) or not all(CAPTURE.fullmatch(name) for name in manifest.captures):
         raise CorruptData("the manifest of the backup contains an invalid file name", got=str(folder))
-    if not set(made.captures.values()) <= set(made.blobs):
+    if not set(manifest.captures.values()) <= set(manifest.blobs):
         raise CorruptData("captures named in the manifest are missing from the backup", got=str(folder))
-    return made
+    return manifest
 
 
-def _check_kinds(made: Manifest) -> None:
+def _check_kinds(manifest: Manifest) -> None:
     """Raise TypeError or ValueError if a JSON value has the wrong type."""
-    words = (made.name, made.created, made.version, made.schema, made.kind, made.database_sha256)
-    numbers, tables = (made.database_bytes, *made.blobs.values()), (made.blobs, made.captures)
-    texts = (*words, *made.captures.values())
+    text_fields = (
+        manifest.name,
+        manifest.created,
+        manifest.version,
+        manifest.schema,
+        manifest.kind,
+        manifest.database_sha256,
+    )
+    numbers, tables = (manifest.database_bytes, *manifest.blobs.values()), (manifest.blobs, manifest.captures)
+    texts = (*text_fields, *manifest.captures.values())
     if not all(isinstance(v, str) for v in texts) or not all(isinstance(v, int) and v >= 0 for v in numbers):
         raise TypeError("a text or number has the wrong type")
     if not all(isinstance(table, dict) for table in tables):
         raise TypeError("a table has the wrong type")
-    datetime.fromisoformat(made.created)
+    datetime.fromisoformat(manifest.created)
 
 
 def sha256_of(file: Path | BinaryIO, each: Callable[[], None] = no_progress) -> str:

@@ -142,8 +142,8 @@ def export_parquet(
     for table in _tables(database, dictionary, *span):
         on_folder(table.folder)
         schemas[table.folder] = _described(table.schema)
-        made = _write(out / table.folder, table)
-        written = Written(written.files + made.files, written.rows + made.rows, written.bytes + made.bytes)
+        part = _write(out / table.folder, table)
+        written = Written(written.files + part.files, written.rows + part.rows, written.bytes + part.bytes)
     about = {"program": f"gss {__version__}", "partitions": "hive", "day": "UTC", "tables": schemas}
     (out / "schema.json").write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", "utf-8")
     (out / "README.md").write_text(_readme(schemas), "utf-8")
@@ -188,9 +188,9 @@ def _write(folder: Path, table: _Table) -> Written:
                     path.parent.mkdir(parents=True, exist_ok=True)
                     part, files = path.with_suffix(".part"), files + 1
                     writer = stack.enter_context(pq.ParquetWriter(part, table.schema, compression="zstd"))
-                own = [values for _, values in group]
-                writer.write_table(pa.Table.from_pylist(own, schema=table.schema))
-                rows += len(own)
+                rows_of_group = [values for _, values in group]
+                writer.write_table(pa.Table.from_pylist(rows_of_group, schema=table.schema))
+                rows += len(rows_of_group)
         if writer is not None:
             size += _finish(writer, part, path)
     return Written(files, rows, size)
@@ -223,9 +223,9 @@ def _type(item: Item) -> pa.DataType:
 
 def _packet(row: Any, items: list[Item | Group] | None) -> tuple[datetime, dict[str, Any]]:
     received, row_id, contact_id, device_time_s, request_id, values = row
-    own = {"received": received, "id": row_id, "contact_id": contact_id, "device_time_s": device_time_s}
+    columns = {"received": received, "id": row_id, "contact_id": contact_id, "device_time_s": device_time_s}
     named = {"values": _json(values)} if items is None else {item.name: values.get(item.name) for item in items}
-    return received, own | {"request_id": request_id} | named
+    return received, columns | {"request_id": request_id} | named
 
 
 def _stars(created: datetime, solution: Any) -> Iterator[tuple[datetime, dict[str, Any]]]:

@@ -67,9 +67,9 @@ def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
     going = asdict(removal) | {"packets": removal.packets + removal.to_thin}
     reasons = []
     for kind, few in FEW.items():
-        held, arrived = amounts.held[kind], amounts.arrived[kind]
-        if going[kind] > few and going[kind] > max(share * held, ARRIVED_FACTOR * arrived):
-            reasons.append(f"{going[kind]} of {held} {LABELS[kind]} ({100 * going[kind] / max(1, held):.0f} %)")
+        stored, arrived = amounts.held[kind], amounts.arrived[kind]
+        if going[kind] > few and going[kind] > max(share * stored, ARRIVED_FACTOR * arrived):
+            reasons.append(f"{going[kind]} of {stored} {LABELS[kind]} ({100 * going[kind] / max(1, stored):.0f} %)")
     return ", ".join(reasons)
 
 
@@ -86,12 +86,12 @@ def check_confirmed(removal: Removal, confirmed: Confirmed | None, share: float)
             got=removal.unusual,
             hint=hint,
         )
-    more = [name for name in COUNTS if getattr(removal, name) > getattr(confirmed, name)]
-    if more:
+    exceeded = [name for name in COUNTS if getattr(removal, name) > getattr(confirmed, name)]
+    if exceeded:
         raise Conflict(
             "more data would be removed than confirmed",
-            expected=", ".join(f"{name} up to {getattr(confirmed, name)}" for name in more),
-            got=", ".join(f"{name} {getattr(removal, name)}" for name in more),
+            expected=", ".join(f"{name} up to {getattr(confirmed, name)}" for name in exceeded),
+            got=", ".join(f"{name} {getattr(removal, name)}" for name in exceeded),
             hint=hint,
         )
 

@@ -115,14 +115,14 @@ def _opened(source: Path, beside: Path, on_step: OnStep) -> Iterator[Path]:
     if not source.is_file():
         raise NotFound("no such backup", got=str(source))
     beside.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=beside) as held:
+    with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=beside) as folder:
         on_step("unpacking")
-        yield _unpack(source, Path(held))
+        yield _unpack(source, Path(folder))
 
 
-def _unpack(source: Path, held: Path) -> Path:
+def _unpack(source: Path, folder: Path) -> Path:
     name = ""
-    most_bytes, free_bytes = MOST_UNPACKED * source.stat().st_size, shutil.disk_usage(held).free - SPARE_BYTES
+    most_bytes, free_bytes = MOST_UNPACKED * source.stat().st_size, shutil.disk_usage(folder).free - SPARE_BYTES
     room_bytes = min(most_bytes, free_bytes)
     try:
         with tarfile.open(source, "r|*") as tar:
@@ -141,7 +141,7 @@ def _unpack(source: Path, held: Path) -> Path:
                     )
                 if not member.name.startswith(f"{POOL}/"):
                     name = name or member.name.split("/")[0]
-                path = held / member.name
+                path = folder / member.name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 content = tar.extractfile(member)
                 if content is not None:
@@ -156,7 +156,7 @@ def _unpack(source: Path, held: Path) -> Path:
         ) from error
     if not name:
         raise CorruptData("not a backup", expected=MANIFEST, got=str(source))
-    return held / name
+    return folder / name
 
 
 def _verified(folder: Path, manifest: Manifest) -> BlobStore:

@@ -82,8 +82,8 @@ class RetentionService:
             choices.forget(session, WAITING)
         if policy.captures_mb:
             self._link.capture.keep_at_most(policy.captures_mb << 20)
-        words = ", ".join(f"{k} {v:g}" for k, v in asdict(policy).items() if v)
-        self._bus.record("upkeep", "watch", f"retention changed by {user}: {words or 'keep everything'}")
+        rules = ", ".join(f"{k} {v:g}" for k, v in asdict(policy).items() if v)
+        self._bus.record("upkeep", "watch", f"retention changed by {user}: {rules or 'keep everything'}")
         return policy
 
     def favourite(self, frame_id: int, favourite: bool) -> Frame:
@@ -145,8 +145,8 @@ class RetentionService:
                 to_thin=store.count_packets(session, thin, since) if thin else 0,
                 events=store.count_events(session, events) if events else 0,
             )
-            held = store.amounts(session, recent(self.last_run(), at))
-        return replace(removal, unusual=unusual(removal, held, self._share))
+            amounts = store.amounts(session, recent(self.last_run(), at))
+        return replace(removal, unusual=unusual(removal, amounts, self._share))
 
     def last_run(self) -> datetime | None:
         """Return when the last removal ended; None without one."""
@@ -191,8 +191,8 @@ class RetentionService:
         self._note(at, packets, thinned)
         if any(removed.values()):
             packets_gone = removed["packets"] + removed["thinned"]
-            words = f"pixels of {removed['frames']} frames, {packets_gone} packets, {removed['events']} events"
-            self._bus.record("upkeep", "ok", f"retention removed {words}", **removed)
+            amount = f"pixels of {removed['frames']} frames, {packets_gone} packets, {removed['events']} events"
+            self._bus.record("upkeep", "ok", f"retention removed {amount}", **removed)
         return {"removed": removed}
 
     def _check(self, policy: Policy, at: datetime, confirmed: Confirmed | None) -> None:
@@ -223,10 +223,10 @@ class RetentionService:
             return
         with self._database.unit_of_work() as session:
             used = store.used_by_studies(session)
-            held = list(store.pixels_held(session))
+            stored = list(store.pixels_held(session))
             total = store.pixel_bytes(session)[1]
         old = _before(at, policy.frames_days)
-        for pixels in held[: max(0, len(held) - policy.keep_frames)]:
+        for pixels in stored[: max(0, len(stored) - policy.keep_frames)]:
             too_many = bool(policy.frames_gb) and total > policy.frames_gb * 1e9
             if pixels.frame_id not in used and (too_many or (old is not None and pixels.received < old)):
                 total -= pixels.size
@@ -247,10 +247,10 @@ class RetentionService:
         while True:
             run.progress(removed[name], 0, f"{name}: {removed[name]} removed")
             with self._database.unit_of_work() as session:
-                gone = remove(session)
-                removed[name] += gone
+                batch_size = remove(session)
+                removed[name] += batch_size
                 run.keep({"at": at.isoformat(), "pending": [], "removed": removed}, session)
-            if not gone:
+            if not batch_size:
                 return
 
     def _thin(self, run: JobRun, removed: dict[str, int], kind: str, at: datetime, before: datetime) -> None:
@@ -258,8 +258,8 @@ class RetentionService:
         while True:
             run.progress(removed["thinned"], 0, f"thinning {kind}: {removed['thinned']} removed")
             with self._database.unit_of_work() as session:
-                gone, reached = store.thin_packets(session, kind, reached, before, THIN_EVERY_S)
-                removed["thinned"] += gone
+                thinned, reached = store.thin_packets(session, kind, reached, before, THIN_EVERY_S)
+                removed["thinned"] += thinned
                 run.keep({"at": at.isoformat(), "pending": [], "removed": removed}, session)
             if reached is None:
                 return

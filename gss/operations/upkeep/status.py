@@ -160,7 +160,7 @@ class StatusService:
             mode=str(status["mode"]) if connected and "mode" in status else None,
             cycle_running=bool(status["cycle_running"]) if connected and "cycle_running" in status else None,
             attitude=self._attitude.report(),
-            attitudes=[one for one in (self._attitude.sample(), self._ground.sample()) if one is not None],
+            attitudes=[sample for sample in (self._attitude.sample(), self._ground.sample()) if sample is not None],
             next_pass=self._next_pass(),
             banks=banks,
             dictionary_hash=self._link.dictionary.hash_hex,
