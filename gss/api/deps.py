@@ -57,8 +57,8 @@ User = Annotated[str, Depends(_user)]
 
 
 async def _audit_note(request: Request) -> Callable[..., None]:
-    def set_detail(*words: object) -> None:
-        request.state.detail = " ".join(text for text in (str(word) for word in words if word is not None) if text)
+    def set_detail(*parts: object) -> None:
+        request.state.detail = " ".join(text for text in (str(word) for word in parts if word is not None) if text)
 
     return set_detail
 

@@ -60,20 +60,20 @@ model of each code for each route."""
 def describe(app: FastAPI) -> None:
     """Describe every error response as JSON in the OpenAPI document, which the framework would describe as HTML for HTML routes,
     and add each role's permissions as ``x-roles`` for the pages."""
-    made = app.openapi
+    schema = app.openapi
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
             body = {"application/json": {"schema": {"$ref": "#/components/schemas/ProblemOut"}}}
-            operations = (o for path in made()["paths"].values() for o in path.values())
+            operations = (o for path in schema()["paths"].values() for o in path.values())
             for answers in (operation["responses"] for operation in operations):
                 answers.update(
                     {code: {**response, "content": body} for code, response in answers.items() if int(code) >= 400}
                 )
-            schemas = made()["components"]["schemas"]
+            schemas = schema()["components"]["schemas"]
             schemas["ProblemOut"] = ProblemOut.model_json_schema(mode="serialization")
-            made()["x-roles"] = {role: sorted(granted) for role, granted in ROLES.items()}
-        return made()
+            schema()["x-roles"] = {role: sorted(granted) for role, granted in ROLES.items()}
+        return schema()
 
     app.openapi = openapi  # type: ignore[method-assign]  # the framework's own way
 
@@ -125,5 +125,5 @@ def _printable(text: str) -> str:
 
 
 def _sentence(errors: Sequence[Any]) -> str:
-    words = [f"{'.'.join(str(part) for part in e['loc'][1:]) or e['loc'][0]}: {e['msg']}" for e in errors[:3]]
-    return "the request is not valid: " + "; ".join(words)
+    problems = [f"{'.'.join(str(part) for part in e['loc'][1:]) or e['loc'][0]}: {e['msg']}" for e in errors[:3]]
+    return "the request is not valid: " + "; ".join(problems)

@@ -28,8 +28,8 @@ def register(subparsers: Commands) -> None:
     )
     methods = p.add_subparsers(dest="method", required=True, metavar="METHOD")
 
-    def method(name: str, words: str, camera: bool = True) -> argparse.ArgumentParser:
-        q = methods.add_parser(name, help=words, description=words)
+    def method(name: str, description: str, camera: bool = True) -> argparse.ArgumentParser:
+        q = methods.add_parser(name, help=description, description=description)
         q.add_argument("--camera", metavar="INSTRUMENT", required=camera, help=CAMERA_HELP)
         q.add_argument("--out", type=Path, metavar="FILE", help="write the complete result: .json, .html or .pdf")
         q.add_argument("--json", action="store_true", help="print one JSON object")

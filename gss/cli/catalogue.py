@@ -219,12 +219,12 @@ def _numbers(text: str, count: int, word: str) -> list[float]:
 
 
 def _frame(text: str) -> dict[str, float]:
-    sides, *more = text.split(",")
+    sides, *steps = text.split(",")
     names = ("width_deg", "height_deg", "brightest", "step_deg")
     try:
         sizes = [float(side) for side in sides.split("x")]
-        counts = [int(more[0])] if more else []
-        values = [*sizes, *counts, *(float(step) for step in more[1:])]
+        counts = [int(steps[0])] if steps else []
+        values = [*sizes, *counts, *(float(step) for step in steps[1:])]
     except ValueError:
         sizes, values = [], []
     if len(sizes) != 2 or len(values) > len(names):

@@ -61,8 +61,8 @@ def register(commands: Subparsers) -> None:
     timeline.add_argument("--days", type=float, default=60.0, help="number of past days (default 60)")
 
 
-def _parser(commands: Subparsers, name: str, words: str, run: Any) -> argparse.ArgumentParser:
-    p = commands.add_parser(name, help=words)
+def _parser(commands: Subparsers, name: str, help_text: str, run: Any) -> argparse.ArgumentParser:
+    p = commands.add_parser(name, help=help_text)
     p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
     p.add_argument("--json", action="store_true", help="print one JSON object")
     p.set_defaults(run=run)
@@ -128,10 +128,10 @@ def run_export(arguments: argparse.Namespace) -> int:
     from gss.operations.catalogues.catalogue_files import export_file
 
     image, manifest, _ = _read(arguments, arguments.image)
-    made = export_file(image, manifest.as_dict(), arguments.kind, manifest.name)
-    write_file(arguments.out, made.content)
+    exported = export_file(image, manifest.as_dict(), arguments.kind, manifest.name)
+    write_file(arguments.out, exported.content)
     if arguments.json:
-        print_facts({"file": str(arguments.out), "kind": arguments.kind, "bytes": len(made.content)}, True)
+        print_facts({"file": str(arguments.out), "kind": arguments.kind, "bytes": len(exported.content)}, True)
     return 0
 
 

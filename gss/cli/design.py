@@ -115,8 +115,8 @@ def _table(title: str, rows: list[TradeValues]) -> list[str]:
         field = f"{r['fov_deg'][0]:.1f} x {r['fov_deg'][1]:.1f}"
         accuracies = [f"{v:.2f}" if v is not None else "–" for v in (r["cross_arcsec"], r["roll_arcsec"])]
         lens = f"{r['name']:12} {r['focal_mm']:7.2f} {r['f_number']:6.2f}  {field:12} {r['pixel_arcsec']:6.1f}"
-        seen = f"{r['limit_mag']:7.2f} {r['stars']:6.1f}  {100 * r['p_fewer_3']:5.2f}"
-        lines.append(f"  {lens}  {seen}  {accuracies[0]:>8} {accuracies[1]:>7}  {r['blur_rate_deg_s']:9.3f}")
+        figures = f"{r['limit_mag']:7.2f} {r['stars']:6.1f}  {100 * r['p_fewer_3']:5.2f}"
+        lines.append(f"  {lens}  {figures}  {accuracies[0]:>8} {accuracies[1]:>7}  {r['blur_rate_deg_s']:9.3f}")
     return lines
 
 

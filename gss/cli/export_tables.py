@@ -38,8 +38,8 @@ def export(arguments: argparse.Namespace) -> int:
             print(f"… {folder}", file=sys.stderr, flush=True)
 
     dictionary = services.telemetry.telemetry.archive.dictionary
-    made = export_parquet(
+    written = export_parquet(
         services.base.database, dictionary, arguments.out, arguments.first, arguments.last, show_folder
     )
-    print(f"{arguments.out}: {made.files} files, {made.rows} rows, {made.bytes} bytes")
+    print(f"{arguments.out}: {written.files} files, {written.rows} rows, {written.bytes} bytes")
     return 0

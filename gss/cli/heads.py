@@ -55,12 +55,12 @@ def list_spacecraft(arguments: argparse.Namespace) -> int:
     from gss.api.schemas.heads import HeadsOut
 
     services = _services(arguments)
-    found = [_stored(services, setup) for setup in services.heads.book.every()]
+    stored = [_stored(services, setup) for setup in services.heads.book.every()]
     if arguments.json:
-        print(TypeAdapter(list[HeadsOut]).dump_json(found, indent=1).decode())
+        print(TypeAdapter(list[HeadsOut]).dump_json(stored, indent=1).decode())
         return 0
-    for one in found:
-        _print(one)
+    for spacecraft in stored:
+        _print(spacecraft)
     return 0
 
 
@@ -73,9 +73,9 @@ def set_spacecraft(arguments: argparse.Namespace) -> int:
     values |= {"source": arguments.source.replace("-", " "), "heads": [_head(text) for text in arguments.head]}
     request = request_from(SpacecraftRequest, values)
     services = _services(arguments)
-    known = {one.name: one.id for one in services.heads.book.every()}
-    if request.name in known:
-        setup = services.heads.book.change(known[request.name], request, user=_user())
+    id_by_name = {stored.name: stored.id for stored in services.heads.book.every()}
+    if request.name in id_by_name:
+        setup = services.heads.book.change(id_by_name[request.name], request, user=_user())
     else:
         setup = services.heads.book.create(request, user=_user())
     _record(services, "heads_set", setup.name, ", ".join(arguments.head))
@@ -124,23 +124,25 @@ def _stored(services: Services, setup: SpacecraftSetup) -> HeadsOut:
     )
 
 
-def _print(one: HeadsOut) -> None:
-    print(f"{one.name}: attitudes {one.source}. {one.text}")
-    for head in one.heads:
+def _print(state: HeadsOut) -> None:
+    print(f"{state.name}: attitudes {state.source}. {state.text}")
+    for head in state.heads:
         x, y, z = head.mounting_deg
         print(f"  {head.unit:<24} mounting {x:.4f}° {y:.4f}° {z:.4f}° ± {head.sigma_arcsec:g}″")
-    if one.fused is not None:
-        chi2 = "one head" if one.fused.chi2 is None else f"χ² {one.fused.chi2:.1f} of {one.fused.freedom}"
-        sigma = " ".join(f"{s:.1f}″" for s in one.fused.sigma_arcsec)
-        print(f"  fused {one.fused.ra_deg:.4f}° {one.fused.dec_deg:+.4f}° {one.fused.roll_deg:.4f}° ± {sigma}, {chi2}")
-    for pair in one.pairs:
-        for what, values, sigmas, unit in (
+    if state.fused is not None:
+        chi2 = "one head" if state.fused.chi2 is None else f"χ² {state.fused.chi2:.1f} of {state.fused.freedom}"
+        sigma = " ".join(f"{s:.1f}″" for s in state.fused.sigma_arcsec)
+        print(
+            f"  fused {state.fused.ra_deg:.4f}° {state.fused.dec_deg:+.4f}° {state.fused.roll_deg:.4f}° ± {sigma}, {chi2}"
+        )
+    for pair in state.pairs:
+        for quantity, values, sigmas, unit in (
             ("misalignment", pair.misalignment_arcsec, pair.misalignment_sigma_arcsec, "″"),
             ("drift", pair.drift_arcsec_h, pair.drift_sigma_arcsec_h, "″/h"),
         ):
-            words = ", ".join(f"{v:+.1f} ± {s:.1f}{unit}" for v, s in zip(values, sigmas, strict=True))
-            print(f"  {pair.unit} against {pair.reference}: {what} {words}")
-    for alarm in one.alarms:
+            figures = ", ".join(f"{v:+.1f} ± {s:.1f}{unit}" for v, s in zip(values, sigmas, strict=True))
+            print(f"  {pair.unit} against {pair.reference}: {quantity} {figures}")
+    for alarm in state.alarms:
         print(f"  alarm {alarm.level}, {alarm.state}: {alarm.text}")
 
 

@@ -64,9 +64,9 @@ def run(a: argparse.Namespace) -> int:
     shots = shots_of(a.files, None, a.exposure, a.keep_aberration)
     solved = run_frames(solver, shots, profile, a.chain, lambda share, text: show_progress(share / 2, text))
     beside = Surroundings(warmth, places_below(orbit_within(request.trajectories)))
-    made = sensor_health(solver, solved, beside, lambda share, text: show_progress(0.5 + share / 2, text))
-    whole = json.dumps(made.figures, ensure_ascii=False, allow_nan=False)
-    write_report(a, made.report, whole, {".csv": lambda: bad_pixel_table(made.figures)})
+    outcome = sensor_health(solver, solved, beside, lambda share, text: show_progress(0.5 + share / 2, text))
+    whole = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
+    write_report(a, outcome.report, whole, {".csv": lambda: bad_pixel_table(outcome.figures)})
     return 0
 
 

@@ -62,7 +62,7 @@ def run(a: argparse.Namespace) -> int:
     )
     profile, solver = camera(a.camera), Solver(registry().camera)
     shots = shots_of(a.files, a.interval, a.exposure, a.keep_aberration)
-    made = moving_objects(
+    outcome = moving_objects(
         solver,
         run_frames(solver, shots, profile, a.chain, lambda share, text: show_progress(share / 2, text)),
         objects=request.objects,
@@ -71,8 +71,8 @@ def run(a: argparse.Namespace) -> int:
         created=utc_now(),
         progress=show_progress,
     )
-    whole = json.dumps(made.figures, ensure_ascii=False, allow_nan=False)
-    write_report(a, made.report, whole, {".tdm": str(made.figures["tdm"]).encode})
+    whole = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
+    write_report(a, outcome.report, whole, {".tdm": str(outcome.figures["tdm"]).encode})
     return 0
 
 

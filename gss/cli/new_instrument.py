@@ -91,10 +91,14 @@ def run_photographs(arguments: argparse.Namespace) -> int:
     model = model_of(instruments, options)
     photographs, unreadable = _photographs(_files(arguments.photographs))
     solver = Solver(instruments.camera, SolverCache(folder=users_folder()))
-    made = make_package(solver, photographs, unreadable, options, model, utc_now(), stopwatch_s, show_progress)
+    package = make_package(solver, photographs, unreadable, options, model, utc_now(), stopwatch_s, show_progress)
     show_progress(1.0, "")
-    write_new(folder, made.files)
-    print(json.dumps(record_of(made), ensure_ascii=False, allow_nan=False) if arguments.json else as_text(made, folder))
+    write_new(folder, package.files)
+    print(
+        json.dumps(record_of(package), ensure_ascii=False, allow_nan=False)
+        if arguments.json
+        else as_text(package, folder)
+    )
     return 0
 
 
@@ -135,15 +139,15 @@ def write_new(folder: Path, files: Files) -> Path:
 
 def _files(paths: list[Path]) -> list[Path]:
     """Return the files of folders, and files, without hidden ones, each once."""
-    found: list[Path] = []
+    files: list[Path] = []
     for path in paths:
         if path.is_dir():
-            found += sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
+            files += sorted(p for p in path.iterdir() if p.is_file() and not p.name.startswith("."))
         elif path.is_file():
-            found.append(path)
+            files.append(path)
         else:
             raise NotFound("no such file or folder", expected="photographs of the night sky", got=str(path))
-    unique = list(dict.fromkeys(found))
+    unique = list(dict.fromkeys(files))
     if not unique:
         raise BadInput("the folder has no files", expected="photographs of the night sky", got=str(paths[0]))
     return unique
@@ -187,20 +191,20 @@ def _read(files: list[Path]) -> Iterator[tuple[str, ImportedFrame | BadInput]]:
                 yield name, error
 
 
-def as_text(made: PhotographPackage, folder: Path) -> str:
+def as_text(package: PhotographPackage, folder: Path) -> str:
     """Return the result as text: photographs, measured numbers, warnings, and what to do next."""
-    width = max(len(row.name) for row in made.rows)
+    width = max(len(row.name) for row in package.rows)
     lines = []
-    for row in made.rows:
+    for row in package.rows:
         if row.used:
             lines.append(f"{row.name:<{width}}  used: {row.matched} stars, {row.rms_px or math.nan:.2f} px")
         else:
             lines.append(f"{row.name:<{width}}  not used: {row.reason}")
     lines.append("")
-    for number in made.instrument.camera.numbers():
+    for number in package.instrument.camera.numbers():
         if number.sigma is not None:
             mark = " (chosen)" if number.chosen else ""
             lines.append(f"{number.name:<16} {number.values[0]:.10g} ± {number.sigma:.2g} {number.unit}{mark}")
-    lines += ["", *(f"note: {text}" for text in made.warnings), *([""] if made.warnings else []), made.summary]
+    lines += ["", *(f"note: {text}" for text in package.warnings), *([""] if package.warnings else []), package.summary]
     lines.append(f"{folder}: see camera.yaml for every number; install it with: gss instrument add {folder}")
     return "\n".join(lines)

@@ -78,8 +78,8 @@ def register(subparsers: Commands) -> None:
 
 def add_observer(p: argparse.ArgumentParser) -> None:
     """Add the option for the observer's motion."""
-    words = "do not correct aberration even if the time is known (frames that were rendered without it)"
-    p.add_argument("--keep-aberration", action="store_true", help=words)
+    help_text = "do not correct aberration even if the time is known (frames that were rendered without it)"
+    p.add_argument("--keep-aberration", action="store_true", help=help_text)
 
 
 def add_report_file(p: argparse.ArgumentParser, *more: str, text: str = "") -> None:
@@ -162,8 +162,8 @@ def run_analyse(a: argparse.Namespace) -> int:
         )
 
     second = run(a.second, camera(a.second_camera) if a.second_camera else profile) if a.second else None
-    made = analyse(a.kind, solver, run(a.files, profile), second=second, commanded_rad_s=commanded)
-    give_report(a, made.report, {"kind": made.kind, "figures": made.figures})
+    outcome = analyse(a.kind, solver, run(a.files, profile), second=second, commanded_rad_s=commanded)
+    give_report(a, outcome.report, {"kind": outcome.kind, "figures": outcome.figures})
     return 0
 
 
@@ -217,10 +217,12 @@ def give_report(a: argparse.Namespace, report: Report, content: dict[str, Any]) 
 
 
 def write_report(
-    a: argparse.Namespace, report: Report, whole: str, more: Mapping[str, Callable[[], bytes]] | None = None
+    a: argparse.Namespace, report: Report, whole: str, extra_files: Mapping[str, Callable[[], bytes]] | None = None
 ) -> None:
-    """Write a report to the file of ``--out`` and print it. ``whole``: its content as JSON; ``more``: further kinds of file by
-    suffix."""
+    """Write a report to the file of ``--out`` and print it.
+
+    ``whole``: its content as JSON; ``extra_files``: further kinds of file, by suffix.
+    """
     from gss.operations.report.html import as_html
     from gss.operations.report.pdf import as_pdf
 
@@ -231,7 +233,7 @@ def write_report(
             ".json": whole.encode,
             ".html": lambda: as_html(report).encode(),
             ".pdf": lambda: as_pdf(report, utc_now()),
-            **(more or {}),
+            **(extra_files or {}),
         }
         try:
             a.out.write_bytes(makers[a.out.suffix]())

@@ -71,17 +71,17 @@ def list_passes(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(table.model_dump_json(indent=1))
         return 1 if table.problem else 0
-    for words in table.warnings:
-        print(f"gss: {words}", file=sys.stderr)
+    for warning in table.warnings:
+        print(f"gss: {warning}", file=sys.stderr)
     if table.problem:
         print(f"gss: {table.problem}", file=sys.stderr)
         return 1
     print(f"{'rise, UTC':<20} {'set':<9} {'station':<24} {'max':>6} {'rise at':>8} {'set at':>7} {'sun':>5}  budget")
-    for one in table.passes:
-        budget = "–" if one.content_bytes is None else f"{one.content_bytes / 1000:.0f} kB"
+    for coming in table.passes:
+        budget = "–" if coming.content_bytes is None else f"{coming.content_bytes / 1000:.0f} kB"
         print(
-            f"{one.rise:%Y-%m-%d %H:%M:%S}  {one.set:%H:%M:%S}  {one.station:<24} {one.max_elevation_deg:5.1f}° "
-            f"{one.rise_azimuth_deg:7.0f}° {one.set_azimuth_deg:6.0f}° {one.sun_elevation_deg:4.0f}°  {budget}"
+            f"{coming.rise:%Y-%m-%d %H:%M:%S}  {coming.set:%H:%M:%S}  {coming.station:<24} {coming.max_elevation_deg:5.1f}° "
+            f"{coming.rise_azimuth_deg:7.0f}° {coming.set_azimuth_deg:6.0f}° {coming.sun_elevation_deg:4.0f}°  {budget}"
         )
     return 0
 

@@ -125,10 +125,10 @@ def export_report(arguments: argparse.Namespace) -> int:
     from gss.operations.report.pdf import as_pdf
 
     services = services_of(arguments)
-    made = contact_report(
+    contact = contact_report(
         services.contacts.contacts, services.telemetry.telemetry.archive, services.base.database, arguments.contact
     )
-    contact_data = report(made, services.procedures.runs.between(made.detail.row.started, made.detail.end))
+    contact_data = report(contact, services.procedures.runs.between(contact.detail.row.started, contact.detail.end))
     if arguments.format == "pdf":
         data = as_pdf(contact_sheet(contact_data), contact_data.contact.ended or contact_data.contact.started)
     elif arguments.format == "html":
@@ -169,8 +169,8 @@ def check_record(arguments: argparse.Namespace) -> int:
 
 
 def _print(check: RecordOut) -> None:
-    held = f"{check.held} of {check.expected} packets ({100 * check.share:.3f} %)"
-    print(f"contact {check.contact_id}: {held}, {len(check.gaps)} gaps, {check.unexplained} without a cause")
+    completeness = f"{check.held} of {check.expected} packets ({100 * check.share:.3f} %)"
+    print(f"contact {check.contact_id}: {completeness}, {len(check.gaps)} gaps, {check.unexplained} without a cause")
     for gap in check.gaps:
         mark = "  " if gap.explained else "??"
         print(f"  {mark} {gap.start:%Y-%m-%d %H:%M:%S} – {gap.end:%H:%M:%S}  {gap.missing:4d} missing  {gap.cause}")

@@ -122,10 +122,10 @@ def _print(report: RehearsalReport) -> None:
     print(f"{report.plan}: {report.state}" + (f", {report.reason}" if report.reason else ""))
     print(f"{report.simulated_s:.0f} s rehearsed in {report.real_s:.0f} s ({faster:.0f} times real time)")
     print(f"\n{'pass, UTC':<31} {'window':>8} {'used':>8} {'up':>9} {'down':>9}")
-    for one in report.passes:
+    for rehearsed in report.passes:
         print(
-            f"{one.rise:%Y-%m-%d %H:%M:%S} – {one.set:%H:%M:%S}  {one.window_s:6.0f} s {one.used_s:6.0f} s "
-            f"{one.bytes_up:7d} B {one.bytes_down:7d} B"
+            f"{rehearsed.rise:%Y-%m-%d %H:%M:%S} – {rehearsed.set:%H:%M:%S}  {rehearsed.window_s:6.0f} s {rehearsed.used_s:6.0f} s "
+            f"{rehearsed.bytes_up:7d} B {rehearsed.bytes_down:7d} B"
         )
     print(f"\n{'item':<44} {'state':<9} {'planned':>8} {'took':>8}")
     for item in report.items:

@@ -58,8 +58,8 @@ def run(arguments: argparse.Namespace) -> int:
     settings = Settings(**overrides)
     check_exposure(settings)
     units = _units(settings)
-    more = f" with API workers ({settings.workers})" if settings.workers else ""
-    print(f"starting{more} …", file=sys.stderr, flush=True)
+    workers = f" with API workers ({settings.workers})" if settings.workers else ""
+    print(f"starting{workers} …", file=sys.stderr, flush=True)
     os.umask(0o077)  # files of the server are accessible to its user only
     with contextlib.ExitStack() as stack:
         stack.enter_context(folder_lock(settings.data))

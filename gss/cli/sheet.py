@@ -72,13 +72,13 @@ def run(a: argparse.Namespace) -> int:
     )
     profile, solver = camera(a.camera), Solver(registry().camera)
     if request.simulated:
-        made = sheet_of_simulation(solver, profile, a.chain, a.seed, show_progress)
+        sheet = sheet_of_simulation(solver, profile, a.chain, a.seed, show_progress)
     else:
         first = run_frames(solver, _shots(a, a.files), profile, a.chain, show_progress)
         other = camera(a.second_camera) if a.second_camera else profile
         second = run_frames(solver, _shots(a, a.second), other, a.chain, show_progress) if a.second else None
-        made = sheet_of_frames(first, second=second, mounting=tuple(mounting) if mounting else None, seed=a.seed)
-    write_report(a, made.report, json.dumps(made.figures, ensure_ascii=False, allow_nan=False))
+        sheet = sheet_of_frames(first, second=second, mounting=tuple(mounting) if mounting else None, seed=a.seed)
+    write_report(a, sheet.report, json.dumps(sheet.figures, ensure_ascii=False, allow_nan=False))
     return 0
 
 

@@ -17,29 +17,29 @@ Exit codes: 0 done, 1 failed, 2 invalid input, 3 no solution. Environment variab
 
 def shell_page(parser: argparse.ArgumentParser) -> str:
     """Return Markdown with a heading and a table of options for each command, in the order of ``gss --help``."""
-    return "\n".join([HEAD, *(_section(words, help_text, leaf) for words, help_text, leaf in _commands(parser))])
+    return "\n".join([HEAD, *(_section(command, help_text, leaf) for command, help_text, leaf in _commands(parser))])
 
 
 def _commands(
-    parser: argparse.ArgumentParser, words: str = "gss", help_text: str = ""
+    parser: argparse.ArgumentParser, command: str = "gss", help_text: str = ""
 ) -> Iterator[tuple[str, str, argparse.ArgumentParser]]:
     """Yield (words, help, parser) of all commands that can be run."""
     groups = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
     if not groups:
-        yield words, help_text, parser
+        yield command, help_text, parser
         return
     for group in groups:
         help_texts = {choice.dest: choice.help or "" for choice in group._choices_actions}
         for name, child in group.choices.items():
-            yield from _commands(child, f"{words} {name}", help_texts.get(name, ""))
+            yield from _commands(child, f"{command} {name}", help_texts.get(name, ""))
 
 
-def _section(words: str, help_text: str, parser: argparse.ArgumentParser) -> str:
+def _section(command: str, help_text: str, parser: argparse.ArgumentParser) -> str:
     actions = [a for a in parser._actions if not isinstance(a, argparse._HelpAction)]
     rows = "".join(f"| {_name(a)} | {_meaning(a, parser)} |\n" for a in actions)
     table = f"\n| argument | meaning |\n|---|---|\n{rows}" if rows else ""
     sentence = help_text[:1].upper() + help_text[1:]
-    return f"## `{words}`\n\n{_cell(sentence)}{'' if sentence.endswith('.') else '.'}\n{table}"
+    return f"## `{command}`\n\n{_cell(sentence)}{'' if sentence.endswith('.') else '.'}\n{table}"
 
 
 def _name(action: argparse.Action) -> str:
@@ -59,8 +59,8 @@ def _value(action: argparse.Action) -> str:
 
 
 def _meaning(action: argparse.Action, parser: argparse.ArgumentParser) -> str:
-    words = parser._get_formatter()._expand_help(action) if action.help else ""
-    return _cell(words + (" (required)" if action.required and action.option_strings else ""))
+    help_text = parser._get_formatter()._expand_help(action) if action.help else ""
+    return _cell(help_text + (" (required)" if action.required and action.option_strings else ""))
 
 
 def _cell(text: str) -> str:

@@ -133,7 +133,7 @@ def _one(
         read_frame, read_file(name, "an image file", MAX_BYTES), name, classes=(ImportedFrame,), subject=name
     )
     taken = frame.taken_at if arguments.utc is None else _moment(arguments.utc)
-    seen = frame.seen_at if arguments.utc is None else taken
+    exposed_at = frame.seen_at if arguments.utc is None else taken
     epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
     exposure_s = frame.exposure_s if arguments.exposure is None else arguments.exposure
     if exposure_s is not None and not 0 < exposure_s <= LONGEST_EXPOSURE_S:
@@ -145,7 +145,9 @@ def _one(
         fov_rad=None if arguments.fov_deg is None else math.radians(arguments.fov_deg),
         blind=arguments.blind,
         epoch_jyear=round(epoch, 2),
-        observer=None if seen is None or arguments.keep_aberration else observer_at(seen, _tle(arguments.tle)),
+        observer=None
+        if exposed_at is None or arguments.keep_aberration
+        else observer_at(exposed_at, _tle(arguments.tle)),
         exposure_s=exposure_s,
         fast=False if arguments.plain else None,
         options=tuple(parse(arguments.set).items()),
@@ -180,8 +182,8 @@ def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Any]:
     if text is None:
         return {}
     if not Path(text).is_file():
-        one = attitude(angles(text, (3,), "RA,DEC,ROLL in degrees, or a JSON file"))
-        return {Path(name).name: one for name in files}
+        truth = attitude(angles(text, (3,), "RA,DEC,ROLL in degrees, or a JSON file"))
+        return {Path(name).name: truth for name in files}
     try:
         rows = json.loads(read_limited(Path(text), TEXT_BYTES))
         return {str(name): attitude([float(v) for v in row]) for name, row in rows.items()}

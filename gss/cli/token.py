@@ -46,9 +46,11 @@ def add_token(arguments: argparse.Namespace) -> int:
     """Create a token and print its key, alone on its line for scripts."""
     scopes = [word.strip() for word in arguments.only.split(",") if word.strip()]
     with desk(arguments) as store:
-        made = store.accounts.tokens.add(arguments.name, arguments.role, arguments.days, by=store.who, scopes=scopes)
-        store.record("token_add", f"{made.row.name} as {made.row.role}")
-        print(made.key)
+        new_token = store.accounts.tokens.add(
+            arguments.name, arguments.role, arguments.days, by=store.who, scopes=scopes
+        )
+        store.record("token_add", f"{new_token.row.name} as {new_token.row.role}")
+        print(new_token.key)
     return 0
 
 

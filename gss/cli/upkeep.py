@@ -127,17 +127,19 @@ def backup(arguments: argparse.Namespace) -> int:
     services = services_of(arguments, arguments.to)
     service = services.upkeep.backups
     services.base.disk.check("a backup", service.needed_bytes())
-    made = service.make(_show_progress)
-    removed = service.prune(arguments.keep, made.name) if arguments.keep else []
+    manifest = service.make(_show_progress)
+    removed = service.prune(arguments.keep, manifest.name) if arguments.keep else []
     doubt = services.base.trust.state().doubt
     if arguments.keep and doubt:
         print(f"old backups were not removed: the server's clock is {doubt} (gss retention)", file=sys.stderr)
     services.base.database.close()
     if arguments.json:
-        facts = {"name": made.name, "folder": str(service.folder / made.name), "bytes": made.total_bytes}
-        print(json.dumps(facts | {"files": len(made.blobs), "removed": removed}))
+        facts = {"name": manifest.name, "folder": str(service.folder / manifest.name), "bytes": manifest.total_bytes}
+        print(json.dumps(facts | {"files": len(manifest.blobs), "removed": removed}))
     else:
-        print(f"{service.folder / made.name}: {made.total_bytes} bytes, {len(made.blobs)} files beside the database")
+        print(
+            f"{service.folder / manifest.name}: {manifest.total_bytes} bytes, {len(manifest.blobs)} files beside the database"
+        )
         for name in removed:
             print(f"removed {name}")
     return 0
@@ -236,9 +238,9 @@ def check_store(arguments: argparse.Namespace) -> int:
 
 
 def _print_rows(rows: Rows, values: Mapping[str, Any]) -> None:
-    for name, words, write in rows:
+    for name, label, write in rows:
         if name in values:
-            print(f"{words:37} {write(values[name])}")
+            print(f"{label:37} {write(values[name])}")
 
 
 def _print(report: StoreReport) -> None:

@@ -63,8 +63,10 @@ def list_users(arguments: argparse.Namespace) -> int:
     with desk(arguments) as store:
         for row in store.accounts.users.every():
             state = "on" if row.enabled else "off"
-            seen = f"{row.last_sign_in:%Y-%m-%d %H:%MZ}" if row.last_sign_in else "never"
-            print(f"{row.name:<24} {row.role:<18} {state:<4} last sign-in {seen}  {row.disabled_reason}".rstrip())
+            last_sign_in = f"{row.last_sign_in:%Y-%m-%d %H:%MZ}" if row.last_sign_in else "never"
+            print(
+                f"{row.name:<24} {row.role:<18} {state:<4} last sign-in {last_sign_in}  {row.disabled_reason}".rstrip()
+            )
     return 0
 
 
@@ -145,13 +147,13 @@ def _password(arguments: argparse.Namespace) -> str:
     from gss.domain.errors import BadInput
 
     if arguments.password_stdin:
-        words = sys.stdin.readline().rstrip("\r\n")
-        if not words:
+        password = sys.stdin.readline().rstrip("\r\n")
+        if not password:
             raise BadInput("no password on standard input", expected="one line")
-        return words
+        return password
     if arguments.ask:
-        words = getpass.getpass("Password: ")
-        if words != getpass.getpass("Repeat password: "):
+        password = getpass.getpass("Password: ")
+        if password != getpass.getpass("Repeat password: "):
             raise BadInput("the passwords differ")
-        return words
+        return password
     return ""

@@ -44,9 +44,9 @@ class CanReader:
     def feed(self, data: bytes) -> list[CanFrame]:
         """Return the frames that ``data`` completes."""
         self.bytes += len(data)
-        held, at, frames = self._held + data, 0, []
-        while len(held) - at >= RECORD.size:
-            record = held[at : at + RECORD.size]
+        buffer, at, frames = self._held + data, 0, []
+        while len(buffer) - at >= RECORD.size:
+            record = buffer[at : at + RECORD.size]
             if not _is_record(record):
                 at += 1
                 self.unframed += 1
@@ -59,7 +59,7 @@ class CanReader:
             frames.append(
                 CanFrame(flagged & LARGEST_EXTENDED, content[:length], bool(flagged & EXTENDED), bool(flagged & REMOTE))
             )
-        self._held = held[at:]
+        self._held = buffer[at:]
         return frames
 
 

@@ -389,9 +389,9 @@ CLAUSES: tuple[Clause, ...] = (
 
 def clause(number: str) -> Clause:
     """Return the clause of that number. Raises NotFound."""
-    for one in CLAUSES:
-        if one.number == number:
-            return one
+    for candidate in CLAUSES:
+        if candidate.number == number:
+            return candidate
     raise NotFound("no such clause", expected=", ".join(c.number for c in CLAUSES), got=number)
 
 

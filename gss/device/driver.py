@@ -42,7 +42,7 @@ class DriverTransfers(Protocol):
         kind: str,
         slot: int,
         *,
-        held: HeldPart | None = None,
+        partial: HeldPart | None = None,
         chunk_bytes: int | None = None,
         part: Part | None = None,
         paused: str = "",

@@ -55,13 +55,13 @@ class LinkWire:
         """Return the packet before framing as labelled groups; an argument's group has its name as label."""
         form, command = self._protocol.request, request.order.command
         size = form.header_bytes + len(request.order.payload) + self._check_bytes
-        own = form.codes.get(command.name, {})
+        codes = form.codes.get(command.name, {})
         groups = []
         for field in form.header:
-            code = own.get(field.name, command.code)
+            code = codes.get(field.name, command.code)
             number = {
-                "value": own.get(field.name, field.value),
-                "any": own.get(field.name, field.value),
+                "value": codes.get(field.name, field.value),
+                "any": codes.get(field.name, field.value),
                 "code": (code & field.mask) | field.value,
                 "request_id": request.request_id & field.mask,
                 "length": size + field.add,
@@ -233,11 +233,11 @@ def _header(order: str, form: PacketFormat, packet: bytes) -> dict[str, int]:
 
 def _constant(form: PacketFormat, header: Header, name: str) -> bool:
     """True if the header has the values that every packet, or the one of that name, has."""
-    own = form.codes.get(name, {})
+    codes = form.codes.get(name, {})
     return all(
-        (header[f.name] & f.mask) == own.get(f.name, f.value)
+        (header[f.name] & f.mask) == codes.get(f.name, f.value)
         for f in form.header
-        if f.holds == "value" or f.name in own
+        if f.holds == "value" or f.name in codes
     )
 
 

@@ -38,7 +38,7 @@ class NoTransfers:
         kind: str,
         slot: int,
         *,
-        held: HeldPart | None = None,
+        partial: HeldPart | None = None,
         chunk_bytes: int | None = None,
         part: Part | None = None,
         paused: str = "",

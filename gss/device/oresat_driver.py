@@ -201,11 +201,11 @@ class OresatWire:
     def feed(self, data: bytes) -> list[Answer]:
         """Return what the frames that ``data`` completes mean."""
         answers = []
-        for one in self._reader.feed(data):
-            if one.extended or one.remote:
+        for frame in self._reader.feed(data):
+            if frame.extended or frame.remote:
                 continue
             try:
-                answer = self._read(one)
+                answer = self._read(frame)
             except CorruptData:
                 self.undecodable += 1
                 continue
@@ -213,25 +213,25 @@ class OresatWire:
                 answers.append(answer)
         return answers
 
-    def _read(self, one: CanFrame) -> Answer | None:
+    def _read(self, frame: CanFrame) -> Answer | None:
         """Return the meaning of a frame; None if it has none. Raises CorruptData."""
-        if one.id == SDO_ANSWER:
+        if frame.id == SDO_ANSWER:
             self._received_any = True
-            return self._answered(one.data)
-        if one.id == HEARTBEAT:
+            return self._answered(frame.data)
+        if frame.id == HEARTBEAT:
             self._received_any = True
             self.good += 1
-            return Answer(event=STARTED, detail="The card started.") if one.data == b"\0" else Answer()
-        if one.id in PDO:
+            return Answer(event=STARTED, detail="The card started.") if frame.data == b"\0" else Answer()
+        if frame.id in PDO:
             self._received_any = True
-            return self._process_data(PDO[one.id], one.data)
-        if one.id == EMERGENCY:
-            return self._emergency(one.data)
-        return self._other(one) if one.id in HEARTBEATS and not self._received_any else None
+            return self._process_data(PDO[frame.id], frame.data)
+        if frame.id == EMERGENCY:
+            return self._emergency(frame.data)
+        return self._other(frame) if frame.id in HEARTBEATS and not self._received_any else None
 
-    def _other(self, one: CanFrame) -> Answer | None:
+    def _other(self, frame: CanFrame) -> Answer | None:
         """Report once that only other nodes send, which a wrong node number or a sensor without power looks like."""
-        self._others.add(one.id & 0x7F)
+        self._others.add(frame.id & 0x7F)
         if self._others_since_s is None:
             self._others_since_s = self._clock.now_s
         if not self._clock.now_s - self._others_since_s >= SILENT_S:
@@ -247,10 +247,10 @@ class OresatWire:
         if len(data) != EMERGENCY_LAYOUT.size:
             raise CorruptData("an emergency of another size")
         self.good += 1
-        code, register, more = EMERGENCY_LAYOUT.unpack(data)
+        code, register, details = EMERGENCY_LAYOUT.unpack(data)
         if not code:
             return Answer(event=FAULT_OVER, detail="The fault is over.", time_s=self._clock.time_s())
-        detail = f"Fault 0x{code:04X}, error register 0x{register:02X}, {more.hex()}."
+        detail = f"Fault 0x{code:04X}, error register 0x{register:02X}, {details.hex()}."
         return Answer(event=FAULT, detail=detail, time_s=self._clock.time_s())
 
     # --- service data -------------------------------------------------------------------------------------------

@@ -38,8 +38,8 @@ class SdoResult:
     @property
     def text(self) -> str:
         """The abort code in words."""
-        words = SdoAbortedError.CODES.get(self.abort, "Unknown abort code")
-        return f"{words} (0x{self.abort:08X})"
+        meaning = SdoAbortedError.CODES.get(self.abort, "Unknown abort code")
+        return f"{meaning} (0x{self.abort:08X})"
 
 
 class _Step(Enum):

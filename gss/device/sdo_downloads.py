@@ -59,7 +59,7 @@ class _Download:
     def update(self) -> TransferUpdate:
         """Return the state as an event. Nothing counts as stored before the end, because a part cannot be continued."""
         done = self.state is TransferState.VERIFIED
-        left = (self.size - self.held) / self.rate_bytes_s if self.rate_bytes_s and self.size else None
+        left_s = (self.size - self.held) / self.rate_bytes_s if self.rate_bytes_s and self.size else None
         return TransferUpdate(
             transfer_id=self.id,
             direction=Direction.DOWN,
@@ -76,7 +76,7 @@ class _Download:
             resent=self.resent,
             rate_bytes_s=self.rate_bytes_s,
             line_share=None,
-            left_s=left,
+            left_s=left_s,
             sha256=hashlib.sha256(self.data).hexdigest() if done else "",
             frame_number=self.number,
             resumed=False,
@@ -106,7 +106,7 @@ class SdoDownloads:
         kind: str,
         slot: int,
         *,
-        held: HeldPart | None = None,
+        partial: HeldPart | None = None,
         chunk_bytes: int | None = None,
         part: Part | None = None,
         paused: str = "",
@@ -114,12 +114,12 @@ class SdoDownloads:
         """Queue a download. Raises Conflict for another kind of content."""
         if kind not in self._objects or (part is not None and part != Part()):
             raise Conflict(f"This sensor cannot send content of the kind {kind}.")
-        one = _Download(self._next_id, kind, slot)
+        download = _Download(self._next_id, kind, slot)
         if paused:
-            one.to(TransferState.PAUSED, paused)
-        self._downloads[one.id] = one
+            download.to(TransferState.PAUSED, paused)
+        self._downloads[download.id] = download
         self._next_id += 1
-        return one.id
+        return download.id
 
     def start_upload(
         self,
@@ -136,8 +136,8 @@ class SdoDownloads:
 
     def partial(self, transfer_id: int) -> tuple[bytes, Ranges]:
         """Return the whole content once it is complete, nothing before."""
-        one = self._one(transfer_id)
-        return one.data, ((0, 0),) if one.data else ()
+        download = self._one(transfer_id)
+        return download.data, ((0, 0),) if download.data else ()
 
     def pause(self, transfer_id: int) -> None:
         """Stop a download. Raises Conflict if it has ended."""
@@ -145,30 +145,30 @@ class SdoDownloads:
 
     def resume(self, transfer_id: int) -> None:
         """Start a download again. Raises Conflict if it has ended well."""
-        one = self._one(transfer_id)
-        if one.state is TransferState.VERIFIED:
-            self._refuse(one)
-        if one is not self._active:
-            one.tries = one.furthest = 0
-            one.to(TransferState.QUEUED)
+        download = self._one(transfer_id)
+        if download.state is TransferState.VERIFIED:
+            self._refuse(download)
+        if download is not self._active:
+            download.tries = download.furthest = 0
+            download.to(TransferState.QUEUED)
 
     def abort(self, transfer_id: int) -> None:
         """End a download. Raises Conflict if it has ended."""
         self._stop(transfer_id, TransferState.ABORTED)
 
     def _stop(self, transfer_id: int, state: TransferState) -> None:
-        one = self._one(transfer_id)
-        if one.state in ENDED:
-            self._refuse(one)
-        if one is self._active:
+        download = self._one(transfer_id)
+        if download.state in ENDED:
+            self._refuse(download)
+        if download is self._active:
             self._active = None
             if self._client.busy:
                 self._out += self._send(self._client.give_up(CANCELLED))
-        one.to(state)
+        download.to(state)
 
     @staticmethod
-    def _refuse(one: _Download) -> NoReturn:
-        raise Conflict("the transfer has ended", got=one.state.value)
+    def _refuse(download: _Download) -> NoReturn:
+        raise Conflict("the transfer has ended", got=download.state.value)
 
     def forget(self, transfer_id: int) -> None:
         """Discard a download that has ended."""
@@ -193,22 +193,22 @@ class SdoDownloads:
 
     def lose(self) -> None:
         """Handle the loss of the line: what is under way starts again when the sensor answers."""
-        for one in self._downloads.values():
-            if one is self._active:
-                one.to(TransferState.LINK_LOST, "the line was lost; the download starts again")
+        for download in self._downloads.values():
+            if download is self._active:
+                download.to(TransferState.LINK_LOST, "the line was lost; the download starts again")
         self._active, self._out = None, b""
 
     def begin(self, now_s: float) -> bytes:
         """Return the first message of the next download, b"" without one. Called while the client is free."""
         waiting = (TransferState.QUEUED, TransferState.LINK_LOST)
-        one = next((d for d in self._downloads.values() if d.state in waiting and now_s >= d.due_s), None)
-        if one is None:
+        download = next((d for d in self._downloads.values() if d.state in waiting and now_s >= d.due_s), None)
+        if download is None:
             return b""
-        self._active, self._moved, one.since_s = one, (-1, now_s), now_s
-        one.tries += 1
-        one.held = one.size = one.number = 0
-        one.whole = b""
-        one.to(TransferState.TRANSFERRING, one.reason)
+        self._active, self._moved, download.since_s = download, (-1, now_s), now_s
+        download.tries += 1
+        download.held = download.size = download.number = 0
+        download.whole = b""
+        download.to(TransferState.TRANSFERRING, download.reason)
         return self._read_number()
 
     def _read_number(self) -> bytes:
@@ -216,81 +216,87 @@ class SdoDownloads:
 
     def poll(self, now_s: float) -> bytes:
         """Return messages that continue the download under way."""
-        out, self._out, one = self._out, b"", self._active
-        if one is None:
+        out, self._out, download = self._out, b"", self._active
+        if download is None:
             return out
         if self._client.result is not None:
-            return out + self._continue(one, self._client.result, now_s)
+            return out + self._continue(download, self._client.result, now_s)
         received = len(self._client.received)
         if received != self._moved[0]:
             self._moved = received, now_s
         elif now_s - self._moved[1] >= SILENT_S:
             self._moved = received, now_s
             out += self._send(self._client.nudge())
-        if one.number and not one.whole:
-            one.held, one.size = received, self._client.size
-        one.resent = self._client.repeated
-        one.rate_bytes_s = received / (now_s - one.since_s) if now_s > one.since_s else 0.0
+        if download.number and not download.whole:
+            download.held, download.size = received, self._client.size
+        download.resent = self._client.repeated
+        download.rate_bytes_s = received / (now_s - download.since_s) if now_s > download.since_s else 0.0
         if now_s >= self._report_s:
-            self._report_s, one.changed = now_s + REPORT_EVERY_S, True
+            self._report_s, download.changed = now_s + REPORT_EVERY_S, True
         return out
 
-    def _continue(self, one: _Download, result: SdoResult, now_s: float) -> bytes:
+    def _continue(self, download: _Download, result: SdoResult, now_s: float) -> bytes:
         """Begin the next step after a successful one: number, image, number again."""
         is_number = (result.index, result.subindex) == self._numbering
-        if result.abort or not result.data or (is_number and one.whole):
-            self._finish(one, result, now_s)
+        if result.abort or not result.data or (is_number and download.whole):
+            self._finish(download, result, now_s)
             return b""
         self._client.result, self._moved = None, (-1, now_s)
         if not is_number:
-            one.whole, one.held = result.data, len(result.data)
+            download.whole, download.held = result.data, len(result.data)
             return self._read_number()
-        one.number = int.from_bytes(result.data, "little")
-        if not one.number:
+        download.number = int.from_bytes(result.data, "little")
+        if not download.number:
             self._active = None
-            one.to(TransferState.FAILED, NO_IMAGE)
+            download.to(TransferState.FAILED, NO_IMAGE)
             return b""
-        return self._send(self._client.start_read(*self._objects[one.kind], block=True))
+        return self._send(self._client.start_read(*self._objects[download.kind], block=True))
 
-    def _finish(self, one: _Download, result: SdoResult, now_s: float) -> None:
+    def _finish(self, download: _Download, result: SdoResult, now_s: float) -> None:
         self._active, self._client.result = None, None
         if result.abort == TIMED_OUT and not result.by_server:
-            self._stalled(one, now_s)
-        elif result.abort and not result.by_server and one.tries < TRIES:
-            one.to(TransferState.QUEUED, f"broke off, starts again: {result.text}")
+            self._stalled(download, now_s)
+        elif result.abort and not result.by_server and download.tries < TRIES:
+            download.to(TransferState.QUEUED, f"broke off, starts again: {result.text}")
         elif result.abort == NO_DATA or not (result.abort or result.data):
-            one.to(TransferState.FAILED, NO_IMAGE)
+            download.to(TransferState.FAILED, NO_IMAGE)
         elif result.abort:
-            one.to(TransferState.FAILED, result.text)
-        elif int.from_bytes(result.data, "little") != one.number:
-            again = one.tries < TRIES
-            one.to(
+            download.to(TransferState.FAILED, result.text)
+        elif int.from_bytes(result.data, "little") != download.number:
+            again = download.tries < TRIES
+            download.to(
                 TransferState.QUEUED if again else TransferState.FAILED, REPLACED + (AGAIN if again else STOP_CAPTURE)
             )
         else:
-            one.data, one.held, one.size = one.whole, len(one.whole), len(one.whole)
-            one.whole = b""
-            one.to(TransferState.VERIFIED)
-            sha256 = hashlib.sha256(one.data).hexdigest()
-            self._done.append(TransferDone(one.id, Direction.DOWN, one.kind, one.slot, one.number, one.data, sha256))
+            download.data, download.held, download.size = download.whole, len(download.whole), len(download.whole)
+            download.whole = b""
+            download.to(TransferState.VERIFIED)
+            sha256 = hashlib.sha256(download.data).hexdigest()
+            self._done.append(
+                TransferDone(
+                    download.id, Direction.DOWN, download.kind, download.slot, download.number, download.data, sha256
+                )
+            )
 
     @staticmethod
-    def _stalled(one: _Download, now_s: float) -> None:
+    def _stalled(download: _Download, now_s: float) -> None:
         """Wait for a silent sensor; give up if every attempt stops at the same place, because another one would stop there too."""
-        if one.held == 0 or one.held > one.furthest:
-            one.tries = 1 if one.held else 0
-        one.furthest, one.due_s = max(one.furthest, one.held), now_s + SILENT_AGAIN_S
-        if one.tries >= TRIES:
-            one.to(TransferState.FAILED, f"the download stopped {TRIES} times after at most {one.furthest} bytes")
+        if download.held == 0 or download.held > download.furthest:
+            download.tries = 1 if download.held else 0
+        download.furthest, download.due_s = max(download.furthest, download.held), now_s + SILENT_AGAIN_S
+        if download.tries >= TRIES:
+            download.to(
+                TransferState.FAILED, f"the download stopped {TRIES} times after at most {download.furthest} bytes"
+            )
         else:
-            one.to(TransferState.LINK_LOST, "the sensor is silent; the download starts again when it answers")
+            download.to(TransferState.LINK_LOST, "the sensor is silent; the download starts again when it answers")
 
     def news(self) -> list[TransferUpdate | TransferDone]:
         """Return updates since the last call."""
         events: list[TransferUpdate | TransferDone] = []
-        for one in self._downloads.values():
-            if one.changed:
-                events.append(one.update())
-                one.changed = False
+        for download in self._downloads.values():
+            if download.changed:
+                events.append(download.update())
+                download.changed = False
         done, self._done = self._done, []
         return [*events, *done]

@@ -121,11 +121,11 @@ class SessionTransfer:
     def __post_init__(self) -> None:
         self.wanted_chunk_bytes = self.wanted_chunk_bytes or self.chunk_bytes
 
-    def take_held(self, held: HeldPart) -> None:
+    def take_held(self, partial: HeldPart) -> None:
         """Continue an earlier download: only missing chunks are requested if the content is unchanged."""
-        self.data, self.size = bytearray(held.data), len(held.data)
-        self.chunk_bytes, self.sha256 = held.chunk_bytes, bytes.fromhex(held.sha256)
-        numbers = [i for first, last in held.ranges for i in range(first, last + 1)]
+        self.data, self.size = bytearray(partial.data), len(partial.data)
+        self.chunk_bytes, self.sha256 = partial.chunk_bytes, bytes.fromhex(partial.sha256)
+        numbers = [i for first, last in partial.ranges for i in range(first, last + 1)]
         self.receiver = ChunkReceiver(self.size, self.chunk_bytes, 1, numbers)
 
     def take_content(self, data: bytes) -> None:
@@ -139,10 +139,10 @@ class SessionTransfer:
 
     def stored(self) -> tuple[Ranges, int]:
         """Return what the receiving end holds: ranges and bytes."""
-        held = self.sender.stored if self.sender else self.receiver.held if self.receiver else None
-        if held is None:
+        chunks = self.sender.stored if self.sender else self.receiver.held if self.receiver else None
+        if chunks is None:
             return (), 0
-        return held.ranges()[0], held.stored_bytes(self.size, self.chunk_bytes)
+        return chunks.ranges()[0], chunks.stored_bytes(self.size, self.chunk_bytes)
 
     @property
     def holds_any(self) -> bool:

@@ -171,11 +171,11 @@ class TransferExchange:
     def _prepare_download(self, t: SessionTransfer, size: int, chunk_bytes: int, window: int, sha256: bytes) -> None:
         """Keep stored data if the content is unchanged, mapping it to the new chunk size."""
         same = t.receiver is not None and (t.sha256, t.size) == (sha256, size)
-        held = regrid(t.stored()[0], size, t.chunk_bytes, chunk_bytes) if same else []
+        received = regrid(t.stored()[0], size, t.chunk_bytes, chunk_bytes) if same else []
         if not same:
             t.data = bytearray(size)
         t.size, t.chunk_bytes, t.sha256 = size, chunk_bytes, sha256
-        t.receiver = ChunkReceiver(size, chunk_bytes, window, held)
+        t.receiver = ChunkReceiver(size, chunk_bytes, window, received)
 
     def refused(self, t: SessionTransfer, session: int, message: Decoded, now_s: float) -> None:
         """Process ABORT_TRANSFER: reopen after no_session or busy, otherwise end the transfer."""

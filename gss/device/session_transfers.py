@@ -56,22 +56,22 @@ class TransferManager:
         kind: str,
         slot: int,
         *,
-        held: HeldPart | None = None,
+        partial: HeldPart | None = None,
         chunk_bytes: int | None = None,
         part: Part | None = None,
         paused: str = "",
     ) -> int:
         """Queue a download of any kind the dictionary defines and return its transfer id.
 
-        ``held``: data of an earlier attempt; only missing chunks are requested if the content is unchanged. ``part``:
+        ``partial``: data of an earlier attempt; only missing chunks are requested if the content is unchanged. ``part``:
         the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line. ``paused``:
         reason to wait until the device has identified itself.
         """
         size = self._chunk_size(kind, chunk_bytes, Direction.DOWN)
         transfer = SessionTransfer(self._next_id, Direction.DOWN, kind, checked_target(slot), size)
         transfer.part, transfer.grid_is_fixed = part or Part(), chunk_bytes is not None
-        if held is not None:
-            transfer.take_held(held)
+        if partial is not None:
+            transfer.take_held(partial)
         return self._queue(transfer, paused)
 
     def start_upload(

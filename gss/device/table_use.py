@@ -66,9 +66,9 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
         raise BadInput(
             "the calibration has missing or unknown values", expected="geometry, coefficients, photometry", got=wrong
         )
-    words = [n for n, v in values.items() if isinstance(v, str) and n != "distortion"]
-    if words:
-        raise BadInput("a value of the calibration is not a number", expected="a number", got=", ".join(words))
+    text_names = [n for n, v in values.items() if isinstance(v, str) and n != "distortion"]
+    if text_names:
+        raise BadInput("a value of the calibration is not a number", expected="a number", got=", ".join(text_names))
     numbers = {n: float(v) for n, v in values.items() if not isinstance(v, str)}
     whole = {n: int(numbers[n]) for n in WHOLE}
     size = profile.camera.columns, profile.camera.rows, profile.sensor.bits
@@ -79,9 +79,9 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
         )
     if numbers["focal_col_px"] <= 0 or numbers["focal_row_px"] <= 0 or numbers["gain_e_per_dn"] <= 0:
         raise BadInput("a focal length or the gain is not above zero")
-    own = calibration_values(profile)
+    instrument_values = calibration_values(profile)
     for name in numbers:
-        current = own.get(name, profile.focal_mm if name == "focal_mm" else 0.0)
+        current = instrument_values.get(name, profile.focal_mm if name == "focal_mm" else 0.0)
         # A lens coefficient may turn out to be zero or of the opposite sign.
         within_reason(
             name, numbers[name], -abs(float(current)) if name in coefficients and name != "focal_mm" else current
@@ -98,21 +98,21 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
     return replace(profile, camera=camera, sensor=sensor)
 
 
-def within_reason(name: str, value: float, own: Scalar) -> None:
+def within_reason(name: str, value: float, reference: Scalar) -> None:
     """Raise BadInput if a value is too far from the unit's own to be correct.
 
     Limits: a factor of 100 either way with the same sign; if the unit's own value is zero or negative, ± 100 times its
     absolute value, at least ± 10.
     """
-    if isinstance(own, str):
+    if isinstance(reference, str):
         return
-    if float(own) > 0:
-        low, high = float(own) / REASON, float(own) * REASON
+    if float(reference) > 0:
+        low, high = float(reference) / REASON, float(reference) * REASON
     else:
-        low, high = -max(10.0, REASON * abs(float(own))), max(10.0, REASON * abs(float(own)))
+        low, high = -max(10.0, REASON * abs(float(reference))), max(10.0, REASON * abs(float(reference)))
     if not low <= value <= high:
         raise BadInput(
-            f"{name} cannot be right", expected=f"{low:g} – {high:g}, the unit's own is {own:g}", got=f"{value:g}"
+            f"{name} cannot be right", expected=f"{low:g} – {high:g}, the unit's own is {reference:g}", got=f"{value:g}"
         )
 
 

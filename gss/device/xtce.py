@@ -218,16 +218,16 @@ class _Document:
         crc: bool = False,
     ) -> None:
         attributes = {"shortDescription": purpose} | ({"abstract": "true"} if abstract else {})
-        made = named(self._containers, "SequenceContainer", name, attributes)
-        add_facts(made, facts)
-        listed = ET.SubElement(made, "EntryList")
+        container = named(self._containers, "SequenceContainer", name, attributes)
+        add_facts(container, facts)
+        listed = ET.SubElement(container, "EntryList")
         for entry in (*entries, *(["CRC32"] if crc else [])):
             if isinstance(entry, str):
                 ET.SubElement(listed, "ParameterRefEntry", parameterRef=entry)
             else:
                 listed.append(entry)
         if base:
-            on = ET.SubElement(made, "BaseContainer", containerRef=base)
+            on = ET.SubElement(container, "BaseContainer", containerRef=base)
             comparisons = ET.SubElement(ET.SubElement(on, "RestrictionCriteria"), "ComparisonList")
             for parameter, operator, value in criteria:
                 terms_of = {"parameterRef": parameter, "comparisonOperator": operator, "value": str(value)}

@@ -53,18 +53,18 @@ class CommandWriter:
         _fixed(entries, "DEVICE_TIME", bytes(6))
 
     def _command(self, command: CommandDefinition) -> None:
-        made = named(self._commands, "MetaCommand", command.name)
-        ET.SubElement(made, "LongDescription").text = command.purpose
-        add_facts(made, self._facts(command))
+        element = named(self._commands, "MetaCommand", command.name)
+        ET.SubElement(element, "LongDescription").text = command.purpose
+        add_facts(element, self._facts(command))
         if self._headers:
-            base = ET.SubElement(made, "BaseMetaCommand", metaCommandRef=BASE)
+            base = ET.SubElement(element, "BaseMetaCommand", metaCommandRef=BASE)
             assigned = ET.SubElement(base, "ArgumentAssignmentList")
             ET.SubElement(assigned, "ArgumentAssignment", argumentName="CODE", argumentValue=str(command.code))
         if command.arguments:
-            arguments = ET.SubElement(made, "ArgumentList")
+            arguments = ET.SubElement(element, "ArgumentList")
             for argument in command.arguments:
                 self._argument(arguments, command, argument)
-        container = named(made, "CommandContainer", command.name)
+        container = named(element, "CommandContainer", command.name)
         entries = ET.SubElement(container, "EntryList")
         for argument in command.arguments:
             ET.SubElement(entries, "ArgumentRefEntry", argumentRef=argument.name)
@@ -72,14 +72,14 @@ class CommandWriter:
             ET.SubElement(entries, "ParameterRefEntry", parameterRef="CRC32")
             ET.SubElement(container, "BaseContainer", containerRef=BASE)
         if command.preconditions:
-            constraints = ET.SubElement(made, "TransmissionConstraintList")
+            constraints = ET.SubElement(element, "TransmissionConstraintList")
             for condition in command.preconditions:
                 _constraint(ET.SubElement(constraints, "TransmissionConstraint"), condition)
         if command.hazard is not Hazard.NONE:
             level = {"consequenceLevel": terms.LEVELS[command.hazard]}
-            ET.SubElement(made, "DefaultSignificance", {"reasonForWarning": command.hazard_reason} | level)
+            ET.SubElement(element, "DefaultSignificance", {"reasonForWarning": command.hazard_reason} | level)
         if self._verified:
-            self._verifiers(made, command)
+            self._verifiers(element, command)
 
     def _argument(self, arguments: ET.Element, command: CommandDefinition, argument: Argument) -> None:
         if argument.type in ("text", "rest"):
@@ -107,10 +107,10 @@ class CommandWriter:
             facts["hazard_reason"] = command.hazard_reason
         return facts
 
-    def _verifiers(self, made: ET.Element, command: CommandDefinition) -> None:
+    def _verifiers(self, element: ET.Element, command: CommandDefinition) -> None:
         report = self._dictionary.service("REPORT")
         stage = next(field for field in report.fields if isinstance(field, Item) and field.name == "stage")
-        verifiers = ET.SubElement(made, "VerifierSet")
+        verifiers = ET.SubElement(element, "VerifierSet")
         for tag, name, limit in STAGES:
             verifier = ET.SubElement(verifiers, tag)
             listed = ET.SubElement(verifier, "ComparisonList")

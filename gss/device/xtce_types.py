@@ -41,17 +41,17 @@ def named(parent: ET.Element, tag: str, name: str, attributes: Mapping[str, str]
 def add_facts(element: ET.Element, facts: Mapping[str, Any], at: int | None = None) -> None:
     """Add what XTCE has no element for, if there is any."""
     if facts:
-        made = ET.Element("AncillaryDataSet")
-        entry = ET.SubElement(made, "AncillaryData", name=terms.ANCILLARY, mimeType=terms.JSON_TYPE)
+        fact_set = ET.Element("AncillaryDataSet")
+        entry = ET.SubElement(fact_set, "AncillaryData", name=terms.ANCILLARY, mimeType=terms.JSON_TYPE)
         entry.text = json.dumps(facts, ensure_ascii=False, separators=(",", ":"))
-        element.insert(len(element) if at is None else at, made)
+        element.insert(len(element) if at is None else at, fact_set)
 
 
 def dynamic(size: ET.Element, parameter: str, slope: int, intercept: int) -> None:
     """Add a size in bits: slope · parameter + intercept."""
-    made = ET.SubElement(size, "DynamicValue")
-    ET.SubElement(made, "ParameterInstanceRef", parameterRef=parameter)
-    ET.SubElement(made, "LinearAdjustment", slope=str(slope), intercept=str(intercept))
+    dynamic_value = ET.SubElement(size, "DynamicValue")
+    ET.SubElement(dynamic_value, "ParameterInstanceRef", parameterRef=parameter)
+    ET.SubElement(dynamic_value, "LinearAdjustment", slope=str(slope), intercept=str(intercept))
 
 
 class TypeWriter:
@@ -62,18 +62,18 @@ class TypeWriter:
 
     def unsigned(self, entries: ET.Element, name: str, bits: int, purpose: str, facts: Mapping[str, Any]) -> None:
         """Add an unsigned integer of the header, a count or a length."""
-        made = self.make("Integer", name)
-        made.set("signed", "false")
-        self._integer_encoding(made, bits, signed=False)
+        element = self.make("Integer", name)
+        element.set("signed", "false")
+        self._integer_encoding(element, bits, signed=False)
         self.entry(entries, name, name, {"shortDescription": purpose}, facts)
 
     def make(self, kind: str, name: str, unit: str = "") -> ET.Element:
         """Add a type with its unit."""
-        made = named(self._types, f"{kind}{self._kind}Type", name)
-        units = ET.SubElement(made, "UnitSet")
+        element = named(self._types, f"{kind}{self._kind}Type", name)
+        units = ET.SubElement(element, "UnitSet")
         if unit:
             ET.SubElement(units, "Unit").text = unit
-        return made
+        return element
 
     def entry(
         self,
@@ -87,10 +87,10 @@ class TypeWriter:
         """Add a parameter or argument."""
         reference = "parameterTypeRef" if self._kind == "Parameter" else "argumentTypeRef"
         non_empty = {key: text for key, text in attributes.items() if text or key == "initialValue"}
-        made = named(entries, self._kind, name, {reference: type_name, **non_empty})
+        element = named(entries, self._kind, name, {reference: type_name, **non_empty})
         if purpose:
-            ET.SubElement(made, "LongDescription").text = purpose
-        add_facts(made, facts)
+            ET.SubElement(element, "LongDescription").text = purpose
+        add_facts(element, facts)
 
     def value(self, name: str, item: Item, around: int) -> dict[str, Any]:
         """Add the type of a value and return what it cannot express.
@@ -122,10 +122,10 @@ class TypeWriter:
     # --- numbers ------------------------------------------------------------------------------------------------------
 
     def _time(self, name: str, item: Item) -> dict[str, Any]:
-        made = named(self._types, f"AbsoluteTime{self._kind}Type", name)
-        encoding = ET.SubElement(made, "Encoding", units="seconds")
+        element = named(self._types, f"AbsoluteTime{self._kind}Type", name)
+        encoding = ET.SubElement(element, "Encoding", units="seconds")
         self._float_encoding(encoding, item.type)
-        ET.SubElement(ET.SubElement(made, "ReferenceTime"), "Epoch").text = "UNIX"
+        ET.SubElement(ET.SubElement(element, "ReferenceTime"), "Epoch").text = "UNIX"
         return _limits_of(item) | _range_of(item)
 
     def _number(self, name: str, item: Item) -> dict[str, Any]:
@@ -134,47 +134,47 @@ class TypeWriter:
         kind = {"bool": "Boolean", "enum": "Enumerated"}.get(item.type, "Integer")
         if item.type in FLOATS or (coefficients and kind == "Integer"):
             kind = "Float"
-        made = self.make(kind, name, item.unit)
+        element = self.make(kind, name, item.unit)
         if item.type in FLOATS:
-            made.set("sizeInBits", str(bits))
-            encoding = self._float_encoding(made, item.type)
+            element.set("sizeInBits", str(bits))
+            encoding = self._float_encoding(element, item.type)
         else:
             signed = item.type.startswith("i")
             if kind == "Integer":
-                made.set("signed", str(signed).lower())
-                made.set("sizeInBits", str(bits))
+                element.set("signed", str(signed).lower())
+                element.set("sizeInBits", str(bits))
             elif kind == "Float":
-                made.set("sizeInBits", "64")
-            encoding = self._integer_encoding(made, bits, signed)
+                element.set("sizeInBits", "64")
+            encoding = self._integer_encoding(element, bits, signed)
         if coefficients:
             polynomial = ET.SubElement(ET.SubElement(encoding, "DefaultCalibrator"), "PolynomialCalibrator")
             for power, c in enumerate(coefficients):
                 ET.SubElement(polynomial, "Term", coefficient=repr(float(c)), exponent=str(power))
         if item.type == "enum":
-            listed = ET.SubElement(made, "EnumerationList")
+            listed = ET.SubElement(element, "EnumerationList")
             for choice in item.choices:
                 note = {"shortDescription": choice.note} if choice.note else {}
                 ET.SubElement(listed, "Enumeration", {"value": str(choice.value), "label": choice.name, **note})
         if kind in ("Boolean", "Enumerated"):
             return _limits_of(item) | _range_of(item) | _hazards_of(item)
-        return self._ranges(made, item, kind == "Integer")
+        return self._ranges(element, item, kind == "Integer")
 
-    def _integer_encoding(self, made: ET.Element, bits: int, signed: bool) -> ET.Element:
+    def _integer_encoding(self, element: ET.Element, bits: int, signed: bool) -> ET.Element:
         facts = {"sizeInBits": str(bits), "encoding": "twosComplement" if signed else "unsigned"}
-        return ET.SubElement(made, "IntegerDataEncoding", facts | self._order(bits))
+        return ET.SubElement(element, "IntegerDataEncoding", facts | self._order(bits))
 
-    def _float_encoding(self, made: ET.Element, kind: str) -> ET.Element:
+    def _float_encoding(self, element: ET.Element, kind: str) -> ET.Element:
         bits = 8 * STRUCT[kind].size
         facts = {"sizeInBits": str(bits), "encoding": "IEEE754_1985"}
-        return ET.SubElement(made, "FloatDataEncoding", facts | self._order(bits))
+        return ET.SubElement(element, "FloatDataEncoding", facts | self._order(bits))
 
     def _order(self, bits: int) -> dict[str, str]:
         return {"byteOrder": terms.LITTLE_ENDIAN} if self._little and bits > 8 and bits % 8 == 0 else {}
 
-    def _ranges(self, made: ET.Element, item: Item, integer: bool) -> dict[str, Any]:
+    def _ranges(self, element: ET.Element, item: Item, integer: bool) -> dict[str, Any]:
         """Add valid range and alarms of a number and return what has no place there."""
         if isinstance(item, Argument):
-            return _argument_range(made, item)
+            return _argument_range(element, item)
         if not isinstance(item, TelemetryField):
             return {}
         facts: dict[str, Any] = {}
@@ -185,10 +185,10 @@ class TypeWriter:
                 facts["valid"] = [low, high]
             else:
                 bounds = (int(low), int(high)) if integer else (low, high)
-                ET.SubElement(made, "ValidRange", minInclusive=repr(bounds[0]), maxInclusive=repr(bounds[1]))
+                ET.SubElement(element, "ValidRange", minInclusive=repr(bounds[0]), maxInclusive=repr(bounds[1]))
         if not item.limits.any:
             return facts | _persistence(item)
-        alarm = ET.SubElement(made, "DefaultAlarm")
+        alarm = ET.SubElement(element, "DefaultAlarm")
         if item.persistence != 1:
             alarm.attrib |= {"minViolations": str(item.persistence), "minConformance": str(item.persistence)}
         ranges = ET.SubElement(alarm, "StaticAlarmRanges")
@@ -199,7 +199,7 @@ class TypeWriter:
         return facts
 
 
-def _argument_range(made: ET.Element, argument: Argument) -> dict[str, Any]:
+def _argument_range(element: ET.Element, argument: Argument) -> dict[str, Any]:
     low, high = argument.minimum, argument.maximum
     if low is None or high is None:
         return _range_of(argument)
@@ -209,7 +209,7 @@ def _argument_range(made: ET.Element, argument: Argument) -> dict[str, Any]:
         if int(low) != low or int(high) != high or int(low) not in terms.LONG or int(high) not in terms.LONG:
             return _range_of(argument)
         low, high = int(low), int(high)
-    ranges = ET.SubElement(made, "ValidRangeSet")
+    ranges = ET.SubElement(element, "ValidRangeSet")
     ET.SubElement(ranges, "ValidRange", minInclusive=repr(low), maxInclusive=repr(high))
     return {}
 

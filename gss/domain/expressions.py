@@ -97,7 +97,7 @@ def _kind(node: ExpressionNode, kinds: Mapping[str, ValueKind]) -> ValueKind:
             _wrong_kind(node, f"two values of one kind, not {operand_kinds[0]} and {operand_kinds[1]}")
         return "bool"
     operand_kind: ValueKind = "bool" if node.name in ("and", "or", "not") else "number"
-    if any(one != operand_kind for one in operand_kinds):
+    if any(kind != operand_kind for kind in operand_kinds):
         _wrong_kind(node, {"bool": "yes/no values, for example a comparison", "number": "numbers"}[operand_kind])
     return "bool" if operand_kind == "bool" or node.name in COMPARISONS else "number"
 
@@ -121,17 +121,17 @@ def _value(node: ExpressionNode, values: Mapping[str, Quantity | None]) -> Evalu
     operands = [_value(operand, values) for operand in node.operands]
     if node.name in ("and", "or"):
         return _logical(node.name, operands)
-    missing = next((one for one in operands if one.value is None), None)
+    missing = next((evaluated for evaluated in operands if evaluated.value is None), None)
     if missing is not None:
         return missing
-    return _applied(node.name, [one.value for one in operands if one.value is not None])
+    return _applied(node.name, [evaluated.value for evaluated in operands if evaluated.value is not None])
 
 
 def _logical(name: str, operands: Sequence[Evaluation]) -> Evaluation:
     decisive = name == "or"
-    if any(one.value is decisive for one in operands):
+    if any(operand.value is decisive for operand in operands):
         return Evaluation(decisive)
-    return next((one for one in operands if one.value is None), Evaluation(not decisive))
+    return next((operand for operand in operands if operand.value is None), Evaluation(not decisive))
 
 
 def _applied(name: str, operands: Sequence[Quantity]) -> Evaluation:
@@ -139,7 +139,7 @@ def _applied(name: str, operands: Sequence[Quantity]) -> Evaluation:
         return Evaluation(not operands[0])
     if name in ("==", "!="):
         return Evaluation((operands[0] == operands[1]) == (name == "=="))
-    numbers = [one for one in operands if not isinstance(one, str)]
+    numbers = [operand for operand in operands if not isinstance(operand, str)]
     if len(numbers) != len(operands):
         return Evaluation(None, f"an operand of {name} is text")
     if name in COMPARISONS:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 
-def counted(count: int, one: str, many: str = "") -> str:
-    """Format a count with its noun: "1 frame", "12 frames". ``many``: the plural if it is not the noun with an s."""
-    return f"{count} {one if count == 1 else many or one + 's'}"
+def counted(count: int, singular: str, plural: str = "") -> str:
+    """Format a count with its noun: "1 frame", "12 frames". ``plural``: the plural if it is not the noun with an s."""
+    return f"{count} {singular if count == 1 else plural or singular + 's'}"
 
 
-def verb(count: int, one: str, many: str) -> str:
-    """Return the verb form that agrees with a count: ``one`` ("is") or ``many`` ("are")."""
-    return one if count == 1 else many
+def verb(count: int, singular: str, plural: str) -> str:
+    """Return the verb form that agrees with a count: ``singular`` ("is") or ``plural`` ("are")."""
+    return singular if count == 1 else plural

@@ -54,7 +54,7 @@ def _images(form: str, stars: StarTable, profile: CameraProfile) -> Iterator[byt
     camera = profile.camera
     reduced = reduced_catalogue(stars, frame_of(camera, SURVEY_STEP_RAD)) if form == "far-mst" else None
     for share in (1.0, 0.9, 0.8) if format_of(form).pairs else (1.0,):
-        own = tables_for(
+        catalogue_tables = tables_for(
             form,
             stars,
             _pairs(form, stars, share * camera.diagonal_rad),
@@ -63,7 +63,7 @@ def _images(form: str, stars: StarTable, profile: CameraProfile) -> Iterator[byt
             uncertainty_rad=uncertainty_rad(profile),
             reduced=reduced,
         )
-        yield encode(stars, own.distances, form, profile.name, tables=own.tables)
+        yield encode(stars, catalogue_tables.distances, form, profile.name, tables=catalogue_tables.tables)
 
 
 def _pairs(form: str, stars: StarTable, max_rad: float) -> DistanceTable:

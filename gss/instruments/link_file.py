@@ -66,9 +66,9 @@ class PacketFormat(Strict):
         names = [field.name for field in self.header]
         if len(set(names)) < len(names):
             raise ValueError("header: a name appears twice")
-        for held in ("code", "request_id", "length"):
-            if sum(field.holds == held for field in self.header) > 1:
-                raise ValueError(f"header: more than one field holds the {held}")
+        for content in ("code", "request_id", "length"):
+            if sum(field.holds == content for field in self.header) > 1:
+                raise ValueError(f"header: more than one field holds the {content}")
         for row in self.codes.values():
             if not set(row) <= set(names):
                 raise ValueError(f"codes: no header field is named {', '.join(sorted(set(row) - set(names)))}")
@@ -110,8 +110,8 @@ class Protocol(Strict):
 
     @model_validator(mode="after")
     def _matched(self) -> Self:
-        held = {field.holds for field in self.response.header}
-        if self.match != "order" and self.match not in held:
+        contents = {field.holds for field in self.response.header}
+        if self.match != "order" and self.match not in contents:
             raise ValueError(f"match: no field of the response's header holds the {self.match}")
         if self.accepted is not None and self.accepted.field not in {f.name for f in self.response.header}:
             raise ValueError(f"accepted: the response's header has no field {self.accepted.field}")

@@ -83,22 +83,22 @@ def parse_yaml(name: str, data: bytes) -> MarkedYaml:
     return MarkedYaml(name, content, lines)
 
 
-def _mark(name: str, node: yaml.Node, path: Place, lines: dict[Place, int], seen: set[int]) -> None:
+def _mark(name: str, node: yaml.Node, path: Place, lines: dict[Place, int], visited: set[int]) -> None:
     line = node.start_mark.line + 1
     lines.setdefault(path, line)
-    if id(node) in seen:
+    if id(node) in visited:
         raise BadInput(f"{name}, line {line}: aliases (*) are not supported; write the value again")
-    seen.add(id(node))
+    visited.add(id(node))
     if len(path) > DEEPEST:
         raise BadInput(f"{name}, line {line}: nested more than {DEEPEST} levels deep")
     if isinstance(node, yaml.SequenceNode):
         for index, entry in enumerate(node.value):
-            _mark(name, entry, (*path, index), lines, seen)
+            _mark(name, entry, (*path, index), lines, visited)
     elif isinstance(node, yaml.MappingNode):
-        _mark_mapping(name, node, path, lines, seen)
+        _mark_mapping(name, node, path, lines, visited)
 
 
-def _mark_mapping(name: str, node: yaml.MappingNode, path: Place, lines: dict[Place, int], seen: set[int]) -> None:
+def _mark_mapping(name: str, node: yaml.MappingNode, path: Place, lines: dict[Place, int], visited: set[int]) -> None:
     for key, value in node.value:
         line = key.start_mark.line + 1
         if not isinstance(key, yaml.ScalarNode) or key.tag == "tag:yaml.org,2002:merge":
@@ -106,4 +106,4 @@ def _mark_mapping(name: str, node: yaml.MappingNode, path: Place, lines: dict[Pl
         if (*path, key.value) in lines:
             raise BadInput(f"{name}, line {line}: {key.value} appears twice")
         lines[*path, key.value] = line
-        _mark(name, value, (*path, key.value), lines, seen)
+        _mark(name, value, (*path, key.value), lines, visited)

@@ -196,11 +196,11 @@ class StandardOperations:
         """Return the operation that a command does; None if it is not a standard one."""
         return self._of_command.get(command)
 
-    def call(self, operation: Operation, given: Values | None = None) -> Call:
+    def call(self, operation: Operation, supplied: Values | None = None) -> Call:
         """Return the command and its arguments for standard arguments. Raises Conflict if the instrument lacks it."""
         row, command = self.require(operation), self.dictionary.command(self.command(operation))
         arguments: dict[str, Value] = dict(row.fixed)
-        for name, value in (given or {}).items():
+        for name, value in (supplied or {}).items():
             to = row.arguments.get(name, ArgumentRow(name=name))
             arguments[to.name] = value
             if to.scale != 1.0 and isinstance(value, int | float):

@@ -120,19 +120,19 @@ def _short(value: object) -> str:
 
 def _dictionary(about: InstrumentFile, file: MarkedYaml, files: Files, link: LinkFile) -> Dictionary:
     """Return the package's own dictionary, in YAML or XTCE, or the shared one that it names."""
-    own = [name for name in (OWN_DICTIONARY, XTCE_DICTIONARY) if name in files]
-    if len(own) > 1:
+    dictionaries = [name for name in (OWN_DICTIONARY, XTCE_DICTIONARY) if name in files]
+    if len(dictionaries) > 1:
         raise BadInput(f"the package has {OWN_DICTIONARY} and {XTCE_DICTIONARY}", expected="one of the two")
     if about.dictionary is None:
-        if not own:
+        if not dictionaries:
             raise file.error(
                 (), f"name a shared dictionary (dictionary: gss-common) or add {OWN_DICTIONARY} or {XTCE_DICTIONARY}"
             )
-        if own == [XTCE_DICTIONARY]:
+        if dictionaries == [XTCE_DICTIONARY]:
             return dictionary_of(XTCE_DICTIONARY, files[XTCE_DICTIONARY], _byte_order(about, link))
         return read_dictionary(OWN_DICTIONARY, files[OWN_DICTIONARY])
-    if own:
-        raise file.error(("dictionary",), f"the package has its own {own[0]}; remove one of the two")
+    if dictionaries:
+        raise file.error(("dictionary",), f"the package has its own {dictionaries[0]}; remove one of the two")
     try:
         return shared_dictionary(about.dictionary)
     except NotFound as error:

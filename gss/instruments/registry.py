@@ -34,8 +34,8 @@ class Registry:
     A package is read when it is first needed, and an own one again when its files have changed. Thread-safe.
     """
 
-    def __init__(self, own: Path | None = None) -> None:
-        self._own = own
+    def __init__(self, own_folder: Path | None = None) -> None:
+        self._own = own_folder
         self._lock = threading.RLock()
         self._shipped: dict[str, Instrument] = {}
         self._read: dict[str, tuple[Signature, Instrument | GssError]] = {}
@@ -107,21 +107,21 @@ class Registry:
         """Install a package in the user's folder, replacing the one of the same name, whose version is kept for
         comparison. Raises BadInput, and Conflict for the name of a shipped instrument, or of any without ``replaces``."""
         instrument = load_instrument(files)
-        name, own = instrument.name, self._own_folder()
+        name, own_folder = instrument.name, self._own_folder()
         self.check_name(name)
         with self._lock:
             if not replaces and name in self._own_names():
                 raise Conflict("an instrument of this name exists", got=name, hint="choose another name")
-            history = own / HISTORY
+            history = own_folder / HISTORY
             history.mkdir(parents=True, exist_ok=True)
             archive = history / f"{name}-{instrument.version}.zip"
             part = archive.with_suffix(".part")
             part.write_bytes(write_zip(name, files))
             part.replace(archive)
-            new = Path(tempfile.mkdtemp(prefix=".new-", dir=own))
+            new = Path(tempfile.mkdtemp(prefix=".new-", dir=own_folder))
             try:
                 write_folder(new, files)
-                _replace(new, own / name)
+                _replace(new, own_folder / name)
             finally:
                 shutil.rmtree(new, ignore_errors=True)
             self._read.pop(name, None)

@@ -59,8 +59,8 @@ def add_user(session: Session, row: User) -> User:
 
 def users_made_by(session: Session, maker: str, since: datetime, until: datetime) -> list[User]:
     """Return enabled users created by a user name in a time range."""
-    made = (User.created_by == maker, User.created.between(since, until), User.enabled.is_(True))
-    return list(session.scalars(select(User).where(*made).order_by(User.id)))
+    conditions = (User.created_by == maker, User.created.between(since, until), User.enabled.is_(True))
+    return list(session.scalars(select(User).where(*conditions).order_by(User.id)))
 
 
 def enabled_admins(session: Session) -> int:
@@ -139,8 +139,8 @@ def tokens(session: Session) -> list[ApiToken]:
 
 def tokens_made_by(session: Session, maker: str, since: datetime, until: datetime) -> list[ApiToken]:
     """Return unrevoked tokens created by a user name in a time range."""
-    made = (ApiToken.created_by == maker, ApiToken.created.between(since, until), ApiToken.revoked.is_(None))
-    return list(session.scalars(select(ApiToken).where(*made)))
+    conditions = (ApiToken.created_by == maker, ApiToken.created.between(since, until), ApiToken.revoked.is_(None))
+    return list(session.scalars(select(ApiToken).where(*conditions)))
 
 
 def tokens_owned_by(session: Session, user_id: int) -> list[ApiToken]:
@@ -167,8 +167,14 @@ def add_link(session: Session, row: OneTimeLink) -> None:
 
 def void_links_made_by(session: Session, maker: str, since: datetime, until: datetime) -> int:
     """Invalidate the unused links that a user name created in a time range. Returns their number."""
-    made = (OneTimeLink.created_by == maker, OneTimeLink.created.between(since, until), OneTimeLink.used.is_(None))
-    return len(session.execute(update(OneTimeLink).where(*made).values(used=until).returning(OneTimeLink.id)).all())
+    conditions = (
+        OneTimeLink.created_by == maker,
+        OneTimeLink.created.between(since, until),
+        OneTimeLink.used.is_(None),
+    )
+    return len(
+        session.execute(update(OneTimeLink).where(*conditions).values(used=until).returning(OneTimeLink.id)).all()
+    )
 
 
 def void_links(session: Session, kind: str, user_id: int | None, now: datetime) -> None:

@@ -91,9 +91,9 @@ def _run(program: str, url: str, arguments: list[str]) -> None:
             expected=program,
             hint="run apt install postgresql-client, or use the database server's own backup",
         )
-    made = make_url(url)
+    parsed = make_url(url)
     done = subprocess.run(  # noqa: S603 - a found program, no shell
-        [path, *arguments], env={**os.environ, **_environment(made)}, capture_output=True, text=True, check=False
+        [path, *arguments], env={**os.environ, **_environment(parsed)}, capture_output=True, text=True, check=False
     )
     if done.returncode:
         cause = (done.stderr.strip().splitlines() or ["no words"])[-1]

@@ -239,7 +239,7 @@ def _second_server(got: str = "") -> Conflict:
 def _is_damage(error: DatabaseError) -> bool:
     """True if SQLite reports a damaged page; its other errors have their own classes."""
     return type(error.orig).__name__ == "DatabaseError" and any(
-        words in str(error.orig) for words in ("malformed", "not a database")
+        phrase in str(error.orig) for phrase in ("malformed", "not a database")
     )
 
 

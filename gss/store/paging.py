@@ -22,8 +22,8 @@ def newest(
 
 def every(session: Session, query: Select[Row], number: InstrumentedAttribute[int]) -> Iterator[Row]:
     """Yield all rows, oldest first, read in batches. Rows are expunged after use, so that memory use is bounded."""
-    seen = 0
-    while rows := list(session.scalars(query.where(number > seen).order_by(number).limit(BATCH))):
+    last_number = 0
+    while rows := list(session.scalars(query.where(number > last_number).order_by(number).limit(BATCH))):
         yield from rows
-        seen = getattr(rows[-1], number.key)
+        last_number = getattr(rows[-1], number.key)
         session.expunge_all()

@@ -21,9 +21,9 @@ def newest_orbits(session: Session, limit: int) -> list[OrbitSet]:
 
 def nearest_orbits(session: Session, spacecraft: str, moment: datetime, limit: int) -> list[OrbitSet]:
     """Return up to ``limit`` orbits of a spacecraft, those with the nearest epoch first."""
-    own = select(OrbitSet).where(OrbitSet.spacecraft == spacecraft).limit(limit)
-    before = session.scalars(own.where(OrbitSet.epoch <= moment).order_by(OrbitSet.epoch.desc()))
-    after = session.scalars(own.where(OrbitSet.epoch > moment).order_by(OrbitSet.epoch))
+    query = select(OrbitSet).where(OrbitSet.spacecraft == spacecraft).limit(limit)
+    before = session.scalars(query.where(OrbitSet.epoch <= moment).order_by(OrbitSet.epoch.desc()))
+    after = session.scalars(query.where(OrbitSet.epoch > moment).order_by(OrbitSet.epoch))
     return sorted([*before, *after], key=lambda row: abs(row.epoch - moment))[:limit]
 
 

@@ -286,7 +286,7 @@ def test_transfers_of_a_previous_server_wait_for_the_device_and_continue(bench: 
     restarted = HostSession(bench.dictionary)
     bench.host = restarted
     why = "the server restarted"
-    resumed = restarted.transfers.start_download("frame", 0, held=part, paused=why)
+    resumed = restarted.transfers.start_download("frame", 0, partial=part, paused=why)
     compatibility = Compatibility(bench.dictionary.device_model, "cubestar", bench.dictionary.hash, 1, 1991.25)
     up = restarted.transfers.start_upload("catalogue", B, data, compatibility, paused=why)
     by_hand = restarted.transfers.start_download("thumbnail", 0)
@@ -318,7 +318,7 @@ def test_a_damaged_stored_part_is_discarded_and_downloaded_again(bench: Bench) -
     rotten = bytearray(data)
     rotten[100] ^= 1
     second = bench.host.transfers.start_download(
-        "frame", 0, held=HeldPart(update.sha256, update.chunk_size, bytes(rotten), ranges)
+        "frame", 0, partial=HeldPart(update.sha256, update.chunk_size, bytes(rotten), ranges)
     )
     bench.transfer_ends(second, "verified")
     assert done(bench, second).data == pixels

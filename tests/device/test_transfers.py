@@ -235,13 +235,13 @@ def test_a_new_server_continues_an_interrupted_download(bench: Bench) -> None:
     bench.host.transfers.abort(first)
     held = HeldPart(update.sha256, update.chunk_size, *bench.host.transfers.partial(first))
     bench.run(0.5)
-    second = bench.host.transfers.start_download("frame", 0, held=held)
+    second = bench.host.transfers.start_download("frame", 0, partial=held)
     before = bench.host.counters.received.bytes
     assert bench.transfer_ends(second, "verified").resumed
     assert bench.host.counters.received.bytes - before < 300_000
     assert done(bench, second).data == bench.tracker.slots[0].pixels.tobytes()
     bench.do("TAKE_IMAGE")
-    third = bench.host.transfers.start_download("frame", 0, held=held)
+    third = bench.host.transfers.start_download("frame", 0, partial=held)
     assert not bench.transfer_ends(third, "verified").resumed
     assert done(bench, third).data == bench.tracker.slots[0].pixels.tobytes()
 

@@ -155,8 +155,8 @@ class Connections:
             return
         self.ended(connection)
         if len(self._users) >= self.limits.authenticated:
-            idle = [one for one in self._users if one.waits_for_client]
-            same_origin = [one for one in idle if one.origin == connection.origin]
+            idle = [candidate for candidate in self._users if candidate.waits_for_client]
+            same_origin = [candidate for candidate in idle if candidate.origin == connection.origin]
             self._drop(next(iter(same_origin or idle), None))
         self._users[connection] = None
 
@@ -170,7 +170,7 @@ class Connections:
 
 def _victim(pool: Pool) -> Connection:
     """Return the oldest connection that waits for its client, or the oldest of all if each has a request in progress."""
-    return next((one for one in pool if one.waits_for_client), next(iter(pool)))
+    return next((candidate for candidate in pool if candidate.waits_for_client), next(iter(pool)))
 
 
 def origin_of(address: str) -> str:

@@ -32,10 +32,10 @@ def file_of_now(path: Path) -> StreamingResponse:
     size = path.stat().st_size
 
     def blocks() -> Iterator[bytes]:
-        left = size
+        remaining = size
         with path.open("rb") as file:
-            while left and (data := file.read(min(BLOCK_BYTES, left))):
-                left -= len(data)
+            while remaining and (data := file.read(min(BLOCK_BYTES, remaining))):
+                remaining -= len(data)
                 yield data
 
     headers = {"Content-Length": str(size), "Content-Disposition": f'attachment; filename="{path.name}"'}

@@ -77,12 +77,12 @@ class Perimeter:
             names = "localhost, 127.0.0.1, ::1 or one of GSS_PUBLIC_NAMES"
             return Refusal("unknown host name", names, host_name(f"//{caller.authority}"))
         origin = headers.get("origin")
-        own = f"{'https' if caller.secure else 'http'}://{caller.authority}"
-        if origin is not None and origin.lower() != own.lower():
-            return Refusal("cross-origin request rejected", own, origin)
+        own_origin = f"{'https' if caller.secure else 'http'}://{caller.authority}"
+        if origin is not None and origin.lower() != own_origin.lower():
+            return Refusal("cross-origin request rejected", own_origin, origin)
         site = headers.get("sec-fetch-site", "none")
         if data and site not in ("same-origin", "none"):
-            return Refusal("cross-origin request rejected", own, f"Sec-Fetch-Site: {site}")
+            return Refusal("cross-origin request rejected", own_origin, f"Sec-Fetch-Site: {site}")
         return None
 
     def _is_proxy(self, address: str) -> bool:

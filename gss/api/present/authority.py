@@ -9,12 +9,12 @@ from gss.store.models import Authority
 
 def authority(state: AuthorityState, user: str | None = None) -> AuthorityOut:
     """Return the current holder and the history. ``user``: the caller, who may be the holder."""
-    held = state.holder
+    holding = state.holder
     return AuthorityOut(
-        holder=held.holder if held else None,
-        since=held.taken if held else None,
-        mine=held is not None and held.holder == user,
-        transfer=None if held is None else _transfer(held),
+        holder=holding.holder if holding else None,
+        since=holding.taken if holding else None,
+        mine=holding is not None and holding.holder == user,
+        transfer=None if holding is None else _transfer(holding),
         history=[TenureOut.model_validate(row) for row in state.history],
     )
 

@@ -46,12 +46,12 @@ def difference(comparison: Comparison) -> CalibrationDiffOut:
 
 def _facts(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> dict[str, Any]:
     geometry = row.result.get("geometry", {})
-    held = [r for r in reports if row.table_id is not None and r.table_id == row.table_id]
+    on_board = [r for r in reports if row.table_id is not None and r.table_id == row.table_id]
     return {name: getattr(row, name) for name in NAMES.split()} | {
         "frames": len(row.request.get("frame_ids") or row.request.get("dark_ids") or []),
         "in_use": in_use,
         "sendable": bool(row.values),
-        "places": [f"{r.bank}, {'active' if r.active else r.state}" for r in held],
+        "places": [f"{r.bank}, {'active' if r.active else r.state}" for r in on_board],
         "warnings": len(row.result.get("warnings", [])),
         "model": geometry.get("model"),
         "rms_px": geometry.get("residuals", {}).get("rms_px"),

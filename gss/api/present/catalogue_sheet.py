@@ -39,7 +39,7 @@ def catalogue_sheet(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> R
 
 
 def _byline(m: Mapping[str, Any]) -> str:
-    words = [
+    parts = [
         f"camera {m.get('profile_name', 'unknown')}",
         f"format {m.get('format_name', 'unknown')}",
         _validity(m),
@@ -47,7 +47,7 @@ def _byline(m: Mapping[str, Any]) -> str:
         str(m.get("tool", "")),
         f"SHA-256 {m.get('image_sha256', 'unknown')}",
     ]
-    return ", ".join(word for word in words if word)
+    return ", ".join(word for word in parts if word)
 
 
 def _validity(m: Mapping[str, Any]) -> str:
@@ -84,9 +84,9 @@ def _histogram(report: Mapping[str, Any]) -> Section | None:
     few = Series(f"fewer than {NEED}", edges[: NEED + 1], list(counts[:NEED]), "bars")
     enough = Series("enough", edges[NEED:], list(counts[NEED:]), "bars")
     mean = Level(q["mean"] + 0.5, f"mean {q['mean']:.1f}", vertical=True)
-    words = f"{q['pointings']} random pointings within the limits."
+    caption = f"{q['pointings']} random pointings within the limits."
     plot = Plot("Stars per field", "stars in the field", "fields", [enough, few], [mean])
-    return Section("Stars per field", words, drawings=[plot])
+    return Section("Stars per field", caption, drawings=[plot])
 
 
 def _envelope(report: Mapping[str, Any]) -> Section | None:
@@ -111,12 +111,14 @@ def _ambiguity(report: Mapping[str, Any]) -> Section | None:
     a = report.get("ambiguity")
     if not a:
         return None
-    words = f"Other triangles similar to one of the brightest stars of the field, within {a['tolerance_arcsec']:.0f}″."
+    caption = (
+        f"Other triangles similar to one of the brightest stars of the field, within {a['tolerance_arcsec']:.0f}″."
+    )
     if a.get("worst") is not None and a["worst"] < ENDLESS:
-        words += f" Most: {a['worst']:.3g} at {a['worst_ra_deg']:.1f}° {a['worst_dec_deg']:+.1f}°."
+        caption += f" Most: {a['worst']:.3g} at {a['worst_ra_deg']:.1f}° {a['worst_dec_deg']:+.1f}°."
     tones = [_decades(v) for v in a["value"]]
     drawn = SkyMap("Other triangles per triangle", a["nside"], tones, "0.001 to 100 by tone")
-    return Section("Ambiguity of the stars", words, drawings=[drawn])
+    return Section("Ambiguity of the stars", caption, drawings=[drawn])
 
 
 def _decades(value: Number) -> Number:
@@ -144,8 +146,8 @@ def _bank(report: Mapping[str, Any]) -> Section | None:
         return None
     parts, whole = list(sizes["by_part"].items()), float(sizes["bank_bytes"])
     used = sum(size for _, size in parts)
-    words = f"{used:.0f} of {whole:.0f} bytes, {whole - used:.0f} free."
-    return Section("Bank", words, drawings=[Shares("Bytes of the bank", parts, whole, "B")])
+    caption = f"{used:.0f} of {whole:.0f} bytes, {whole - used:.0f} free."
+    return Section("Bank", caption, drawings=[Shares("Bytes of the bank", parts, whole, "B")])
 
 
 def _funnel(report: Mapping[str, Any]) -> Section | None:

@@ -104,7 +104,9 @@ def _reference(row: Catalogue) -> CatalogueRefOut:
     return CatalogueRefOut(**values, bytes=row.size, epoch_jyear=row.manifest.get("epoch_jyear"))
 
 
-def _stars(hips: Ids, where: OnboardCatalogue, star_table: StarTable, **more: dict[int, float]) -> list[ChangedStarOut]:
+def _stars(
+    hips: Ids, where: OnboardCatalogue, star_table: StarTable, **extra_columns: dict[int, float]
+) -> list[ChangedStarOut]:
     row_of = {int(hip): row for row, hip in enumerate(where.hip)}
     ra, dec = (np.degrees(a) for a in ra_dec_from_unit(where.icrs.astype(float)))
     stars = []
@@ -113,10 +115,10 @@ def _stars(hips: Ids, where: OnboardCatalogue, star_table: StarTable, **more: di
         mag = float(where.v_mag[row])
         if not np.isfinite(mag) and ground is not None:
             mag = float(star_table.v_mag[ground])
-        own = {name: values[hip] for name, values in more.items()}
+        extra_values = {name: values[hip] for name, values in extra_columns.items()}
         place = {"ra_deg": round(float(ra[row]), 4), "dec_deg": round(float(dec[row]), 4)}
         mag_or_none = round(mag, 2) if np.isfinite(mag) else None
-        stars.append(ChangedStarOut(hip=hip, name=star_table.name_of(hip), v_mag=mag_or_none, **place, **own))
+        stars.append(ChangedStarOut(hip=hip, name=star_table.name_of(hip), v_mag=mag_or_none, **place, **extra_values))
     return sorted(stars, key=lambda s: (s.v_mag is None, s.v_mag))[:MOST_LISTED]
 
 

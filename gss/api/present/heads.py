@@ -41,8 +41,8 @@ def heads(
 ) -> HeadsOut:
     """Return a spacecraft. ``state``: None if it is not followed; ``served``: units of this server; ``alarms``: open ones."""
     result = state.result if state else None
-    states = {one.unit: one for one in state.heads} if state else {}
-    known = "unknown" if state is None or state.verdict.state is None else state.verdict.state
+    states = {head.unit: head for head in state.heads} if state else {}
+    state_name = "unknown" if state is None or state.verdict.state is None else state.verdict.state
     return HeadsOut(
         id=setup.id,
         name=setup.name,
@@ -54,9 +54,9 @@ def heads(
         drift_limit_arcsec_h=_over(setup.drift_limit_rad_s, ARCSEC_RAD / HOUR_S),
         user=setup.user,
         changed=setup.changed,
-        state="ok" if known == "ok" else "unknown" if known == "unknown" else "warning",
+        state="ok" if state_name == "ok" else "unknown" if state_name == "unknown" else "warning",
         text=state.verdict.text if state else NOT_FOLLOWED,
-        heads=[_head(one, states.get(one.unit), one.unit in served, result) for one in setup.heads],
+        heads=[_head(head, states.get(head.unit), head.unit in served, result) for head in setup.heads],
         fused=None if result is None else _fused(result),
         pairs=[] if result is None else [_pair(result.time_s, pair) for pair in result.pairs],
         alarms=[alarm(v) for v in alarms if v.row.packet == HEADS and v.row.field.startswith(f"{setup.name}: ")],

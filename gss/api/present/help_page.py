@@ -54,7 +54,7 @@ def single_page(title: str, text: str) -> str:
     tokens = _RENDERER.parse(text)
     heads = _anchor(tokens)
     _relink(tokens, {})
-    links = "".join(f"<li><a href='#{anchor}'>{escape(words)}</a></li>" for anchor, words in heads)
+    links = "".join(f"<li><a href='#{anchor}'>{escape(heading)}</a></li>" for anchor, heading in heads)
     return _page(title, _RENDERER.renderer.render(tokens, _RENDERER.options, {}), f"<ul>{links}</ul>" if links else "")
 
 
@@ -85,15 +85,15 @@ def _anchor(tokens: Sequence[Token]) -> list[tuple[str, str]]:
     for opening, inline in pairwise(tokens):
         if opening.type != "heading_open":
             continue
-        words = "".join(part.content for part in inline.children or () if part.type in ("text", "code_inline"))
-        anchor = name = slug(words)
+        title = "".join(part.content for part in inline.children or () if part.type in ("text", "code_inline"))
+        anchor = name = slug(title)
         number = 1
         while anchor in used:
             anchor, number = f"{name}-{number}", number + 1
         used.add(anchor)
         opening.attrSet("id", anchor)
         if opening.tag == "h2":
-            heads.append((anchor, words))
+            heads.append((anchor, title))
     return heads
 
 
@@ -135,7 +135,7 @@ def _contents(
 
 def _entry(document: Document, current: bool, heads: Sequence[tuple[str, str]]) -> str:
     link = f"<a href='/help/{document.name}'{' aria-current=page' if current else ''}>{escape(document.title)}</a>"
-    inner = "".join(f"<li><a href='#{anchor}'>{escape(words)}</a></li>" for anchor, words in heads) if current else ""
+    inner = "".join(f"<li><a href='#{anchor}'>{escape(title)}</a></li>" for anchor, title in heads) if current else ""
     return f"<li>{link}{f'<ul>{inner}</ul>' if inner else ''}</li>"
 
 

@@ -34,7 +34,7 @@ def link(header: Header) -> LinkOut:
     return LinkOut(
         **values,
         attitude=None if header.attitude is None else ReportedAttitudeOut.model_validate(header.attitude),
-        attitudes=[AttitudeSampleOut.model_validate(one) for one in header.attitudes],
+        attitudes=[AttitudeSampleOut.model_validate(sample) for sample in header.attitudes],
         next_pass=_next_pass(header.next_pass),
         tx=DirectionOut.model_validate(header.tx),
         rx=DirectionOut.model_validate(header.rx),
@@ -44,10 +44,10 @@ def link(header: Header) -> LinkOut:
     )
 
 
-def _next_pass(known: NextPass) -> NextPassOut:
-    at = known.at
+def _next_pass(next_pass: NextPass) -> NextPassOut:
+    at = next_pass.at
     if at is None:
-        return NextPassOut(station=None, rise=None, set=None, max_elevation_deg=None, problem=known.problem)
+        return NextPassOut(station=None, rise=None, set=None, max_elevation_deg=None, problem=next_pass.problem)
     return NextPassOut(
         station=at.station, rise=at.rise, set=at.set, max_elevation_deg=math.degrees(at.max_elevation_rad), problem=""
     )

@@ -23,8 +23,8 @@ def table_detail(row: DeviceTable, reports: Sequence[TableReport]) -> TableDetai
 
 
 def _places(row: DeviceTable, reports: Sequence[TableReport]) -> list[TablePlaceOut]:
-    held = [r for r in reports if (r.table, r.sha256) == (row.kind, row.sha256)]
-    return [TablePlaceOut.model_validate(r) for r in held]
+    on_board = [r for r in reports if (r.table, r.sha256) == (row.kind, row.sha256)]
+    return [TablePlaceOut.model_validate(r) for r in on_board]
 
 
 def on_board(reports: Sequence[TableReport]) -> list[OnBoardTableOut]:

@@ -55,11 +55,11 @@ def compare_chains(app: App) -> list[ChainRecordOut]:
 def chain_report(app: App, pair: Annotated[ChainPairIn, Query()]) -> ChainReportOut:
     """Report on a chain over the stored frames: rate, errors, and where and why it failed. It is compared with another chain, or
     without ``against_chain`` with each frame's operational result."""
-    made = _report(app, pair)
+    report = _report(app, pair)
     return ChainReportOut(
-        report=ReportViewOut.model_validate(made.report.as_dict()),
-        failures=[ChainFailureOut.model_validate(f) for f in made.failures],
-        failed=made.failed,
+        report=ReportViewOut.model_validate(report.report.as_dict()),
+        failures=[ChainFailureOut.model_validate(f) for f in report.failures],
+        failed=report.failed,
     )
 
 

@@ -64,8 +64,8 @@ def preview(app: App, user: User, body: CatalogueRequest, ambiguity: bool = Fals
     """Preview a build while parameters change. ``ambiguity`` adds a coarse map of where stars can be mistaken."""
     quick = app.catalogues.catalogues.preview(body, user=user, mistakes=ambiguity)
     sizes = {"pairs_estimate": quick.pairs, "bytes_estimate": quick.size, "bank_bytes": quick.bank_bytes}
-    rest = {"stars": quick.stars, "bank_source": quick.bank_source, "elapsed_ms": 1000 * quick.elapsed_s}
-    return PreviewOut.model_validate({**quick.report, **sizes, **rest})
+    figures = {"stars": quick.stars, "bank_source": quick.bank_source, "elapsed_ms": 1000 * quick.elapsed_s}
+    return PreviewOut.model_validate({**quick.report, **sizes, **figures})
 
 
 @router.post("", status_code=202, dependencies=[need("catalogues.build")])
@@ -170,10 +170,10 @@ def manifest(app: App, catalogue_id: RowId) -> Response:
 @router.post("/{catalogue_id}/upload", status_code=201, dependencies=[need("catalogues.upload")])
 def upload(app: App, catalogue_id: RowId, body: UploadIn, user: User, audit_note: AuditNote) -> TransferOut:
     """Send a catalogue to an inactive bank."""
-    held = next(
+    previous = next(
         (v.catalogue.name for v in app.transfers.banks.views() if v.bank == body.bank and v.catalogue), "nothing known"
     )
-    audit_note(f"{app.catalogues.catalogues.get(catalogue_id).name} to bank {body.bank}, before {held}")
+    audit_note(f"{app.catalogues.catalogues.get(catalogue_id).name} to bank {body.bank}, before {previous}")
     app.commanding.authority.check(user)
     return present.records.transfer(app.catalogues.catalogues.upload(catalogue_id, body.bank))
 

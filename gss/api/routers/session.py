@@ -28,10 +28,10 @@ def in_turn(route: Callable[..., SessionOut]) -> Callable[..., Awaitable[Session
     """Decorate a route that hashes a password: it runs in the password queue, not in the request thread pool."""
 
     @functools.wraps(route)
-    async def waits(**given: Any) -> SessionOut:
-        services: Services = given["app"]
+    async def waits(**arguments: Any) -> SessionOut:
+        services: Services = arguments["app"]
         return await asyncio.wrap_future(
-            services.accounts.accounts.passwords.turns.take(functools.partial(route, **given))
+            services.accounts.accounts.passwords.turns.take(functools.partial(route, **arguments))
         )
 
     return waits

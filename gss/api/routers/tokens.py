@@ -22,7 +22,7 @@ def add_token(app: App, caller: CurrentUser, body: TokenIn, audit_note: AuditNot
     only = f", only {', '.join(body.scopes)}" if body.scopes else ""
     audit_note(f"{body.name} as {body.role} for {body.days:g} days{only}")
     caller.require_all(body.role, body.scopes)
-    made = app.accounts.accounts.tokens.add(
+    new_token = app.accounts.accounts.tokens.add(
         body.name,
         body.role,
         body.days,
@@ -31,7 +31,7 @@ def add_token(app: App, caller: CurrentUser, body: TokenIn, audit_note: AuditNot
         scopes=body.scopes,
         until=caller.handed_out_until,
     )
-    return NewTokenOut(token=TokenOut.model_validate(made.row), key=made.key)
+    return NewTokenOut(token=TokenOut.model_validate(new_token.row), key=new_token.key)
 
 
 @router.delete("/{token_id}", status_code=204, dependencies=[ADMIN])

@@ -104,7 +104,7 @@ def _retention(app: App) -> RetentionOut:
 @router.get("/admin/backups", dependencies=[need("admin.backup")])
 def list_backups(app: App) -> list[BackupOut]:
     """Backups, newest first."""
-    return [_backup(made) for made in app.upkeep.backups.every()]
+    return [_backup(manifest) for manifest in app.upkeep.backups.every()]
 
 
 @router.post("/admin/backups", status_code=202, dependencies=[need("admin.backup")])
@@ -116,22 +116,22 @@ def make_backup(app: App, user: User) -> JobOut:
 @router.get("/admin/backups/{name}/file", dependencies=[need("admin.backup"), EXPORT], response_class=StreamingResponse)
 def download_backup(app: App, name: str) -> StreamingResponse:
     """Download a backup as a tar file for ``gss restore``."""
-    made = app.upkeep.backups.get(name)
-    headers = {"Content-Disposition": f"attachment; filename=gss-{made.name}.tar"}
-    return StreamingResponse(app.upkeep.backups.archive(made.name), media_type="application/x-tar", headers=headers)
+    manifest = app.upkeep.backups.get(name)
+    headers = {"Content-Disposition": f"attachment; filename=gss-{manifest.name}.tar"}
+    return StreamingResponse(app.upkeep.backups.archive(manifest.name), media_type="application/x-tar", headers=headers)
 
 
-def _backup(made: Manifest) -> BackupOut:
+def _backup(manifest: Manifest) -> BackupOut:
     return BackupOut.model_validate(
         {
-            "name": made.name,
-            "created": made.created,
-            "version": made.version,
-            "schema_version": made.schema,
-            "kind": made.kind,
-            "bytes": made.total_bytes,
-            "blobs": len(made.blobs),
-            "captures": len(made.captures),
+            "name": manifest.name,
+            "created": manifest.created,
+            "version": manifest.version,
+            "schema_version": manifest.schema,
+            "kind": manifest.kind,
+            "bytes": manifest.total_bytes,
+            "blobs": len(manifest.blobs),
+            "captures": len(manifest.captures),
         }
     )
 

@@ -95,7 +95,7 @@ class Fleet:
                         if message.topic == FIRST:
                             report = LinkOut.model_validate_json(message.content)
                             self._newest[name] = (self._monotonic_s(), report)
-                            self._take_attitudes(name, [_sample(one) for one in report.attitudes])
+                            self._take_attitudes(name, [_sample(attitude) for attitude in report.attitudes])
             await asyncio.sleep(RECONNECT_S)
 
 

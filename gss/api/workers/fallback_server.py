@@ -63,10 +63,10 @@ class FallbackServer:
 
     async def _accept(self, state: uvicorn.server.ServerState) -> asyncio.Server:
         def protocol() -> asyncio.Protocol:
-            made: asyncio.Protocol = self._config.http_protocol_class(  # type: ignore[call-arg]  # uvicorn only says that it is one
+            connection: asyncio.Protocol = self._config.http_protocol_class(  # type: ignore[call-arg]  # uvicorn only says that it is one
                 config=self._config, server_state=state, app_state={}
             )
-            return made
+            return connection
 
         # A duplicate: closing it leaves the workers' descriptor open.
         shared = LimitedListener(self._connections, os.dup(self._listener.fileno()))

@@ -86,11 +86,11 @@ def request_patience_s(window: int, chunk_bytes: int, bytes_per_s: float | None)
 class ChunkSet:
     """Set of the held chunks, out of n."""
 
-    def __init__(self, count: int, held: Iterable[int] = ()) -> None:
+    def __init__(self, count: int, stored: Iterable[int] = ()) -> None:
         self._flags = bytearray(count)
         self.stored = 0
         self._first_missing = 0
-        for index in held:
+        for index in stored:
             self.add(index)
 
     def __len__(self) -> int:
@@ -273,9 +273,9 @@ class ChunkReceiver:
     separate serial and the line keeps order, so a missing serial is a lost chunk.
     """
 
-    def __init__(self, size: int, chunk_bytes: int, window: int, held: Iterable[int] = ()) -> None:
+    def __init__(self, size: int, chunk_bytes: int, window: int, stored: Iterable[int] = ()) -> None:
         self.size, self.chunk_bytes = size, chunk_bytes
-        self.held = ChunkSet(chunk_count(size, chunk_bytes), held)
+        self.held = ChunkSet(chunk_count(size, chunk_bytes), stored)
         self._every = max(1, window // STATUS_EVERY)
         self._since = 0
         self._serial = 0

@@ -68,8 +68,8 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
     bank_bytes = instrument.catalogue.bank_bytes
     in_files = arguments.state_dir is not None
     memory = Memory.in_directory(arguments.state_dir, bank_bytes) if in_files else Memory.in_ram(bank_bytes)
-    held = memory.record.banks[GOLDEN]
-    if held.profile != camera.name or not memory.intact(GOLDEN):
+    golden = memory.record.banks[GOLDEN]
+    if golden.profile != camera.name or not memory.intact(GOLDEN):
         burn_golden(memory, camera, build_golden(camera, memory.bank_bytes))
     real = own_lens(camera, arguments.lens_off, arguments.seed)
     world = make_environment(arguments, real, instrument, clock.utc_zero_s() + began_s - memory.record.time_base_s)

@@ -65,20 +65,20 @@ class BankHandlers:
             self._outbox.event("BANK_CORRUPT", problem, request_id)
 
     def _bank_report(self, bank: str) -> Report:
-        held, record = self._memory.record.banks[bank], self._memory.record
+        content, record = self._memory.record.banks[bank], self._memory.record
         values: Returns = {
             "bank": bank,
-            "state": held.state,
+            "state": content.state,
             "active": record.active == bank,
             "write_protected": bank == GOLDEN,
-            "size_bytes": held.size,
+            "size_bytes": content.size,
             "capacity_bytes": self._memory.bank_bytes,
-            "stars": held.stars,
-            "pairs": held.pairs,
-            "epoch_jyear": held.epoch_jyear,
-            "format_version": held.format_version,
-            "profile": held.profile,
-            "sha256": bytes.fromhex(held.sha256) if held.sha256 else bytes(32),
+            "stars": content.stars,
+            "pairs": content.pairs,
+            "epoch_jyear": content.epoch_jyear,
+            "format_version": content.format_version,
+            "profile": content.profile,
+            "sha256": bytes.fromhex(content.sha256) if content.sha256 else bytes(32),
         }
         return "bank_info", values, {}
 
@@ -92,16 +92,16 @@ class BankHandlers:
 
     def _read_back(self, bank: str, request_id: int) -> Generator[float, None, str]:
         """Return the SHA-256 of the flash content. A bank that does not match its record becomes corrupt."""
-        held = self._memory.record.banks[bank]
-        if held.state not in ("committed", "corrupt"):
-            raise Rejection("bank_empty", f"bank {bank} is {held.state}")
-        yield held.size / self._timing.flash_read_bytes_s
+        content = self._memory.record.banks[bank]
+        if content.state not in ("committed", "corrupt"):
+            raise Rejection("bank_empty", f"bank {bank} is {content.state}")
+        yield content.size / self._timing.flash_read_bytes_s
         digest = self._memory.hash_of(bank)
-        state = "committed" if digest == held.sha256 else "corrupt"
-        if state != held.state:
+        state = "committed" if digest == content.sha256 else "corrupt"
+        if state != content.state:
             self._memory.set_state(bank, state)
         if state == "corrupt":
-            text = f"bank {bank} reads {digest[:12]}, should be {held.sha256[:12]}"
+            text = f"bank {bank} reads {digest[:12]}, should be {content.sha256[:12]}"
             self._outbox.event("BANK_CORRUPT", text, request_id)
             self._report_banks(request_id, bank)
             raise Rejection("bank_corrupt", f"bank {bank} does not match its checksum")

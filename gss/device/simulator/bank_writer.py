@@ -72,14 +72,14 @@ class BankWriter:
         if epoch_jyear and not EPOCHS_JYEAR[0] <= epoch_jyear <= EPOCHS_JYEAR[1]:
             low, high = EPOCHS_JYEAR
             raise Rejection("out_of_range", f"epoch_jyear: 0 or {low:g} – {high:g}, got {epoch_jyear:g}")
-        own: dict[str, Value] = {
+        unit_values: dict[str, Value] = {
             "device_model": self._dictionary.device_model,
             "profile": self._profile.name,
             "dictionary_hash": self._dictionary.hash,
         }
-        for name, own_value in own.items():
-            if v[name] != own_value:
-                raise Rejection("incompatible", f"{name}: expected {_short(own_value)}, got {_short(v[name])}")
+        for name, unit_value in unit_values.items():
+            if v[name] != unit_value:
+                raise Rejection("incompatible", f"{name}: expected {_short(unit_value)}, got {_short(v[name])}")
         if int(v["format_version"]) not in self.formats(kind):
             expected = " or ".join(map(str, self.formats(kind)))
             raise Rejection("incompatible", f"format_version: expected {expected}, got {int(v['format_version'])}")
@@ -145,8 +145,8 @@ class BankWriter:
         """Record which chunks flash holds, so that the upload can resume after a reset."""
         upload = self._memory.record.uploads.get(session.area)
         if session.receiver is not None and upload is not None:
-            held = session.receiver.held.ranges()[0]
-            suspended = SuspendedUpload(session.size, session.chunk_bytes, session.sha256.hex(), held)
+            ranges = session.receiver.held.ranges()[0]
+            suspended = SuspendedUpload(session.size, session.chunk_bytes, session.sha256.hex(), ranges)
             self._memory.record.uploads[session.area] = suspended
             self._memory.save()
 

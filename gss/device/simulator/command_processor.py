@@ -192,15 +192,15 @@ class CommandProcessor:
     def _start(self, running: Running) -> None:
         self._stage(running, "started")
         try:
-            made = self.handlers[running.command.name](running.arguments, running.request_id)
+            outcome = self.handlers[running.command.name](running.arguments, running.request_id)
         except Rejection as refusal:
             self._stage(running, "failed", refusal.reason, refusal.detail)
             return
-        if isinstance(made, Generator):
-            running.task, running.due_s = made, self._now_s
+        if isinstance(outcome, Generator):
+            running.task, running.due_s = outcome, self._now_s
             self._current = running
         else:
-            self._complete(running, made)
+            self._complete(running, outcome)
 
     def _continue(self, running: Running) -> None:
         assert running.task is not None  # noqa: S101 - only tasks become current

@@ -77,8 +77,8 @@ class Environment:
         """The detector with its defects; None if perfect."""
         if self._chip[0] != self.defects:
             flawless = self.defects == NO_DEFECTS
-            made = None if flawless else make_chip(self.defects, self.profile.sensor, self.profile.camera, self.seed)
-            self._chip = (self.defects, made)
+            chip = None if flawless else make_chip(self.defects, self.profile.sensor, self.profile.camera, self.seed)
+            self._chip = (self.defects, chip)
         return self._chip[1]
 
     @property

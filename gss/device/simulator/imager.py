@@ -126,8 +126,8 @@ class Imager:
 
     def _converted(self, signal_dn: np.ndarray, like: Pixels) -> Pixels:
         cut = np.rint(np.clip(signal_dn, 0, self.profile.sensor.saturation_dn))
-        made: Pixels = cut.astype(np.uint8) if like.dtype == np.uint8 else cut.astype(np.uint16)
-        return made
+        converted: Pixels = cut.astype(np.uint8) if like.dtype == np.uint8 else cut.astype(np.uint16)
+        return converted
 
     def _flawed(self, pixels: Pixels, number: int) -> Pixels:
         if self.faults.stuck and self._last is not None and self._last.shape == pixels.shape:

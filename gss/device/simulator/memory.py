@@ -123,8 +123,8 @@ class Memory:
 
     def intact(self, bank: str) -> bool:
         """True if a bank is committed and its content matches its record."""
-        held = self.record.banks[bank]
-        return held.state == "committed" and self.hash_of(bank) == held.sha256
+        content = self.record.banks[bank]
+        return content.state == "committed" and self.hash_of(bank) == content.sha256
 
     def set_state(self, bank: str, state: str) -> None:
         """Store the state found by a read-back."""

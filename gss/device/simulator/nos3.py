@@ -65,12 +65,12 @@ class Nos3Unit:
             return
         self._send(packet)
         if opcode == HOUSEKEEPING:
-            more = bytes(8) if self._on(README) else b""
-            self._send(struct.pack(">I", self._counter) + more)
+            counter = bytes(8) if self._on(README) else b""
+            self._send(struct.pack(">I", self._counter) + counter)
         elif opcode == DATA:
             self._requests += 1
-            more = struct.pack(">I", self._counter) if self._on(README) else b""
-            self._send(self._data(now_s) + more)
+            counter = struct.pack(">I", self._counter) if self._on(README) else b""
+            self._send(self._data(now_s) + counter)
         self._count()
 
     def _count(self) -> None:

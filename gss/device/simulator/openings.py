@@ -97,10 +97,10 @@ class Openings:
         self, request_id: int, target: int, size: int, chunk_bytes: int, digest: bytes, now_s: float
     ) -> Session:
         part, stored_frame = self.parts.get(("image", target)), self._tracker.slots.get(target)
-        data, held, resumed, number = bytearray(size), [], False, 0
+        data, stored, resumed, number = bytearray(size), [], False, 0
         if part is not None and part.sha256 == digest and part.size == size and part.receiver is not None:
             data, resumed = part.data, True
-            held = regrid(part.receiver.held.ranges()[0], size, part.chunk_bytes, chunk_bytes)
+            stored = regrid(part.receiver.held.ranges()[0], size, part.chunk_bytes, chunk_bytes)
         elif (
             stored_frame is not None
             and stored_frame.source == "uploaded"
@@ -108,9 +108,9 @@ class Openings:
         ):
             # The image was committed before, but the ground has not received COMMITTED.
             data, resumed, number = bytearray(stored_frame.data), True, stored_frame.number
-            held = list(range(chunk_count(size, chunk_bytes)))
+            stored = list(range(chunk_count(size, chunk_bytes)))
         session = Session(self._new_id(), request_id, "image", target, size, chunk_bytes, digest, data, now_s, resumed)
-        session.receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, held)
+        session.receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, stored)
         session.frame_number = number
         session.committed = number > 0
         if not number:

@@ -232,10 +232,12 @@ def make_motion(
 
 def _on_a_body(arguments: argparse.Namespace, orbit: Orbit, utc_zero_s: float) -> tuple[Motion, Orbit]:
     """Return motion and position of one head of a body."""
-    own = {"motion": "motion", "attitude": "attitude", "mounting": "mounting", "roll_pitch_yaw": "roll-pitch-yaw"}
-    given = [f"--{option}" for name, option in own.items() if getattr(arguments, name) is not None]
-    if given:
-        raise BadInput("the body's file states its motion and mountings", expected="--body alone", got=", ".join(given))
+    options = {"motion": "motion", "attitude": "attitude", "mounting": "mounting", "roll_pitch_yaw": "roll-pitch-yaw"}
+    conflicting = [f"--{option}" for name, option in options.items() if getattr(arguments, name) is not None]
+    if conflicting:
+        raise BadInput(
+            "the body's file states its motion and mountings", expected="--body alone", got=", ".join(conflicting)
+        )
     if arguments.stepped or arguments.speed != 1.0:
         raise BadInput("heads of one body need real time", expected="neither --speed nor --stepped with --body")
     body = read_body(arguments.body)
@@ -243,8 +245,8 @@ def _on_a_body(arguments: argparse.Namespace, orbit: Orbit, utc_zero_s: float) -
     return head_motion(body, arguments.head, orbit, offset_s), ShiftedOrbit(orbit, offset_s)
 
 
-def _earth_pointing(arguments: argparse.Namespace, own: Mounting, orbit: Orbit) -> Motion:
-    mounting, body = own.camera, own.at_rest_deg
+def _earth_pointing(arguments: argparse.Namespace, built_in: Mounting, orbit: Orbit) -> Motion:
+    mounting, body = built_in.camera, built_in.at_rest_deg
     if arguments.mounting not in (None, mounting):
         mounting, body = arguments.mounting, (0.0, 0.0, 0.0)
     if arguments.roll_pitch_yaw:

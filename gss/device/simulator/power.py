@@ -126,10 +126,10 @@ class Power:
 
     def _current(self, name: str, rail: Rail, activity: Activity) -> int:
         """Current of a rail in tenths of a milliampere."""
-        own = self._currents[name]
+        currents = self._currents[name]
         if not rail.on:
             return round(self._row.off)
-        return round(own.latched) if rail.short_since_s is not None else _drawn(own, activity)
+        return round(currents.latched) if rail.short_since_s is not None else _drawn(currents, activity)
 
     def _watch_heat(self, sensor_c: float, processor_raw: float) -> None:
         """Report overheating once, and again only after cooling down."""
@@ -142,10 +142,14 @@ class Power:
             self._hot = False
 
 
-def _drawn(own: Currents, activity: Activity) -> int:
+def _drawn(currents: Currents, activity: Activity) -> int:
     """Current of a healthy rail in tenths of a milliampere."""
-    drawn = {Activity.BUSY: own.busy, Activity.STARTING: own.starting, Activity.COPYING: own.copying}.get(activity)
-    return round(own.idle if drawn is None else drawn)
+    drawn = {
+        Activity.BUSY: currents.busy,
+        Activity.STARTING: currents.starting,
+        Activity.COPYING: currents.copying,
+    }.get(activity)
+    return round(currents.idle if drawn is None else drawn)
 
 
 def _raw(value: float) -> int:

@@ -82,8 +82,8 @@ class SagittaUnit:
             self._send(REPLY | SET_PARAMETER, number, bytes([status]))
         elif kind == READ_PARAMETER:
             size = self._parameter_bytes(number)
-            held = self._set.get(number, DEFAULTS.get(number, bytes(size)))
-            self._send(REPLY | READ_PARAMETER, number, held)
+            value = self._set.get(number, DEFAULTS.get(number, bytes(size)))
+            self._send(REPLY | READ_PARAMETER, number, value)
         elif kind == REQUEST_TELEMETRY and self._running:
             self._send(REPLY | REQUEST_TELEMETRY, number, self._telemetry(number, now_s))
 
@@ -133,14 +133,14 @@ class SagittaUnit:
         valid = float(np.linalg.norm(rate_rad_s)) <= FASTEST_RAD_S
         self._stable = self._stable + 1 if valid else 0
         x, y, z, w = (float(q) for q in quaternion)
-        own: dict[str, Value] = {
+        fields: dict[str, Value] = {
             f"{name}_{axis}": q
             for name in ("quaternion", "tracking", "lost")
             for axis, q in zip("wxyz", (w, x, y, z), strict=True)
         }
         count = len(self._stars(now_s))
         mode = "tracking" if self._stable > 1 else "lost_in_space"
-        return own | {
+        return fields | {
             "tracking_confidence": 1.0,
             "centroided": count,
             "matched": count,

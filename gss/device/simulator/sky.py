@@ -108,8 +108,8 @@ class SimulatedSky:
         places, brightness = np.concatenate(icrs), np.concatenate(v_mag)
         if world.aberration:
             places = aberrate(places, world.velocity_c(time_s))
-        seen = places @ pose.cam_from_icrs[2] > self._near_cosine(NEAR_FIELD_RAD)
-        return Lights(places[seen], brightness[seen])
+        near = places @ pose.cam_from_icrs[2] > self._near_cosine(NEAR_FIELD_RAD)
+        return Lights(places[near], brightness[near])
 
     def _veil(self, pose: Pose, time_s: float) -> Veil | None:
         """Return stray light of Sun, Earth and Moon, and the Earth's disc."""

@@ -63,18 +63,18 @@ class TableHandlers:
 
     def _report(self, table: str, bank: str) -> Report:
         area, active = area_name(table, bank), self._memory.record.tables[table].active == bank
-        held = self._memory.record.banks[area]
+        content = self._memory.record.banks[area]
         values: Returns = {
             "table": table,
             "bank": bank,
-            "state": held.state,
+            "state": content.state,
             "active": active,
-            "size_bytes": held.size,
+            "size_bytes": content.size,
             "capacity_bytes": self._memory.capacity(area),
-            "format_version": held.format_version,
-            "profile": held.profile,
+            "format_version": content.format_version,
+            "profile": content.profile,
             "confirm_left_s": self._left_s(table) if active else 0,
-            "sha256": bytes.fromhex(held.sha256) if held.sha256 else bytes(32),
+            "sha256": bytes.fromhex(content.sha256) if content.sha256 else bytes(32),
         }
         return "table_info", values, {}
 
@@ -90,17 +90,17 @@ class TableHandlers:
     def _read_back(self, table: str, bank: str, request_id: int) -> Task:
         """Return the SHA-256 of the flash content. A table that does not match its record becomes corrupt."""
         area = area_name(table, bank)
-        held = self._memory.record.banks[area]
-        if held.state not in ("committed", "corrupt"):
-            raise Rejection("bank_empty", f"{table} {bank} is {held.state}")
-        yield held.size / self._timing.flash_read_bytes_s
+        content = self._memory.record.banks[area]
+        if content.state not in ("committed", "corrupt"):
+            raise Rejection("bank_empty", f"{table} {bank} is {content.state}")
+        yield content.size / self._timing.flash_read_bytes_s
         digest = self._memory.hash_of(area)
-        state = "committed" if digest == held.sha256 else "corrupt"
-        if state != held.state:
+        state = "committed" if digest == content.sha256 else "corrupt"
+        if state != content.state:
             self._memory.set_state(area, state)
         self._report_status(request_id, table, bank)
         if state == "corrupt":
-            text = f"{table} {bank} reads {digest[:12]}, should be {held.sha256[:12]}"
+            text = f"{table} {bank} reads {digest[:12]}, should be {content.sha256[:12]}"
             self._outbox.event("TABLE_CORRUPT", text, request_id)
             raise Rejection("bank_corrupt", f"{table} {bank} does not match its checksum")
         return {"sha256": bytes.fromhex(digest)}
@@ -116,9 +116,9 @@ class TableHandlers:
         if used.unconfirmed:
             raise Rejection("wrong_state", f"{table} {used.active} waits for CONFIRM_TABLE")
         yield from self._read_back(table, bank, request_id)
-        held = self._memory.record.banks[area_name(table, bank)]
-        if held.profile != self._tracker.profile.name:
-            raise Rejection("incompatible", f"{table} {bank} is for {held.profile}")
+        content = self._memory.record.banks[area_name(table, bank)]
+        if content.profile != self._tracker.profile.name:
+            raise Rejection("incompatible", f"{table} {bank} is for {content.profile}")
         self._memory.activate_table(table, bank)
         self._confirm_by_s[table] = self._now_s + trial_s
         self._outbox.event("TABLE_ACTIVATED", f"{table} {bank}; confirm within {trial_s} s", request_id)

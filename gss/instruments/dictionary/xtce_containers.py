@@ -85,8 +85,8 @@ class Containers:
 
     def is_checksum(self, parameter: str) -> bool:
         """True if the parameter is the checksum behind the content."""
-        found = self._parameters.get(parameter)
-        return found is not None and facts_of(found, FIELD_FACTS).get(terms.ROLE) == terms.CHECKSUM
+        element = self._parameters.get(parameter)
+        return element is not None and facts_of(element, FIELD_FACTS).get(terms.ROLE) == terms.CHECKSUM
 
     def housekeeping(self, parameter: str) -> Row | None:
         """Return the row of a parameter in the packet ``housekeeping``, None if it has none."""
@@ -111,11 +111,11 @@ class Containers:
 
     def _check_bases(self, container: Element) -> None:
         """Raise BadInput for a base between packet and header that has content."""
-        name, seen = _base(container), 0
+        name, depth = _base(container), 0
         while name:
             base = self._containers.get(name)
-            seen += 1
-            if base is None or seen > 20:
+            depth += 1
+            if base is None or depth > 20:
                 raise container.error("has an unknown base, or its bases form a circle", got=name[:80])
             above = _base(base)
             marked = self._facts[name].get(terms.ROLE) in (terms.HEADER, terms.SERVICE)

@@ -76,59 +76,59 @@ class Values:
 
     def __init__(self, types: Iterable[Element], kind: str, enums: dict[str, list[Row]], orders: set[str]) -> None:
         self._types: dict[str, Element] = {}
-        for made in types:
-            if self._types.setdefault(made.get("name"), made) is not made:
-                raise made.error("appears twice")
+        for element in types:
+            if self._types.setdefault(element.get("name"), element) is not element:
+                raise element.error("appears twice")
         self._kind, self._enums, self._orders = kind, enums, orders
 
     def row(self, entry: Element, facts: Row) -> tuple[Row, Size | None]:
         """Return the row of a parameter or argument without its name, and the size if it depends on a parameter or is text."""
         reference = entry.get("parameterTypeRef" if self._kind == "Parameter" else "argumentTypeRef")
-        made = self._types.get(reference)
-        if made is None:
+        element = self._types.get(reference)
+        if element is None:
             raise entry.error(f"unknown type {reference}"[:120])
         readers = {"Integer": self._integer, "Float": self._float, "Boolean": self._boolean, "String": self._string}
         readers |= {"Enumerated": self._enumerated, "Binary": self._binary, "AbsoluteTime": self._time}
-        read = readers.get(made.tag.removesuffix(f"{self._kind}Type"))
+        read = readers.get(element.tag.removesuffix(f"{self._kind}Type"))
         if read is None:
-            raise made.error("this kind of type is not supported", expected=", ".join(readers))
+            raise element.error("this kind of type is not supported", expected=", ".join(readers))
         row: Row = {}
-        unit = self._unit(made)
+        unit = self._unit(element)
         if unit:
             row["unit"] = unit
-        size = read(made, row)
+        size = read(element, row)
         row |= {key: value for key, value in facts.items() if key != "choice_hazards"}
         if "choice_hazards" in facts:
-            self._hazards(made, facts["choice_hazards"])
+            self._hazards(element, facts["choice_hazards"])
         return row, size
 
     # --- kinds --------------------------------------------------------------------------------------------------------
 
-    def _integer(self, made: Element, row: Row) -> Size | None:
-        self._checked(made, "IntegerDataEncoding", "sizeInBits signed")
-        self._whole_number(made, row)
+    def _integer(self, element: Element, row: Row) -> Size | None:
+        self._checked(element, "IntegerDataEncoding", "sizeInBits signed")
+        self._whole_number(element, row)
         if "conversion" in row:
-            raise made.error("a calibrated integer is a FloatParameterType here", expected="no DefaultCalibrator")
-        if yes(made, "signed", True) != row["type"].startswith("i"):
-            raise made.error("signed differs from the encoding")
-        self._ranges(made, row)
+            raise element.error("a calibrated integer is a FloatParameterType here", expected="no DefaultCalibrator")
+        if yes(element, "signed", True) != row["type"].startswith("i"):
+            raise element.error("signed differs from the encoding")
+        self._ranges(element, row)
         if self._kind == "Argument":
             low, high = INTEGER_RANGES[row["type"]]
             row.setdefault("min", low)
             row.setdefault("max", high)
         return None
 
-    def _float(self, made: Element, row: Row) -> Size | None:
-        self._checked(made, "IntegerDataEncoding FloatDataEncoding", "sizeInBits")
-        encoding = made.child("FloatDataEncoding")
+    def _float(self, element: Element, row: Row) -> Size | None:
+        self._checked(element, "IntegerDataEncoding FloatDataEncoding", "sizeInBits")
+        encoding = element.child("FloatDataEncoding")
         if encoding is None:
-            self._whole_number(made, row)
+            self._whole_number(element, row)
             if self._kind == "Argument":
-                raise made.error("an argument has no calibrator here", expected="FloatDataEncoding")
+                raise element.error("an argument has no calibrator here", expected="FloatDataEncoding")
         else:
             self._float_encoding(encoding, row)
             self._calibrator(encoding, row)
-        self._ranges(made, row)
+        self._ranges(element, row)
         return None
 
     def _float_encoding(self, encoding: Element, row: Row) -> None:
@@ -142,36 +142,36 @@ class Values:
         self._order(encoding)
         row["type"] = FLOATS[bits]
 
-    def _boolean(self, made: Element, row: Row) -> Size | None:
-        self._checked(made, "IntegerDataEncoding", "")
-        self._whole_number(made, row, only="u8")
+    def _boolean(self, element: Element, row: Row) -> Size | None:
+        self._checked(element, "IntegerDataEncoding", "")
+        self._whole_number(element, row, only="u8")
         row["type"] = "bool"
         return None
 
-    def _enumerated(self, made: Element, row: Row) -> Size | None:
-        self._checked(made, "IntegerDataEncoding EnumerationList", "")
-        self._whole_number(made, row, only="u8")
+    def _enumerated(self, element: Element, row: Row) -> Size | None:
+        self._checked(element, "IntegerDataEncoding EnumerationList", "")
+        self._whole_number(element, row, only="u8")
         choices = []
-        for choice in made.need("EnumerationList").checked("Enumeration").children:
+        for choice in element.need("EnumerationList").checked("Enumeration").children:
             choice.checked("", "value label shortDescription")
             value: Row = {"name": choice.get("label"), "value": choice.whole(choice.get("value"))}
             note = choice.attributes.get("shortDescription")
             choices.append(value | ({"note": note} if note else {}))
-        name = f"{self._kind} {made.get('name')}"
+        name = f"{self._kind} {element.get('name')}"
         self._enums.setdefault(name, choices)
         row |= {"type": "enum", "enum": name}
         return None
 
-    def _hazards(self, made: Element, hazards: Any) -> None:
-        choices = self._enums.get(f"{self._kind} {made.get('name')}", [])
+    def _hazards(self, element: Element, hazards: Any) -> None:
+        choices = self._enums.get(f"{self._kind} {element.get('name')}", [])
         names = {choice["name"]: choice for choice in choices}
         if not isinstance(hazards, dict) or not set(hazards) <= set(names):
-            raise made.error("choice_hazards names no choice of this type", got=str(hazards)[:100])
+            raise element.error("choice_hazards names no choice of this type", got=str(hazards)[:100])
         for name, hazard in hazards.items():
             names[name]["hazard"] = hazard
 
-    def _string(self, made: Element, row: Row) -> Size | None:
-        encoding = self._checked(made, "StringDataEncoding", "").need("StringDataEncoding")
+    def _string(self, element: Element, row: Row) -> Size | None:
+        encoding = self._checked(element, "StringDataEncoding", "").need("StringDataEncoding")
         encoding.checked("SizeInBits Variable", "encoding")
         if encoding.attributes.get("encoding", "UTF-8") not in ("UTF-8", "US-ASCII"):
             raise encoding.error(
@@ -189,15 +189,15 @@ class Values:
         row["type"] = f"str{self._bytes(fixed, fixed.text)}"
         return None
 
-    def _binary(self, made: Element, row: Row) -> Size | None:
-        encoding = self._checked(made, "BinaryDataEncoding", "").need("BinaryDataEncoding")
+    def _binary(self, element: Element, row: Row) -> Size | None:
+        encoding = self._checked(element, "BinaryDataEncoding", "").need("BinaryDataEncoding")
         size = self._size(encoding.checked("SizeInBits", "bitOrder byteOrder").need("SizeInBits"))
         row["type"] = f"bytes{size.fixed // 8}" if size.fixed else "rest"
         return None if size.fixed else size
 
-    def _time(self, made: Element, row: Row) -> Size | None:
-        made.checked(f"{NAMED} Encoding ReferenceTime", NAME)
-        encoding = made.need("Encoding").checked("FloatDataEncoding IntegerDataEncoding", "units scale offset")
+    def _time(self, element: Element, row: Row) -> Size | None:
+        element.checked(f"{NAMED} Encoding ReferenceTime", NAME)
+        encoding = element.need("Encoding").checked("FloatDataEncoding IntegerDataEncoding", "units scale offset")
         plain = (
             encoding.attributes.get("units", "seconds"),
             float(encoding.number(encoding.attributes.get("scale", "1"))),
@@ -206,7 +206,7 @@ class Values:
             raise encoding.error(
                 "only whole units of seconds are supported", expected="units seconds, scale 1, offset 0"
             )
-        epoch = made.need("ReferenceTime").checked("Epoch").need("Epoch")
+        epoch = element.need("ReferenceTime").checked("Epoch").need("Epoch")
         if epoch.text.strip() != "UNIX":
             raise epoch.error("only times since 1970-01-01 UTC are supported", expected="UNIX", got=epoch.text[:40])
         number = encoding.child("FloatDataEncoding")
@@ -219,19 +219,19 @@ class Values:
 
     # --- parts --------------------------------------------------------------------------------------------------------
 
-    def _checked(self, made: Element, children: str, attributes: str) -> Element:
+    def _checked(self, element: Element, children: str, attributes: str) -> Element:
         extra = "ValidRangeSet" if self._kind == "Argument" else "ValidRange DefaultAlarm"
-        numeric = extra if made.tag.startswith(("Integer", "Float")) else ""
-        return made.checked(f"{NAMED} UnitSet {children} {numeric}", f"{NAME} {attributes}")
+        numeric = extra if element.tag.startswith(("Integer", "Float")) else ""
+        return element.checked(f"{NAMED} UnitSet {children} {numeric}", f"{NAME} {attributes}")
 
-    def _unit(self, made: Element) -> str:
-        units = list(made.rows("UnitSet"))
+    def _unit(self, element: Element) -> str:
+        units = list(element.rows("UnitSet"))
         if len(units) > 1:
             raise units[1].error("a product of units is not supported; write it as one unit")
         return units[0].checked("", "description form").text.strip() if units else ""
 
-    def _whole_number(self, made: Element, row: Row, only: str = "") -> None:
-        encoding = made.need("IntegerDataEncoding").checked(
+    def _whole_number(self, element: Element, row: Row, only: str = "") -> None:
+        encoding = element.need("IntegerDataEncoding").checked(
             "DefaultCalibrator", "sizeInBits encoding byteOrder bitOrder"
         )
         bits = encoding.whole(encoding.attributes.get("sizeInBits", "8"))
@@ -279,17 +279,17 @@ class Values:
             raise polynomial.error("has no Term")
         row["conversion"] = {"polynomial": [coefficients.get(n, 0.0) for n in range(max(coefficients) + 1)]}
 
-    def _ranges(self, made: Element, row: Row) -> None:
+    def _ranges(self, element: Element, row: Row) -> None:
         if self._kind == "Argument":
-            self._argument_range(made, row)
+            self._argument_range(element, row)
             return
-        valid = made.child("ValidRange")
+        valid = element.child("ValidRange")
         if valid is not None:
             valid.checked("", "minInclusive maxInclusive validRangeAppliesToCalibrated")
             if not yes(valid, "validRangeAppliesToCalibrated", True):
                 raise valid.error("the range must be that of the calibrated value")
             row["valid"] = [valid.number(valid.get("minInclusive")), valid.number(valid.get("maxInclusive"))]
-        alarm = made.child("DefaultAlarm")
+        alarm = element.child("DefaultAlarm")
         if alarm is None:
             return
         alarm.checked("StaticAlarmRanges", "minViolations minConformance name")
@@ -307,8 +307,8 @@ class Values:
                 pair = (limits.attributes.get(name) for name in ("minInclusive", "maxInclusive"))
                 row[level] = [None if bound is None else limits.number(bound) for bound in pair]
 
-    def _argument_range(self, made: Element, row: Row) -> None:
-        ranges = made.child("ValidRangeSet")
+    def _argument_range(self, element: Element, row: Row) -> None:
+        ranges = element.child("ValidRangeSet")
         if ranges is None:
             return
         valid = ranges.checked("ValidRange", "validRangeAppliesToCalibrated").need("ValidRange")

@@ -69,7 +69,9 @@ def prepare(row: Transfer, blobs: BlobStore, partial: HeldPart | None = None, pa
     slot, reason = int(options["slot"]), paused or ""
     if row.direction == Direction.DOWN:
         part = Part(**options["part"]) if options.get("part") else None
-        return lambda session: session.transfers.start_download(row.kind, slot, held=partial, part=part, paused=reason)
+        return lambda session: session.transfers.start_download(
+            row.kind, slot, partial=partial, part=part, paused=reason
+        )
     facts = options["compatibility"]
     compatibility = Compatibility(**(facts | {"dictionary_hash": bytes.fromhex(facts["dictionary_hash"])}))
     data = blobs.get(options["content"])

@@ -85,8 +85,8 @@ def _floats(rows: Rows, name: str, *, missing: bool = False) -> bytes:
     return values.astype("<f4").tobytes()
 
 
-def _words(words: list[str]) -> bytes:
-    data = json.dumps(words, ensure_ascii=False, separators=(",", ":")).encode()
+def _words(texts: list[str]) -> bytes:
+    data = json.dumps(texts, ensure_ascii=False, separators=(",", ":")).encode()
     return np.array([len(data)], "<u4").tobytes() + data
 
 
@@ -112,23 +112,23 @@ def _pack_stars(rows: Rows) -> list[bytes]:
         raise KeyError
     if [row["index"] for row in rows] != list(range(len(rows))):
         raise ValueError("index")
-    seen = [_integers(rows, name, POSITION_STEP_PX) for name in ("col_px", "row_px")]
-    seen += [_floats(rows, name) for name in ("flux_dn", "peak_dn")]
+    columns = [_integers(rows, name, POSITION_STEP_PX) for name in ("col_px", "row_px")]
+    columns += [_floats(rows, name) for name in ("flux_dn", "peak_dn")]
     places = np.array([row["index"] for row in matched], "<u4").tobytes()
     magnitudes = [NO_MAGNITUDE if m["v_mag"] is None else round(m["v_mag"] / MAGNITUDE_STEP) for m in matched]
     named = [_integers(matched, "hip"), np.array(magnitudes, "<i4").tobytes()]
     named += [_floats(matched, name, missing=True) for name in NAMED[3:]]
-    words = _words([str(row["name"]) for row in matched])
-    return [_count(len(rows)), *seen, _integers(rows, "area_px"), _count(len(matched)), places, *named, words]
+    names = _words([str(row["name"]) for row in matched])
+    return [_count(len(rows)), *columns, _integers(rows, "area_px"), _count(len(matched)), places, *named, names]
 
 
 def _unpack_stars(reader: _Reader) -> Rows:
     count = reader.count()
-    seen: dict[str, list[Any]] = {"index": list(range(count))}
-    seen |= {name: _decimal(reader.numbers("<i4", count), 5) for name in ("col_px", "row_px")}
-    seen |= {name: _shortest(reader.numbers("<f4", count)) for name in ("flux_dn", "peak_dn")}
-    seen["area_px"] = reader.numbers("<i4", count).tolist()
-    rows = [dict(zip(seen, values, strict=True)) for values in zip(*seen.values(), strict=True)]
+    columns: dict[str, list[Any]] = {"index": list(range(count))}
+    columns |= {name: _decimal(reader.numbers("<i4", count), 5) for name in ("col_px", "row_px")}
+    columns |= {name: _shortest(reader.numbers("<f4", count)) for name in ("flux_dn", "peak_dn")}
+    columns["area_px"] = reader.numbers("<i4", count).tolist()
+    rows = [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
     matches = reader.count()
     places = reader.numbers("<u4", matches)
     hip, v_mag = reader.numbers("<i4", matches).tolist(), reader.numbers("<i4", matches)
@@ -175,6 +175,6 @@ class _Reader:
 
     def words(self) -> list[str]:
         size = self.count()
-        words: list[str] = json.loads(self._data[self._at : self._at + size])
+        texts: list[str] = json.loads(self._data[self._at : self._at + size])
         self._at += size
-        return words
+        return texts
