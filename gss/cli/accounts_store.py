@@ -24,11 +24,11 @@ class AccountAdministration:
     accounts: AccountService
     audit: AuditService
     settings: Settings
-    who: str
+    user: str
 
     def record(self, action: str, target: str, detail: str = "") -> None:
         """Write an audit row, as for changes over the network."""
-        self.audit.record(self.who, f"shell.{action}", target, "done", detail, role="shell")
+        self.audit.record(self.user, f"shell.{action}", target, "done", detail, role="shell")
 
 
 def with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:

@@ -71,5 +71,5 @@ def verify(arguments: argparse.Namespace) -> int:
 def accept(arguments: argparse.Namespace) -> int:
     """Accept the log as it is and verify it."""
     with desk(arguments) as store:
-        store.audit.accept(store.who, arguments.reason)
+        store.audit.accept(store.user, arguments.reason)
     return verify(argparse.Namespace(data=arguments.data, last_hash=""))

@@ -47,7 +47,7 @@ def add_token(arguments: argparse.Namespace) -> int:
     scopes = [word.strip() for word in arguments.only.split(",") if word.strip()]
     with desk(arguments) as store:
         new_token = store.accounts.tokens.add(
-            arguments.name, arguments.role, arguments.days, by=store.who, scopes=scopes
+            arguments.name, arguments.role, arguments.days, by=store.user, scopes=scopes
         )
         store.record("token_add", f"{new_token.row.name} as {new_token.row.role}")
         print(new_token.key)

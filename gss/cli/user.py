@@ -74,7 +74,7 @@ def add_user(arguments: argparse.Namespace) -> int:
     """Create a user."""
     password = _password(arguments)
     with desk(arguments) as store:
-        row = store.accounts.users.add(arguments.name, arguments.role, by=store.who, password=password)
+        row = store.accounts.users.add(arguments.name, arguments.role, by=store.user, password=password)
         store.record("user_add", f"{row.name} as {row.role}")
         print(f"{row.name} is {row.role}")
         if not password:
@@ -125,7 +125,7 @@ def switch(arguments: argparse.Namespace) -> int:
 def _print_link(store: AccountAdministration, row: User) -> int:
     from gss.api.serving import address_of
 
-    link = store.accounts.users.password_link(row.id, by=store.who)
+    link = store.accounts.users.password_link(row.id, by=store.user)
     store.record("user_link", row.name)
     address = address_of(store.settings, store.settings.port)
     print(f"{row.name} sets the password at {address}/welcome#{link.key} until {link.expires:%Y-%m-%d %H:%MZ}, once")

@@ -34,17 +34,17 @@ class CanReader:
     """Reads records from a stream of bytes; what cannot be a record is dropped byte by byte. Error frames are counted."""
 
     def __init__(self) -> None:
-        self._held = b""
+        self._buffer = b""
         self.bytes = self.unframed = self.errors = 0
 
     def restart(self) -> None:
         """Discard the partial record. Counters are kept."""
-        self._held = b""
+        self._buffer = b""
 
     def feed(self, data: bytes) -> list[CanFrame]:
         """Return the frames that ``data`` completes."""
         self.bytes += len(data)
-        buffer, at, frames = self._held + data, 0, []
+        buffer, at, frames = self._buffer + data, 0, []
         while len(buffer) - at >= RECORD.size:
             record = buffer[at : at + RECORD.size]
             if not _is_record(record):
@@ -59,7 +59,7 @@ class CanReader:
             frames.append(
                 CanFrame(flagged & LARGEST_EXTENDED, content[:length], bool(flagged & EXTENDED), bool(flagged & REMOTE))
             )
-        self._held = buffer[at:]
+        self._buffer = buffer[at:]
         return frames
 
 

@@ -38,12 +38,12 @@ class CutFramer:
         self._sync, self._trailer, self._order = sync, trailer, order
         self._length = next((f for f in header.header if f.holds == "length"), None) if header else None
         self._length_at = header.offset(self._length.name) if header and self._length else 0
-        self._held = b""
+        self._buffer = b""
         self.bytes = self.unframed = self.too_long = self.broken = 0
 
     def restart(self) -> None:
         """Discard the partial packet. Counters are kept."""
-        self._held = b""
+        self._buffer = b""
 
     def encode(self, packet: bytes) -> bytes:
         """Return the frame of a packet."""
@@ -54,17 +54,17 @@ class CutFramer:
         sync and trailer; empty: as the header says, or what was read at once."""
         self.bytes += len(data)
         if not self._sync and self._length is None and not sizes:
-            packet, self._held = self._held + data, b""
+            packet, self._buffer = self._buffer + data, b""
             return [packet] if packet else []
-        self._held += data
+        self._buffer += data
         packets = []
-        while self._held:
-            at = self._held.find(self._sync)
+        while self._buffer:
+            at = self._buffer.find(self._sync)
             if at < 0:
                 keep = len(self._sync) - 1
-                tail = self._held[len(self._held) - keep :] if keep and len(self._held) >= keep else b""
-                self.unframed += len(self._held) - len(tail)
-                self._held = tail
+                tail = self._buffer[len(self._buffer) - keep :] if keep and len(self._buffer) >= keep else b""
+                self.unframed += len(self._buffer) - len(tail)
+                self._buffer = tail
                 break
             self._drop(at)
             size = self._size(sizes)
@@ -75,15 +75,15 @@ class CutFramer:
                 self._drop(1)
                 continue
             start = len(self._sync)
-            packets.append(self._held[start : start + size])
-            self._held = self._held[start + size + len(self._trailer) :]
+            packets.append(self._buffer[start : start + size])
+            self._buffer = self._buffer[start + size + len(self._trailer) :]
             if sizes:  # the next one may have another size
                 break
         return packets
 
     def _drop(self, count: int) -> None:
         self.unframed += count
-        self._held = self._held[count:]
+        self._buffer = self._buffer[count:]
 
     def _size(self, sizes: Sequence[int]) -> int | None:
         """Return the size of the packet at the start; 0 if there is none, None if more bytes are needed."""
@@ -91,18 +91,18 @@ class CutFramer:
         if self._length is not None:
             number = STRUCTS[self._order][self._length.type]
             end = start + self._length_at + number.size
-            if len(self._held) < end:
+            if len(self._buffer) < end:
                 return None
-            size = number.unpack_from(self._held, end - number.size)[0] - self._length.add
+            size = number.unpack_from(self._buffer, end - number.size)[0] - self._length.add
             if not self._length_at < size <= MAX_PACKET_BYTES:
                 self.too_long += size > MAX_PACKET_BYTES
                 return 0
             sizes = (size,)
         waiting = False
         for size in sorted(sizes):
-            if len(self._held) < size + marks:
+            if len(self._buffer) < size + marks:
                 waiting = True
-            elif self._held[start + size : size + marks] == self._trailer:
+            elif self._buffer[start + size : size + marks] == self._trailer:
                 return size
         return None if waiting else 0
 

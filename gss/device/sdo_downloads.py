@@ -41,7 +41,7 @@ class _Download:
     reason: str = ""
     tries: int = 0
     data: bytes = b""
-    held: int = 0
+    received: int = 0
     furthest: int = 0
     number: int = 0
     whole: bytes = b""
@@ -59,7 +59,7 @@ class _Download:
     def update(self) -> TransferUpdate:
         """Return the state as an event. Nothing counts as stored before the end, because a part cannot be continued."""
         done = self.state is TransferState.VERIFIED
-        left_s = (self.size - self.held) / self.rate_bytes_s if self.rate_bytes_s and self.size else None
+        left_s = (self.size - self.received) / self.rate_bytes_s if self.rate_bytes_s and self.size else None
         return TransferUpdate(
             transfer_id=self.id,
             direction=Direction.DOWN,
@@ -71,7 +71,7 @@ class _Download:
             chunk_size=max(1, self.size),
             chunks=1 if self.size else 0,
             stored=((0, 0),) if done else (),
-            stored_bytes=self.held,
+            stored_bytes=self.received,
             in_flight=0,
             resent=self.resent,
             rate_bytes_s=self.rate_bytes_s,
@@ -206,7 +206,7 @@ class SdoDownloads:
             return b""
         self._active, self._moved, download.since_s = download, (-1, now_s), now_s
         download.tries += 1
-        download.held = download.size = download.number = 0
+        download.received = download.size = download.number = 0
         download.whole = b""
         download.to(TransferState.TRANSFERRING, download.reason)
         return self._read_number()
@@ -228,7 +228,7 @@ class SdoDownloads:
             self._moved = received, now_s
             out += self._send(self._client.nudge())
         if download.number and not download.whole:
-            download.held, download.size = received, self._client.size
+            download.received, download.size = received, self._client.size
         download.resent = self._client.repeated
         download.rate_bytes_s = received / (now_s - download.since_s) if now_s > download.since_s else 0.0
         if now_s >= self._report_s:
@@ -243,7 +243,7 @@ class SdoDownloads:
             return b""
         self._client.result, self._moved = None, (-1, now_s)
         if not is_number:
-            download.whole, download.held = result.data, len(result.data)
+            download.whole, download.received = result.data, len(result.data)
             return self._read_number()
         download.number = int.from_bytes(result.data, "little")
         if not download.number:
@@ -268,7 +268,7 @@ class SdoDownloads:
                 TransferState.QUEUED if again else TransferState.FAILED, REPLACED + (AGAIN if again else STOP_CAPTURE)
             )
         else:
-            download.data, download.held, download.size = download.whole, len(download.whole), len(download.whole)
+            download.data, download.received, download.size = download.whole, len(download.whole), len(download.whole)
             download.whole = b""
             download.to(TransferState.VERIFIED)
             sha256 = hashlib.sha256(download.data).hexdigest()
@@ -281,9 +281,9 @@ class SdoDownloads:
     @staticmethod
     def _stalled(download: _Download, now_s: float) -> None:
         """Wait for a silent sensor; give up if every attempt stops at the same place, because another one would stop there too."""
-        if download.held == 0 or download.held > download.furthest:
-            download.tries = 1 if download.held else 0
-        download.furthest, download.due_s = max(download.furthest, download.held), now_s + SILENT_AGAIN_S
+        if download.received == 0 or download.received > download.furthest:
+            download.tries = 1 if download.received else 0
+        download.furthest, download.due_s = max(download.furthest, download.received), now_s + SILENT_AGAIN_S
         if download.tries >= TRIES:
             download.to(
                 TransferState.FAILED, f"the download stopped {TRIES} times after at most {download.furthest} bytes"

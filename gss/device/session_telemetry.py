@@ -57,7 +57,7 @@ class Decoder:
             else not (isinstance(part, TelemetryField) and part.valid)
             for part in layout
         )
-        self._prepared = plain and all(part.known for part in self._parts)
+        self._prepared = plain and all(part.decodable for part in self._parts)
 
     def decode(self, payload: bytes) -> Decoded:
         """Return the values of a payload. Raises CorruptData unless it fits the layout exactly."""
@@ -91,7 +91,7 @@ class _Run:
     def __init__(self, items: Sequence[Item], group: str = "") -> None:
         self.group, self._names = group, [item.name for item in items]
         codes = [_code(item) for item in items]
-        self.known = all(codes) and len(set(self._names)) == len(items)
+        self.decodable = all(codes) and len(set(self._names)) == len(items)
         self._struct = struct.Struct(">" + "".join(codes))
         self.size = self._struct.size
         self._raw: list[Change] = []

@@ -139,7 +139,7 @@ class SessionTransfer:
 
     def stored(self) -> tuple[Ranges, int]:
         """Return what the receiving end holds: ranges and bytes."""
-        chunks = self.sender.stored if self.sender else self.receiver.held if self.receiver else None
+        chunks = self.sender.stored if self.sender else self.receiver.stored if self.receiver else None
         if chunks is None:
             return (), 0
         return chunks.ranges()[0], chunks.stored_bytes(self.size, self.chunk_bytes)

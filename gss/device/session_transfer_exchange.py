@@ -147,7 +147,7 @@ class TransferExchange:
             t.to(TransferState.FAILED, "the device opened another transfer than requested")
             return False
         window = max(1, int(v["window_chunks"]))
-        complete = t.receiver is not None and t.receiver.held.complete
+        complete = t.receiver is not None and t.receiver.stored.complete
         had_some, resent = t.holds_any and not complete, t.resent
         t.session, t.tries, t.resumed = session, 0, bool(v["resumed"])
         t.resent_before = resent
@@ -164,7 +164,7 @@ class TransferExchange:
         t.to(TransferState.TRANSFERRING, STARTED_OVER[t.direction] if started_over else t.note)
         if t.receiver is not None:
             self._send_status(t, t.receiver.status(), now_s)
-            if t.receiver.held.complete:
+            if t.receiver.stored.complete:
                 self._check_download(t)
         return True
 
@@ -203,7 +203,7 @@ class TransferExchange:
             t.data[index * t.chunk_bytes : index * t.chunk_bytes + len(data)] = data
         if t.state is TransferState.TRANSFERRING and t.receiver.status_due():
             self._send_status(t, t.receiver.status(), now_s)
-        if t.receiver.held.complete:
+        if t.receiver.stored.complete:
             self._check_download(t)
 
     def status_requested(self, t: SessionTransfer, message: Decoded, now_s: float) -> None:

@@ -43,7 +43,7 @@ class ZmqStream:
     ) -> None:
         """Connect. Raises LinkDown unless a ZeroMQ socket answers within ``within_s``."""
         self.url, self._monotonic_s = address.text, monotonic_s
-        self._lock, self._closed, self._held = threading.Lock(), False, b""
+        self._lock, self._closed, self._buffer = threading.Lock(), False, b""
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.DEALER)
         for option, value in (
@@ -97,12 +97,12 @@ class ZmqStream:
         with self._lock:
             self._check_open()
             try:
-                ready = {} if self._held else dict(self._poller.poll(math.ceil(timeout_s * 1000)))
-                while len(self._held) < max_bytes and self._socket.poll(0):
-                    self._held += b"".join(self._socket.recv_multipart(zmq.DONTWAIT))
+                ready = {} if self._buffer else dict(self._poller.poll(math.ceil(timeout_s * 1000)))
+                while len(self._buffer) < max_bytes and self._socket.poll(0):
+                    self._buffer += b"".join(self._socket.recv_multipart(zmq.DONTWAIT))
             except zmq.ZMQError as error:
                 raise self._down(str(error)) from error
-            data, self._held = self._held[:max_bytes], self._held[max_bytes:]
+            data, self._buffer = self._buffer[:max_bytes], self._buffer[max_bytes:]
             if not data and self._monitor in ready:
                 self._heed(recv_monitor_message(self._monitor)["event"])
             return data

@@ -35,7 +35,7 @@ class Registry:
     """
 
     def __init__(self, own_folder: Path | None = None) -> None:
-        self._own = own_folder
+        self._folder = own_folder
         self._lock = threading.RLock()
         self._shipped: dict[str, Instrument] = {}
         self._read: dict[str, tuple[Signature, Instrument | GssError]] = {}
@@ -149,19 +149,21 @@ class Registry:
     def versions(self, name: str) -> tuple[str, ...]:
         """Known versions of an instrument, the current one first, then the added ones, newest first."""
         current = self.get(name)
-        if current.shipped or self._own is None:
+        if current.shipped or self._folder is None:
             return (current.version,)
-        archives = sorted((self._own / HISTORY).glob(f"{name}-*.zip"), key=lambda p: p.stat().st_mtime_ns, reverse=True)
+        archives = sorted(
+            (self._folder / HISTORY).glob(f"{name}-*.zip"), key=lambda p: p.stat().st_mtime_ns, reverse=True
+        )
         added = [p.stem.removeprefix(f"{name}-") for p in archives]
         return (current.version, *(v for v in added if v != current.version and len(v) == len(current.version)))
 
     def _own_names(self) -> tuple[str, ...]:
-        return _folders(self._own) if self._own is not None else ()
+        return _folders(self._folder) if self._folder is not None else ()
 
     def _own_folder(self) -> Path:
-        if self._own is None:
+        if self._folder is None:
             raise NotFound("no data folder", expected="a data folder with instruments", hint="give --data")
-        return self._own
+        return self._folder
 
     def _own_instrument(self, name: str) -> Instrument:
         folder = self._own_folder() / name

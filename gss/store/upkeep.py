@@ -151,7 +151,7 @@ class Amounts:
     """Stored amounts of frames (with pixels), frames_bytes, packets and events. ``arrived``: the part stored since the
     last removal."""
 
-    held: dict[str, int]
+    stored: dict[str, int]
     arrived: dict[str, int]
 
 

@@ -145,10 +145,10 @@ def test_a_planted_session_is_invalid(services: Services, anonymous: TestClient)
     sign_in(anonymous)
     first = anonymous.cookies.get("gss_session", domain="localhost.local")
     assert first != "planted-key"
-    assert services.accounts.accounts.who_has_cookie("planted-key") is None
+    assert services.accounts.accounts.session_caller("planted-key") is None
     anonymous.headers["X-GSS"] = "1"
     sign_in(anonymous, "vic", PASSWORD + " vic")
-    assert services.accounts.accounts.who_has_cookie(first) is None
+    assert services.accounts.accounts.session_caller(first) is None
 
 
 def test_signing_out_ends_the_session_permanently(services: Services, anonymous: TestClient) -> None:
@@ -156,7 +156,7 @@ def test_signing_out_ends_the_session_permanently(services: Services, anonymous:
     sign_in(anonymous)
     key = anonymous.cookies["gss_session"]
     assert anonymous.delete("/api/session").status_code == 204
-    assert services.accounts.accounts.who_has_cookie(key) is None
+    assert services.accounts.accounts.session_caller(key) is None
     anonymous.cookies.set("gss_session", key)
     assert anonymous.get("/api/link").json()["message"] == "The session has ended."
 
@@ -191,8 +191,8 @@ def test_a_password_change_ends_every_other_session_and_renews_ones_own(
     reply = anonymous.put("/api/session/password", json={"old": PASSWORD, "new": "vega above the hills"})
     assert reply.status_code == 200
     assert reply.json()["csrf"] != before["csrf"]
-    assert services.accounts.accounts.who_has_cookie(elsewhere.key) is None
-    assert services.accounts.accounts.who_has_cookie(key) is None
+    assert services.accounts.accounts.session_caller(elsewhere.key) is None
+    assert services.accounts.accounts.session_caller(key) is None
     assert anonymous.get("/api/session").json()["name"] == "pat"
     body = {"token": link.key, "password": "another good one"}
     assert anonymous.post("/api/password-links", json=body).status_code == 403

@@ -50,7 +50,7 @@ def test_sender_and_receiver_finish_despite_losses(loss: float) -> None:
                 sender.on_status(page, now_s)
         if sender.complete:
             break
-    assert receiver.held.complete
+    assert receiver.stored.complete
     assert sender.complete
     if loss == 0:
         assert sent == 300

@@ -54,7 +54,7 @@ def test_time_commands_are_executed_or_rejected_with_a_reason() -> None:
     """A step passes in ticks after received data were read; split and joined lines are the same; invalid text is an
     error.
     """
-    clock = SimulatedClock(held=True)
+    clock = SimulatedClock(stopped=True)
     terminal = Turns(clock)
     desk = TimeControl(clock, terminal)
     assert list(desk.feed(b"st")) == []

@@ -41,7 +41,7 @@ def test_frames_that_the_documented_camera_cannot_solve_calibrate_the_camera() -
         pixels = render(stars, REAL, KNOWN.sensor, attitude, 0.25, rng).pixels
         taken = datetime(2026, 7, 1, tzinfo=UTC) + timedelta(seconds=10 * k)
         shots.append(Shot(f"{k}", taken, 0.25, 8, partial(np.asarray, pixels)))
-    assert solver.solve(shots[0].pixels(), SolveRequest(known=KNOWN)).attitude is None
+    assert solver.solve(shots[0].pixels(), SolveRequest(camera_profile=KNOWN)).attitude is None
     found = from_stars(solver, shots, KNOWN, lambda share, text: None, models=("brown-4",), photometry=False, psf=False)
     assert found.values["focal_col_px"] == pytest.approx(REAL.focal_col_px, rel=1e-3)
     assert found.result["geometry"]["residuals"]["rms_px"] < 0.3

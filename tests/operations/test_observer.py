@@ -31,7 +31,7 @@ def test_velocity_without_an_orbit_is_that_of_the_earth() -> None:
     observer = observer_at(MOMENT)
     off = np.array(observer.velocity_c) - earth_velocity_c(jyear_of(MOMENT))
     assert np.linalg.norm(off) < 0.05 * ARCSEC_RAD
-    assert "was corrected" in observer.words
+    assert "was corrected" in observer.note
 
 
 def test_an_orbit_adds_its_own_velocity() -> None:

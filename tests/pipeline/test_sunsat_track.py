@@ -172,16 +172,16 @@ def _three(columns: list[list[int]], seed: int = 0) -> ThreeStars:
 
 def test_three_stars_that_keep_their_distances_are_taken() -> None:
     """Among several candidates per reference star the true three are found (Tables 4-1, 4-2)."""
-    assert _three([[0], [8, 1], [9, 2, 10]]).found == [(0, 0), (1, 1), (2, 2)]
+    assert _three([[0], [8, 1], [9, 2, 10]]).result == [(0, 0), (1, 1), (2, 2)]
 
 
 def test_a_high_sigma_star_brings_in_the_fourth() -> None:
     """§4.1.4.1: with one wrong star the two right ones are kept in mind and a fourth completes the set."""
     test = _three([[0], [7], [2]])
-    assert test.found == []
+    assert test.result == []
     assert test.pair == [(0, 0), (2, 2)]
     assert test.add(Candidates(3, np.array([3], np.intp)))
-    assert test.found == [(0, 0), (2, 2), (3, 3)]
+    assert test.result == [(0, 0), (2, 2), (3, 3)]
 
 
 def test_the_seventh_star_drops_the_first_four() -> None:
@@ -196,7 +196,7 @@ def test_the_seventh_star_drops_the_first_four() -> None:
 
 def test_one_star_is_not_matched_twice() -> None:
     """One observed star is never matched to two reference stars."""
-    assert _three([[0], [0], [0]]).found == []
+    assert _three([[0], [0], [0]]).result == []
 
 
 def _hint(rotation: Array, off_rad: Array | float = 0.0) -> AttitudePrior:

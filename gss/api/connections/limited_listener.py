@@ -27,22 +27,22 @@ class LimitedListener(socket.socket):
 
     def __init__(self, connections: Connections, descriptor: int) -> None:
         super().__init__(fileno=descriptor)
-        self._connections, self._left = connections, ACCEPTED_IN_A_ROW
+        self._connections, self._remaining = connections, ACCEPTED_IN_A_ROW
 
     def accept(self) -> tuple[socket.socket, Any]:
         """Accept a connection. If descriptors run out, an unauthenticated one is dropped and the event loop retries."""
         try:
-            if self._left == 0:
+            if self._remaining == 0:
                 raise BlockingIOError(errno.EAGAIN, "the event loop's turn")
             accepted, address = super().accept()
         except BlockingIOError:
-            self._left = ACCEPTED_IN_A_ROW
+            self._remaining = ACCEPTED_IN_A_ROW
             raise
         except OSError as error:
             if error.errno in OUT_OF_RESOURCES:
                 self._make_room(error)
             raise
-        self._left -= 1
+        self._remaining -= 1
         self._connections.accepted(accepted, str(address[0]) if address else "")
         return accepted, address
 
@@ -56,7 +56,7 @@ class LimitedListener(socket.socket):
         log.warning("Cannot accept a connection: %s", error.strerror)
         if self._connections.drop_one():
             raise BlockingIOError(errno.EAGAIN, "a connection was dropped") from error
-        self._left = 0
+        self._remaining = 0
 
 
 def prefer_requests(listener: socket.socket) -> None:

@@ -60,12 +60,12 @@ class Authenticator:
         urgent = scope["path"] == ABORT
         if token:
             remembered = self._accounts.remembered("token", token)
-            ask = functools.partial(self._accounts.who_has_token, token, scope["state"]["address"], touch=not urgent)
+            ask = functools.partial(self._accounts.token_caller, token, scope["state"]["address"], touch=not urgent)
         else:
             remembered = self._accounts.remembered("session", cookie)
             # A request for the session's remaining time must not extend it.
             touch = not is_open(scope) and not urgent
-            ask = functools.partial(self._accounts.who_has_cookie, cookie, touch=touch)
+            ask = functools.partial(self._accounts.session_caller, cookie, touch=touch)
         if remembered is not None:
             return remembered
         return await (at_once(ask) if urgent else anyio.to_thread.run_sync(ask))

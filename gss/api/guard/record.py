@@ -101,15 +101,15 @@ class UnauthenticatedSampler:
 
     def __init__(self, monotonic_s: Monotonic) -> None:
         self._now_s = monotonic_s
-        self._seen: OrderedDict[str, tuple[float, int]] = OrderedDict()
+        self._recent: OrderedDict[str, tuple[float, int]] = OrderedDict()
 
     def seen(self, key: str) -> int | None:
         """Return how many were left out since the last row of this key, or None if this one is left out."""
-        at_s, skipped = self._seen.pop(key, (-QUIET_S, 0))
+        at_s, skipped = self._recent.pop(key, (-QUIET_S, 0))
         fresh = self._now_s() - at_s >= QUIET_S
-        self._seen[key] = (self._now_s(), 0) if fresh else (at_s, skipped + 1)
-        while len(self._seen) > self.MOST:
-            self._seen.popitem(last=False)
+        self._recent[key] = (self._now_s(), 0) if fresh else (at_s, skipped + 1)
+        while len(self._recent) > self.MOST:
+            self._recent.popitem(last=False)
         return skipped if fresh else None
 
 

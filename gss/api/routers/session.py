@@ -146,7 +146,7 @@ def _open(app: Services, request: Request, response: Response, opened: NewSessio
         secure=secure,
         path="/api/session",
     )
-    return _session_out(app, opened.who)
+    return _session_out(app, opened.caller)
 
 
 def _session_out(app: Services, caller: identity.CallerIdentity) -> SessionOut:

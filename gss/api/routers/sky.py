@@ -49,7 +49,7 @@ def read_sky(app: App, mag: Annotated[float, Query(ge=-2, le=7)] = 4.5, at: Mome
         bodies_out.append(
             BodyOut(name="Earth", ra_deg=below_ra, dec_deg=below_dec, exclusion_deg=exclusion, radius_deg=radius)
         )
-    return SkyOut(utc=now, place="" if place is None else place.words, stars=stars, bodies=bodies_out)
+    return SkyOut(utc=now, place="" if place is None else place.source, stars=stars, bodies=bodies_out)
 
 
 @router.get("/sky/figures")

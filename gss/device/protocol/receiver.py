@@ -100,20 +100,20 @@ class Deframer:
     def __init__(self, max_packet_bytes: int = MAX_PACKET_BYTES, framing: str = "cobs") -> None:
         self._how, self._longest = framing_named(framing), max_packet_bytes
         self._limit = self._how.limit(max_packet_bytes)
-        self._held = bytearray()
+        self._buffer = bytearray()
         self._overflow = False
         self._synced = False
         self.bytes = self.unframed = self.too_long = self.broken = 0
 
     def restart(self) -> None:
         """Start a new stream: discard the partial frame and wait for a delimiter. Counters are kept."""
-        self._held.clear()
+        self._buffer.clear()
         self._overflow = self._synced = False
 
     @property
     def held_bytes(self) -> int:
         """Bytes in the buffer, at most one frame of maximum length."""
-        return len(self._held)
+        return len(self._buffer)
 
     def feed(self, data: bytes) -> list[bytes]:
         """Return the packets that ``data`` completes. Empty frames between adjacent delimiters are ignored."""
@@ -131,11 +131,11 @@ class Deframer:
     def _append(self, piece: bytes) -> None:
         if not self._synced:
             self.unframed += len(piece)
-        elif self._overflow or len(self._held) + len(piece) > self._limit:
+        elif self._overflow or len(self._buffer) + len(piece) > self._limit:
             self._overflow = True
-            self._held.clear()
+            self._buffer.clear()
         else:
-            self._held += piece
+            self._buffer += piece
 
     def _close(self) -> bytes | None:
         """Decode the buffered frame at a delimiter. Returns None if it is empty or invalid."""
@@ -144,15 +144,15 @@ class Deframer:
             self._overflow = False
             self.too_long += 1
             return None
-        if not self._held:
+        if not self._buffer:
             return None
         try:
-            packet = self._how.decode(bytes(self._held))
+            packet = self._how.decode(bytes(self._buffer))
         except BrokenFrame:
             self.broken += 1
             return None
         finally:
-            self._held.clear()
+            self._buffer.clear()
         if len(packet) > self._longest:
             self.too_long += 1
             return None

@@ -275,7 +275,7 @@ class ChunkReceiver:
 
     def __init__(self, size: int, chunk_bytes: int, window: int, stored: Iterable[int] = ()) -> None:
         self.size, self.chunk_bytes = size, chunk_bytes
-        self.held = ChunkSet(chunk_count(size, chunk_bytes), stored)
+        self.stored = ChunkSet(chunk_count(size, chunk_bytes), stored)
         self._every = max(1, window // STATUS_EVERY)
         self._since = 0
         self._serial = 0
@@ -297,11 +297,11 @@ class ChunkReceiver:
         self._arrived += whole and serial > self._serial
         self._serial = max(self._serial, serial)
         self._since += 1
-        return whole and self.held.add(index)
+        return whole and self.stored.add(index)
 
     def status_due(self) -> bool:
         """True if a quarter of a window has arrived since the last STATUS, or if the transfer has become complete."""
-        return self._since >= self._every or (self._since > 0 and self.held.complete)
+        return self._since >= self._every or (self._since > 0 and self.stored.complete)
 
     def status(self, from_index: int | None = None, serial: int = 0) -> StatusPage:
         """Return the status page from the start, or from ``from_index``.
@@ -311,9 +311,9 @@ class ChunkReceiver:
         self._serial = max(self._serial, serial)
         self.requested_again = self._serial - self._arrived
         self._since = 0
-        start = self.held.first_missing if from_index is None else min(from_index, len(self.held))
+        start = self.stored.first_missing if from_index is None else min(from_index, len(self.stored))
         if from_index is None and start:
             # The run before the first gap is one range: it costs little and lets the sender drop those chunks.
             start = 0
-        ranges, end = self.held.ranges(start, PAGE_RANGES)
-        return StatusPage(self._serial, self.held.stored, start, end, ranges)
+        ranges, end = self.stored.ranges(start, PAGE_RANGES)
+        return StatusPage(self._serial, self.stored.stored, start, end, ranges)

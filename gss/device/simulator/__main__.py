@@ -54,7 +54,7 @@ def make_terminal(arguments: argparse.Namespace, line: DeviceLine) -> tuple[Term
     """Return the device connected to its line."""
     instrument = instrument_of(arguments)
     camera, link, behaviour = instrument.profile, instrument.link, instrument.simulator or SimulatorFile()
-    clock = SimulatedClock(arguments.speed, held=arguments.stepped)
+    clock = SimulatedClock(arguments.speed, stopped=arguments.stepped)
     began_s = clock()
     if behaviour.program:
         world = make_environment(arguments, camera, instrument, clock.utc_zero_s())
@@ -119,7 +119,7 @@ def serve(
     signal.signal(signal.SIGINT, stop)
     _say(f"READY {url}")
     time_control = TimeControl(clock, terminal, lambda: stopping)
-    terminal.paced = paced or not clock.held
+    terminal.paced = paced or not clock.stopped
     handles = [sys.stdin.fileno()] if watch_stdin else []
     try:
         while not stopping:

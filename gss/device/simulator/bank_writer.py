@@ -126,7 +126,7 @@ class BankWriter:
         receiver = ChunkReceiver(size, chunk_bytes, WINDOW_CHUNKS, numbers)
         if not complete:
             record.banks[area] = BankRecord("loading", size=size)
-            record.uploads[area] = SuspendedUpload(size, chunk_bytes, digest.hex(), receiver.held.ranges()[0])
+            record.uploads[area] = SuspendedUpload(size, chunk_bytes, digest.hex(), receiver.stored.ranges()[0])
         return receiver, complete or same
 
     def program(self, session: Session, at: int, data: bytes) -> None:
@@ -145,7 +145,7 @@ class BankWriter:
         """Record which chunks flash holds, so that the upload can resume after a reset."""
         upload = self._memory.record.uploads.get(session.area)
         if session.receiver is not None and upload is not None:
-            ranges = session.receiver.held.ranges()[0]
+            ranges = session.receiver.stored.ranges()[0]
             suspended = SuspendedUpload(session.size, session.chunk_bytes, session.sha256.hex(), ranges)
             self._memory.record.uploads[session.area] = suspended
             self._memory.save()

@@ -67,7 +67,7 @@ class StarTracker:
         self.imager.restart()
         self.mode = "lost_in_space"
         self.exposure_ms = round(self.profile.sensor.exposure_s * 1000)
-        self.known = PriorState()
+        self.prior = PriorState()
         self.frame: StoredFrame | None = None
         self.detection: Detection | None = None
         self.matching: Any = None
@@ -142,7 +142,7 @@ class StarTracker:
 
     def _commanded(self, mode: Mode) -> Commanded:
         """Settings of the operator."""
-        radius_rad = self.known.radius_rad(mode)
+        radius_rad = self.prior.radius_rad(mode)
         threshold_dn = float(self.threshold_dn) if self.threshold_dn else None
         return Commanded(threshold_dn, self.min_pixels, max(self.max_pixels, self.min_pixels), radius_rad)
 
@@ -153,12 +153,12 @@ class StarTracker:
     def set_hint(self, ra_rad: float, dec_rad: float, roll_rad: float, radius_rad: float) -> None:
         """Set the commanded attitude and its radius (SET_ATTITUDE_HINT)."""
         quaternion = quaternion_from_matrix(cam_from_icrs(ra_rad, dec_rad, roll_rad))
-        self.known = replace(self.known, commanded=quaternion, commanded_radius_rad=radius_rad)
+        self.prior = replace(self.prior, commanded=quaternion, commanded_radius_rad=radius_rad)
 
     @property
     def quaternion(self) -> NDArray[np.float64] | None:
         """Quaternion of the last attitude, or None."""
-        return self.known.quaternion
+        return self.prior.quaternion
 
     # --- imaging ------------------------------------------------------------------------------------------------
 
@@ -189,9 +189,9 @@ class StarTracker:
     def _work(self, frame: StoredFrame, catalogue: Any) -> Work:
         """Return the task for a frame from the current knowledge."""
         requested_mode = Mode.LOST_IN_SPACE if self.mode == STANDBY else Mode(self.mode)
-        mode = self.known.usable(requested_mode, frame.time_s, self.chain.oldest_attitude_s)
+        mode = self.prior.usable(requested_mode, frame.time_s, self.chain.oldest_attitude_s)
         parameters = self._parameters(frame.exposure_ms, self._commanded(mode), mode)
-        return Work(self.tables.profile.camera, catalogue, parameters, mode, self.known.hint(mode, frame.time_s))
+        return Work(self.tables.profile.camera, catalogue, parameters, mode, self.prior.hint(mode, frame.time_s))
 
     def detect(self, frame: StoredFrame) -> tuple[Work, Detection]:
         """Detect centroids, without keeping them."""
@@ -249,7 +249,7 @@ class StarTracker:
         self.solution = solution
         self.timing.attitude_ms = spent_ms
         quaternion = None if solution.attitude is None else np.asarray(solution.attitude.quaternion, float)
-        self.known = self.known.after(quaternion, frame.time_s)
+        self.prior = self.prior.after(quaternion, frame.time_s)
         if solution.attitude is not None:
             self.sigma_rad = solution.attitude.sigma_rad
             self.attitude_time_s = frame.time_s
@@ -274,7 +274,7 @@ class StarTracker:
             # Without a catalogue nothing is solved, which ends the series of attitudes like an unsolved frame.
             problem, self.frame = refusal.detail, frame
             self.matching = self.solution = None
-            self.known = self.known.after(None, frame.time_s)
+            self.prior = self.prior.after(None, frame.time_s)
         for report in (self.attitude_report(problem), *self.vector_reports(), self.timing_report()):
             send(report)
         if frame.truth is not None:
@@ -305,7 +305,7 @@ class StarTracker:
     def vector_reports(self) -> list[Report]:
         """Return the packet "matched_vectors", with no vectors if there is no attitude, or nothing before orbit and time are
         known."""
-        orbit, offset_s = self.known.orbit, self._memory.record.utc_offset_s
+        orbit, offset_s = self.prior.orbit, self._memory.record.utc_offset_s
         if orbit is None or offset_s is None or not self.frame:
             return []
         if not self.solved or not self.work or not self.detection or not self.solution:
@@ -316,7 +316,7 @@ class StarTracker:
     def late_reports(self, slot: int) -> list[Report]:
         """Return what the attitude control gets when an iteration is not finished in its period: no vectors (Jacobs 1995
         §4.3)."""
-        has_place = self.known.orbit is not None and self._memory.record.utc_offset_s is not None
+        has_place = self.prior.orbit is not None and self._memory.record.utc_offset_s is not None
         return [no_vectors(self.imager.stored(slot))] if has_place else []
 
     def attitude_report(self, problem: str = "") -> Report:

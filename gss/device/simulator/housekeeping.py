@@ -74,9 +74,9 @@ class Housekeeper:
             "match_confidence": 100.0 * t.matching.confidence if t.matching is not None else 0.0,
             "sigma_cross_arcsec": t.sigma_rad[0] / ARCSEC_RAD,
             "sigma_roll_arcsec": t.sigma_rad[1] / ARCSEC_RAD,
-            "rate_deg_s": float(np.degrees(t.known.rate_rad_s)),
+            "rate_deg_s": float(np.degrees(t.prior.rate_rad_s)),
             "background_dn": float(t.detection.black_dn) if t.detection else 0.0,
-            "orbit_known": t.known.orbit is not None,
+            "orbit_known": t.prior.orbit is not None,
         }
         return values | timing_values(t.timing) | pose_values(t.quaternion)
 

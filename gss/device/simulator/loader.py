@@ -202,7 +202,7 @@ class Loader:
 
     def _verify(self, session: Session) -> None:
         assert session.receiver is not None  # noqa: S101 - the caller has checked it
-        if not session.receiver.held.complete:
+        if not session.receiver.stored.complete:
             self._status(session, session.receiver.status())
             return
         digest = hashlib.sha256(self._content(session)).digest()

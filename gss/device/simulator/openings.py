@@ -100,7 +100,7 @@ class Openings:
         data, stored, resumed, number = bytearray(size), [], False, 0
         if part is not None and part.sha256 == digest and part.size == size and part.receiver is not None:
             data, resumed = part.data, True
-            stored = regrid(part.receiver.held.ranges()[0], size, part.chunk_bytes, chunk_bytes)
+            stored = regrid(part.receiver.stored.ranges()[0], size, part.chunk_bytes, chunk_bytes)
         elif (
             stored_frame is not None
             and stored_frame.source == "uploaded"

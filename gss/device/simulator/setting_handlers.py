@@ -75,17 +75,17 @@ class SettingHandlers:
         raan_rad, inclination_rad, latitude_rad = (float(np.radians(float(a[n]))) for n in names)
         altitude_m = 1000.0 * float(a["altitude_km"])
         orbit = KnownOrbit(raan_rad, inclination_rad, latitude_rad, altitude_m, float(a["epoch_s"]))
-        self._tracker.known = replace(self._tracker.known, orbit=orbit)
+        self._tracker.prior = replace(self._tracker.prior, orbit=orbit)
         return {}
 
     def set_apriori(self, a: Arguments, _: int) -> Returns:
         if float(a["uncertainty_deg"]) >= TAKES_BACK_DEG:
-            self._tracker.known = replace(self._tracker.known, apriori=None)
+            self._tracker.prior = replace(self._tracker.prior, apriori=None)
             return {}
         names = ("roll_deg", "pitch_deg", "yaw_deg", "uncertainty_deg")
         roll_rad, pitch_rad, yaw_rad, radius_rad = (float(np.radians(float(a[n]))) for n in names)
         apriori = Apriori(roll_rad, pitch_rad, yaw_rad, radius_rad)
-        self._tracker.known = replace(self._tracker.known, apriori=apriori)
+        self._tracker.prior = replace(self._tracker.prior, apriori=apriori)
         return {}
 
     def set_time(self, a: Arguments, request_id: int) -> Returns:

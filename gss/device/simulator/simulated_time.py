@@ -18,15 +18,17 @@ LONGEST_ORDER_BYTES = 200
 
 
 class SimulatedClock:
-    """Seconds since the start. ``real``: the real clock. While held, time changes only by ``advance``."""
+    """Seconds since the start. ``real``: the real clock. While stopped, time changes only by ``advance``."""
 
-    def __init__(self, speed: float = 1.0, *, held: bool = False, real: Callable[[], float] = time.monotonic) -> None:
-        self._speed, self._real, self.held = _checked_speed(speed), real, held
+    def __init__(
+        self, speed: float = 1.0, *, stopped: bool = False, real: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._speed, self._real, self.stopped = _checked_speed(speed), real, stopped
         self._base_s, self._since_s = 0.0, real()
 
     def __call__(self) -> float:
         """Return the simulated seconds now."""
-        return self._base_s if self.held else self._base_s + (self._real() - self._since_s) * self._speed
+        return self._base_s if self.stopped else self._base_s + (self._real() - self._since_s) * self._speed
 
     def utc_zero_s(self) -> float:
         """Return UTC at simulated time zero, as Unix time; correct as long as time runs at real speed."""
@@ -34,16 +36,16 @@ class SimulatedClock:
 
     def hold(self) -> None:
         """Stop the clock."""
-        self._base_s, self.held = self(), True
+        self._base_s, self.stopped = self(), True
 
     def run(self, speed: float | None = None) -> None:
         """Run with the real clock, at another speed if given."""
         new_speed = self._speed if speed is None else _checked_speed(speed)
-        self._base_s, self._since_s, self._speed, self.held = self(), self._real(), new_speed, False
+        self._base_s, self._since_s, self._speed, self.stopped = self(), self._real(), new_speed, False
 
     def advance(self, seconds: float) -> None:
-        """Step a held clock. Raises BadInput while it runs."""
-        if not self.held:
+        """Step a stopped clock. Raises BadInput while it runs."""
+        if not self.stopped:
             raise BadInput("the clock is running", expected="pause before step")
         self._base_s += seconds
 
@@ -67,12 +69,12 @@ class TimeControl:
 
     def __init__(self, clock: SimulatedClock, terminal: Paced, stopping: Callable[[], bool] = never) -> None:
         self._clock, self._terminal, self._stopping = clock, terminal, stopping
-        self._rest = b""
+        self._partial_line = b""
 
     def feed(self, data: bytes) -> Iterator[str]:
         """Execute complete commands and yield their answers."""
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        self._rest = self._rest[-LONGEST_ORDER_BYTES:]
+        *lines, self._partial_line = (self._partial_line + data).split(b"\n")
+        self._partial_line = self._partial_line[-LONGEST_ORDER_BYTES:]
         for line in lines:
             words = line.decode("utf-8", "replace").split()
             if words:

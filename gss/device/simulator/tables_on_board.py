@@ -21,7 +21,7 @@ class Tables:
     """Content of the active tables. For a table that cannot be read, the unit's defaults apply and the problem is reported."""
 
     def __init__(self, profile: CameraProfile, memory: Memory) -> None:
-        self._own, self._memory = profile, memory
+        self._default_profile, self._memory = profile, memory
         self.profile = profile
         self.parameters: dict[str, Scalar] = {}
         self.triplets: TripletTable | None = None
@@ -36,7 +36,7 @@ class Tables:
 
     def load(self) -> list[str]:
         """Read all tables again. Returns the problems."""
-        self.profile, self.parameters, self.triplets = self._own, {}, None
+        self.profile, self.parameters, self.triplets = self._default_profile, {}, None
         problems = []
         for table in TABLES:
             bank = self._memory.record.tables[table].active
@@ -47,12 +47,12 @@ class Tables:
                 self._take(table, self._memory.content(area))
             except (BadInput, CorruptData) as error:
                 problems.append(f"{table} {bank}: {error}")
-        self.chain = chain_of(self._own, self.parameters)
+        self.chain = chain_of(self._default_profile, self.parameters)
         return problems
 
     def _take(self, table: str, content: bytes) -> None:
         if table == "calibration":
-            self.profile = calibrated(self._own, decode_table(table, content)[1])
+            self.profile = calibrated(self._default_profile, decode_table(table, content)[1])
         elif table == "parameters":
             values = decode_table(table, content)[1]
             check_parameters(self.profile, values)

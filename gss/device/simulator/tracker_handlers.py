@@ -209,7 +209,7 @@ class TrackerHandlers:
 
     def set_mode(self, a: Arguments, request_id: int) -> Returns:
         tracker, mode = self._tracker, str(a["mode"])
-        prior = tracker.known
+        prior = tracker.prior
         if mode == "tracking" and prior.quaternion is None:
             raise Rejection("wrong_state", "tracking needs an attitude: run an iteration first")
         if mode == "assisted" and prior.usable(Mode.ASSISTED) is not Mode.ASSISTED:

@@ -23,12 +23,12 @@ class Element:
     line: int
     attributes: Mapping[str, str]
     children: list[Element] = field(default_factory=list)
-    words: list[str] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
 
     @property
     def text(self) -> str:
         """Text directly in the element."""
-        return "".join(self.words)
+        return "".join(self.texts)
 
     def error(self, reason: str, *, expected: str = "", got: str = "") -> BadInput:
         """Return the error for this element, with file, line and the element's name."""
@@ -130,7 +130,7 @@ def parse_xml(file: str, data: bytes, namespaces: str) -> Element:
     parser.EntityDeclHandler = doctype
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _: path.pop()
-    parser.CharacterDataHandler = lambda text: path[-1].words.append(text)
+    parser.CharacterDataHandler = lambda text: path[-1].texts.append(text)
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:

@@ -76,10 +76,10 @@ class AccountService:
             self._changes += 1
             self._remembered.clear()
 
-    def who_has_cookie(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
+    def session_caller(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
         """Return the owner of a session; None if the session is invalid. Without ``touch`` the request does not extend an
         idle session, and writes nothing."""
-        return self._recall(f"session {key_hash(key)}", lambda: self.sessions.who(key, touch=touch))
+        return self._recall(f"session {key_hash(key)}", lambda: self.sessions.caller_of(key, touch=touch))
 
     def remembered(self, kind: str, key: str) -> CallerIdentity | None:
         """Return an identity (session or token) from the cache, without a database query; None if it is not cached."""
@@ -87,11 +87,11 @@ class AccountService:
             at_s, remembered_value = self._remembered.get(f"{kind} {key_hash(key)}", (0.0, None))
             return remembered_value if self._monotonic_s() - at_s < REMEMBERED_S else None
 
-    def who_has_token(self, key: str, address: str, *, touch: bool = True) -> CallerIdentity | None:
+    def token_caller(self, key: str, address: str, *, touch: bool = True) -> CallerIdentity | None:
         """Return the identity of the token, or None if it is not valid. Raises RateLimited after too many invalid tokens from that
         address. Without ``touch`` nothing is written."""
         hashed = f"token {key_hash(key)}"
-        caller = self._recall(hashed, lambda: self.tokens.who(key, touch=touch))
+        caller = self._recall(hashed, lambda: self.tokens.caller_of(key, touch=touch))
         if caller is None:
             self.attempts.begin([(f"token {address}", BY_TOKEN_ADDRESS)])
         return caller

@@ -38,7 +38,7 @@ class NewSession:
     recognizes this browser at the next sign-in."""
 
     key: str
-    who: CallerIdentity
+    caller: CallerIdentity
     device: str
 
 
@@ -130,7 +130,7 @@ class SignInService:
         with self._database.unit_of_work() as session:
             return [(s, u) for s, u in store.open_sign_ins(session, now) if not self._ended_reason(s, u, now)]
 
-    def who(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
+    def caller_of(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
         """Return the user of a session; None if it has ended or never existed. Only with ``touch`` does the call count as a
         request."""
         now = self._now()

@@ -126,7 +126,7 @@ class TokenService:
         voiding.revoke(row)
         return Revoked(row, voiding.voided)
 
-    def who(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
+    def caller_of(self, key: str, *, touch: bool = True) -> CallerIdentity | None:
         """Return the identity of the token, or None if it is not valid. Without ``touch`` its time of use is not written."""
         if not key.startswith(TOKEN_MARK) or len(key) > LONGEST:
             return None

@@ -24,10 +24,10 @@ IMPORT_S = 5.0  # an imported file without a date is dated by its import
 
 @dataclass(frozen=True)
 class Observer:
-    """``velocity_c``: (3,) relative to the barycentre, ICRS, in units of c. ``words``: note for the result."""
+    """``velocity_c``: (3,) relative to the barycentre, ICRS, in units of c. ``note``: note for the result."""
 
     velocity_c: tuple[float, float, float]
-    words: str
+    note: str
 
 
 def observer_at(moment: datetime, tle: str | None = None) -> Observer:

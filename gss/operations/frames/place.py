@@ -32,10 +32,10 @@ EARTH_EXCLUSION_RAD = math.radians(25.0)
 
 @dataclass(frozen=True)
 class Place:
-    """``km``: (3,) from the Earth's centre in ICRS axes. ``words``: source of the position."""
+    """``km``: (3,) from the Earth's centre in ICRS axes. ``source``: source of the position."""
 
     km: Array
-    words: str
+    source: str
 
     @property
     def earth_icrs(self) -> Array:

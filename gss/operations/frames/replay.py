@@ -45,7 +45,7 @@ class ReplayService:
         self._instruments = instruments
         self._frames, self._banks, self._tables, self._stopwatch_s = frames, banks, tables, stopwatch_s
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="replay")
-        self._kept: tuple[tuple[Any, ...], Any] | None = None
+        self._last_prepared: tuple[tuple[Any, ...], Any] | None = None
 
     def stop(self) -> None:
         """Stop after the replay in progress."""
@@ -136,12 +136,12 @@ class ReplayService:
     def _prepared(self, shelf: Shelf, sha256: str, bank: OnboardCatalogue) -> Any:
         """Return the bank as prepared by the chain; cached for the last bank only."""
         key = (shelf.chain.name, shelf.profile.name, sha256, shelf.key)
-        if self._kept is None or self._kept[0] != key:
+        if self._last_prepared is None or self._last_prepared[0] != key:
             prepared = shelf.chain.prepare(bank, shelf.profile)
             if shelf.triplets is not None and hasattr(prepared, "triplets"):
                 prepared = prepare_with_triplets(bank, shelf.profile, shelf.triplets)
-            self._kept = key, prepared
-        return self._kept[1]
+            self._last_prepared = key, prepared
+        return self._last_prepared[1]
 
 
 @dataclass(frozen=True)

@@ -53,8 +53,8 @@ class Started:
 
 @dataclass(frozen=True)
 class SolveRequest:
-    """What to run. The camera is given in exactly one way: ``profile`` (a name), ``known`` (a complete camera, for example a
-    calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal, known to about 5 %), or ``blind``.
+    """What to run. The camera is given in exactly one way: ``profile`` (a name), ``camera_profile`` (a complete camera, for
+    example a calibrated one), ``camera`` (geometry only), ``fov_rad`` (horizontal, known to about 5 %), or ``blind``.
 
     ``fov_limits_rad``: range of horizontal fields of view of a blind solve, None: 4° to 60°. ``hint``: prior attitude, for a known
     camera. ``epoch_jyear``: of the star positions, None = the solver's. ``observer``: its
@@ -65,7 +65,7 @@ class SolveRequest:
 
     chain: str = reference.NAME
     profile: str | None = None
-    known: CameraProfile | None = None
+    camera_profile: CameraProfile | None = None
     camera: Camera | None = None
     fov_rad: float | None = None
     blind: bool = False
@@ -83,8 +83,8 @@ class SolveRequest:
         """How the camera is known, as stored with solutions: name of the profile, "field of view", "geometry" or "blind"."""
         if self.profile is not None:
             return self.profile
-        if self.known is not None:
-            return self.known.name
+        if self.camera_profile is not None:
+            return self.camera_profile.name
         return "geometry" if self.camera else "field of view" if self.fov_rad is not None else BLIND
 
 
@@ -235,7 +235,7 @@ def _moving(result: SolveResult, observer: Observer | None) -> SolveResult:
     """Add a note on whether aberration was corrected."""
     if result.attitude is None:
         return result
-    note = "aberration was not corrected" if observer is None else observer.words
+    note = "aberration was not corrected" if observer is None else observer.note
     return replace(result, notes=(*result.notes, note))
 
 
@@ -247,7 +247,7 @@ def _camera_of(
         name
         for name, stated in (
             ("profile", request.profile is not None),
-            ("whole camera", request.known is not None),
+            ("whole camera", request.camera_profile is not None),
             ("camera", request.camera is not None),
             ("field of view", request.fov_rad is not None),
             ("blind", request.blind),
@@ -264,7 +264,7 @@ def _camera_of(
         raise BadInput(
             "field of view is out of range", expected="0.5° to 120°", got=f"{np.degrees(request.fov_rad):g}°"
         )
-    profile = request.known if request.profile is None else profiles(request.profile)
+    profile = request.camera_profile if request.profile is None else profiles(request.profile)
     if profile is not None:
         return profile, profile.camera
     return None, request.camera

@@ -39,15 +39,15 @@ class SolverCache:
         self._base, self._keep = stars, keep
         self._files = None if folder is None else FigureFiles(folder)
         self._lock = threading.RLock()
-        self._made: dict[tuple[Any, ...], Any] = {}
+        self._cached: dict[tuple[Any, ...], Any] = {}
 
     def _once(self, key: tuple[Any, ...], make: Callable[[], T]) -> T:
         with self._lock:
-            if key not in self._made:
-                while len(self._made) >= self._keep:
-                    self._made.pop(next(iter(self._made)))
-                self._made[key] = make()
-            return cast(T, self._made[key])
+            if key not in self._cached:
+                while len(self._cached) >= self._keep:
+                    self._cached.pop(next(iter(self._cached)))
+                self._cached[key] = make()
+            return cast(T, self._cached[key])
 
     def stars(self, epoch_jyear: float) -> StarTable:
         """Return the star table at an epoch, brightest first."""

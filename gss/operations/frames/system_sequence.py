@@ -32,10 +32,10 @@ class SystemSequencer:
 
     def __init__(self, chain: str, hint: near.BoundedPrior | None = None) -> None:
         self._chain = system(chain)
-        self._mode, self._known = Mode.LOST_IN_SPACE, PriorState()
+        self._mode, self._prior = Mode.LOST_IN_SPACE, PriorState()
         if hint is not None:
             quaternion = quaternion_from_matrix(hint.cam_from_icrs)
-            self._mode, self._known = (
+            self._mode, self._prior = (
                 Mode.ASSISTED,
                 PriorState(commanded=quaternion, commanded_radius_rad=hint.radius_rad),
             )
@@ -45,15 +45,15 @@ class SystemSequencer:
 
     def solve(self, solver: Solver, pixels: NDArray[Any], request: SolveRequest) -> SolveResult:
         """Solve the next image."""
-        mode = self._known.usable(self._mode, self._frame * FRAME_STEP_S, self._chain.oldest_attitude_s)
-        radius_rad = self._known.radius_rad(mode) if mode is Mode.ASSISTED else None
-        started = Started(mode, self._known.hint(mode, self._frame * FRAME_STEP_S), radius_rad)
+        mode = self._prior.usable(self._mode, self._frame * FRAME_STEP_S, self._chain.oldest_attitude_s)
+        radius_rad = self._prior.radius_rad(mode) if mode is Mode.ASSISTED else None
+        started = Started(mode, self._prior.hint(mode, self._frame * FRAME_STEP_S), radius_rad)
         result = solver.solve(pixels, replace(request, hint=None, started=started))
         result = replace(result, notes=(*result.notes, f"mode: {mode.value.replace('_', ' ')}"))
         solved = result.outcome is Outcome.SOLVED
         self._mode = self._chain.next_mode(mode, solved)
         quaternion = result.attitude.quaternion if result.attitude is not None else None
-        self._known = self._known.after(quaternion, self._frame * FRAME_STEP_S)
+        self._prior = self._prior.after(quaternion, self._frame * FRAME_STEP_S)
         self._frame += 1
         if self._chain.name == far_mst_parameters.NAME:
             result = self._bridged(result, solver, request)

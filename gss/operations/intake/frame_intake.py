@@ -144,7 +144,7 @@ class FrameIntake:
             return  # part of a file cannot be shown
         if (transfer.options.get("stored") or {}).get("sha256") == update.sha256:
             return  # nothing new: all of it is the stored frame that was offered to the device
-        held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in event.held]
+        held_bytes = [(a * update.chunk_size, (b + 1) * update.chunk_size) for a, b in event.ranges]
         event.answers.accept(lambda: self._store(transfer, event.data, update.frame_number, held_bytes))
 
     def _store(self, transfer: Transfer, data: bytes, number: int, held_bytes: Sequence[tuple[int, int]]) -> Later:

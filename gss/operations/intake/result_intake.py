@@ -59,7 +59,7 @@ class ResultIntake:
         record = self._records.of(number).with_packet(kind, values, items)
         record = replace(record, hip_of_row=hips, icrs_of_hip=self._stars)
         if kind == "attitude":
-            record = replace(record, prior=self._knowledge.known)
+            record = replace(record, prior=self._knowledge.prior)
             solved = values.get("outcome") == "solved"
             quaternion = np.array([float(values[f"quaternion_{axis}"]) for axis in "xyzw"]) if solved else None
             self._knowledge.iterated(quaternion, float(values.get("frame_time_s", math.nan)))

@@ -23,15 +23,15 @@ class SensorKnowledge:
 
     def __init__(self, operations: StandardOperations) -> None:
         self._operations = operations
-        self.known = PriorState()
+        self.prior = PriorState()
 
     def forget(self) -> None:
         """Reset the knowledge, because the device restarted."""
-        self.known = PriorState()
+        self.prior = PriorState()
 
     def iterated(self, quaternion: Array | None, time_s: float) -> None:
         """Update after the iteration of the frame at device time ``time_s``; ``quaternion`` is None if it gave no attitude."""
-        self.known = self.known.after(quaternion, time_s)
+        self.prior = self.prior.after(quaternion, time_s)
 
     def completed(self, name: str, arguments: Mapping[str, Any]) -> None:
         """Update after a completed command."""
@@ -44,15 +44,15 @@ class SensorKnowledge:
                 ra, dec, roll = (math.radians(received[f"{a}_deg"]) for a in ("ra", "dec", "roll"))
                 quaternion = quaternion_from_matrix(cam_from_icrs(ra, dec, roll))
                 radius_rad = math.radians(received["uncertainty_deg"])
-                self.known = replace(self.known, commanded=quaternion, commanded_radius_rad=radius_rad)
+                self.prior = replace(self.prior, commanded=quaternion, commanded_radius_rad=radius_rad)
             elif operation is Operation.SET_ORBIT:
                 raan, inclination, latitude = (
                     math.radians(received[f"{a}_deg"]) for a in ("raan", "inclination", "latitude")
                 )
                 orbit = KnownOrbit(raan, inclination, latitude, 1000.0 * received["altitude_km"], received["epoch_s"])
-                self.known = replace(self.known, orbit=orbit)
+                self.prior = replace(self.prior, orbit=orbit)
             else:
-                self.known = replace(self.known, apriori=_apriori(received))
+                self.prior = replace(self.prior, apriori=_apriori(received))
 
     def _as_received(self, operation: Operation, arguments: Mapping[str, Any]) -> Mapping[str, float]:
         """Return the standard arguments as the device receives them: with defaults, and rounded to the encoded width."""

@@ -24,7 +24,7 @@ class NextPassWatch:
 
     def __init__(self, spacecraft: SpacecraftService, stations: StationService, table: PassService, now: Now) -> None:
         self._spacecraft, self._stations, self._table, self._now = spacecraft, stations, table, now
-        self._known = NextPass(None, "Not calculated yet.")
+        self._next = NextPass(None, "Not calculated yet.")
         self._basis: tuple[object, ...] | None = None
         self._checked = self._searched = now() - SEARCHED_EVERY
         self._lock = threading.Lock()
@@ -33,14 +33,14 @@ class NextPassWatch:
         """Return the pass under way or the next one, calculated again if orbit, stations or time require it."""
         now = self._now()
         with self._lock:
-            over = self._known.at is not None and self._known.at.set <= now
+            over = self._next.at is not None and self._next.at.set <= now
             if over or abs(now - self._checked) >= CHECKED_EVERY:
                 self._checked = now
                 try:
                     self._update(now, over)
                 except GssError as error:
-                    self._known, self._basis = NextPass(None, str(error)), None
-            return self._known
+                    self._next, self._basis = NextPass(None, str(error)), None
+            return self._next
 
     def _update(self, now: datetime, over: bool) -> None:
         orbit = self._spacecraft.history(1)
@@ -50,6 +50,6 @@ class NextPassWatch:
         self._basis, self._searched = basis, now
         table = self._table.coming(AHEAD_DAYS)
         if table.passes:
-            self._known = NextPass(table.passes[0].at)
+            self._next = NextPass(table.passes[0].at)
         else:
-            self._known = NextPass(None, table.problem or f"No pass in the next {AHEAD_DAYS * 24:g} hours.")
+            self._next = NextPass(None, table.problem or f"No pass in the next {AHEAD_DAYS * 24:g} hours.")

@@ -166,7 +166,7 @@ class Recorder:
             return
         self._path.append(eye)
         self._stream.log(
-            "sky/orbit/position", rr.Points3D([eye], radii=0.08, colors=WHITE, labels=[place.words], show_labels=False)
+            "sky/orbit/position", rr.Points3D([eye], radii=0.08, colors=WHITE, labels=[place.source], show_labels=False)
         )
         self._stream.log("sky/orbit/path", rr.LineStrips3D([np.array(self._path)], colors=BLUE, radii=0.01))
         ball = rr.Ellipsoids3D(half_sizes=[[EARTH_RADIUS] * 3], colors=(39, 80, 110), fill_mode="solid")

@@ -62,7 +62,7 @@ class AnalysisRun:
 
     shots: list[Shot]
     results: list[SolveResult | None]
-    known: CameraProfile
+    profile: CameraProfile
 
     @property
     def series(self) -> AttitudeSeries:
@@ -155,11 +155,13 @@ def _sensitivity(run: AnalysisRun, solver: Solver) -> AnalysisResult:
     for shot, result in zip(run.shots, run.results, strict=True):
         if result is None or result.attitude is None:
             continue
-        v, hit = looked_for(result, solver, shot, run.known.sensor.faint_limit_mag + DEEPER_MAG)
+        v, hit = looked_for(result, solver, shot, run.profile.sensor.faint_limit_mag + DEEPER_MAG)
         v_mag.append(v)
         detected.append(hit)
     limit = detection_limit(np.concatenate(v_mag), np.concatenate(detected))
-    return AnalysisResult("sensitivity", sheets.sensitivity(limit, run.known, subject_of(run)), dict(as_record(limit)))
+    return AnalysisResult(
+        "sensitivity", sheets.sensitivity(limit, run.profile, subject_of(run)), dict(as_record(limit))
+    )
 
 
 def looked_for(result: SolveResult, solver: Solver, shot: Shot, faintest_mag: float) -> tuple[Array, NDArray[np.bool_]]:
@@ -207,7 +209,7 @@ def _spatial(run: AnalysisRun) -> AnalysisResult:
             pixels.append(result.centroids.pixels[result.matches.centroid[used]])
             residual.append(result.matches.residual_px[used])
     at, off = np.concatenate(pixels), np.concatenate(residual)
-    report, figures = sheets.spatial(at, off, run.known.camera, subject_of(run))
+    report, figures = sheets.spatial(at, off, run.profile.camera, subject_of(run))
     return AnalysisResult("spatial", report, figures)
 
 
@@ -220,8 +222,8 @@ def _two(first: AnalysisRun, second: AnalysisRun) -> AnalysisResult:
 def subject_of(run: AnalysisRun) -> str:
     """Return the subtitle of a report: frames, camera, time span and chain."""
     first, last = run.shots[0].taken, run.shots[-1].taken
-    version = run.known.sources.get("calibration", "")
-    camera = f"{run.known.name}, {version}" if version else run.known.name
+    version = run.profile.sources.get("calibration", "")
+    camera = f"{run.profile.name}, {version}" if version else run.profile.name
     chain = next((r.chain for r in run.results if r is not None), "")
     return (
         f"{counted(len(run.shots), 'frame')} of {camera}, {first:%Y-%m-%d %H:%M:%S}Z to {last:%H:%M:%S}Z, chain {chain}"

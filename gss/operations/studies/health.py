@@ -58,15 +58,15 @@ def orbit_within(trajectories: Sequence[Trajectory]) -> Callable[[float], Trajec
 
 def sensor_health(solver: Solver, run: AnalysisRun, beside: Surroundings, progress: ProgressCallback) -> AnalysisResult:
     """Return the health from the solved frames of a run. Raises BadInput with fewer than 30."""
-    health = mission_health(health_frames(solver, run, beside), run.known.camera, run.known.sensor, progress)
-    proposal = proposed(health, run.known)
+    health = mission_health(health_frames(solver, run, beside), run.profile.camera, run.profile.sensor, progress)
+    proposal = proposed(health, run.profile)
     figures = dict(as_record(health)) | {"proposal": proposal_record(proposal)}
-    return AnalysisResult("health", health_report(health, proposal, run.known, subject_of(run)), figures)
+    return AnalysisResult("health", health_report(health, proposal, run.profile, subject_of(run)), figures)
 
 
 def health_frames(solver: Solver, run: AnalysisRun, beside: Surroundings) -> list[HealthFrame]:
     """Return the shots of a run with what is known of each."""
-    sensor = run.known.sensor
+    sensor = run.profile.sensor
     times = np.array([s.taken.timestamp() for s in run.shots])
     warm = np.full(len(times), np.nan)
     if beside.temperature is not None:

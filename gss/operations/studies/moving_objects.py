@@ -123,7 +123,7 @@ def moving_objects(
         rejected,
         "".join(tdm_of(measured, "CAMERA" if place is None else place.name, exposure_s, velocity is not None, created)),
     )
-    return AnalysisResult("moving", moving_report(record, run.known.camera, subject_of(run)), dict(as_record(record)))
+    return AnalysisResult("moving", moving_report(record, run.profile.camera, subject_of(run)), dict(as_record(record)))
 
 
 def _sources(solver: Solver, run: AnalysisRun, progress: ProgressCallback) -> tuple[list[FrameSpots], list[Shot]]:
@@ -133,13 +133,13 @@ def _sources(solver: Solver, run: AnalysisRun, progress: ProgressCallback) -> tu
         for shot, result in zip(run.shots, run.results, strict=True)
         if result is not None and result.attitude is not None
     ]
-    sensor = run.known.sensor
+    sensor = run.profile.sensor
     exposures = [sensor.exposure_s if s.exposure_s is None else s.exposure_s for s, _ in solved]
     views = views_of([s.taken.timestamp() for s, _ in solved], exposures, [r for _, r in solved])
     frames, shots = [], []
     for k, ((shot, _), view) in enumerate(zip(solved, views, strict=True)):
         progress(0.5 + 0.3 * k / len(solved), f"sources of {shot.name}, {k + 1} of {len(solved)}")
-        pixels, _ = solver.cleaned(shot.pixels(), run.known, shot.exposure_s)
+        pixels, _ = solver.cleaned(shot.pixels(), run.profile, shot.exposure_s)
         spots = find_spots(pixels, view, seen_stars(solver, shot), sensor)
         if spots is not None:
             frames.append(spots)

@@ -151,7 +151,7 @@ def request_of(
         chain=chain, epoch_jyear=epoch_at(shot.taken), observer=shot.observer, exposure_s=shot.exposure_s
     )
     if profile is not None:
-        return replace(request, known=profile if camera is None else replace(profile, camera=camera))
+        return replace(request, camera_profile=profile if camera is None else replace(profile, camera=camera))
     if camera is not None:
         return replace(request, camera=camera)
     return replace(request, fov_rad=fov_rad) if fov_rad is not None else replace(request, blind=True)

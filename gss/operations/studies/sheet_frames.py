@@ -29,7 +29,7 @@ def sheet_of_frames(
 ) -> AnalysisResult:
     """Return the sheet of solved frames. ``second``: frames of a second head; ``mounting``: quaternion camera from
     second head; ``temperature``: Unix seconds and °C of the unit."""
-    profile, series = run.known, run.series
+    profile, series = run.profile, run.series
     # Frames and their results are in the same order as the series, which sorts by time.
     observers = [s.observer for s in run.shots]
     reference = None

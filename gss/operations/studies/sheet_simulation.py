@@ -77,7 +77,7 @@ class _Bench:
         """Return the request for the solver, without prior attitude."""
         return SolveRequest(
             self.chain,
-            known=self.profile,
+            camera_profile=self.profile,
             epoch_jyear=DEFAULT_EPOCH_JYEAR,
             observer=Observer(moment.velocity_c, "aberration by the known velocity was corrected"),
             exposure_s=self.profile.sensor.exposure_s,

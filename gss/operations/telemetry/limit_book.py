@@ -41,7 +41,7 @@ class LimitBook:
     def __init__(self, dictionary: TelemetryDefinitions, database: Database, bus: EventBus, now: Now) -> None:
         self._dictionary, self._database, self._bus, self._now = dictionary, database, bus, now
         self._lock = threading.Lock()
-        self._own: dict[str, Rule] = {}
+        self._chosen: dict[str, Rule] = {}
         self._rules: dict[tuple[str, str], Rule] = {}
         self._set = self.sets[0][0] if self.sets else ""
         self._listeners: list[Callable[[str | None], None]] = []
@@ -64,7 +64,7 @@ class LimitBook:
             if row.name == SET_NAME and row.value.get("name") in dict(self.sets):
                 self._set = row.value["name"]
             elif row.name.startswith(PREFIX):
-                self._own[row.name.removeprefix(PREFIX)] = _rule(row.value, row.user, row.changed)
+                self._chosen[row.name.removeprefix(PREFIX)] = _rule(row.value, row.user, row.changed)
 
     @property
     def sets(self) -> list[tuple[str, str]]:
@@ -81,7 +81,7 @@ class LimitBook:
         rules, key = self._rules, (packet, field.name)
         rule = rules.get(key)
         if rule is None:  # a change replaces this cache dictionary, so no old rule can enter the new one
-            rule = rules[key] = self._own.get(f"{packet}.{field.name}") or self.given(field)
+            rule = rules[key] = self._chosen.get(f"{packet}.{field.name}") or self.given(field)
         return rule
 
     def given(self, field: TelemetryField) -> Rule:
@@ -111,7 +111,7 @@ class LimitBook:
             before = self.rule(packet, field)
             changed = self._write(PREFIX + key, {**value, "persistence": count, "note": note}, user)
             rule = Rule(limits, count, "operator", user, changed, note)
-            self._own[key], self._rules = rule, {}
+            self._chosen[key], self._rules = rule, {}
         self._record_event(key, f"{user} changed the limits of {key} from {words(before)} to {words(rule)}", note)
         return rule
 
@@ -121,7 +121,7 @@ class LimitBook:
         with self._lock:
             with self._database.unit_of_work() as session:
                 existed = store.forget(session, PREFIX + key)
-            self._own.pop(key, None)
+            self._chosen.pop(key, None)
             self._rules = {}
         rule = self.rule(packet, field)
         if existed:

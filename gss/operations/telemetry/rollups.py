@@ -105,7 +105,7 @@ class Rollups:
 
     def __init__(self, dictionary: TelemetryDefinitions, database: Database, now: Now) -> None:
         self._dictionary, self._database, self._now = dictionary, database, now
-        self._known: tuple[PacketDefinition, ...] = ()
+        self._packets_read: tuple[PacketDefinition, ...] = ()
         self._plotted: dict[str, list[Item]] = {}
         self._newest: dict[str, int | None] = {}
         self._ended = threading.Event()
@@ -115,9 +115,9 @@ class Rollups:
     def _fields(self) -> Mapping[str, list[Item]]:
         """Fields that can be plotted, of every packet that has one."""
         packets = self._dictionary.telemetry
-        if packets != self._known:
+        if packets != self._packets_read:
             fields = {p.name: [f for f in p.fields if not isinstance(f, Group) and kind(f) in PLOTTED] for p in packets}
-            self._known, self._plotted = packets, {name: plotted for name, plotted in fields.items() if plotted}
+            self._packets_read, self._plotted = packets, {name: plotted for name, plotted in fields.items() if plotted}
         return self._plotted
 
     def start(self) -> None:

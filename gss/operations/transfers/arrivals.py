@@ -169,24 +169,24 @@ class ContentArrived(ServiceEvent):
 
 @dataclass(frozen=True)
 class PartArrived(ServiceEvent):
-    """A download broke off. ``data``: (size,) bytes with zeros where chunks are missing; ``held``: ranges of chunks."""
+    """A download broke off. ``data``: (size,) bytes with zeros where chunks are missing; ``ranges``: ranges of chunks."""
 
     transfer: Transfer
     data: bytes
-    held: Sequence[tuple[int, int]]
+    ranges: Sequence[tuple[int, int]]
     update: TransferUpdate
     answers: Answers = field(default_factory=Answers, compare=False)
 
 
 @dataclass
 class Storing:
-    """A transfer whose content is being stored. ``transfer_id``: the session's id; None if the transfer broke off. ``held``:
+    """A transfer whose content is being stored. ``transfer_id``: the session's id; None if the transfer broke off. ``deferred``:
     its updates received meanwhile, which are published afterwards."""
 
     row: Transfer
     answers: Answers
     transfer_id: int | None
-    held: list[TransferUpdate] = field(default_factory=list)
+    deferred: list[TransferUpdate] = field(default_factory=list)
     linked: bool = False
     """True once the outcome is in the transfer's row."""
     keeps_part: bool = False

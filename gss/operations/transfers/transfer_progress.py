@@ -106,7 +106,7 @@ class TransferProgress:
                 if storing is None:
                     self._writes.add(partial(self._update, self._row_of[update.transfer_id], update))
                 else:
-                    storing.held.append(update)
+                    storing.deferred.append(update)
         self._writes.run()
         return [*contents, *self._take_parts()]
 
@@ -129,9 +129,9 @@ class TransferProgress:
         if not storing.linked:
             self._link_to(storing)
             storing.linked = True
-        while storing.held:
-            self._update(storing.row.id, storing.held[0])
-            storing.held.pop(0)
+        while storing.deferred:
+            self._update(storing.row.id, storing.deferred[0])
+            storing.deferred.pop(0)
         if storing.transfer_id is not None:
             if storing.keeps_part:
                 self.note(storing.row.id, state=str(TransferState.FAILED), reason="received, but not stored")

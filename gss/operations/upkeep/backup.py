@@ -250,17 +250,17 @@ class _Sink(io.RawIOBase):
 
     def __init__(self) -> None:
         super().__init__()
-        self._held: list[bytes] = []
+        self._pieces: list[bytes] = []
 
     def writable(self) -> bool:
         return True
 
     def write(self, data: Any) -> int:
-        self._held.append(bytes(data))
+        self._pieces.append(bytes(data))
         return len(data)
 
     def take(self) -> list[bytes]:
-        pieces, self._held = self._held, []
+        pieces, self._pieces = self._pieces, []
         return pieces
 
 

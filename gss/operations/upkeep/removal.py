@@ -67,7 +67,7 @@ def unusual(removal: Removal, amounts: store.Amounts, share: float) -> str:
     going = asdict(removal) | {"packets": removal.packets + removal.to_thin}
     reasons = []
     for kind, few in FEW.items():
-        stored, arrived = amounts.held[kind], amounts.arrived[kind]
+        stored, arrived = amounts.stored[kind], amounts.arrived[kind]
         if going[kind] > few and going[kind] > max(share * stored, ARRIVED_FACTOR * arrived):
             reasons.append(f"{going[kind]} of {stored} {LABELS[kind]} ({100 * going[kind] / max(1, stored):.0f} %)")
     return ", ".join(reasons)

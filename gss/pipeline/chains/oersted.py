@@ -137,7 +137,7 @@ def _another_focal_length(
     catalogue: OerstedCatalogue,
     parameters: OerstedParameters,
 ) -> str:
-    chosen, bank = matching.selected, catalogue.icrs[catalogue.seen]
+    chosen, bank = matching.selected, catalogue.icrs[catalogue.detectable]
     reference, radius_px = catalogue.icrs[matching.row[chosen]], parameters.uncertainty_rad / camera.pixel_rad
     return proof.another_focal_length(centroids.pixels, matching.unit_cam, chosen, reference, bank, camera, radius_px)
 
@@ -161,7 +161,7 @@ def false_match_probability(
     tolerance = parameters.uncertainty_rad
     # Companions within each other's tolerance are not independent evidence and count as one star.
     n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * tolerance)
-    catalogue_icrs = catalogue.icrs[catalogue.seen]
+    catalogue_icrs = catalogue.icrs[catalogue.detectable]
     per_sr = proof.stars_per_sr(catalogue_icrs, cam_from_icrs, camera)
     if matching.mode is Mode.TRACKING:
         hypotheses = tracking_hypotheses(n, per_sr, tolerance, parameters.capture_rad)

@@ -43,7 +43,7 @@ class OerstedCatalogue:
     stars: OnboardCatalogue
     icrs: Array
     triplets: TripletTable
-    seen: Index
+    detectable: Index
 
     def __len__(self) -> int:
         return len(self.stars)
@@ -175,7 +175,7 @@ def _initial_fit(
     radii = shrinking_radii_rad(2 * parameters.uncertainty_rad, parameters.uncertainty_rad)
 
     def fit_from(attitude: Array) -> Fit | None:
-        return predictional_fit(unit, catalogue.icrs, catalogue.seen, attitude, radii, camera.half_diagonal_rad)
+        return predictional_fit(unit, catalogue.icrs, catalogue.detectable, attitude, radii, camera.half_diagonal_rad)
 
     named = np.flatnonzero(ballot.row >= 0)
     best = fit_from(svd(unit[named], catalogue.icrs[ballot.row[named]])) if len(named) >= 2 else None
@@ -205,7 +205,9 @@ def _track(
     radii = shrinking_radii_rad(parameters.capture_rad, parameters.uncertainty_rad)
     best, compared = None, 0
     for attitude in predicted_attitudes(hint):
-        fit = predictional_fit(unit[good], catalogue.icrs, catalogue.seen, attitude, radii, camera.half_diagonal_rad)
+        fit = predictional_fit(
+            unit[good], catalogue.icrs, catalogue.detectable, attitude, radii, camera.half_diagonal_rad
+        )
         compared += fit.compared if fit is not None else 0
         if fit is not None and (best is None or len(fit.row) > len(best.row)):
             best = fit

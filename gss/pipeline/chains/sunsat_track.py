@@ -155,7 +155,7 @@ def find_in_windows(
         stars = _joined(stars, detected.centroids.take(fresh))
         if end == len(expected) and len(stars) >= STARS:
             test, counts = _three_stars(stars, camera, catalogue, p, expected, k + 1)
-            end = len(counts) + p.confirm_windows if test.found else end
+            end = len(counts) + p.confirm_windows if test.result else end
     regions: dict[tuple[int, int, int, int], Region] = {}
     for detected in every:
         for r in detected.regions:
@@ -221,7 +221,7 @@ def match_tracking(
     """Identify the stars found in the windows of expected ones; two stars if there are no three (§4.1.4.1)."""
     expected = expected_stars(camera, catalogue, p, hint)
     test, counts = _three_stars(centroids, camera, catalogue, p, expected, len(expected))
-    chosen = sorted(test.found or test.pair)
+    chosen = sorted(test.result or test.pair)
     row = np.full(len(centroids), -1, np.intp)
     selected = np.array([k for k, _ in chosen], np.intp)
     row[selected] = [g for _, g in chosen]

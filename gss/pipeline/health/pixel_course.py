@@ -134,7 +134,7 @@ class _Fit:
             columns.append(1 / sigma)
         self._base = np.linalg.qr(np.column_stack(columns))[0]
         scaled = y / sigma
-        self._left = scaled - self._base @ (self._base.T @ scaled)
+        self._remainder = scaled - self._base @ (self._base.T @ scaled)
         self._columns = columns
 
     def gains(self, starts: NDArray[np.intp], lives_s: Array) -> _Grid:
@@ -148,7 +148,7 @@ class _Fit:
             step2 = float(drive @ drive - shared @ shared)
             shape2 = np.sum(shapes**2, axis=1) - np.sum(projected**2, axis=1)
             cross = shapes @ drive - projected @ shared
-            right, rights = float(drive @ self._left[s:]), shapes @ self._left[s:]
+            right, rights = float(drive @ self._remainder[s:]), shapes @ self._remainder[s:]
             det = step2 * shape2 - cross**2
             good = det > DEGENERATE * step2 * shape2
             safe = np.where(good, det, 1.0)

@@ -106,14 +106,14 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
         pruned = _pruned(graph, size - 1)
         cliques = _cliques(pruned, size, spent)
         groups = [g for g in (group_of(c, unit, guides) for c in cliques) if not mirrored(g, unit, guides.unit)]
-        if spent.left < 0:
+        if spent.remaining < 0:
             return Grouping(None, (), pairs, entries + limits.budget, "groups are too many to be split")
         if groups:
             best, reason = winner(groups, unit, guides, limits)
-            return Grouping(best, ranked(groups), pairs, entries + limits.budget - spent.left, reason)
+            return Grouping(best, ranked(groups), pairs, entries + limits.budget - spent.remaining, reason)
         size -= 1
     reason = f"no group of {limits.min_group} stars fits the catalogue"
-    return Grouping(None, (), pairs, entries + limits.budget - spent.left, reason)
+    return Grouping(None, (), pairs, entries + limits.budget - spent.remaining, reason)
 
 
 def largest_possible(confidence: Rows) -> int:
@@ -157,7 +157,7 @@ def _pruned(graph: _Graph, least: int) -> _Graph:
 
 @dataclass
 class _Budget:
-    left: int
+    remaining: int
 
 
 def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]]:
@@ -168,8 +168,8 @@ def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]
     cliques: list[list[int]] = []
 
     def grow(chosen: list[int], open_: set[int], done: set[int]) -> None:
-        spent.left -= 1
-        if spent.left < 0 or len(chosen) + len(open_) < size:
+        spent.remaining -= 1
+        if spent.remaining < 0 or len(chosen) + len(open_) < size:
             return
         if not open_:
             if not done:

@@ -29,7 +29,7 @@ class Candidates:
 class ThreeStars:
     """Search for three fitting stars. Columns are added one by one; all sets of three with the new column are tested.
 
-    ``unit_cam`` (n, 3) observed and ``reference_unit`` (m, 3) unit vectors. ``found``: (observed, reference) of the three stars,
+    ``unit_cam`` (n, 3) observed and ``reference_unit`` (m, 3) unit vectors. ``result``: (observed, reference) of the three stars,
     ``pair``: the first two that fit, used if no three do. ``operations``: number of distances compared.
     """
 
@@ -37,25 +37,25 @@ class ThreeStars:
     reference_unit: Array
     tolerance_rad: float
     columns: list[Candidates] = field(default_factory=list)
-    found: list[tuple[int, int]] = field(default_factory=list)
+    result: list[tuple[int, int]] = field(default_factory=list)
     pair: list[tuple[int, int]] = field(default_factory=list)
     operations: int = 0
 
     def add(self, new: Candidates) -> bool:
         """Add a column and return True if three stars have been found."""
-        if self.found or not len(new.observed):
-            return bool(self.found)
+        if self.result or not len(new.observed):
+            return bool(self.result)
         if len(self.columns) + 1 == MOST_GROUPS:
             del self.columns[:GIVEN_UP]
         if not self.pair:
             for old in self.columns:
                 self.pair = self.pair or self._fit((old, new))
         for first, second in itertools.combinations(self.columns, STARS - 1):
-            self.found = self._fit((first, second, new))
-            if self.found:
+            self.result = self._fit((first, second, new))
+            if self.result:
                 break
         self.columns.append(new)
-        return bool(self.found)
+        return bool(self.result)
 
     def _fit(self, columns: tuple[Candidates, ...]) -> list[tuple[int, int]]:
         """Return the first choice of one candidate per column whose distances all fit, by depth-first search."""

@@ -34,11 +34,11 @@ def test_a_clock_set_back_revives_neither_token_nor_session(database, clock):
     session = accounts.sessions.sign_in("ann", PASSWORD, address="a").key
     clock.forward(2 * DAY_S)
     seconds.at_s += 2 * DAY_S
-    assert accounts.who_has_token(token, "a") is None
+    assert accounts.token_caller(token, "a") is None
     clock.forward(-2 * DAY_S)
-    assert accounts.who_has_token(token, "a") is None
-    assert accounts.who_has_cookie(session) is None
-    assert accounts.who_has_cookie(accounts.sessions.sign_in("ann", PASSWORD, address="a").key) is not None
+    assert accounts.token_caller(token, "a") is None
+    assert accounts.session_caller(session) is None
+    assert accounts.session_caller(accounts.sessions.sign_in("ann", PASSWORD, address="a").key) is not None
 
 
 def test_after_a_restart_with_a_clock_set_back_an_expired_token_stays_expired(database, clock, tmp_path):
@@ -49,12 +49,12 @@ def test_after_a_restart_with_a_clock_set_back_an_expired_token_stays_expired(da
     clock.forward(2 * DAY_S)
     audit.record("ann", "x.y", "late", "done")
     clock.forward(-2 * DAY_S)
-    assert open_account_service(database, RULES, clock, Seconds()).who_has_token(token, "a") is None
+    assert open_account_service(database, RULES, clock, Seconds()).token_caller(token, "a") is None
     with database.unit_of_work() as session:
         trusted = clock.at + timedelta(days=2)
         choices.write(session, choices.TRUSTED_TIME, {"at": trusted.isoformat()}, clock.at, "gss")
     audit.record("ann", "x.y", "with the clock set back", "done")
-    assert open_account_service(database, RULES, clock, Seconds()).who_has_token(token, "a") is None
+    assert open_account_service(database, RULES, clock, Seconds()).token_caller(token, "a") is None
 
 
 def test_keys_made_with_a_clock_ahead_are_not_valid_for_years(database, clock):
@@ -64,8 +64,8 @@ def test_keys_made_with_a_clock_ahead_are_not_valid_for_years(database, clock):
     ahead.users.add("ann", "admin", by="test", password=PASSWORD)
     token = ahead.tokens.add("t", "viewer", 1, by="ann").key
     session = ahead.sessions.sign_in("ann", PASSWORD, address="a").key
-    assert ahead.who_has_token(token, "a") is not None
+    assert ahead.token_caller(token, "a") is not None
     clock.forward(-3650 * DAY_S)
     right = open_account_service(database, RULES, clock, Seconds())
-    assert right.who_has_token(token, "a") is None
-    assert right.who_has_cookie(session) is None
+    assert right.token_caller(token, "a") is None
+    assert right.session_caller(session) is None

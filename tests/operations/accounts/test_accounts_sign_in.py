@@ -50,12 +50,12 @@ def sign_in(accounts: AccountService, name: str = "ann", password: str = PASSWOR
 def test_a_session_is_known_by_its_key_and_stored_as_a_hash(accounts, database):
     """The cookie's key identifies name, role and permissions; no column contains the key or the password."""
     opened = sign_in(accounts)
-    who = accounts.who_has_cookie(opened.key)
+    who = accounts.session_caller(opened.key)
     assert (who.name, who.role, who.may("admin.users")) == ("ann", "admin", True)
     with database.unit_of_work() as session:
         stored = [str(vars(row)) for kind in (User, SignIn) for row in session.query(kind)]
     assert not any(opened.key in text or PASSWORD in text for text in stored)
-    assert accounts.who_has_cookie(opened.key + "x") is None
+    assert accounts.session_caller(opened.key + "x") is None
 
 
 def test_a_session_key_from_before_sign_in_is_invalid_after_it(accounts):
@@ -63,8 +63,8 @@ def test_a_session_key_from_before_sign_in_is_invalid_after_it(accounts):
     first = sign_in(accounts)
     second = sign_in(accounts, old_key=first.key)
     assert first.key != second.key
-    assert accounts.who_has_cookie(first.key) is None
-    assert accounts.who_has_cookie(second.key) is not None
+    assert accounts.session_caller(first.key) is None
+    assert accounts.session_caller(second.key) is not None
 
 
 def test_a_session_ends_when_idle_and_at_its_maximum_age(accounts, clock, seconds):
@@ -73,16 +73,16 @@ def test_a_session_ends_when_idle_and_at_its_maximum_age(accounts, clock, second
     for _ in range(18):
         clock.forward(1900)
         seconds.at_s += 1900
-        assert accounts.who_has_cookie(busy) is not None
-    assert accounts.who_has_cookie(idle) is None
+        assert accounts.session_caller(busy) is not None
+    assert accounts.session_caller(idle) is None
     clock.forward(1900)
     seconds.at_s += 1900
-    assert accounts.who_has_cookie(busy) is None
+    assert accounts.session_caller(busy) is None
 
 
 def test_an_open_page_does_not_extend_a_session_but_is_notified_of_its_end(accounts, clock):
     """``ended_reason`` returns the reason and does not count as a request."""
-    who = sign_in(accounts).who
+    who = sign_in(accounts).caller
     assert accounts.ended_reason(who) == ""
     clock.forward(3601)
     assert "idle timeout" in accounts.ended_reason(who)
@@ -91,13 +91,13 @@ def test_an_open_page_does_not_extend_a_session_but_is_notified_of_its_end(accou
 def test_requesting_the_session_lifetime_does_not_extend_it(accounts, clock, seconds):
     """Only real requests reset the idle timeout; the earlier of the two ends is returned."""
     opened = sign_in(accounts)
-    assert opened.who.expires == clock.at + LIVES.idle
+    assert opened.caller.expires == clock.at + LIVES.idle
     clock.forward(3500)
     seconds.at_s += 3500
-    assert accounts.who_has_cookie(opened.key, touch=False).expires == opened.who.expires
+    assert accounts.session_caller(opened.key, touch=False).expires == opened.caller.expires
     clock.forward(100)
     seconds.at_s += 100
-    assert accounts.who_has_cookie(opened.key, touch=False) is None
+    assert accounts.session_caller(opened.key, touch=False) is None
 
 
 def test_a_full_disk_blocks_no_user_and_an_unreadable_database_not_at_once(accounts, database, clock, seconds):
@@ -110,16 +110,16 @@ def test_a_full_disk_blocks_no_user_and_an_unreadable_database_not_at_once(accou
     with database.engine.connect() as pooled:
         pooled.exec_driver_sql("PRAGMA query_only=ON")  # as on a full disk: reads succeed, writes fail
     with pytest.raises(StoreDown):
-        accounts.users.change(opened.who.user_id, role="viewer")
-    assert accounts.who_has_cookie(opened.key).role == "admin"
+        accounts.users.change(opened.caller.user_id, role="viewer")
+    assert accounts.session_caller(opened.key).role == "admin"
     accounts.sessions._database = Unreadable()
     seconds.at_s += 300
-    assert accounts.who_has_cookie(opened.key).name == "ann"
+    assert accounts.session_caller(opened.key).name == "ann"
     with pytest.raises(StoreDown):
-        accounts.who_has_cookie("another key")
+        accounts.session_caller("another key")
     seconds.at_s += 301
     with pytest.raises(StoreDown):
-        accounts.who_has_cookie(opened.key)
+        accounts.session_caller(opened.key)
 
 
 class Unreadable:
@@ -136,21 +136,21 @@ def test_a_new_password_ends_all_sessions_of_that_user(accounts):
         sign_in(accounts, address="b"),
         sign_in(accounts, "ben", PASSWORD + " ben"),
     )
-    accounts.users.set_password(mine.who.user_id, "another good password")
-    assert accounts.who_has_cookie(mine.key) is None
-    assert accounts.ended_reason(elsewhere.who) == "the password was changed"
-    assert accounts.who_has_cookie(other.key) is not None
+    accounts.users.set_password(mine.caller.user_id, "another good password")
+    assert accounts.session_caller(mine.key) is None
+    assert accounts.ended_reason(elsewhere.caller) == "the password was changed"
+    assert accounts.session_caller(other.key) is not None
     with pytest.raises(NotSignedIn):
         sign_in(accounts)
-    assert sign_in(accounts, password="another good password").who.name == "ann"
+    assert sign_in(accounts, password="another good password").caller.name == "ann"
 
 
 def test_disabling_a_user_ends_everything_at_once(accounts):
     """The session, further sign-ins and the user's running work."""
     opened = sign_in(accounts, "ben", PASSWORD + " ben")
     accounts.require("ben", "command.imager")
-    accounts.users.change(opened.who.user_id, enabled=False)
-    assert accounts.who_has_cookie(opened.key) is None
+    accounts.users.change(opened.caller.user_id, enabled=False)
+    assert accounts.session_caller(opened.key) is None
     with pytest.raises(NotSignedIn):
         sign_in(accounts, "ben", PASSWORD + " ben")
     with pytest.raises(NotPermitted):
@@ -170,15 +170,15 @@ def test_the_last_admin_cannot_be_lost(accounts):
 def test_another_role_applies_from_the_next_request_on(accounts):
     """No new sign-in is needed for fewer or more permissions."""
     opened = sign_in(accounts, "ben", PASSWORD + " ben")
-    assert accounts.who_has_cookie(opened.key).may("command.link")
-    accounts.users.change(opened.who.user_id, role="viewer")
-    assert not accounts.who_has_cookie(opened.key).may("command.link")
+    assert accounts.session_caller(opened.key).may("command.link")
+    accounts.users.change(opened.caller.user_id, role="viewer")
+    assert not accounts.session_caller(opened.key).may("command.link")
 
 
 def test_a_lookup_that_overlaps_a_change_is_not_cached(accounts, monkeypatch):
     """Its result was read before the change and is valid for that one request only."""
     key, ben = sign_in(accounts, "ben", PASSWORD + " ben").key, accounts.users.named("ben")
-    read = accounts.sessions.who
+    read = accounts.sessions.caller_of
 
     def overtaken(*args, **more):
         who = read(*args, **more)
@@ -187,19 +187,19 @@ def test_a_lookup_that_overlaps_a_change_is_not_cached(accounts, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr(accounts.sessions, "who", overtaken)
-        assert accounts.who_has_cookie(key).role == "operator"
+        assert accounts.session_caller(key).role == "operator"
     assert accounts.remembered("session", key) is None
-    assert accounts.who_has_cookie(key).role == "viewer"
+    assert accounts.session_caller(key).role == "viewer"
 
 
 def test_a_session_ended_by_another_process_is_rejected_within_the_cache_time(accounts, database, clock, seconds):
     """After a second server process disables the user, the first process accepts the session for at most one second."""
     other = AccountService(database, clock, seconds, Passwords(1, 8, 1), LIVES)
     opened = sign_in(accounts, "ben", PASSWORD + " ben")
-    assert accounts.who_has_cookie(opened.key) is not None
-    other.users.change(opened.who.user_id, enabled=False)
+    assert accounts.session_caller(opened.key) is not None
+    other.users.change(opened.caller.user_id, enabled=False)
     seconds.at_s += REMEMBERED_S
-    assert accounts.who_has_cookie(opened.key) is None
+    assert accounts.session_caller(opened.key) is None
 
 
 def test_an_unknown_name_costs_the_same_hashing_as_a_known_one(accounts):
@@ -235,9 +235,9 @@ def test_guessers_from_everywhere_do_not_lock_the_admin_out(accounts, seconds):
             sign_in(accounts, password="wrong", address=f"10.0.0.{number}")
     with pytest.raises(RateLimited):
         sign_in(accounts, address="desk")
-    assert sign_in(accounts, address="desk", device=device).who.name == "ann"
+    assert sign_in(accounts, address="desk", device=device).caller.name == "ann"
     seconds.at_s += 31
-    assert sign_in(accounts, address="an address she never used").who.name == "ann"
+    assert sign_in(accounts, address="an address she never used").caller.name == "ann"
 
 
 def test_a_name_used_at_an_address_answers_as_an_unknown_one(accounts):
@@ -448,4 +448,4 @@ def test_a_known_browser_is_not_delayed_by_failures_from_the_same_address(accoun
             sign_in(accounts, f"stranger {number}", "wrong")
     with pytest.raises(RateLimited):
         sign_in(accounts, "ben", PASSWORD + " ben")
-    assert sign_in(accounts, device=device).who.name == "ann"
+    assert sign_in(accounts, device=device).caller.name == "ann"

@@ -24,20 +24,20 @@ def accounts(database, clock) -> AccountService:
 def test_a_token_is_found_by_its_hash_until_it_expires(accounts, database, clock):
     """It acts under its own name and role; the key is shown once and not stored."""
     made = accounts.tokens.add("night run", "engineer", 7, by="ann")
-    who = accounts.who_has_token(made.key, "a")
+    who = accounts.token_caller(made.key, "a")
     assert (who.name, who.may("campaigns"), who.may("link.open")) == ("token:night run", True, False)
     assert made.key.startswith("gss_")
     with database.unit_of_work() as session:
         assert all(made.key not in str(vars(row)) for row in session.query(ApiToken))
     clock.forward(7 * 86400)
-    assert accounts.who_has_token(made.key, "a") is None
+    assert accounts.token_caller(made.key, "a") is None
     assert "expired" in accounts.ended_reason(who)
 
 
 def test_scopes_narrow_a_token_and_never_widen_it(accounts):
     """A scope contains only permissions of the role."""
     made = accounts.tokens.add("metrics", "viewer", 1, by="ann", scopes=["metrics"])
-    who = accounts.who_has_token(made.key, "a")
+    who = accounts.token_caller(made.key, "a")
     assert who.permissions == {"metrics"}
     with pytest.raises(BadInput, match="lacks"):
         accounts.tokens.add("more", "viewer", 1, by="ann", scopes=["admin.users"])
@@ -46,21 +46,21 @@ def test_scopes_narrow_a_token_and_never_widen_it(accounts):
 def test_a_revoked_token_is_rejected_at_once(accounts):
     """So is a token whose creator was disabled or is not an admin any more."""
     made = accounts.tokens.add("t", "operator", 1, by="ann")
-    assert accounts.who_has_token(made.key, "a") is not None
+    assert accounts.token_caller(made.key, "a") is not None
     accounts.require("token:t", "command.link")
     accounts.tokens.revoke(made.row.id)
-    assert accounts.who_has_token(made.key, "a") is None
+    assert accounts.token_caller(made.key, "a") is None
     with pytest.raises(NotPermitted):
         accounts.require("token:t", "command.link")
     eve = accounts.users.add("eve", "admin", by="ann")
     hers = accounts.tokens.add("hers", "admin", 1, by="eve", owner_id=eve.id)
-    assert accounts.who_has_token(hers.key, "a") is not None
+    assert accounts.token_caller(hers.key, "a") is not None
     accounts.users.change(eve.id, enabled=False)
-    assert accounts.who_has_token(hers.key, "a") is None
+    assert accounts.token_caller(hers.key, "a") is None
     accounts.users.change(eve.id, enabled=True)
-    assert accounts.who_has_token(hers.key, "a") is not None
+    assert accounts.token_caller(hers.key, "a") is not None
     accounts.users.change(eve.id, role="viewer")
-    assert accounts.who_has_token(hers.key, "a") is None
+    assert accounts.token_caller(hers.key, "a") is None
 
 
 def test_revoking_a_token_revokes_the_tokens_it_created(accounts, clock):
@@ -72,13 +72,13 @@ def test_revoking_a_token_revokes_the_tokens_it_created(accounts, clock):
     grandchild = accounts.tokens.add("grandchild", "viewer", 7, by="token:child")
     again = accounts.tokens.add("again", "viewer", 7, by="token:parents")
     accounts.tokens.revoke_named("parent")
-    assert [accounts.who_has_token(made.key, "a") for made in (parent, child, grandchild)] == [None] * 3
-    assert all(accounts.who_has_token(made.key, "a") for made in (people, again))
+    assert [accounts.token_caller(made.key, "a") for made in (parent, child, grandchild)] == [None] * 3
+    assert all(accounts.token_caller(made.key, "a") for made in (people, again))
     clock.forward(60)
     second = accounts.tokens.add("parent", "admin", 9, by="ann")
     hers = accounts.tokens.add("hers", "viewer", 8, by="token:parent")
     accounts.tokens.revoke(parent.row.id)
-    assert all(accounts.who_has_token(made.key, "a") for made in (second, hers))
+    assert all(accounts.token_caller(made.key, "a") for made in (second, hers))
 
 
 def test_active_tokens_have_different_names(accounts):
@@ -94,10 +94,10 @@ def test_guessed_tokens_are_rate_limited_and_a_valid_one_still_works(accounts):
     """Invalid tokens delay their address; a caller with a valid token is not delayed."""
     made = accounts.tokens.add("t", "viewer", 1, by="ann")
     for number in range(BY_TOKEN_ADDRESS.free):
-        assert accounts.who_has_token(f"gss_{number}", "a") is None
+        assert accounts.token_caller(f"gss_{number}", "a") is None
     with pytest.raises(RateLimited):
-        accounts.who_has_token("gss_one_more", "a")
-    assert accounts.who_has_token(made.key, "a") is not None
+        accounts.token_caller("gss_one_more", "a")
+    assert accounts.token_caller(made.key, "a") is not None
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_a_revoked_token_takes_its_links_and_users_with_it(accounts, clock):
     assert str(revoked.voided) == "also disabled: mallory, backdoor; links made invalid: 1"
     assert refused(accounts, link.key)
     assert not refused(accounts, other.key)
-    assert accounts.who_has_cookie(opened.key) is None
+    assert accounts.session_caller(opened.key) is None
     for name in ("mallory", "backdoor"):
         with pytest.raises(NotSignedIn):
             accounts.sessions.sign_in(name, PASSWORD, address="b")
