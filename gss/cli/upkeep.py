@@ -131,7 +131,7 @@ def backup(arguments: argparse.Namespace) -> int:
     removed = service.prune(arguments.keep, manifest.name) if arguments.keep else []
     doubt = services.base.trust.state().doubt
     if arguments.keep and doubt:
-        print(f"old backups were not removed: the server's clock is {doubt} (gss retention)", file=sys.stderr)
+        print(f"Old backups were not removed: the server's clock is {doubt} (gss retention)", file=sys.stderr)
     services.base.database.close()
     if arguments.json:
         facts = {"name": manifest.name, "folder": str(service.folder / manifest.name), "bytes": manifest.total_bytes}

@@ -130,7 +130,7 @@ class JobKind(Generic[R]):
         return self.renewed(request) if self.renewed else request
 
 
-LEFT_TO_THE_NEXT = "the server is stopping; the job continues after the next start"
+LEFT_TO_THE_NEXT = "The server is stopping. The job continues after the next start."
 
 
 class JobService:
@@ -156,10 +156,10 @@ class JobService:
         for job in unfinished:
             deaths = job.attempts + (job.state == "running")
             if job.kind not in self._kinds:
-                self._fail(job.id, "the server stopped before the job ended; start it again")
+                self._fail(job.id, "The server stopped before the job ended. Start it again.")
             elif deaths >= MOST_DEATHS:
                 self._fail(
-                    job.id, f"the server stopped {deaths} times during this job; it is not retried automatically"
+                    job.id, f"The server stopped {deaths} times during this job. It is not retried automatically."
                 )
             else:
                 self._continue(job, deaths)
@@ -169,9 +169,9 @@ class JobService:
         try:
             request = kind.current(kind.read(job.request))
         except GssError as error:
-            self._fail(job.id, str(error))
+            self._fail(job.id, error.sentences())
             return
-        text = f"the server restarted; the job {'continues' if job.checkpoint else 'starts again'}"
+        text = f"The server restarted. The job {'continues' if job.checkpoint else 'starts again'}."
         self._update(job.id, state="queued", attempts=deaths, text=text, request=as_stored(request))
         self._queue(job.id, partial(kind.work, request))
 
@@ -251,7 +251,7 @@ class JobService:
         if kind not in ALWAYS:
             self._check_room("a new job")
         row = Job(
-            kind=kind, title=title, state="queued", text="waiting", created=self._now(), request=request, result={}
+            kind=kind, title=title, state="queued", text="Waiting", created=self._now(), request=request, result={}
         )
         row.done = row.total = row.attempts = 0
         with self._database.unit_of_work() as session:
@@ -288,17 +288,17 @@ class JobService:
                 store.keep(session, job_id, checkpoint)
 
         try:
-            progress(job.done, job.total, "started")
+            progress(job.done, job.total, "Started")
             result = work(JobRun(job_id, job.checkpoint, progress, keep))
         except Cancelled:
             self._interrupted(job, last)
         except GssError as error:
-            self._fail(job_id, str(error))
+            self._fail(job_id, error.sentences())
         except Exception as error:  # a defect in a job must end as a visible failure, never as a silent dead thread
-            self._fail(job_id, f"internal error: {type(error).__name__}: {error}")
+            self._fail(job_id, f"Internal error: {type(error).__name__}: {error}")
         else:
             values = {"result": result, "checkpoint": None, "finished": self._now(), **last}
-            self._update(job_id, state="done", text="done", **values)
+            self._update(job_id, state="done", text="Done", **values)
         finally:
             self._cancel.pop(job_id, None)
 
@@ -307,7 +307,7 @@ class JobService:
         if self._stopping and job.kind in self._kinds:
             self._update(job.id, state="queued", text=LEFT_TO_THE_NEXT, **last)
         else:
-            self._update(job.id, state="cancelled", text="cancelled", finished=self._now(), **last)
+            self._update(job.id, state="cancelled", text="Cancelled", finished=self._now(), **last)
 
     def _fail(self, job_id: int, text: str) -> None:
         self._bus.record("job", "warning", f"{self.get(job_id).title}: {text}", job_id=job_id)

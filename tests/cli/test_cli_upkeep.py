@@ -43,7 +43,7 @@ def test_a_backup_is_restored_and_checked_from_the_shell(folder, tmp_path, capsy
         assert main(backup) == 0
     said = capsys.readouterr()
     assert json.loads(said.out.splitlines()[-1])["removed"] == []
-    assert "old backups were not removed: the server's clock is" in said.err
+    assert "Old backups were not removed: the server's clock is" in said.err
     assert main(["retention", "--data", str(folder), "--confirm-clock"]) == 0
     capsys.readouterr()
     assert main(backup) == 0

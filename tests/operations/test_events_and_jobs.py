@@ -94,7 +94,7 @@ def test_a_job_reports_progress_and_stores_its_result(jobs, bus):
     assert (job.state, job.result) == ("done", {"answer": 42})
     assert job.request == {"numbers": [40, 2], "user": "ann"}
     seen = [m.payload.text for m in mailbox.take()[0] if m.topic == "job"]
-    assert "done" in seen
+    assert "Done" in seen
 
 
 def test_a_cancelled_job_ends_at_its_next_report(jobs):
@@ -119,7 +119,10 @@ def test_a_cancelled_job_ends_at_its_next_report(jobs):
 
 @pytest.mark.parametrize(
     ("error", "words"),
-    [(BadInput("no stars", expected="some"), "no stars"), (ZeroDivisionError("oops"), "internal error")],
+    [
+        (BadInput("no stars", expected="some"), "No stars. Expected some."),
+        (ZeroDivisionError("oops"), "Internal error"),
+    ],
 )
 def test_a_failing_job_states_the_reason_and_the_next_one_runs(jobs, bus, error, words):
     """Invalid input and defects both give a visible result; the worker continues."""
@@ -141,7 +144,7 @@ def test_jobs_of_a_killed_server_are_closed_at_the_next_start(jobs, database, cl
     jobs.start()
     job = jobs.get(job_id)
     assert job.state == "failed"
-    assert "start it again" in job.text
+    assert "Start it again" in job.text
 
 
 def copy_as_a_crash_leaves_it(source, folder):

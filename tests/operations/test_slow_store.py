@@ -215,4 +215,4 @@ def test_frames_beyond_the_queue_limit_are_counted_and_recorded(bus: EventBus) -
     writer.finish(30)
     assert last.done()
     assert (done, writer.waits, writer.waited_s) == ([1, 2, 3], 1, 7.0)
-    assert [event.text for event in bus.after(0, 10)] == ["received data arrives faster than it is stored"]
+    assert [event.text for event in bus.after(0, 10)] == ["Received data arrives faster than it is stored"]

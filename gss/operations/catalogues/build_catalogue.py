@@ -142,7 +142,7 @@ class CatalogueService:
                 return run.checkpoint
 
             def report(stage: str, share: float) -> None:
-                run.progress(round(share * STEPS), STEPS, stage)
+                run.progress(round(share * STEPS), STEPS, stage.capitalize())
 
             built = finish(prepare(request, source, report) if ready is None else ready, report)
             row = self._keep(built, job, run.keep)

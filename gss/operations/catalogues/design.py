@@ -190,7 +190,7 @@ def _by_percent(progress: Progress) -> Callable[[float], None]:
         done = int(share * STEPS)
         if done > reported:
             reported = done
-            progress(done, STEPS, "counting stars in fields")
+            progress(done, STEPS, "Counting stars in fields")
 
     return report_progress
 

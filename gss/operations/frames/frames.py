@@ -97,7 +97,7 @@ class FrameService:
             try:
                 self._solver.solve(image, SolveRequest(chain=chain, profile=profile_name))
             except Exception as error:  # a failure only makes the first frame slower
-                self._bus.record("solution", "warning", f"the {chain} chain could not run: {error}")
+                self._bus.record("solution", "warning", f"The {chain} chain could not run: {error}")
 
     # --- storing ------------------------------------------------------------------------------------------------
 
@@ -106,7 +106,7 @@ class FrameService:
         frame, pixels = self._add(pixels, source="device", **values)
         missing = "" if frame.complete else ", rows are missing"
         self._bus.record(
-            "frame", "ok", f"frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
+            "frame", "ok", f"Frame {frame.id} stored, no. {frame.number} on board{missing}", frame_id=frame.id
         )
         if frame.complete and frame.profile is not None:  # a thumbnail does not match a known camera
             self.queue.add(frame, pixels)
@@ -273,7 +273,7 @@ class FrameService:
             store.pin(session, frame_id, solution_id)
         old = "none" if before is None else f"solution {before.id}, chain {before.chain}"
         text = (
-            f"frame {frame_id}: operational ground result is solution {row.id}, chain {row.chain}; was {old}; by {user}"
+            f"Frame {frame_id}: operational ground result is solution {row.id}, chain {row.chain}; was {old}; by {user}"
         )
         self._bus.record("solution", "watch", text, frame_id=frame_id, solution_id=row.id)
         row = self.solution(solution_id)
@@ -294,9 +294,9 @@ class FrameService:
             )
             self._solve(frame, pixels, request)
         except GssError as error:
-            self._bus.record("solution", "warning", f"frame {frame_id} was not solved: {error}", frame_id=frame_id)
+            self._bus.record("solution", "warning", f"Frame {frame_id} was not solved: {error}", frame_id=frame_id)
         except Exception as error:  # the thread must survive; a defect becomes a visible event
-            text = f"frame {frame_id}: internal error of the solver: {type(error).__name__}: {error}"
+            text = f"Frame {frame_id}: internal error of the solver: {type(error).__name__}: {error}"
             self._bus.record("solution", "critical", text, frame_id=frame_id)
 
     def add_on_board(self, frame: Frame, record: OnboardRecord) -> Solution:

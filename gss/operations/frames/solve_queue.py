@@ -50,7 +50,7 @@ class SolveQueue:
             self._unsolved.popleft()
             self.skipped += 1
             if self.skipped % REPORT_EVERY_SKIPPED == 1:
-                text = f"frames arrive faster than they are solved: {self.skipped} skipped. Rerun them from Campaigns"
+                text = f"Frames arrive faster than they are solved: {self.skipped} skipped. Rerun them from Campaigns"
                 self._bus.record("solution", "warning", text)
         else:
             self._pool.submit(self._next)

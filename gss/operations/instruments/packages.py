@@ -97,7 +97,7 @@ class InstrumentService:
         of a shipped instrument, TooCostly and Busy; then nothing is changed."""
         checked = self._checked(data, filename)
         instrument = self._instruments.add(checked.files)
-        text = f"instrument {instrument.name} version {instrument.version[:12]} installed by {user}"
+        text = f"Instrument {instrument.name} version {instrument.version[:12]} installed by {user}"
         self._bus.record("instrument", "watch", text, instrument=instrument.name, version=instrument.version)
         return self._installed(instrument, self._counts())
 

@@ -76,7 +76,7 @@ class BankIntake:
             number = CATALOGUES.number(self._link.roles.operations, bank)
             self._transfers.download(CATALOGUE, number, f"content of bank {bank}")
         except GssError as error:
-            self._bus.record("transfer", "watch", f"bank {bank} was not read back: {error}")
+            self._bus.record("transfer", "watch", f"Bank {bank} was not read back: {error}")
 
     def _arrived(self, event: ContentArrived) -> None:
         transfer, kind = event.transfer, event.done.kind

@@ -53,7 +53,7 @@ class FrameIntake:
         self._link, self._telemetry, self._transfers, self._frames = link, telemetry, transfers, frames
         self._images, self._records, self._writer = images, records, writer
         self._clock, self._bus, self._now = clock, bus, now
-        self._wanted: tuple[int, int] | None = None
+        self._requested: tuple[int, int] | None = None
         self._refused, self._automatic = "", automatic
 
     def handle(self, batch: LineBatch) -> None:
@@ -84,7 +84,7 @@ class FrameIntake:
         if sent is not None:
             self._records.stored(number, self._as_on_board(sent, number, info))
         elif self._automatic and self._link.roles.operations.has(Operation.DOWNLOAD_FRAME):
-            self._wanted = (number, int(info.get("slot", 0)))
+            self._requested = (number, int(info.get("slot", 0)))
 
     def _as_on_board(self, sent: Frame, number: int, info: Mapping[str, Any]) -> Frame:
         """Return an uploaded frame's row with the camera, exposure and settings that the sensor uses for it. The stored row
@@ -102,10 +102,10 @@ class FrameIntake:
 
     def _fetch_wanted(self) -> None:
         """Download the newest reported frame, one at a time; older frames that were overtaken are not downloaded."""
-        if self._wanted is None or not self._link.connected or self._transfers.busy(Direction.DOWN):
+        if self._requested is None or not self._link.connected or self._transfers.busy(Direction.DOWN):
             return
-        number, slot = self._wanted
-        self._wanted = None
+        number, slot = self._requested
+        self._requested = None
         try:
             facts = self._records.facts(number).plain()
             self._transfers.download("frame", slot, f"frame {number}", facts=facts)
@@ -113,7 +113,7 @@ class FrameIntake:
         except GssError as error:
             # With a full disk the error is the same for every frame, so report it once.
             if error.message != self._refused:
-                self._bus.record("transfer", "watch", f"frame {number} was not fetched: {error}")
+                self._bus.record("transfer", "watch", f"Frame {number} was not fetched: {error}")
             self._refused = error.message
 
     # --- content ------------------------------------------------------------------------------------------------

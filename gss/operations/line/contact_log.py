@@ -106,7 +106,7 @@ class ContactLog:
         self._writes.add(partial(self._store_contact, event, at))
         self._writes.run()
         self.is_open = True
-        self.report("ok", f"line open on {event.url}")
+        self.report("ok", f"Line open on {event.url}")
 
     def _store_contact(self, event: LineOpened, at: datetime) -> None:
         with self._database.unit_of_work() as session:
@@ -119,7 +119,7 @@ class ContactLog:
         self._writes.run()
         contact_id, self.contact_id, self.hello, self._reserved_id = self.contact_id, None, None, 0
         self.is_open = False
-        self.report_of(contact_id, "watch", f"line closed: {event.cause}")
+        self.report_of(contact_id, "watch", f"Line closed: {event.cause}")
 
     def _greeted(self, hello: HelloReceived, at: datetime) -> None:
         if self._own_simulator and self._url == self._own_simulator:

@@ -227,7 +227,7 @@ class NotificationService:
             failed = sum(row.state == "failed" for row in rows)
         self._sending.pop(target, None)
         if error is None and job.result():
-            self._bus.record("notification", "warning", f"a notification to {target} did not reach all: {job.result()}")
+            self._bus.record("notification", "warning", f"A notification to {target} did not reach all: {job.result()}")
         if failed:
             self._bus.record("notification", "warning", f"{failed} notifications to {target} were not sent: {error}")
 

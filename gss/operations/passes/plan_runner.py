@@ -195,4 +195,4 @@ class PlanRunner:
         return row
 
     def _record(self, row: PassPlan, severity: str, message: str) -> None:
-        self._bus.record("pass", severity, f"plan {row.name} {message}", plan_id=row.id)
+        self._bus.record("pass", severity, f"Plan {row.name} {message}", plan_id=row.id)

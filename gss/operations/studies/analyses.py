@@ -149,14 +149,14 @@ class AnalysisService:
             with self._database.unit_of_work() as session:
                 store.add_analysis(session, row)
                 run.keep({"analysis_id": row.id}, session)
-            self._bus.record("analysis", "ok", f"analysis {row.id} made: {row.title}, by {job.user}")
+            self._bus.record("analysis", "ok", f"Analysis {row.id} made: {row.title}, by {job.user}")
             return {"analysis_id": row.id}
 
         return name[:120], work
 
     def _of_frames(self, request: FrameAnalysis, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
         run, second = self._runs(request, first, other, progress)
-        progress(round(0.92 * STEPS), STEPS, "calculating the results")
+        progress(round(0.92 * STEPS), STEPS, "Calculating the results")
         return analyse(request.kind, self._solver, run, second=second, commanded_rad_s=request.commanded_rad_s)
 
     def _sheet(self, request: SheetRequest, first: list[Shot], other: list[Shot], progress: Progress) -> Made:
@@ -168,7 +168,7 @@ class AnalysisService:
         if request.simulated:
             return sheet_of_simulation(self._solver, profile, request.chain, request.seed, report)
         run, second = self._runs(request, first, other, progress)
-        progress(round(0.92 * STEPS), STEPS, "calculating the rows")
+        progress(round(0.92 * STEPS), STEPS, "Calculating the rows")
         mounting = None if request.mounting is None else tuple(request.mounting)
         warmth = None
         if second is not None:

@@ -144,7 +144,7 @@ def focus(
         by_setting.setdefault(float(place), []).append(shot)
     at, widths, skipped = [], [], []
     for k, (setting, pictures) in enumerate(sorted(by_setting.items())):
-        progress(k / len(by_setting), f"setting {setting:g}, {k + 1} of {len(by_setting)}")
+        progress(k / len(by_setting), f"Setting {setting:g}, {k + 1} of {len(by_setting)}")
         try:
             field = psf_over_field(
                 [picture.pixels() for picture in pictures],

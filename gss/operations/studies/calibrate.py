@@ -69,7 +69,7 @@ def from_stars(
     focal_mm = profile.focal_mm if profile else None
 
     def fit(stars: Sequence[FrameStars], begin: float) -> CameraCalibration:
-        progress(begin, "fitting the camera")
+        progress(begin, "Fitting the camera")
         lenses = tuple(models) or tuple(LENS_MODELS)
         carried = {*GEOMETRY, *(n for lens in lenses for n in LENS_MODELS[lens])}
         return calibrate_camera(
@@ -78,7 +78,7 @@ def from_stars(
             models=lenses,
             focal_mm=focal_mm,
             priors={n: p for n, p in (priors or {}).items() if n in carried},
-            progress=lambda share: progress(begin + 0.1 * share, "fitting the camera"),
+            progress=lambda share: progress(begin + 0.1 * share, "Fitting the camera"),
         )
 
     geometry = fit(solved.stars, 0.5)
@@ -93,14 +93,14 @@ def from_stars(
     light = None
     gain_e_per_dn = profile.sensor.gain_e_per_dn if profile else math.nan
     if photometry:
-        progress(0.86, "fitting the magnitudes")
+        progress(0.86, "Fitting the magnitudes")
         try:
             light = calibrate_photometry(solved.stars, geometry.camera, gain_e_per_dn=gain_e_per_dn)
             result["photometry"] = report.photometry(light)
         except BadInput as error:  # the geometry is worth storing even without photometry
             result["photometry_problem"] = str(error)
     if psf:
-        progress(0.92, "measuring the spots")
+        progress(0.92, "Measuring the spots")
         full_dn = float(profile.sensor.saturation_dn) if profile else float((1 << shots[0].bits) - 1)
         images = [solver.cleaned(s.pixels(), profile, s.exposure_s)[0] for s in solved.shots[:PSF_SHOTS]]
         e_per_dn = profile.sensor.gain_e_per_dn if profile else 0.0

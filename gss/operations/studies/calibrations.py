@@ -134,7 +134,7 @@ class CalibrationService:
                 store.add_calibration(session, row)
                 result = {"calibration_id": row.id, "warnings": len(calibration.result["warnings"])}
                 run.keep(result, session)
-            self._bus.record("calibration", "ok", f"calibration {row.id} of {of} made, by {job.user}")
+            self._bus.record("calibration", "ok", f"Calibration {row.id} of {of} made, by {job.user}")
             return result
 
         source = counted(len(shots), "frame") if shots else "the bench"
@@ -216,7 +216,7 @@ class CalibrationService:
         with self._database.unit_of_work() as session:
             store.add_calibration(session, row)
         self._bus.record(
-            "calibration", "ok", f"calibration {row.id} of {of} proposed by analysis {analysis_id}, by {user}"
+            "calibration", "ok", f"Calibration {row.id} of {of} proposed by analysis {analysis_id}, by {user}"
         )
         return row
 

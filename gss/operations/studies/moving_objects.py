@@ -87,8 +87,8 @@ def moving_objects(
             got="fewer",
             hint="Check exposure and focus.",
         )
-    linked = link(frames, top_rate_rad_s, lambda share: progress(0.8 + 0.15 * share, "linking the sources"))
-    progress(0.95, "naming the tracks")
+    linked = link(frames, top_rate_rad_s, lambda share: progress(0.8 + 0.15 * share, "Linking the sources"))
+    progress(0.95, "Naming the tracks")
     velocity = frames[0].view.velocity_c
     tracks: list[TrackRecord] = []
     measured: list[TdmTrack] = []
@@ -138,7 +138,7 @@ def _sources(solver: Solver, run: AnalysisRun, progress: ProgressCallback) -> tu
     views = views_of([s.taken.timestamp() for s, _ in solved], exposures, [r for _, r in solved])
     frames, shots = [], []
     for k, ((shot, _), view) in enumerate(zip(solved, views, strict=True)):
-        progress(0.5 + 0.3 * k / len(solved), f"sources of {shot.name}, {k + 1} of {len(solved)}")
+        progress(0.5 + 0.3 * k / len(solved), f"Sources of {shot.name}, {k + 1} of {len(solved)}")
         pixels, _ = solver.cleaned(shot.pixels(), run.profile, shot.exposure_s)
         spots = find_spots(pixels, view, seen_stars(solver, shot), sensor)
         if spots is not None:

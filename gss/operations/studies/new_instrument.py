@@ -82,7 +82,7 @@ class NewInstrumentService:
         instrument = self._instruments.add(package.files, replaces=False)
         result = record_of(package)
         run.keep(result)
-        text = f"instrument {instrument.name} version {instrument.version[:12]} made from photographs by {job.user}"
+        text = f"Instrument {instrument.name} version {instrument.version[:12]} made from photographs by {job.user}"
         self._bus.record("instrument", "watch", text, instrument=instrument.name, version=instrument.version)
         return result
 

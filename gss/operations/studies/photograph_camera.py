@@ -54,19 +54,19 @@ class PhotographCamera:
 def measure(solver: Solver, photographs: Sorted, progress: ProgressCallback) -> PhotographCamera:
     """Calibrate one camera from all photographs together. Raises BadInput if fewer than three fit."""
     first = max(photographs.used, key=lambda s: len(s.stars)).result.camera
-    geometry = _calibrated(photographs, first, lambda share: progress(0.2 * share, "fitting the camera"))
+    geometry = _calibrated(photographs, first, lambda share: progress(0.2 * share, "Fitting the camera"))
     again = _again(solver, photographs, geometry.camera, lambda s, text: progress(0.2 + 0.4 * s, text))
     if sum(len(s.stars) for s in again.used) > sum(len(s.stars) for s in photographs.used):
         photographs = again
-        geometry = _calibrated(photographs, first, lambda share: progress(0.6 + 0.2 * share, "fitting the camera"))
+        geometry = _calibrated(photographs, first, lambda share: progress(0.6 + 0.2 * share, "Fitting the camera"))
     excluded = {f.name: f.excluded for f in geometry.frames if f.excluded}
     if excluded:
         photographs = without(photographs, excluded)
-    progress(0.82, "fitting the magnitudes")
+    progress(0.82, "Fitting the magnitudes")
     missing: list[str] = []
     stars = [s.stars for s in photographs.used]
     light = _unless_poor("zero point", missing, lambda: calibrate_photometry(stars, geometry.camera))
-    progress(0.88, "measuring the stars' width")
+    progress(0.88, "Measuring the stars' width")
     shown = photographs.used[: _shots_for_width(photographs)]
     full_dn = min(s.stars.saturation_dn for s in shown)
     spots = _unless_poor(
@@ -74,7 +74,7 @@ def measure(solver: Solver, photographs: Sorted, progress: ProgressCallback) -> 
         missing,
         lambda: psf_over_field([s.photograph.shot.pixels() for s in shown], geometry.camera, saturation_dn=full_dn),
     )
-    progress(0.94, "measuring limit and noise")
+    progress(0.94, "Measuring limit and noise")
     limit = _unless_poor("limiting magnitude", missing, lambda: _limit(solver, photographs))
     files = [s.photograph.file for s in photographs.used]
     linear = not any(f.get("format") == "JPEG" or f.get("mode") in COLOUR_MODES for f in files)

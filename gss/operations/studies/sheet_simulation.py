@@ -126,7 +126,7 @@ def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Call
     stars = 0
     while len(observations) < SCAN_FRAMES or (stars < WANTED_STARS and len(observations) < MOST_SCAN_FRAMES):
         moment = in_orbit(scan(1, rng, 100.0 * len(observations))[0])
-        step(f"sky, frame {len(observations) + 1}")
+        step(f"Sky, frame {len(observations) + 1}")
         observations.append(_observed(bench, unit, moment, rng))
         matches = observations[-1].result.matches
         stars += 0 if matches is None else int(np.count_nonzero(matches.weight > 0))

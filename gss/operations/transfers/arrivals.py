@@ -56,7 +56,7 @@ class Writer:
             self._jobs.put_nowait((job, work))
         except queue.Full:
             self.waits += 1
-            self._bus.record("transfer", "warning", "received data arrives faster than it is stored")
+            self._bus.record("transfer", "warning", "Received data arrives faster than it is stored")
             since_s = self._monotonic_s()
             self._jobs.put((job, work))
             self.waited_s += self._monotonic_s() - since_s

@@ -98,7 +98,7 @@ class BankService:
             header = read_header(image)
             bank = decode(image)
         except GssError as error:
-            self._bus.record("catalogue", "warning", f"the bank read back is not a catalogue: {error}")
+            self._bus.record("catalogue", "warning", f"The bank read back is not a catalogue: {error}")
             return None
         hips = recognise(bank, self._stars)
         sha256 = self._blobs.put(image)
@@ -122,7 +122,7 @@ class BankService:
         with self._database.unit_of_work() as session:
             store.add(session, row)
         unknown = hips.count(UNKNOWN_HIP)
-        text = f"bank content read back: {len(bank)} stars, {unknown} of them not in the ground's catalogue"
+        text = f"Bank content read back: {len(bank)} stars, {unknown} of them not in the ground's catalogue"
         self._bus.record("catalogue", "watch" if unknown else "ok", text, catalogue_id=row.id)
         return row
 

@@ -180,7 +180,7 @@ class TransferProgress:
         try:
             self._parts.keep(row_id, HeldPart(update.sha256, update.chunk_size, data, chunks))
         except OSError as error:
-            self._bus.record("transfer", "watch", f"received data could not be kept: {error}", transfer_id=row_id)
+            self._bus.record("transfer", "watch", f"Received data could not be kept: {error}", transfer_id=row_id)
 
     def _store(self, row_id: int, update: TransferUpdate, changed: bool) -> Transfer:
         values: dict[str, Any] = {

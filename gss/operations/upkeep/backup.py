@@ -90,7 +90,7 @@ class BackupService:
         result = {"name": backup.name, "bytes": backup.total_bytes, "blobs": len(backup.blobs)}
         run.keep(result)
         removed = self.prune(request.keep, backup.name) if request.keep else []
-        self._bus.record("upkeep", "ok", f"backup {backup.name} made, by {request.user}", **result)
+        self._bus.record("upkeep", "ok", f"Backup {backup.name} made, by {request.user}", **result)
         return result | {"removed": removed}
 
     def needed_bytes(self) -> int:
@@ -119,7 +119,7 @@ class BackupService:
     def _fill(self, draft: Path, name: str, at: datetime, progress: Progress) -> Manifest:
         kind = kind_of(self._url)
         file = draft / DATABASE[kind]
-        progress(0, 0, "copying the database")
+        progress(0, 0, "Copying the database")
         with self._database.unit_of_work() as session:
             schema = store.schema_version(session)
             # Read before the copy is made. With the second read below, blobs added meanwhile are copied in any case.
@@ -145,7 +145,7 @@ class BackupService:
                 continue
             key = stored[plain_name(path)] = pool.put(data)
             copied[key] = len(data)
-        progress(total, total, "sealing")
+        progress(total, total, "Sealing")
         self._sync_pool(copied)
         return Manifest(
             name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), copied, stored
@@ -164,7 +164,7 @@ class BackupService:
         try:
             data = self._blobs.get(key)
         except (NotFound, CorruptData) as error:
-            self._bus.record("upkeep", "warning", f"not in the backup: {error}")
+            self._bus.record("upkeep", "warning", f"Not in the backup: {error}")
             return None
         pool.put(data)
         return len(data)
@@ -213,7 +213,7 @@ class BackupService:
         Nothing is removed while the clock is in doubt; backups dated in the future are neither counted nor removed."""
         doubt = self._trust.state().doubt
         if doubt:
-            self._bus.record("upkeep", "warning", f"old backups were not removed: the server's clock is {doubt}")
+            self._bus.record("upkeep", "warning", f"Old backups were not removed: the server's clock is {doubt}")
             return []
         with named_lock(self._lock, BUSY):
             latest = self._now() + BEHIND

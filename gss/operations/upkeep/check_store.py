@@ -78,7 +78,7 @@ def _look(report: StoreReport, name: str, check: Callable[[], None]) -> None:
 
 
 def _database(report: StoreReport, database: Database, progress: Progress) -> None:
-    progress(0, 0, "reading the database")
+    progress(0, 0, "Reading the database")
     with database.unit_of_work() as session:
         bad = store.integrity_problems(session)
         report.add("database", bad, "every page is intact", "damages of the file")
@@ -98,7 +98,7 @@ def _blobs(report: StoreReport, database: Database, blobs: BlobStore, progress: 
             expected.setdefault(reference.sha256, reference)
     missing, damaged, unequal = [], [], []
     for k, (key, reference) in enumerate(expected.items()):
-        progress(k, len(expected), f"reading bytes, {k} of {len(expected)}")
+        progress(k, len(expected), f"Reading bytes, {k} of {len(expected)}")
         try:
             size = len(blobs.get(key))
         except NotFound:
@@ -130,7 +130,7 @@ def _captures(report: StoreReport, database: Database, folder: Path, progress: P
         torn.append(f"{file.name}: the last {count} B are an incomplete record")
 
     for k, path in enumerate(files.values()):
-        progress(k, len(files), f"reading captures, {k} of {len(files)}")
+        progress(k, len(files), f"Reading captures, {k} of {len(files)}")
         for _ in read_captures([path], unread):
             pass
     short = [

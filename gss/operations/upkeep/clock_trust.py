@@ -92,7 +92,7 @@ class ClockTrust:
             )
         before = self._trusted()
         self._keep(now, user)
-        text = f"the server's clock was confirmed by {user}: {iso_z(now, 'seconds')}"
+        text = f"The server's clock was confirmed by {user}: {iso_z(now, 'seconds')}"
         text += f"; last trusted time before: {iso_z(before, 'seconds')}" if before else ""
         self._bus.record("clock", "watch", text)
         return self.state()

@@ -34,7 +34,7 @@ class ClockWatch:
         self.last_jump_s, self._steady_from_s = jump_s, mono_s
         direction = "forward" if jump_s > 0 else "back"
         text = (
-            f"the server's clock jumped {direction} by {abs(jump_s):.1f} s; times before and after are not comparable"
+            f"The server's clock jumped {direction} by {abs(jump_s):.1f} s; times before and after are not comparable"
         )
         for put_right in self._jumped:
             put_right(jump_s)

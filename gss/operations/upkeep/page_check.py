@@ -41,4 +41,4 @@ class PageCheck:
         self.state = "its pages were checked after the start"
         if damaged:
             self._database.report_damage(damaged)
-            self._bus.record("upkeep", "critical", f"the database is damaged: {damaged}")
+            self._bus.record("upkeep", "critical", f"The database is damaged: {damaged}")

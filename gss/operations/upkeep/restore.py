@@ -83,13 +83,13 @@ def restore(
             )
         if manifest.kind != SQLITE and not database_url:
             raise BadInput("this backup is of PostgreSQL", expected="GSS_DATABASE: an empty database to fill")
-        on_step("verifying")
+        on_step("Verifying")
         pool = _verified(folder, manifest)
         draft = into.with_name(f".{into.name}.restoring")
         shutil.rmtree(draft, ignore_errors=True)
         draft.mkdir(parents=True)
         try:
-            on_step(f"copying {len(manifest.blobs)} files")
+            on_step(f"Copying {len(manifest.blobs)} files")
             _fill(draft, folder, manifest, pool, blobs_url)
             url = f"sqlite:///{draft / 'gss.db'}"
             if manifest.kind != SQLITE:
@@ -116,7 +116,7 @@ def _opened(source: Path, beside: Path, on_step: OnStep) -> Iterator[Path]:
         raise NotFound("no such backup", got=str(source))
     beside.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".gss-restore-", dir=beside) as folder:
-        on_step("unpacking")
+        on_step("Unpacking")
         yield _unpack(source, Path(folder))
 
 

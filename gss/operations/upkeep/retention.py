@@ -83,7 +83,7 @@ class RetentionService:
         if policy.captures_mb:
             self._link.capture.keep_at_most(policy.captures_mb << 20)
         rules = ", ".join(f"{k} {v:g}" for k, v in asdict(policy).items() if v)
-        self._bus.record("upkeep", "watch", f"retention changed by {user}: {rules or 'keep everything'}")
+        self._bus.record("upkeep", "watch", f"Retention changed by {user}: {rules or 'keep everything'}")
         return policy
 
     def favourite(self, frame_id: int, favourite: bool) -> Frame:
@@ -192,7 +192,7 @@ class RetentionService:
         if any(removed.values()):
             packets_gone = removed["packets"] + removed["thinned"]
             amount = f"pixels of {removed['frames']} frames, {packets_gone} packets, {removed['events']} events"
-            self._bus.record("upkeep", "ok", f"retention removed {amount}", **removed)
+            self._bus.record("upkeep", "ok", f"Retention removed {amount}", **removed)
         return {"removed": removed}
 
     def _check(self, policy: Policy, at: datetime, confirmed: Confirmed | None) -> None:
@@ -208,7 +208,7 @@ class RetentionService:
     def _pixels(self, policy: Policy, at: datetime, removed: dict[str, int], run: JobRun) -> None:
         going = list(self.going(policy, at))
         for group in _groups(going):
-            run.progress(removed["frames"], len(going), f"pixels of {removed['frames']} of {len(going)} frames")
+            run.progress(removed["frames"], len(going), f"Pixels of {removed['frames']} of {len(going)} frames")
             keys = sorted({p.sha256 for p in group})
             removed["frames"] += len(group)
             with self._database.unit_of_work() as session:
@@ -256,7 +256,7 @@ class RetentionService:
     def _thin(self, run: JobRun, removed: dict[str, int], kind: str, at: datetime, before: datetime) -> None:
         reached = None
         while True:
-            run.progress(removed["thinned"], 0, f"thinning {kind}: {removed['thinned']} removed")
+            run.progress(removed["thinned"], 0, f"Thinning {kind}: {removed['thinned']} removed")
             with self._database.unit_of_work() as session:
                 thinned, reached = store.thin_packets(session, kind, reached, before, THIN_EVERY_S)
                 removed["thinned"] += thinned

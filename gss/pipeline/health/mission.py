@@ -90,13 +90,13 @@ def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor
     measured: list[dict[str, tuple[float, float]]] = []
     level, noise = np.empty(len(solved)), np.empty(len(solved))
     for k, frame in enumerate(solved):
-        progress(0.55 * k / len(solved), f"figures of {frame.name}, {k + 1} of {len(solved)}")
+        progress(0.55 * k / len(solved), f"Figures of {frame.name}, {k + 1} of {len(solved)}")
         pixels = frame.pixels()
         sky = over_sky(frame, pixels, sensor)
         level[k], noise[k] = sky.level_dn, sky.noise_dn
         measured.append(frame_figures(frame, pixels, sky, camera, sensor))
         blocks.add(sky.dark_dn)
-    progress(0.55, "searching for warm pixels")
+    progress(0.55, "Searching for warm pixels")
     times, warm, exposure = (
         np.array([getattr(f, name) for f in solved]) for name in ("time_s", "temperature_c", "exposure_s")
     )
@@ -107,13 +107,13 @@ def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor
     warm_e_s = WARM_SIGMAS * float(np.median(noise / drive)) * sensor.gain_e_per_dn
     courses = []
     for k, place in enumerate(followed):
-        progress(0.85 + 0.13 * k / len(followed), f"course of warm pixel {k + 1} of {len(followed)}")
+        progress(0.85 + 0.13 * k / len(followed), f"Course of warm pixel {k + 1} of {len(followed)}")
         series = PixelSeries(times, excess[:, k].astype(float), noise, drive, sensor.gain_e_per_dn)
         row, col = divmod(int(place), camera.columns)
         course = pixel_course(series, col, row, warm_e_s)
         if course is not None:
             courses.append(course)
-    progress(0.98, "trends")
+    progress(0.98, "Trends")
     return MissionHealth(
         len(frames),
         times,
@@ -143,7 +143,7 @@ def _second_reading(
     particles = np.zeros(len(solved), np.intp)
     block = np.searchsorted(edges, np.arange(len(solved)), side="right") - 1
     for k, frame in enumerate(solved):
-        progress(0.58 + 0.27 * k / len(solved), f"pixels of {frame.name}, {k + 1} of {len(solved)}")
+        progress(0.58 + 0.27 * k / len(solved), f"Pixels of {frame.name}, {k + 1} of {len(solved)}")
         pixels = frame.pixels()
         sky = over_sky(frame, pixels, sensor)
         dark = sky.dark_dn.ravel()

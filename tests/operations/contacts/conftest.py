@@ -94,7 +94,7 @@ class Station:
         self.link.close()
         self.wait(lambda: self.link.contact_id is None)
         if contact_id is not None:
-            self.wait(lambda: any(e.text.startswith("line closed") for e in self.bus.after(0, 1000)))
+            self.wait(lambda: any(e.text.startswith("Line closed") for e in self.bus.after(0, 1000)))
 
     def stop(self) -> None:
         """Close the link."""

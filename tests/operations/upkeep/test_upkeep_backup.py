@@ -255,7 +255,7 @@ def test_a_backup_is_not_restored_among_the_backups(store, clock, tmp_path):
     assert sorted(p.name for p in backups.iterdir()) == sorted([made.name, "blobs"])
 
 
-@pytest.mark.parametrize("when", ["copying", "0 of", "3 of", "sealing"])
+@pytest.mark.parametrize("when", ["Copying", "0 of", "3 of", "Sealing"])
 def test_a_backup_killed_while_it_is_made_is_absent_and_the_next_one_cleans_up(store, clock, tmp_path, when):
     """It gets its name only when it is complete."""
     store.fill()
@@ -296,7 +296,7 @@ def test_two_simultaneous_backups_are_rejected_and_a_full_disk_makes_none(store,
     store.fill()
 
     def again(_done, _total, text):
-        if "copying" in text:
+        if "Copying" in text:
             store.backups.make()
 
     with pytest.raises(Conflict, match="is running"):

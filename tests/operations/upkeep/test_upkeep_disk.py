@@ -271,4 +271,4 @@ def test_pages_of_a_large_file_are_checked_in_the_background(database, bus, tmp_
     check.start()
     check.wait()
     assert database.damage
-    assert "the database is damaged" in bus.after(0, 1000)[-1].text
+    assert "The database is damaged" in bus.after(0, 1000)[-1].text
