@@ -28,7 +28,7 @@ Report = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)
-class Case:
+class CompileCase:
     """One way to solve the frame. ``dtype``: of the pixels."""
 
     name: str
@@ -36,15 +36,19 @@ class Case:
     dtype: type[np.generic] = np.uint8
 
 
-def _cases(profile: CameraProfile) -> list[Case]:
+def _cases(profile: CameraProfile) -> list[CompileCase]:
     """All ways to solve a frame that need different loops, or loops for other types."""
     request = SolveRequest(profile=profile.name, epoch_jyear=EPOCH_JYEAR, fast=True)
     cases = [
-        Case("lost in space", request),
-        Case("with a prior attitude", replace(request, hint=BoundedPrior(POINTING, PRIOR_RADIUS_RAD))),
-        Case("16-bit pixels", request, np.uint16),
+        CompileCase("lost in space", request),
+        CompileCase("with a prior attitude", replace(request, hint=BoundedPrior(POINTING, PRIOR_RADIUS_RAD))),
+        CompileCase("16-bit pixels", request, np.uint16),
     ]
-    return [*cases, Case("the sensor's own chain", replace(request, chain=profile.chain))] if profile.chain else cases
+    return (
+        [*cases, CompileCase("the sensor's own chain", replace(request, chain=profile.chain))]
+        if profile.chain
+        else cases
+    )
 
 
 def compile_ahead(solver: Solver, profile: CameraProfile, report: Report) -> None:
