@@ -10,8 +10,8 @@ from gss.instruments.registry import Registry
 from gss.operations.clock import stopwatch_s
 from gss.operations.passes.plan_runner import EARLY
 from gss.operations.rehearsals.director import Director, Ground
+from gss.operations.rehearsals.rehearsal_report import RehearsalReport
 from gss.operations.rehearsals.rehearsals import ORDER, ORDER_FILE, RehearsalOrder
-from gss.operations.rehearsals.report import RehearsalReport
 from gss.operations.rehearsals.stepped import RehearsalLine, SteppedClock, stepped_unit
 from gss.settings import Settings
 from gss.store import passes as store

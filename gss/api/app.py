@@ -14,11 +14,11 @@ from fastapi.responses import HTMLResponse
 
 from gss import __version__
 from gss.api import errors
-from gss.api.counting import Counting, kinds_of
 from gss.api.files.compress import Compress
 from gss.api.files.pages import Pages
 from gss.api.guard import route_table, security
 from gss.api.one_at_a_time import OneAtATime
+from gss.api.request_counts import Counting, kinds_of
 from gss.api.routers import (
     alarms,
     analyses,

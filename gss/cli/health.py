@@ -45,7 +45,13 @@ def run(a: argparse.Namespace) -> int:
     from gss.operations.requests import request_from
     from gss.operations.studies.analyse import run_frames
     from gss.operations.studies.analysis_requests import HealthRequest
-    from gss.operations.studies.health import Surroundings, bad_pixel_table, orbit_within, places_below, sensor_health
+    from gss.operations.studies.sensor_health import (
+        Surroundings,
+        bad_pixel_table,
+        orbit_within,
+        places_below,
+        sensor_health,
+    )
 
     orbit = "" if a.orbit is None else read_file(a.orbit, "an orbit file", TEXT_BYTES).decode("utf-8", "replace")
     # Files have no ids yet; the numbers only let the request check itself.

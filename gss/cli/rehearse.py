@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gss.cli import Commands
-    from gss.operations.rehearsals.report import RehearsalReport
+    from gss.operations.rehearsals.rehearsal_report import RehearsalReport
 
 
 def register(subparsers: Commands) -> None:
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Rehearse, and print the report."""
     from gss.cli.records import services_of
     from gss.domain.errors import BadInput
-    from gss.operations.rehearsals.report import REPORT, RehearsalOptions
+    from gss.operations.rehearsals.rehearsal_report import REPORT, RehearsalOptions
     from gss.operations.requests import request_from
 
     if arguments.prepared is not None:
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 def run_prepared(folder: Path) -> int:
     """Rehearse the order in a prepared folder; progress and report are lines of JSON."""
     from gss.domain.errors import GssError
-    from gss.operations.rehearsals.report import REPORT
+    from gss.operations.rehearsals.rehearsal_report import REPORT
     from gss.rehearsing import rehearse
 
     try:

@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Solve each file; the worst outcome determines the exit code."""
     from gss.operations.clock import stopwatch_s
     from gss.operations.frames.figure_files import users_folder
-    from gss.operations.frames.sequence import Sequencer
+    from gss.operations.frames.image_sequence import Sequencer
     from gss.operations.frames.solve import Solver
     from gss.operations.frames.solver_cache import SolverCache
     from gss.operations.parsing.parse_processes import ParseProcesses
@@ -124,8 +124,8 @@ def _one(
 ) -> int:
     from gss.operations.clock import utc_now
     from gss.operations.frames.frame_files import LONGEST_EXPOSURE_S, MAX_BYTES, ImportedFrame, read_frame
+    from gss.operations.frames.image_sequence import truth_record
     from gss.operations.frames.observer import observer_at
-    from gss.operations.frames.sequence import truth_record
     from gss.operations.frames.solve import SolveRequest
     from gss.pipeline.chains.options import parse
 

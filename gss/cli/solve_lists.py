@@ -18,7 +18,7 @@ from gss.domain.results import Outcome
 if TYPE_CHECKING:
     from gss.cli import Commands
     from gss.domain.camera import Camera
-    from gss.operations.frames.star_lists import ListResult
+    from gss.operations.frames.measured_lists import ListResult
 
 LARGEST_SIGMA_PX = 20.0
 
@@ -57,8 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Solve every list of the file."""
     from gss.cli.solve import julian_year
     from gss.operations.clock import processor_s, utc_now
-    from gss.operations.frames.solver_cache import SolverCache
-    from gss.operations.frames.star_lists import (
+    from gss.operations.frames.measured_lists import (
         MAX_LIST_BYTES,
         StarLists,
         StarListSolver,
@@ -66,6 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         read_star_lists,
         without_distortion,
     )
+    from gss.operations.frames.solver_cache import SolverCache
     from gss.operations.parsing.parse_processes import ParseProcesses
 
     if not 0 < arguments.sigma_px <= LARGEST_SIGMA_PX:

@@ -42,7 +42,7 @@ class SdoResult:
         return f"{meaning} (0x{self.abort:08X})"
 
 
-class _Step(Enum):
+class _TransferStep(Enum):
     IDLE = auto()
     READING = auto()
     SEGMENTS = auto()
@@ -61,36 +61,36 @@ class SdoClient:
         self.result: SdoResult | None = None
         self.received = bytearray()
         self.size = self.repeated = self.number = 0
-        self._step, self._index, self._subindex = _Step.IDLE, 0, 0
+        self._step, self._index, self._subindex = _TransferStep.IDLE, 0, 0
         self._toggle, self._sequence, self._nudges, self._ended = 0, 0, 0, False
         self._to_write, self._has_crc = b"", True
 
     @property
     def busy(self) -> bool:
         """True while a transfer is under way."""
-        return self._step is not _Step.IDLE
+        return self._step is not _TransferStep.IDLE
 
     def restart(self) -> None:
         """Forget the transfer, because the line was opened again."""
-        self._step, self.result = _Step.IDLE, None
+        self._step, self.result = _TransferStep.IDLE, None
 
     def start_read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Return the message that begins to read an object."""
-        self._begin(_Step.BLOCK_OFFERED if block else _Step.READING, index, subindex)
+        self._begin(_TransferStep.BLOCK_OFFERED if block else _TransferStep.READING, index, subindex)
         if block:
             return HEAD.pack(0xA4, index, subindex, bytes([BLOCK_SEGMENTS, 0, 0, 0]))
         return HEAD.pack(0x40, index, subindex, bytes(4))
 
     def start_write(self, index: int, subindex: int, data: bytes) -> bytes:
         """Return the message that begins to write an object."""
-        self._begin(_Step.WRITING, index, subindex)
+        self._begin(_TransferStep.WRITING, index, subindex)
         if 0 < len(data) <= 4:
             self._to_write = b""
             return HEAD.pack(0x23 | (4 - len(data)) << 2, index, subindex, data)
         self._to_write = data
         return HEAD.pack(0x21, index, subindex, NUMBER.pack(len(data)))
 
-    def _begin(self, step: _Step, index: int, subindex: int) -> None:
+    def _begin(self, step: _TransferStep, index: int, subindex: int) -> None:
         self._step, self._index, self._subindex, self.result = step, index, subindex, None
         self.received, self.size, self.repeated = bytearray(), 0, 0
         self.number += 1
@@ -103,7 +103,7 @@ class SdoClient:
 
     def nudge(self) -> bytes:
         """Return what to send after a silence: a request to continue a block transfer, else the end of the transfer."""
-        if self._step is _Step.BLOCK and self._nudges < NUDGES:
+        if self._step is _TransferStep.BLOCK and self._nudges < NUDGES:
             self._nudges += 1
             return self._acknowledged()
         return self.give_up()
@@ -112,17 +112,17 @@ class SdoClient:
         """Return the answer to a message of the server, b"" without one. Messages that do not fit are ignored."""
         if len(message) != 8 or not self.busy:
             return b""
-        if message[0] == 0x80 and self._step is not _Step.BLOCK:
+        if message[0] == 0x80 and self._step is not _TransferStep.BLOCK:
             return self._aborted(message)
-        if self._step is _Step.BLOCK:
+        if self._step is _TransferStep.BLOCK:
             return self._block_segment(message)
         handlers = {
-            _Step.READING: self._read_begun,
-            _Step.SEGMENTS: self._segment,
-            _Step.BLOCK_OFFERED: self._block_offered,
-            _Step.BLOCK_END: self._block_ended,
-            _Step.WRITING: self._write_begun,
-            _Step.WRITING_SEGMENTS: self._segment_written,
+            _TransferStep.READING: self._read_begun,
+            _TransferStep.SEGMENTS: self._segment,
+            _TransferStep.BLOCK_OFFERED: self._block_offered,
+            _TransferStep.BLOCK_END: self._block_ended,
+            _TransferStep.WRITING: self._write_begun,
+            _TransferStep.WRITING_SEGMENTS: self._segment_written,
         }
         return handlers[self._step](message)
 
@@ -133,7 +133,7 @@ class SdoClient:
         return b""
 
     def _finish(self, result: SdoResult) -> None:
-        self._step, self.result = _Step.IDLE, result
+        self._step, self.result = _TransferStep.IDLE, result
 
     def _done(self) -> None:
         self._finish(SdoResult(self._index, self._subindex, bytes(self.received)))
@@ -155,7 +155,7 @@ class SdoClient:
             return b""
         if not self._sized(command & 0x01, data):
             return self.give_up(OUT_OF_MEMORY)
-        self._step = _Step.SEGMENTS
+        self._step = _TransferStep.SEGMENTS
         return self._next_segment()
 
     def _sized(self, stated: int, data: bytes) -> bool:
@@ -191,7 +191,7 @@ class SdoClient:
         if command & 0xE1 == 0xC0 and self._mine(message):
             if not self._sized(command & 0x02, data):
                 return self.give_up(OUT_OF_MEMORY)
-            self._step, self._has_crc = _Step.BLOCK, bool(command & 0x04)
+            self._step, self._has_crc = _TransferStep.BLOCK, bool(command & 0x04)
             return bytes([0xA3]) + bytes(7)
         return self._read_begun(message)
 
@@ -212,7 +212,7 @@ class SdoClient:
         """Confirm the segments that were received in order; the server repeats the others as the next block."""
         answer = bytes([0xA2, self._sequence, BLOCK_SEGMENTS]) + bytes(5)
         if self._ended:
-            self._step = _Step.BLOCK_END
+            self._step = _TransferStep.BLOCK_END
         self._sequence = 0
         return answer
 
@@ -237,7 +237,7 @@ class SdoClient:
         if not self._to_write:
             self._done()
             return b""
-        self._step = _Step.WRITING_SEGMENTS
+        self._step = _TransferStep.WRITING_SEGMENTS
         return self._written_segment()
 
     def _written_segment(self) -> bytes:

@@ -80,11 +80,11 @@ def xtce(
     ``headers``: the packets have the headers of the driver ``gss``. ``repeat_lists``: export list rows as repeated containers
     instead of bytes. Raises BadInput for a dictionary that XTCE cannot express.
     """
-    draft = _Document(dictionary, headers, little_endian, repeat_lists, {}).text()
+    draft = _XtceWriter(dictionary, headers, little_endian, repeat_lists, {}).text()
     facts: dict[str, Any] = {"layout": layout_of_document(draft).hex(), "hash": dictionary.hash_hex}
     if dictionary.same_layout_as:
         facts["same_layout_as"] = sorted(h.hex() for h in dictionary.same_layout_as)
-    text = _Document(dictionary, headers, little_endian, repeat_lists, facts).text()
+    text = _XtceWriter(dictionary, headers, little_endian, repeat_lists, facts).text()
     if read_xtce("the document", text.encode()).dictionary != dictionary:
         raise BadInput("the XTCE document would not read back to an equal dictionary", got=dictionary.device_model)
     return text
@@ -95,7 +95,7 @@ def layout_of_document(text: str) -> bytes:
     return read_xtce("the document", text.encode()).dictionary.hash
 
 
-class _Document:
+class _XtceWriter:
     """XML tree under construction, with types, parameters and containers kept consistent."""
 
     def __init__(

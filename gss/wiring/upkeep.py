@@ -17,7 +17,7 @@ from gss.operations.upkeep.check_store import CheckStoreService
 from gss.operations.upkeep.clocks import ClockWatch
 from gss.operations.upkeep.disk import DiskWatch
 from gss.operations.upkeep.forecast import ForecastService
-from gss.operations.upkeep.health import HealthService
+from gss.operations.upkeep.installation_health import HealthService
 from gss.operations.upkeep.page_check import PageCheck
 from gss.operations.upkeep.retention import RetentionService
 from gss.operations.upkeep.retention_watch import DailyRetention, RetentionWatch

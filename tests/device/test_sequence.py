@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gss.device.protocol.packet import SEQUENCE_MODULO, Arrival, Packet, PacketType
-from gss.device.protocol.sequence import SequenceTracker
+from gss.device.protocol.sequence_counts import SequenceTracker
 
 CURRENT = Arrival.CURRENT
 

@@ -61,7 +61,7 @@ FILE = "the method of file objects"
 ALLOWED: tuple[tuple[str, str, str], ...] = (
     ("gss/operations/accounts/users.py", "OF_SOFTWARE = (", "a reserved user name"),
     (
-        "gss/api/guard/record.py",
+        "gss/api/guard/audit_log.py",
         'UNAUTHENTICATED = "nobody"',
         "the name in audit rows without a user, which are part of the hash chain",
     ),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gss.catalogue_tools.design import report as r
+from gss.catalogue_tools.design import design_report as r
 from gss.catalogue_tools.design.camera import DesignCamera
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.domain.errors import BadInput

@@ -18,7 +18,7 @@ from gss.instruments.registry import shipped_camera
 from gss.operations.frames.observer import observer_at
 from gss.operations.studies.analysis_requests import HealthRequest
 from gss.operations.studies.calibration_sheet import calibration_sheet
-from gss.operations.studies.health import orbit_within, places_below
+from gss.operations.studies.sensor_health import orbit_within, places_below
 from gss.orbit.read_orbit import read_orbits
 from gss.pipeline.readout import HotPixel
 from gss.pipeline.render import render

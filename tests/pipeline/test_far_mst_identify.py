@@ -23,10 +23,10 @@ from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.far_mst_parameters import default_parameters
 from gss.pipeline.chains.far_mst_relative import Relative, chained, relative_attitude
 from gss.pipeline.identify.baselines import BaselineCandidates, Baselines, baselines
-from gss.pipeline.identify.frame_figures import candidate_star_matrix, pair_match, triangle_match
+from gss.pipeline.identify.frame_matching import candidate_star_matrix, pair_match, triangle_match
 from gss.pipeline.identify.n_vertex import consistent_names, figures, match_figure
+from gss.pipeline.identify.pair_directory_stars import brightest_per_field
 from gss.pipeline.identify.triad_pyramid import pyramids
-from gss.pipeline.identify.uniform_density import brightest_per_field
 from gss.pipeline.render import stars_near, truth_of
 from gss.pipeline.track.constant_rate import extrapolate
 from gss.pipeline.track.rate_match import mutual_nearest, rate_match

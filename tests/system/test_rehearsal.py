@@ -11,7 +11,7 @@ import pytest
 
 from gss.operations.catalogues.catalogue_request import CatalogueRequest
 from gss.operations.passes.plan_items import PlanItem
-from gss.operations.rehearsals.report import Outage, RehearsalOptions
+from gss.operations.rehearsals.rehearsal_report import Outage, RehearsalOptions
 from gss.operations.rehearsals.stepped import SteppedClock
 from gss.orbit.station import GroundStation
 from gss.settings import Settings

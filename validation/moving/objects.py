@@ -17,7 +17,7 @@ from gss.orbit.objects import MeasuredTrack, name_of
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.reference import KnownSky, known_sky
 from gss.pipeline.identify.verify import SkyCatalogue
-from gss.pipeline.moving.sequence import views_of
+from gss.pipeline.moving.frame_views import views_of
 from gss.pipeline.moving.spots import FrameSpots, find_spots, tangent
 from gss.pipeline.moving.tracklets import Linked, Tracklet, link
 from validation.moving.population import Population, population

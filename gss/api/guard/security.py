@@ -15,11 +15,11 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from gss.api.connections.admission import Connection
 from gss.api.deps import needs_of
 from gss.api.errors import problem
+from gss.api.guard.audit_log import Record
 from gss.api.guard.bodies import MAX_BODY_BYTES, SMALL_BODY_BYTES, ambiguous_length, bad_body, most_bytes
 from gss.api.guard.credentials import Authenticator
 from gss.api.guard.headers import HeaderWriter
 from gss.api.guard.perimeter import Caller, Perimeter, Refusal
-from gss.api.guard.record import Record
 from gss.api.guard.route_table import RouteTable, is_change, is_guarded, is_health, is_open
 from gss.domain.errors import NotPermitted
 from gss.operations.accounts.permissions import VIEW

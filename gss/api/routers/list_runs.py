@@ -15,7 +15,7 @@ from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.list_runs import ListResultOut, ListResultsOut, ListRunOut, ListRunStartedOut
-from gss.operations.frames.star_lists import SIGMA_PX
+from gss.operations.frames.measured_lists import SIGMA_PX
 from gss.operations.requests import request_from
 from gss.operations.studies.list_runs import ListRunRequest
 from gss.store.models import ListRun

@@ -14,7 +14,7 @@ from gss.api.schemas.passes import ArmIn, PlanIn, PlanItemIn, PlanOut, Rehearsal
 from gss.domain.errors import GssError
 from gss.operations.accounts.permissions import STOP
 from gss.operations.passes.plan_items import PlanItem
-from gss.operations.rehearsals.report import REPORT, RehearsalOptions
+from gss.operations.rehearsals.rehearsal_report import REPORT, RehearsalOptions
 from gss.store.models import Job, PassPlan
 from gss.wiring.services import Services
 

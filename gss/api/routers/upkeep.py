@@ -27,7 +27,7 @@ from gss.api.schemas.upkeep import (
 )
 from gss.operations.metrics import CONTENT_TYPE
 from gss.operations.requests import as_stored
-from gss.operations.upkeep.manifest import Manifest
+from gss.operations.upkeep.backup_manifest import Manifest
 from gss.operations.upkeep.removal import Confirmed
 from gss.operations.upkeep.retention_policy import Policy
 

@@ -10,7 +10,7 @@ from pydantic import Field
 from gss.api.schemas.base import Id, In, Out, Utc
 from gss.api.schemas.jobs import JobOut
 from gss.operations.passes.plan_items import LONGEST_ITEM_S, MOST_ITEMS, ItemKind, ItemState
-from gss.operations.rehearsals.report import RehearsalReport
+from gss.operations.rehearsals.rehearsal_report import RehearsalReport
 from gss.orbit.read_orbit import LARGEST_CHARACTERS
 
 

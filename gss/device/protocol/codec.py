@@ -210,7 +210,7 @@ def encode(layout: Layout | Sequence[Item], values: Values, lists: Lists | None 
     return b"".join(parts)
 
 
-class _Reader:
+class _FieldReader:
     """Reads values sequentially from a payload. Raises CorruptData if the payload is too short."""
 
     def __init__(self, data: bytes) -> None:
@@ -233,7 +233,7 @@ class _Reader:
 
 def decode(layout: Layout | Sequence[Item], payload: bytes, order: str = BIG) -> Decoded:
     """Return the values of a payload. Raises CorruptData unless it fits the layout exactly."""
-    reader, result = _Reader(payload), Decoded()
+    reader, result = _FieldReader(payload), Decoded()
     for entry in layout:
         if isinstance(entry, Group):
             width = STRUCTS[order][entry.count]
@@ -253,7 +253,7 @@ def decode(layout: Layout | Sequence[Item], payload: bytes, order: str = BIG) ->
     return result
 
 
-def _take(item: Item, reader: _Reader, order: str) -> Value:
+def _take(item: Item, reader: _FieldReader, order: str) -> Value:
     kind = item.type
     if kind in STRUCT:
         value: Value = STRUCTS[order][kind].unpack(reader.take(STRUCT[kind].size))[0]

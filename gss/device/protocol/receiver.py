@@ -21,7 +21,7 @@ from gss.device.protocol.packet import (
     TRAILER_BYTES,
     Packet,
 )
-from gss.device.protocol.sequence import SequenceTracker
+from gss.device.protocol.sequence_counts import SequenceTracker
 
 
 class Damage(Enum):

@@ -8,6 +8,7 @@ from gss.catalogue_tools.formats import triplet_table as triplets
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
 from gss.device.protocol.chunk_size import regrid
 from gss.device.protocol.transfer import ChunkReceiver, chunk_count
+from gss.device.simulator.flash_record import area_name
 from gss.device.simulator.memory import (
     BANKS,
     FACTORY,
@@ -18,7 +19,6 @@ from gss.device.simulator.memory import (
     Memory,
     SuspendedUpload,
 )
-from gss.device.simulator.record import area_name
 from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.sessions import WINDOW_CHUNKS, Session
 from gss.device.table_use import calibrated, check_parameters

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from gss.catalogue_tools.formats.triplet_table import HEADER_VERSION, encode_triplets
 from gss.catalogue_tools.onboard import FORMATS, decode, read_header
+from gss.device.simulator.flash_record import area_name
 from gss.device.simulator.memory import FACTORY, GOLDEN, BankRecord, Memory
-from gss.device.simulator.record import area_name
 from gss.device.table_use import calibration_values, chain_of, parameter_values
 from gss.device.tables import TABLE_FORMAT, encode_table
 from gss.domain.camera_profile import CameraProfile

@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from gss.device.simulator.flash import SECTOR_BYTES, Flash, FlashError
-from gss.device.simulator.record import (
+from gss.device.simulator.flash_record import (
     BANK_BYTES,
     BANKS,
     FACTORY,

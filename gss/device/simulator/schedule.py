@@ -8,9 +8,9 @@ from functools import partial
 
 from gss.device.protocol.codec import check_arguments, decode, fixed_bytes
 from gss.device.simulator.command_processor import Arguments, CommandProcessor, Handler, Returns
+from gss.device.simulator.flash_record import ScheduleEntry
 from gss.device.simulator.memory import Memory
 from gss.device.simulator.outbox import Outbox
-from gss.device.simulator.record import ScheduleEntry
 from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.reports import Report
 from gss.domain.errors import BadInput, CorruptData

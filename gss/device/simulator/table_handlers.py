@@ -6,10 +6,10 @@ import numpy as np
 
 from gss.device.simulator.command_processor import Arguments, Handler, Returns, Task
 from gss.device.simulator.firmware import StarTracker
+from gss.device.simulator.flash_record import area_name
 from gss.device.simulator.loader import Loader
 from gss.device.simulator.memory import FACTORY, TABLE_BANKS, TABLES, Memory
 from gss.device.simulator.outbox import Outbox
-from gss.device.simulator.record import area_name
 from gss.device.simulator.rejection import Rejection
 from gss.device.simulator.reports import Report
 from gss.instruments.package_files import UnitTiming

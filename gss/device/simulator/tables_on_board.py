@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from gss.catalogue_tools.formats.triplet_table import bank_crc32_of, decode_triplets
+from gss.device.simulator.flash_record import area_name
 from gss.device.simulator.memory import FACTORY, TABLES, Memory
-from gss.device.simulator.record import area_name
 from gss.device.table_use import calibrated, chain_of, check_parameters
 from gss.device.tables import Scalar, decode_table
 from gss.domain.camera_profile import CameraProfile

@@ -47,12 +47,12 @@ def read_xtce(name: str, data: bytes) -> XtceDictionary:
     if root.tag != "SpaceSystem":
         raise root.error("is not the root of an XTCE document", expected="SpaceSystem")
     try:
-        return _Document(root).dictionary()
+        return _XtceReader(root).dictionary()
     except (*WRONG_ROW, ArithmeticError) as error:
         raise root.error("a value has a wrong type", got=f"{type(error).__name__}: {error}"[:200]) from error
 
 
-class _Document:
+class _XtceReader:
     """Rows under construction, with the line of each."""
 
     def __init__(self, root: Element) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from gss.catalogue_tools.design.camera import DesignCamera
-from gss.catalogue_tools.design.report import EXCLUSION_RAD, FULL, QUICK, DesignRequest, camera_row, design
+from gss.catalogue_tools.design.design_report import EXCLUSION_RAD, FULL, QUICK, DesignRequest, camera_row, design
 from gss.catalogue_tools.design.trade import TradeRow
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, AttitudeLimits
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope

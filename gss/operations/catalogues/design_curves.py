@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from gss.catalogue_tools.design.curves import NEED
+from gss.catalogue_tools.design.design_report import DesignReport
 from gss.catalogue_tools.design.papers import PaperValue
-from gss.catalogue_tools.design.report import DesignReport
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.operations.catalogues.design_values import CurveValues, LineValues, MarkValue, UprightValue
 

@@ -12,10 +12,10 @@ import numpy as np
 from gss.catalogue_tools.design.accuracy import Accuracy
 from gss.catalogue_tools.design.baffle import BaffleGeometry
 from gss.catalogue_tools.design.camera import LIMITS, DesignCamera
+from gss.catalogue_tools.design.design_report import DesignReport
 from gss.catalogue_tools.design.limits_erlank import equal_circle_rad
 from gss.catalogue_tools.design.papers import PaperValue, values_for
 from gss.catalogue_tools.design.radiometry import brightest_pixel_share, energy_window
-from gss.catalogue_tools.design.report import DesignReport
 from gss.catalogue_tools.design.stray_light import (
     EARTH,
     MOON,

@@ -11,7 +11,7 @@ from gss.operations.clock import Now
 from gss.operations.line.link import LinkService
 from gss.operations.procedures.document import Mistake, ProcedureDocument, read_procedure
 from gss.operations.procedures.validation import mistakes_of
-from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.store import procedures as store
 from gss.store.engine import Database
 from gss.store.models import Procedure

@@ -11,8 +11,8 @@ from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, Comma
 from gss.instruments.operations import Operation, StandardOperations
 from gss.operations.commanding.command_checks import risk_of
 from gss.operations.procedures.document import END, NEXT, Mistake, ProcedureDocument, ProcedureStep, command_words
-from gss.operations.telemetry.definitions import TelemetryDefinitions
 from gss.operations.telemetry.derived import kinds_of
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 
 
 def mistakes_of(

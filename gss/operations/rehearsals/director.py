@@ -18,7 +18,7 @@ from gss.operations.passes.stations import StationService, ground_station
 from gss.operations.procedures.document import ProcedureStep, read_procedure
 from gss.operations.procedures.run_record import entries_of
 from gss.operations.procedures.runs import ProcedureRunner
-from gss.operations.rehearsals.report import (
+from gss.operations.rehearsals.rehearsal_report import (
     LONGEST_DAYS,
     PersonStep,
     RehearsalOptions,

@@ -21,7 +21,7 @@ from gss.operations.clock import Now
 from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService
 from gss.operations.passes.plans import PlanService
 from gss.operations.rehearsals.director import PERSON, SECOND
-from gss.operations.rehearsals.report import REPORT, RehearsalOptions, RehearsalReport
+from gss.operations.rehearsals.rehearsal_report import REPORT, RehearsalOptions, RehearsalReport
 from gss.operations.requests import Id
 from gss.store import jobs as job_store
 from gss.store import rehearsals as store

@@ -55,7 +55,7 @@ def draw(pen: Pen, drawing: Drawn) -> None:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _PlotArea:
     """Maps values to coordinates."""
 
     x0: float
@@ -95,7 +95,7 @@ def _plot(pen: Pen, plot: Plot) -> None:
             at -= 5.0 * len(series.label) + 14
 
 
-def _frame(plot: Plot) -> _Frame | None:
+def _frame(plot: Plot) -> _PlotArea | None:
     xs = [x for s in plot.series for x in s.x] + [v.value for v in plot.levels if v.vertical]
     ys = [y for s in plot.series for y in s.y if y is not None] + [v.value for v in plot.levels if not v.vertical]
     xs = [x for x in xs if x > 0] if plot.log_x else xs
@@ -104,10 +104,10 @@ def _frame(plot: Plot) -> _Frame | None:
         return None
     x0, x1 = (min(xs) / 1.02, max(xs) * 1.02) if plot.log_x else _room(min(xs), max(xs), 0.0 if plot.time else 0.01)
     if plot.log_y:
-        return _Frame(x0, x1, min(ys) / 1.15, max(ys) * 1.15, plot.log_x, True)
+        return _PlotArea(x0, x1, min(ys) / 1.15, max(ys) * 1.15, plot.log_x, True)
     bars = any(s.style == "bars" for s in plot.series)
     low, high = _room(min(0.0, *ys) if bars else min(ys), max(ys), 0.06)
-    return _Frame(x0, x1, 0.0 if bars and min(ys) >= 0 else low, high, plot.log_x, False)
+    return _PlotArea(x0, x1, 0.0 if bars and min(ys) >= 0 else low, high, plot.log_x, False)
 
 
 def _room(low: float, high: float, share: float) -> tuple[float, float]:
@@ -116,7 +116,7 @@ def _room(low: float, high: float, share: float) -> tuple[float, float]:
     return low - share * (high - low), high + share * (high - low)
 
 
-def _axes(pen: Pen, plot: Plot, f: _Frame) -> None:
+def _axes(pen: Pen, plot: Plot, f: _PlotArea) -> None:
     bottom = PLOT_HEIGHT - BOTTOM
     y_ticks = log_ticks(f.y0, f.y1) if plot.log_y else ticks(f.y0, f.y1)
     if plot.log_y and len(y_ticks) < 2:
@@ -145,7 +145,7 @@ def _axes(pen: Pen, plot: Plot, f: _Frame) -> None:
     pen.text(10, (TOP + bottom) / 2, plot.y_label, size=7.5, anchor="middle", colour=SOFT, up=True)
 
 
-def _level(pen: Pen, f: _Frame, value: float, label: str, vertical: bool) -> None:
+def _level(pen: Pen, f: _PlotArea, value: float, label: str, vertical: bool) -> None:
     if vertical:
         pen.line([(f.x(value), TOP), (f.x(value), PLOT_HEIGHT - BOTTOM)], INK, 0.7, 3)
         pen.text(f.x(value) + 3, TOP + 8, label, size=7)
@@ -154,7 +154,7 @@ def _level(pen: Pen, f: _Frame, value: float, label: str, vertical: bool) -> Non
         pen.text(WIDTH - RIGHT - 3, f.y(value) - 2, label, size=7, anchor="end")
 
 
-def _series(pen: Pen, f: _Frame, series: Series, colour: str) -> None:
+def _series(pen: Pen, f: _PlotArea, series: Series, colour: str) -> None:
     if series.style == "bars":
         base = f.y(max(0.0, f.y0)) if not f.log_y else f.y(f.y0)
         for left, right, y in zip(series.x, series.x[1:], series.y, strict=False):

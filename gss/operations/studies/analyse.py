@@ -26,7 +26,7 @@ from gss.pipeline.analysis.slew import slew_test
 from gss.pipeline.analysis.steady import celestial_fixed, earth_fixed
 from gss.pipeline.analysis.telemetry import telemetry_statistics
 from gss.pipeline.analysis.two_cameras import two_cameras
-from gss.pipeline.calibration.record import as_record
+from gss.pipeline.calibration.plain_values import as_record
 
 KINDS = (
     "earth-fixed",

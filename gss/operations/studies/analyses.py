@@ -38,9 +38,15 @@ from gss.operations.studies.analysis_requests import (
     earlier_request,
 )
 from gss.operations.studies.camera_book import CameraBook
-from gss.operations.studies.health import Surroundings, bad_pixel_table, orbit_within, places_below, sensor_health
 from gss.operations.studies.moving_objects import moving_objects, place_of_orbit
 from gss.operations.studies.night_frames import Shot, StoredShots
+from gss.operations.studies.sensor_health import (
+    Surroundings,
+    bad_pixel_table,
+    orbit_within,
+    places_below,
+    sensor_health,
+)
 from gss.operations.studies.sheet_frames import NEAR_S, sheet_of_frames, sheet_of_simulation
 from gss.orbit.trajectory import Trajectory
 from gss.pipeline.analysis.series import AttitudeSeries

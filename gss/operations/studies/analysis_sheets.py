@@ -30,7 +30,7 @@ from gss.pipeline.analysis.slew import SlewTest
 from gss.pipeline.analysis.steady import SteadyTest
 from gss.pipeline.analysis.telemetry import TelemetryFigures
 from gss.pipeline.analysis.two_cameras import Consistency
-from gss.pipeline.calibration.record import as_record
+from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.residual_figures import residual_map
 
 ERLANK_DEG = {"RA · cos Dec": (0.0051, 0.0154), "Dec": (0.0072, 0.0215), "rotation": (0.0203, 0.0608)}

@@ -24,9 +24,9 @@ from gss.pipeline.calibration.dark_temperature import dark_against_temperature
 from gss.pipeline.calibration.dots import detector_tilt, optical_centre
 from gss.pipeline.calibration.focal_pairs import focal_from_pairs
 from gss.pipeline.calibration.focus import best_focus, focus_advice
+from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.psf_field import psf_over_field
 from gss.pipeline.calibration.radial import radial_polynomial
-from gss.pipeline.calibration.record import as_record
 
 KINDS = (
     "bench-centre",

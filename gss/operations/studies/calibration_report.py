@@ -11,8 +11,8 @@ from gss.pipeline.calibration.dark import DarkCalibration, Response
 from gss.pipeline.calibration.focus import FocusAdvice
 from gss.pipeline.calibration.photometric import PhotometricCalibration
 from gss.pipeline.calibration.photon_transfer import PhotonTransfer
+from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.psf_field import PsfField
-from gss.pipeline.calibration.record import as_record
 from gss.pipeline.calibration.result import CameraCalibration, StarResiduals
 
 MOST_POINTS = 4000

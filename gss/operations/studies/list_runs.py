@@ -22,8 +22,7 @@ from gss.domain.errors import BadInput, NotFound
 from gss.domain.results import Outcome
 from gss.domain.words import counted
 from gss.operations.clock import Now, processor_s
-from gss.operations.frames.solver_cache import SolverCache
-from gss.operations.frames.star_lists import (
+from gss.operations.frames.measured_lists import (
     SIGMA_PX,
     ListResult,
     StarLists,
@@ -32,6 +31,7 @@ from gss.operations.frames.star_lists import (
     read_star_lists,
     without_distortion,
 )
+from gss.operations.frames.solver_cache import SolverCache
 from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService
 from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.operations.requests import Id, Request

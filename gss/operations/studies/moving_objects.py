@@ -28,8 +28,8 @@ from gss.orbit.read_orbit import read_orbit
 from gss.orbit.station import GroundStation, checked_station
 from gss.orbit.tdm import TdmTrack, tdm_of
 from gss.orbit.trajectory import Trajectory
-from gss.pipeline.calibration.record import as_record
-from gss.pipeline.moving.sequence import views_of
+from gss.pipeline.calibration.plain_values import as_record
+from gss.pipeline.moving.frame_views import views_of
 from gss.pipeline.moving.spots import FrameSpots, find_spots
 from gss.pipeline.moving.tracklets import Tracklet, link
 

@@ -17,7 +17,7 @@ from gss.operations.studies.new_instrument_requests import PhotographOptions, Ph
 from gss.operations.studies.night_frames import StoredShots
 from gss.operations.studies.photograph_package import PhotographPackage, make_package
 from gss.operations.studies.photographs import Photograph
-from gss.pipeline.calibration.record import as_record
+from gss.pipeline.calibration.plain_values import as_record
 from gss.store import frames as store
 from gss.store.engine import Database
 from gss.store.models import Job

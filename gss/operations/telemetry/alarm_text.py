@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gss.domain.limits import State
 from gss.instruments.dictionary.definitions import TelemetryField
-from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.limit_book import Rule
 from gss.operations.telemetry.limit_check import Key
 from gss.operations.telemetry.value_format import formatted

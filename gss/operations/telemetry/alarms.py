@@ -39,7 +39,7 @@ from gss.operations.telemetry.alarm_text import (
     unit_of,
     with_unit,
 )
-from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.held_channel import HeldChannel
 from gss.operations.telemetry.limit_check import Judgement, Key
 from gss.operations.telemetry.telemetry import Judged, TelemetryService

@@ -32,7 +32,7 @@ from gss.instruments.dictionary.definitions import (
 )
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
-from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.value_format import kind
 from gss.store import derived as store
 from gss.store.engine import Database

@@ -34,7 +34,7 @@ class DeriveJob(JobRequest):
 
 
 @dataclass(frozen=True)
-class _Step:
+class _TimeStep:
     """A span that is replaced at once."""
 
     start: datetime
@@ -83,15 +83,15 @@ class DerivedHistory:
             at = step.end
         return {"values": done["values"], "unknown": done["unknown"]}
 
-    def _next_step(self, parameter: ComputedParameter, at: datetime, end: datetime) -> _Step:
+    def _next_step(self, parameter: ComputedParameter, at: datetime, end: datetime) -> _TimeStep:
         """Return the next span with packets, at most ``STEP`` long; it starts where nothing has to be replaced."""
         with self._database.unit_of_work() as session:
             names = [*parameter.fresh_s, parameter.packet.name]
             first = store.first_received(session, names, at, end)
         start = end if first is None else first
-        return _Step(start, min(start + STEP, end))
+        return _TimeStep(start, min(start + STEP, end))
 
-    def _computed(self, parameter: ComputedParameter, step: _Step) -> Iterator[Mapping[str, Any]]:
+    def _computed(self, parameter: ComputedParameter, step: _TimeStep) -> Iterator[Mapping[str, Any]]:
         """Yield the rows of a span. Packets before it are read too: their values may still be current at its start."""
         newest: dict[str, tuple[datetime, Values]] = {}
         before = timedelta(seconds=max(parameter.fresh_s.values()) or STEP.total_seconds())

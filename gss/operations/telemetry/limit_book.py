@@ -13,7 +13,7 @@ from gss.domain.limits import PERSISTENCE_MAX, Limits, Range
 from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, TelemetryField
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
-from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.store import choices as store
 from gss.store.engine import Database
 

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from gss.device.session_events import Telemetry
 from gss.domain.limits import Persistence, State
 from gss.instruments.dictionary.definitions import TelemetryField, Value
-from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.limit_book import Rule
 from gss.operations.telemetry.value_format import plain
 

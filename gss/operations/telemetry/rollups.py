@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gss.domain.errors import GssError
 from gss.instruments.dictionary.definitions import Group, Item, PacketDefinition
 from gss.operations.clock import Now
-from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.value_format import kind, number
 from gss.store import rollups as store
 from gss.store.engine import Database

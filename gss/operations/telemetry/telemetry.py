@@ -17,8 +17,8 @@ from gss.operations.clock import Now, after_jump
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import LineBatch, ServiceEvent
 from gss.operations.telemetry.archive import Archive
-from gss.operations.telemetry.definitions import TelemetryDefinitions
 from gss.operations.telemetry.derived import PAGE, DerivedParameters
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.limit_book import LimitBook
 from gss.operations.telemetry.limit_check import FieldState, Judgement, Key, LimitCheck, RuleOf
 from gss.operations.telemetry.rollups import Rollups

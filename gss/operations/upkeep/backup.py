@@ -25,9 +25,9 @@ from gss.operations.events import EventBus
 from gss.operations.folder_lock import named_lock
 from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobService, Progress
 from gss.operations.line.capture_files import capture_files, open_capture, plain_name
+from gss.operations.upkeep.backup_manifest import DATABASE, MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
 from gss.operations.upkeep.clock_trust import BEHIND, ClockTrust
 from gss.operations.upkeep.disk import DiskGuard
-from gss.operations.upkeep.manifest import DATABASE, MANIFEST, NAME, SEAL, Manifest, read_manifest, sha256_of
 from gss.operations.upkeep.retention_policy import stored_policy
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore

@@ -22,7 +22,7 @@ from gss.domain.errors import BadInput
 from gss.instruments.dictionary.definitions import INTEGER_RANGES, Group, Item, TelemetryField
 from gss.operations.frames.solution_export import SCHEMA as SOLUTIONS
 from gss.operations.frames.solution_export import as_row
-from gss.operations.telemetry.definitions import TelemetryDefinitions
+from gss.operations.telemetry.field_definitions import TelemetryDefinitions
 from gss.operations.telemetry.value_format import kind
 from gss.store import exports as store
 from gss.store.engine import Database

@@ -18,7 +18,7 @@ from gss.operations.accounts.audit import AuditService
 from gss.operations.accounts.audit_anchor import ANCHORS, AnchorFile
 from gss.operations.clock import Now
 from gss.operations.upkeep.backup import POOL
-from gss.operations.upkeep.manifest import DATABASE, MANIFEST, SEAL, Manifest, read_manifest, sha256_of
+from gss.operations.upkeep.backup_manifest import DATABASE, MANIFEST, SEAL, Manifest, read_manifest, sha256_of
 from gss.store import commands
 from gss.store import upkeep as store
 from gss.store.blobs import BlobStore

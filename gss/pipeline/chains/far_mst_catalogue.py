@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.pipeline.identify.uniform_density import brightest_per_field
+from gss.pipeline.identify.pair_directory_stars import brightest_per_field
 from gss.skytables.bank import OnboardCatalogue
 from gss.skytables.pairs import DistanceTable
 from gss.skytables.sin2 import Sin2Directory, indexed, sin2_directory

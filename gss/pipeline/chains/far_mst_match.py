@@ -24,7 +24,7 @@ from gss.pipeline.chains.modes import AttitudePrior, Mode
 from gss.pipeline.chains.proof import hint_error_rad
 from gss.pipeline.identify.accidental import tracking_hypotheses
 from gss.pipeline.identify.baselines import Baselines, baselines
-from gss.pipeline.identify.frame_figures import angle_matrix_rad
+from gss.pipeline.identify.frame_matching import angle_matrix_rad
 from gss.pipeline.identify.geometric_voting import mutually_consistent
 from gss.pipeline.identify.n_vertex import figures, match_figure
 from gss.pipeline.identify.triad_pyramid import pyramids

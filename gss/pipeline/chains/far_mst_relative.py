@@ -19,7 +19,7 @@ from gss.pipeline.attitude import covariance_rad2
 from gss.pipeline.chains.far_mst import attitude_of
 from gss.pipeline.chains.far_mst_parameters import FarMstParameters
 from gss.pipeline.identify.accidental import accidental_bound, chance_within
-from gss.pipeline.identify.frame_figures import Rows, pair_match, triangle_match
+from gss.pipeline.identify.frame_matching import Rows, pair_match, triangle_match
 from gss.pipeline.track.rate_match import rate_match
 
 METHODS = ("auto", "pair", "triangle", "rate")

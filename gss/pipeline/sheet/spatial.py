@@ -99,7 +99,7 @@ class SpatialErrors:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _FrameSums:
     """Contribution of one frame: normal equations, rotation per unit of each coefficient (3, p) and of each
     coordinate (3, 2k), and the moment of
     the slow model."""
@@ -168,7 +168,9 @@ def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Gene
     )
 
 
-def _drawn(frame_sums: list[_Frame], block: NDArray[np.intp], rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def _drawn(
+    frame_sums: list[_FrameSums], block: NDArray[np.intp], rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
     """Return the coefficients (p,), those of each bootstrap sample (r, p), and how often each frame is in it (r,
     n)."""
     normals, rights = np.array([f.normal for f in frame_sums]), np.array([f.right for f in frame_sums])
@@ -185,7 +187,7 @@ def _drawn(frame_sums: list[_Frame], block: NDArray[np.intp], rng: np.random.Gen
 
 
 def _debiased(
-    frame_sums: list[_Frame], slow: int, best: Array, drawn: Array, often: Array
+    frame_sums: list[_FrameSums], slow: int, best: Array, drawn: Array, often: Array
 ) -> tuple[Array, Array, Array]:
     """Return root mean squares over the frames with intervals. Noise of the coefficients adds to a mean square; the
     spread of the bootstrap samples about the estimate shows how much, and it is subtracted (twice for the samples,
@@ -261,7 +263,7 @@ def _absorbed(sightings: StarSightings, at: NDArray[Any], camera: Camera) -> tup
 
 def _frame(
     sightings: StarSightings, at: NDArray[np.intp], keep: NDArray[np.bool_], camera: Camera, degree: int
-) -> _Frame:
+) -> _FrameSums:
     """Build the contribution of the stars ``at``; only those in ``keep`` (len(at),) enter the equations."""
     effect, weight, gain = _absorbed(sightings, at, camera)
     design = _design(sightings.pixels[at] - sightings.residual_px[at], camera, degree)
@@ -272,7 +274,7 @@ def _frame(
     reduced = (flat - effect @ turn)[both]
     residual = sightings.residual_px[at].ravel()
     residual = (residual - effect @ (gain @ residual))[both]
-    return _Frame(
+    return _FrameSums(
         reduced.T @ (reduced * weight[both, None]),
         reduced.T @ (weight[both] * residual),
         turn,
@@ -282,7 +284,7 @@ def _frame(
     )
 
 
-def _gains(sightings: StarSightings, frames: list[NDArray[np.intp]], frame_sums: list[_Frame]) -> Array:
+def _gains(sightings: StarSightings, frames: list[NDArray[np.intp]], frame_sums: list[_FrameSums]) -> Array:
     """(m, 2, 3) squared sensitivities of the attitude to each star."""
     gains = np.zeros((len(sightings), 2, 3))
     for at, frame_sum in zip(frames, frame_sums, strict=True):

@@ -60,7 +60,7 @@ def unpacked(detail: dict[str, Any]) -> dict[str, Any]:
     plain = {name: value for name, value in detail.items() if name != PACKED}
     for name, unpack in (("regions", _unpack_regions), ("stars", _unpack_stars)):
         if name in detail[PACKED]:
-            plain[name] = unpack(_Reader(zlib.decompress(base64.b85decode(detail[PACKED][name]))))
+            plain[name] = unpack(_DetailReader(zlib.decompress(base64.b85decode(detail[PACKED][name]))))
     return plain
 
 
@@ -98,7 +98,7 @@ def _pack_regions(rows: Rows) -> list[bytes]:
     return [_count(len(rows)), *numbers, _floats(rows, "peak_dn"), _words(reasons)]
 
 
-def _unpack_regions(reader: _Reader) -> Rows:
+def _unpack_regions(reader: _DetailReader) -> Rows:
     count = reader.count()
     columns = {name: reader.numbers("<i4", count).tolist() for name in BOUNDS}
     columns["peak_dn"] = _shortest(reader.numbers("<f4", count))
@@ -122,7 +122,7 @@ def _pack_stars(rows: Rows) -> list[bytes]:
     return [_count(len(rows)), *columns, _integers(rows, "area_px"), _count(len(matched)), places, *named, names]
 
 
-def _unpack_stars(reader: _Reader) -> Rows:
+def _unpack_stars(reader: _DetailReader) -> Rows:
     count = reader.count()
     columns: dict[str, list[Any]] = {"index": list(range(count))}
     columns |= {name: _decimal(reader.numbers("<i4", count), 5) for name in ("col_px", "row_px")}
@@ -159,7 +159,7 @@ def _shortest(values: NDArray[Any]) -> list[float]:
     return [float(str(value)) for value in values]
 
 
-class _Reader:
+class _DetailReader:
     """Reads arrays and words in the order in which they were written."""
 
     def __init__(self, data: bytes) -> None:

@@ -19,8 +19,8 @@ from gss.pipeline.calibration.checkerboard import calibrate_checkerboard
 from gss.pipeline.calibration.dots import detector_tilt, optical_centre
 from gss.pipeline.calibration.focal_pairs import focal_from_pair, focal_from_pairs
 from gss.pipeline.calibration.focus import best_focus
+from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.radial import radial_polynomial
-from gss.pipeline.calibration.record import as_record
 from gss.pipeline.calibration.sightings import FrameStars
 
 Known = Callable[[str], CameraProfile]

@@ -18,7 +18,7 @@ from gss.operations.studies.night_frames import ProgressCallback, seen_stars
 from gss.operations.studies.sheet_frames import temperature_near
 from gss.orbit.read_orbit import orbit_covering
 from gss.orbit.trajectory import Trajectory, earth_fixed_km
-from gss.pipeline.calibration.record import as_record
+from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.health.frame_figures import HealthFrame
 from gss.pipeline.health.mission import mission_health
 from gss.pipeline.health.proposal import Proposal, proposed
