@@ -29,12 +29,12 @@ def register(subparsers: Commands) -> None:
     methods = p.add_subparsers(dest="method", required=True, metavar="METHOD")
 
     def method(name: str, description: str, camera: bool = True) -> argparse.ArgumentParser:
-        q = methods.add_parser(name, help=description, description=description)
-        q.add_argument("--camera", metavar="INSTRUMENT", required=camera, help=CAMERA_HELP)
-        q.add_argument("--out", type=Path, metavar="FILE", help="write the complete result: .json, .html or .pdf")
-        q.add_argument("--json", action="store_true", help="print one JSON object")
-        q.set_defaults(run=run_bench_command)
-        return q
+        parser = methods.add_parser(name, help=description, description=description)
+        parser.add_argument("--camera", metavar="INSTRUMENT", required=camera, help=CAMERA_HELP)
+        parser.add_argument("--out", type=Path, metavar="FILE", help="write the complete result: .json, .html or .pdf")
+        parser.add_argument("--json", action="store_true", help="print one JSON object")
+        parser.set_defaults(run=run_bench_command)
+        return parser
 
     q = method("dots", "optical centre from places of one dot while the camera turns about its axis", camera=False)
     q.add_argument("file", metavar="FILE.csv", help=f"col,row at each rotation. {TABLE}")
@@ -62,29 +62,29 @@ def register(subparsers: Commands) -> None:
     q.add_argument("--wished-sigma", type=float, default=0.45, metavar="PX", help="required width (default 0.45)")
 
 
-def _seen(q: argparse.ArgumentParser) -> None:
+def _seen(parser: argparse.ArgumentParser) -> None:
     from gss.cli.night import add_observer
 
-    add_observer(q)
+    add_observer(parser)
 
 
-def run_bench_command(a: argparse.Namespace) -> int:
+def run_bench_command(arguments: argparse.Namespace) -> int:
     """Run the method, write the result and print it."""
     from gss.cli.night import give_calibration, shots_of, show_progress
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.bench_run import run_bench
 
-    profile = camera_of(a.camera) if a.camera else None
-    files: Sequence[str] = getattr(a, "files", [])
-    bench_request = _wanted(a, profile.name if profile else "", len(files))
-    shots = shots_of(files, None, None, getattr(a, "keep_aberration", True))
+    profile = camera_of(arguments.camera) if arguments.camera else None
+    files: Sequence[str] = getattr(arguments, "files", [])
+    bench_request = _wanted(arguments, profile.name if profile else "", len(files))
+    shots = shots_of(files, None, None, getattr(arguments, "keep_aberration", True))
     result = run_bench(Solver(registry().camera), bench_request, profile, shots, show_progress)
-    name = Path(files[0] if files else getattr(a, "file", None) or a.widths).name
-    give_calibration(a, result, profile, name)
+    name = Path(files[0] if files else getattr(arguments, "file", None) or arguments.widths).name
+    give_calibration(arguments, result, profile, name)
     return 0
 
 
-def _wanted(a: argparse.Namespace, camera: str, pictures: int) -> BenchCalibration:
+def _wanted(arguments: argparse.Namespace, camera: str, pictures: int) -> BenchCalibration:
     """Return the request. Files have no frame ids, so they are numbered from 1. Raises BadInput."""
     from gss.operations.requests import request_from
     from gss.operations.studies import calibration_requests as requests
@@ -98,25 +98,25 @@ def _wanted(a: argparse.Namespace, camera: str, pictures: int) -> BenchCalibrati
         "checkerboard": requests.BenchCheckerboard,
         "focus": requests.BenchFocus,
     }
-    kind = {"dots": "bench-centre", "focal-pairs": "bench-focal"}.get(a.method, f"bench-{a.method}")
+    kind = {"dots": "bench-centre", "focal-pairs": "bench-focal"}.get(arguments.method, f"bench-{arguments.method}")
     values: dict[str, object] = {"kind": kind, "profile": camera}
     if pictures:
         values["frame_ids"] = list(range(1, pictures + 1))
-    if a.method in ("dots", "tilt", "dark-law"):
-        values[requests.MEASURED[kind]] = read_rows(a.file)
-    elif a.method == "focal-pairs":
-        values["radius_px"] = a.radius
-    elif a.method == "radial":
-        values["order"] = a.order
-    elif a.method == "checkerboard":
-        values |= {"corners": _corners(a.corners), "square_mm": a.square_mm, "fit_k3": a.k3}
+    if arguments.method in ("dots", "tilt", "dark-law"):
+        values[requests.MEASURED[kind]] = read_rows(arguments.file)
+    elif arguments.method == "focal-pairs":
+        values["radius_px"] = arguments.radius
+    elif arguments.method == "radial":
+        values["order"] = arguments.order
+    elif arguments.method == "checkerboard":
+        values |= {"corners": _corners(arguments.corners), "square_mm": arguments.square_mm, "fit_k3": arguments.k3}
     else:
-        if bool(a.widths) == bool(pictures):
+        if bool(arguments.widths) == bool(pictures):
             raise BadInput("a focus run needs images with --at, or --widths", expected="one of the two")
-        values["widths"] = read_rows(a.widths) if a.widths else []
-        values["positions"] = _numbers((a.at or "").split(","), "--at") if pictures else []
-        values["wished_sigma_px"] = a.wished_sigma
-    return request_from(models[a.method], values)
+        values["widths"] = read_rows(arguments.widths) if arguments.widths else []
+        values["positions"] = _numbers((arguments.at or "").split(","), "--at") if pictures else []
+        values["wished_sigma_px"] = arguments.wished_sigma
+    return request_from(models[arguments.method], values)
 
 
 def _corners(text: str) -> list[int]:

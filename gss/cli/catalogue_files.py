@@ -62,11 +62,11 @@ def register(commands: Subparsers) -> None:
 
 
 def _parser(commands: Subparsers, name: str, help_text: str, run: Any) -> argparse.ArgumentParser:
-    p = commands.add_parser(name, help=help_text)
-    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=run)
-    return p
+    parser = commands.add_parser(name, help=help_text)
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+    return parser
 
 
 def run_show(arguments: argparse.Namespace) -> int:
@@ -97,13 +97,18 @@ def run_diff(arguments: argparse.Namespace) -> int:
     """Compare two catalogues and print the differences."""
     (old_image, old_paper, _), (new_image, new_paper, _) = (_read(arguments, a) for a in (arguments.old, arguments.new))
     old, new = _decoded(old_image, old_paper), _decoded(new_image, new_paper)
-    d = compare(old, new)
+    difference = compare(old, new)
     cover = coverage_change(old, new, FieldShape(camera(new_paper.profile_name).camera).equal_circle_rad)
-    lists = {"added": d.added, "dropped": d.dropped, "moved": d.moved, "magnitude_changed": d.magnitude_changed}
+    lists = {
+        "added": difference.added,
+        "dropped": difference.dropped,
+        "moved": difference.moved,
+        "magnitude_changed": difference.magnitude_changed,
+    }
     facts: dict[str, Any] = {
-        "same": len(d.same),
-        "pairs_old": d.pairs[0],
-        "pairs_new": d.pairs[1],
+        "same": len(difference.same),
+        "pairs_old": difference.pairs[0],
+        "pairs_new": difference.pairs[1],
         "same_camera": old_paper.profile_name == new_paper.profile_name,
         "circles": len(cover.old),
         "circles_poorer": cover.poorer(NEED),
@@ -113,8 +118,8 @@ def run_diff(arguments: argparse.Namespace) -> int:
     if arguments.json:
         whole = {name: hip.tolist() for name, hip in lists.items()}
         amounts = {
-            "moved_arcsec": (d.moved_rad / ARCSEC_RAD).round(3).tolist(),
-            "magnitude_change_mag": d.magnitude_change_mag.round(3).tolist(),
+            "moved_arcsec": (difference.moved_rad / ARCSEC_RAD).round(3).tolist(),
+            "magnitude_change_mag": difference.magnitude_change_mag.round(3).tolist(),
             "coverage": {"nside": cover.nside, "old": cover.old.tolist(), "new": cover.new.tolist()},
         }
         print_facts(whole | amounts | facts, True)
@@ -199,14 +204,14 @@ def run_timeline(arguments: argparse.Namespace) -> int:
         print(history.model_dump_json(indent=1))
         return 0
     print(f"{history.device.name}: {history.cover.text}")
-    for s in history.stays:
-        until = f"{s.ended:%Y-%m-%d %H:%M}" if s.ended else "now"
-        valid = f", valid to {s.valid_to:%Y-%m-%d %H:%M}" if s.valid_to else ""
-        label = s.name or s.sha256[:8] or "–"
-        source = " ".join((s.how, s.user)).strip()
-        print(f"{s.bank:6} {s.state:8} {s.began:%Y-%m-%d %H:%M} to {until:16} {label}{valid} ({source})")
-    for p in history.planned:
-        print(f"{p.bank:6} {p.kind:10} {f'{p.at:%Y-%m-%d %H:%M}' if p.at else 'soon'} {p.text}")
+    for stay in history.stays:
+        until = f"{stay.ended:%Y-%m-%d %H:%M}" if stay.ended else "now"
+        valid = f", valid to {stay.valid_to:%Y-%m-%d %H:%M}" if stay.valid_to else ""
+        label = stay.name or stay.sha256[:8] or "–"
+        source = " ".join((stay.how, stay.user)).strip()
+        print(f"{stay.bank:6} {stay.state:8} {stay.began:%Y-%m-%d %H:%M} to {until:16} {label}{valid} ({source})")
+    for plan in history.planned:
+        print(f"{plan.bank:6} {plan.kind:10} {f'{plan.at:%Y-%m-%d %H:%M}' if plan.at else 'soon'} {plan.text}")
     return 0
 
 

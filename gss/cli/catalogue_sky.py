@@ -32,50 +32,56 @@ OWN = -1.0
 SHOWN_ROWS = 10
 
 
-def register(p: argparse.ArgumentParser) -> None:
+def register(parser: argparse.ArgumentParser) -> None:
     """Add the options to ``build``."""
-    p.add_argument("--source", help=f"{' | '.join(SOURCES)} (default hipparcos)")
-    p.add_argument("--list", metavar="FILE", help="your star list: CSV, ECSV, FITS or VOTable")
-    p.add_argument("--list-column", action="append", default=[], metavar="FIELD=COLUMN", help="for example ra=RAJ2000")
-    p.add_argument("--list-unit", action="append", default=[], metavar="FIELD=UNIT", help="for example ra=hourangle")
-    p.add_argument("--list-epoch", type=float, help="Julian year of the list's positions")
-    p.add_argument("--list-frame", help="icrs | fk5 | b1950")
-    p.add_argument("--refuse-bad-rows", action="store_true", help="reject a list with an invalid row")
-    p.add_argument(
+    parser.add_argument("--source", help=f"{' | '.join(SOURCES)} (default hipparcos)")
+    parser.add_argument("--list", metavar="FILE", help="your star list: CSV, ECSV, FITS or VOTable")
+    parser.add_argument(
+        "--list-column", action="append", default=[], metavar="FIELD=COLUMN", help="for example ra=RAJ2000"
+    )
+    parser.add_argument(
+        "--list-unit", action="append", default=[], metavar="FIELD=UNIT", help="for example ra=hourangle"
+    )
+    parser.add_argument("--list-epoch", type=float, help="Julian year of the list's positions")
+    parser.add_argument("--list-frame", help="icrs | fk5 | b1950")
+    parser.add_argument("--refuse-bad-rows", action="store_true", help="reject a list with an invalid row")
+    parser.add_argument(
         "--correct",
         action="append",
         default=[],
         metavar="NAME",
         help=f"a correction, repeatable: {' | '.join(SWITCHES)}",
     )
-    p.add_argument("--no-proper-motion", action="store_true", help="keep star positions at the source's epoch")
-    p.add_argument("--frame", help=f"reference frame of positions: {' | '.join(FRAMES)} (default icrs)")
-    p.add_argument("--roll-off", help="vignetting of the lens: off | average | worst (default off)")
-    p.add_argument("--doubles", help=f"stars that the camera cannot separate: {' | '.join(POLICIES)}")
-    p.add_argument("--doubles-separation-deg", type=float, help="default: what the camera can separate")
-    p.add_argument("--screen", choices=ACTIONS, help="screening list: drop its stars, or only list them")
-    p.add_argument(
+    parser.add_argument("--no-proper-motion", action="store_true", help="keep star positions at the source's epoch")
+    parser.add_argument("--frame", help=f"reference frame of positions: {' | '.join(FRAMES)} (default icrs)")
+    parser.add_argument("--roll-off", help="vignetting of the lens: off | average | worst (default off)")
+    parser.add_argument("--doubles", help=f"stars that the camera cannot separate: {' | '.join(POLICIES)}")
+    parser.add_argument("--doubles-separation-deg", type=float, help="default: what the camera can separate")
+    parser.add_argument("--screen", choices=ACTIONS, help="screening list: drop its stars, or only list them")
+    parser.add_argument(
         "--screen-marks",
         default="doubles,variables,fast",
         metavar="MARKS",
         help="marks that put a star on the screening list",
     )
-    p.add_argument(
+    parser.add_argument(
         "--screen-companions", type=int, metavar="N", help="screen stars with more stars than this in the ring"
     )
-    p.add_argument(
+    parser.add_argument(
         "--screen-false", type=float, metavar="X", help="screen stars with more expected false triples than this"
     )
-    p.add_argument(
+    parser.add_argument(
         "--screen-ring-deg",
         default="8:0.01",
         metavar="ARC:TOL",
         help="radius and tolerance of the ring (default 8:0.01)",
     )
-    p.add_argument("--earth", action="store_true", help="exclude sky hidden by the Earth; needs --altitude-km or --tle")
-    p.add_argument("--earth-margin-deg", type=float, help="margin beyond the Earth's limb")
+    parser.add_argument(
+        "--earth", action="store_true", help="exclude sky hidden by the Earth; needs --altitude-km or --tle"
+    )
+    parser.add_argument("--earth-margin-deg", type=float, help="margin beyond the Earth's limb")
     for name in ("sun", "moon"):
-        p.add_argument(
+        parser.add_argument(
             f"--{name}-deg",
             nargs="?",
             type=float,
@@ -85,7 +91,7 @@ def register(p: argparse.ArgumentParser) -> None:
         )
 
 
-def source_of(a: argparse.Namespace, request: BuildRequest) -> StarSource | StarTable:
+def source_of(arguments: argparse.Namespace, request: BuildRequest) -> StarSource | StarTable:
     """Return the stars to build from."""
     if request.source == "hipparcos":
         return load_stars()
@@ -95,22 +101,22 @@ def source_of(a: argparse.Namespace, request: BuildRequest) -> StarSource | Star
     from gss.operations.parsing.parse_processes import ParseProcesses
 
     mapping = ListMapping(
-        columns=_pairs(a.list_column),
-        units=_pairs(a.list_unit),
-        epoch_jyear=a.list_epoch,
-        frame=a.list_frame,
-        bad_rows="refuse" if a.refuse_bad_rows else "drop",
+        columns=_pairs(arguments.list_column),
+        units=_pairs(arguments.list_unit),
+        epoch_jyear=arguments.list_epoch,
+        frame=arguments.list_frame,
+        bad_rows="refuse" if arguments.refuse_bad_rows else "drop",
     )
     try:
-        data = read_limited(Path(a.list), LARGEST_BYTES)
+        data = read_limited(Path(arguments.list), LARGEST_BYTES)
     except OSError as error:
         raise BadInput("the star list cannot be read", got=str(error)) from None
     with ParseProcesses() as parsing:
-        read = parse_star_list(parsing, data, kind_of(a.list), mapping)
+        read = parse_star_list(parsing, data, kind_of(arguments.list), mapping)
     read = for_known_cameras(read, registry().names())
     require_camera(read.camera, request.profile_name)
     _print_dropped(read)
-    return of_list(read.stars, a.list)
+    return of_list(read.stars, arguments.list)
 
 
 def _print_dropped(read: ImportedList) -> None:
@@ -121,49 +127,51 @@ def _print_dropped(read: ImportedList) -> None:
         print(f"gss: {read.dropped_count} rows were excluded in total", file=sys.stderr)
 
 
-def values_of(a: argparse.Namespace) -> dict[str, object]:
+def values_of(arguments: argparse.Namespace) -> dict[str, object]:
     """Return the request's values for these options."""
-    if unknown := [name for name in a.correct if name not in SWITCHES]:
+    if unknown := [name for name in arguments.correct if name not in SWITCHES]:
         raise BadInput("unknown correction", expected=" | ".join(SWITCHES), got=", ".join(unknown))
     corrections = {
-        **{name: name in a.correct for name in SWITCHES},
-        "proper_motion": not a.no_proper_motion,
-        "frame": a.frame,
-        "roll_off": a.roll_off,
-        "doubles": a.doubles,
-        "doubles_separation_deg": a.doubles_separation_deg,
+        **{name: name in arguments.correct for name in SWITCHES},
+        "proper_motion": not arguments.no_proper_motion,
+        "frame": arguments.frame,
+        "roll_off": arguments.roll_off,
+        "doubles": arguments.doubles,
+        "doubles_separation_deg": arguments.doubles_separation_deg,
     }
     hidden = {
-        "earth": a.earth,
-        "earth_margin_deg": a.earth_margin_deg,
-        "sun": a.sun_deg is not None,
-        "sun_deg": None if a.sun_deg == OWN else a.sun_deg,
-        "moon": a.moon_deg is not None,
-        "moon_deg": None if a.moon_deg == OWN else a.moon_deg,
+        "earth": arguments.earth,
+        "earth_margin_deg": arguments.earth_margin_deg,
+        "sun": arguments.sun_deg is not None,
+        "sun_deg": None if arguments.sun_deg == OWN else arguments.sun_deg,
+        "moon": arguments.moon_deg is not None,
+        "moon_deg": None if arguments.moon_deg == OWN else arguments.moon_deg,
     }
     return {
-        "source": "list" if a.list is not None else a.source,
+        "source": "list" if arguments.list is not None else arguments.source,
         "corrections": _given(corrections),
         "occultation": _given(hidden),
-        "screening": _screening(a),
+        "screening": _screening(arguments),
     }
 
 
-def _screening(a: argparse.Namespace) -> dict[str, object] | None:
-    if a.screen is None:
+def _screening(arguments: argparse.Namespace) -> dict[str, object] | None:
+    if arguments.screen is None:
         return None
-    marks = [mark for mark in a.screen_marks.split(",") if mark]
+    marks = [mark for mark in arguments.screen_marks.split(",") if mark]
     if unknown := [mark for mark in marks if mark not in MARKS]:
         raise BadInput("unknown mark", expected=",".join(MARKS), got=",".join(unknown))
     try:
-        arc_deg, tolerance_deg = (float(part) for part in a.screen_ring_deg.split(":"))
+        arc_deg, tolerance_deg = (float(part) for part in arguments.screen_ring_deg.split(":"))
     except ValueError:
-        raise BadInput("the ring cannot be read", expected="ARC:TOL in degrees", got=a.screen_ring_deg) from None
+        raise BadInput(
+            "the ring cannot be read", expected="ARC:TOL in degrees", got=arguments.screen_ring_deg
+        ) from None
     return {
-        "action": a.screen,
+        "action": arguments.screen,
         **{mark: mark in marks for mark in MARKS},
-        "most_companions": a.screen_companions,
-        "most_false": a.screen_false,
+        "most_companions": arguments.screen_companions,
+        "most_false": arguments.screen_false,
         "arc_deg": arc_deg,
         "tolerance_deg": tolerance_deg,
     }

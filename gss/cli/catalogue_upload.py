@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 
 def register(commands: Subparsers) -> None:
     """Add the command to the catalogue group."""
-    p = commands.add_parser(
+    parser = commands.add_parser(
         "upload", help="upload a bank image to a device: verify by read-back, commit, optionally activate"
     )
-    p.add_argument("image", type=Path, help="bank image from gss catalogue build")
-    p.add_argument(
+    parser.add_argument("image", type=Path, help="bank image from gss catalogue build")
+    parser.add_argument(
         "--device",
         required=True,
         metavar="URL",
         help="port of the device: a tty, or a socket://, rfc2217://, udp://, zmq:// or can:// URL",
     )
-    p.add_argument("--bank", required=True, help="an inactive bank, for example A")
-    p.add_argument("--activate", action="store_true", help="activate the bank and confirm it (critical)")
-    instruments.add_option(p)
-    p.add_argument("--keys", type=Path, metavar="FILE", help="sign packets with these link keys")
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=run)
+    parser.add_argument("--bank", required=True, help="an inactive bank, for example A")
+    parser.add_argument("--activate", action="store_true", help="activate the bank and confirm it (critical)")
+    instruments.add_option(parser)
+    parser.add_argument("--keys", type=Path, metavar="FILE", help="sign packets with these link keys")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -24,34 +24,42 @@ EDITABLE = tuple(f.name for f in fields(DesignCamera) if f.name != "name")
 
 def register(subparsers: Commands) -> None:
     """Add the command."""
-    p = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "design",
         description="Start from a published camera and change any number. Ranges are MIN:MAX in degrees.",
     )
-    p.add_argument("--profile", metavar="INSTRUMENT", help=f"{CAMERA_HELP} (default: GSS_INSTRUMENT)")
+    parser.add_argument("--profile", metavar="INSTRUMENT", help=f"{CAMERA_HELP} (default: GSS_INSTRUMENT)")
     for name in EDITABLE:
         unit = LIMITS[name][2] if name in LIMITS else "V; default: what the radiometry allows"
         kind = int if name in WHOLE else float
-        p.add_argument(f"--{name.replace('_', '-')}", type=kind, metavar="N", help=unit or None)
-    p.add_argument(
+        parser.add_argument(f"--{name.replace('_', '-')}", type=kind, metavar="N", help=unit or None)
+    parser.add_argument(
         "--exclusion-deg", type=float, metavar="N", help="angle from which the baffle blocks sources (default 40)"
     )
-    p.add_argument("--spare-mm", type=float, default=0.0, metavar="N", help="widening of the baffle for misalignment")
-    p.add_argument("--inclination-deg", type=float, metavar="N", help="orbit inclination; without it: the whole sky")
-    p.add_argument(
+    parser.add_argument(
+        "--spare-mm", type=float, default=0.0, metavar="N", help="widening of the baffle for misalignment"
+    )
+    parser.add_argument(
+        "--inclination-deg", type=float, metavar="N", help="orbit inclination; without it: the whole sky"
+    )
+    parser.add_argument(
         "--raan-deg", type=_range, default=(0.0, 360.0), metavar="MIN:MAX", help="right ascension of the ascending node"
     )
-    p.add_argument("--pointing", default="zenith", help=f"{' | '.join(ORBIT_LAWS)} (default zenith)")
+    parser.add_argument("--pointing", default="zenith", help=f"{' | '.join(ORBIT_LAWS)} (default zenith)")
     for name in ("roll", "pitch", "yaw"):
-        p.add_argument(f"--{name}-deg", type=_range, default=(0.0, 0.0), metavar="MIN:MAX", help=f"limits of {name}")
-    p.add_argument("--seed", type=int, default=1, help="seed of the random pointings (default 1)")
-    p.add_argument(
+        parser.add_argument(
+            f"--{name}-deg", type=_range, default=(0.0, 0.0), metavar="MIN:MAX", help=f"limits of {name}"
+        )
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random pointings (default 1)")
+    parser.add_argument(
         "--pointings", type=int, default=1_000_000, metavar="N", help="number of pointings (default a million)"
     )
-    p.add_argument("--quick", action="store_true", help="two thousand pointings instead of a million, no lens trade")
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.add_argument("--html", type=Path, metavar="FILE", help="write a page with figures and drawings")
-    p.set_defaults(run=run)
+    parser.add_argument(
+        "--quick", action="store_true", help="two thousand pointings instead of a million, no lens trade"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with figures and drawings")
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -93,13 +101,13 @@ def as_text(record: DesignValues) -> str:
     changes = ", ".join(f"{k} {record['camera'][k]:g}" for k in record["changed"]) or "as in the document"
     lines = [f"{record['profile']}: {changes}; {record['sky']}, elapsed {record['elapsed_ms'] / 1000:.1f} s"]
     group = ""
-    for f in record["figures"]:
-        if f["group"] != group:
-            group = f["group"]
+    for figure in record["figures"]:
+        if figure["group"] != group:
+            group = figure["group"]
             lines += ["", group]
-        value = "–" if f["value"] is None else f"{f['value']:.4g}"
-        paper = "" if f["paper"] is None else f"  paper {f['paper']:g} ({f['paper_source']})"
-        lines.append(f"  {f['label']:34} {value:>10} {f['unit']:6} {f['source']}{paper}")
+        value = "–" if figure["value"] is None else f"{figure['value']:.4g}"
+        paper = "" if figure["paper"] is None else f"  paper {figure['paper']:g} ({figure['paper_source']})"
+        lines.append(f"  {figure['label']:34} {value:>10} {figure['unit']:6} {figure['source']}{paper}")
     lines += ["", *_table("Cameras", record["cameras"])]
     if record["trade"]:
         lines += ["", *_table("Lenses of this camera", record["trade"])]
@@ -111,12 +119,12 @@ def as_text(record: DesignValues) -> str:
 def _table(title: str, rows: list[TradeValues]) -> list[str]:
     head = "camera          f mm     f/    field °       ″/px  limit V  stars  <3 %   across ″  roll ″  ½ mag °/s"
     lines = [title, "  " + head]
-    for r in rows:
-        field = f"{r['fov_deg'][0]:.1f} x {r['fov_deg'][1]:.1f}"
-        accuracies = [f"{v:.2f}" if v is not None else "–" for v in (r["cross_arcsec"], r["roll_arcsec"])]
-        lens = f"{r['name']:12} {r['focal_mm']:7.2f} {r['f_number']:6.2f}  {field:12} {r['pixel_arcsec']:6.1f}"
-        figures = f"{r['limit_mag']:7.2f} {r['stars']:6.1f}  {100 * r['p_fewer_3']:5.2f}"
-        lines.append(f"  {lens}  {figures}  {accuracies[0]:>8} {accuracies[1]:>7}  {r['blur_rate_deg_s']:9.3f}")
+    for row in rows:
+        field = f"{row['fov_deg'][0]:.1f} x {row['fov_deg'][1]:.1f}"
+        accuracies = [f"{v:.2f}" if v is not None else "–" for v in (row["cross_arcsec"], row["roll_arcsec"])]
+        lens = f"{row['name']:12} {row['focal_mm']:7.2f} {row['f_number']:6.2f}  {field:12} {row['pixel_arcsec']:6.1f}"
+        figures = f"{row['limit_mag']:7.2f} {row['stars']:6.1f}  {100 * row['p_fewer_3']:5.2f}"
+        lines.append(f"  {lens}  {figures}  {accuracies[0]:>8} {accuracies[1]:>7}  {row['blur_rate_deg_s']:9.3f}")
     return lines
 
 

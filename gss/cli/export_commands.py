@@ -17,18 +17,18 @@ Times are ISO 8601, UTC by default. --name and --result may be repeated."""
 
 def register(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command to ``gss export``."""
-    p = kinds.add_parser("commands", help="export the command history as CSV or JSON", description=DESCRIPTION)
-    p.add_argument("--format", choices=("csv", "json"), default="csv", help="default csv")
-    p.add_argument("--from", dest="start", metavar="TIME", help="created at or after this time")
-    p.add_argument("--to", dest="end", metavar="TIME", help="created before this time")
-    p.add_argument("--name", action="append", default=[], help="name of the command")
-    p.add_argument("--result", action="append", default=[], help="for example completed, failed, unknown")
-    p.add_argument("--user", default="", help="name of the sender")
-    p.add_argument("--contact", type=int, help="number of the contact")
-    p.add_argument("--text", default="", help="text in name, arguments, detail, note or values")
-    p.add_argument("--out", type=Path, help="file to write; standard output without it")
-    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.set_defaults(run=export_commands)
+    parser = kinds.add_parser("commands", help="export the command history as CSV or JSON", description=DESCRIPTION)
+    parser.add_argument("--format", choices=("csv", "json"), default="csv", help="default csv")
+    parser.add_argument("--from", dest="start", metavar="TIME", help="created at or after this time")
+    parser.add_argument("--to", dest="end", metavar="TIME", help="created before this time")
+    parser.add_argument("--name", action="append", default=[], help="name of the command")
+    parser.add_argument("--result", action="append", default=[], help="for example completed, failed, unknown")
+    parser.add_argument("--user", default="", help="name of the sender")
+    parser.add_argument("--contact", type=int, help="number of the contact")
+    parser.add_argument("--text", default="", help="text in name, arguments, detail, note or values")
+    parser.add_argument("--out", type=Path, help="file to write; standard output without it")
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    parser.set_defaults(run=export_commands)
 
 
 def export_commands(arguments: argparse.Namespace) -> int:

@@ -14,16 +14,18 @@ if TYPE_CHECKING:
 
 def register(kinds: Kinds) -> None:
     """Add the command to ``gss export``."""
-    p = kinds.add_parser(
+    parser = kinds.add_parser(
         "parquet", help="export telemetry, solutions, stars, commands and events as partitioned Parquet tables"
     )
-    p.add_argument(
+    parser.add_argument(
         "--out", required=True, type=Path, metavar="FOLDER", help="a new folder, or that of an earlier export"
     )
-    p.add_argument("--from", dest="first", type=date.fromisoformat, metavar="DAY", help="first UTC day, 2026-12-01")
-    p.add_argument("--to", dest="last", type=date.fromisoformat, metavar="DAY", help="last UTC day, included")
-    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.set_defaults(run=export)
+    parser.add_argument(
+        "--from", dest="first", type=date.fromisoformat, metavar="DAY", help="first UTC day, 2026-12-01"
+    )
+    parser.add_argument("--to", dest="last", type=date.fromisoformat, metavar="DAY", help="last UTC day, included")
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    parser.set_defaults(run=export)
 
 
 def export(arguments: argparse.Namespace) -> int:

@@ -18,12 +18,12 @@ LIMITS = ("largest_rate_deg_s", "misalignment_limit_arcsec", "drift_limit_arcsec
 def register(subparsers: Commands) -> None:
     """Add the commands."""
     kinds = subparsers.add_parser("heads").add_subparsers(dest="kind", required=True, metavar="WHAT")
-    p = kinds.add_parser("list", help="list the spacecraft with their newest comparison of heads")
-    p.add_argument("--json", action="store_true", help="print JSON")
-    _with_data(p).set_defaults(run=list_spacecraft)
-    p = kinds.add_parser("set", help="store a spacecraft with the mountings of its heads, or replace it")
-    p.add_argument("name")
-    p.add_argument(
+    parser = kinds.add_parser("list", help="list the spacecraft with their newest comparison of heads")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    _with_data(parser).set_defaults(run=list_spacecraft)
+    parser = kinds.add_parser("set", help="store a spacecraft with the mountings of its heads, or replace it")
+    parser.add_argument("name")
+    parser.add_argument(
         "--head",
         action="append",
         required=True,
@@ -31,16 +31,18 @@ def register(subparsers: Commands) -> None:
         help="unit and its mounting: rotations in degrees about x, then y, then z that take the body's axes to the camera's, and "
         "the uncertainty of the mounting in arcseconds; the first head is the reference",
     )
-    p.add_argument("--source", choices=("on-board", "ground"), default="on-board", help="attitudes to compare")
-    p.add_argument("--tolerance-s", type=float, default=1.0, help="largest distance of an attitude in time (default 1)")
-    p.add_argument("--stale-s", type=float, default=30.0, help="a head is silent after this time (default 30)")
-    p.add_argument("--largest-rate-deg-s", type=float, help="largest rate of the body (default: not stated)")
-    p.add_argument("--misalignment-limit-arcsec", type=float, help="raise an alarm above this (default: none)")
-    p.add_argument("--drift-limit-arcsec-h", type=float, help="raise an alarm above this (default: none)")
-    _with_data(p).set_defaults(run=set_spacecraft)
-    p = kinds.add_parser("remove", help="delete a spacecraft with the history of its heads")
-    p.add_argument("name")
-    _with_data(p).set_defaults(run=remove_spacecraft)
+    parser.add_argument("--source", choices=("on-board", "ground"), default="on-board", help="attitudes to compare")
+    parser.add_argument(
+        "--tolerance-s", type=float, default=1.0, help="largest distance of an attitude in time (default 1)"
+    )
+    parser.add_argument("--stale-s", type=float, default=30.0, help="a head is silent after this time (default 30)")
+    parser.add_argument("--largest-rate-deg-s", type=float, help="largest rate of the body (default: not stated)")
+    parser.add_argument("--misalignment-limit-arcsec", type=float, help="raise an alarm above this (default: none)")
+    parser.add_argument("--drift-limit-arcsec-h", type=float, help="raise an alarm above this (default: none)")
+    _with_data(parser).set_defaults(run=set_spacecraft)
+    parser = kinds.add_parser("remove", help="delete a spacecraft with the history of its heads")
+    parser.add_argument("name")
+    _with_data(parser).set_defaults(run=remove_spacecraft)
 
 
 def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:

@@ -21,25 +21,29 @@ if TYPE_CHECKING:
 
 def register(subparsers: Commands) -> None:
     """Add the command."""
-    p = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "health",
         description="Trends of focal length, centre, distortion, focus and sensitivity with jumps and a forecast, warm pixels with "
         "onset and annealing, dark level and radiation hits. Takes 30 frames or more, of any attitude, weeks to years apart. Exit "
         "code 0: done, 2: bad input.",
     )
-    p.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera; each file states its time")
-    p.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
-    p.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
-    p.add_argument("--orbit", metavar="FILE", help="orbit of the spacecraft for the map of radiation: TLEs, OMM or OEM")
-    p.add_argument("--temperatures", metavar="FILE", help="CSV: time in ISO 8601 (UTC), temperature of the unit in °C")
-    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
-    add_observer(p)
-    add_report_file(p, ".csv", text="; .csv: warm pixels")
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=run)
+    parser.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera; each file states its time")
+    parser.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
+    parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    parser.add_argument(
+        "--orbit", metavar="FILE", help="orbit of the spacecraft for the map of radiation: TLEs, OMM or OEM"
+    )
+    parser.add_argument(
+        "--temperatures", metavar="FILE", help="CSV: time in ISO 8601 (UTC), temperature of the unit in °C"
+    )
+    parser.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
+    add_observer(parser)
+    add_report_file(parser, ".csv", text="; .csv: warm pixels")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
 
 
-def run(a: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Analyse the frames, write and print."""
     from gss.operations.frames.solve import Solver
     from gss.operations.requests import request_from
@@ -53,26 +57,30 @@ def run(a: argparse.Namespace) -> int:
         sensor_health,
     )
 
-    orbit = "" if a.orbit is None else read_file(a.orbit, "an orbit file", TEXT_BYTES).decode("utf-8", "replace")
+    orbit = (
+        ""
+        if arguments.orbit is None
+        else read_file(arguments.orbit, "an orbit file", TEXT_BYTES).decode("utf-8", "replace")
+    )
     # Files have no ids yet; the numbers only let the request check itself.
     request = request_from(
         HealthRequest,
         {
             "kind": "health",
-            "profile": a.camera,
-            "frame_ids": list(range(1, len(a.files) + 1)),
-            "chain": a.chain,
+            "profile": arguments.camera,
+            "frame_ids": list(range(1, len(arguments.files) + 1)),
+            "chain": arguments.chain,
             "orbit": orbit,
         },
     )
-    warmth = None if a.temperatures is None else _temperatures(a.temperatures)
-    profile, solver = camera(a.camera), Solver(registry().camera)
-    shots = shots_of(a.files, None, a.exposure, a.keep_aberration)
-    solved = run_frames(solver, shots, profile, a.chain, lambda share, text: show_progress(share / 2, text))
+    warmth = None if arguments.temperatures is None else _temperatures(arguments.temperatures)
+    profile, solver = camera(arguments.camera), Solver(registry().camera)
+    shots = shots_of(arguments.files, None, arguments.exposure, arguments.keep_aberration)
+    solved = run_frames(solver, shots, profile, arguments.chain, lambda share, text: show_progress(share / 2, text))
     beside = Surroundings(warmth, places_below(orbit_within(request.trajectories)))
     outcome = sensor_health(solver, solved, beside, lambda share, text: show_progress(0.5 + share / 2, text))
     whole = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
-    write_report(a, outcome.report, whole, {".csv": lambda: bad_pixel_table(outcome.figures)})
+    write_report(arguments, outcome.report, whole, {".csv": lambda: bad_pixel_table(outcome.figures)})
     return 0
 
 

@@ -18,27 +18,29 @@ if TYPE_CHECKING:
 
 def register(subparsers: Commands) -> None:
     """Add the command."""
-    p = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "moving",
         description="Links light sources without a star over the frames and prints positions with their errors, magnitudes and "
         "rates. Two-line elements and the planets give the names. Exit code 0: done, 2: bad input.",
     )
-    p.add_argument("files", nargs="+", metavar="FRAME", help="frames of one sequence")
-    p.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
-    p.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
-    p.add_argument("--objects", metavar="FILE", help="two-line elements of the objects that may be in view")
-    p.add_argument("--orbit", metavar="FILE", help="orbit of the spacecraft with the camera: TLE, OMM or OEM")
-    p.add_argument("--site", metavar="LAT,LON,M", help="place of a camera on the ground: degrees and metres")
-    p.add_argument("--rate", type=float, default=2.0, metavar="DEG_S", help="largest rate searched for (default: 2)")
-    p.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
-    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
-    add_observer(p)
-    add_report_file(p, ".tdm", text="; .tdm: CCSDS TDM")
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=run)
+    parser.add_argument("files", nargs="+", metavar="FRAME", help="frames of one sequence")
+    parser.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
+    parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    parser.add_argument("--objects", metavar="FILE", help="two-line elements of the objects that may be in view")
+    parser.add_argument("--orbit", metavar="FILE", help="orbit of the spacecraft with the camera: TLE, OMM or OEM")
+    parser.add_argument("--site", metavar="LAT,LON,M", help="place of a camera on the ground: degrees and metres")
+    parser.add_argument(
+        "--rate", type=float, default=2.0, metavar="DEG_S", help="largest rate searched for (default: 2)"
+    )
+    parser.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
+    parser.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
+    add_observer(parser)
+    add_report_file(parser, ".tdm", text="; .tdm: CCSDS TDM")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
 
 
-def run(a: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Find the objects, write and print them."""
     from gss.operations.frames.solve import Solver
     from gss.operations.requests import request_from
@@ -51,20 +53,20 @@ def run(a: argparse.Namespace) -> int:
         MovingRequest,
         {
             "kind": "moving",
-            "profile": a.camera,
-            "frame_ids": list(range(1, len(a.files) + 1)),
-            "chain": a.chain,
-            "objects": _text(a.objects, "two-line elements"),
-            "orbit": _text(a.orbit, "an orbit file"),
-            "site": None if a.site is None else _numbers(a.site),
-            "top_rate_deg_s": a.rate,
+            "profile": arguments.camera,
+            "frame_ids": list(range(1, len(arguments.files) + 1)),
+            "chain": arguments.chain,
+            "objects": _text(arguments.objects, "two-line elements"),
+            "orbit": _text(arguments.orbit, "an orbit file"),
+            "site": None if arguments.site is None else _numbers(arguments.site),
+            "top_rate_deg_s": arguments.rate,
         },
     )
-    profile, solver = camera(a.camera), Solver(registry().camera)
-    shots = shots_of(a.files, a.interval, a.exposure, a.keep_aberration)
+    profile, solver = camera(arguments.camera), Solver(registry().camera)
+    shots = shots_of(arguments.files, arguments.interval, arguments.exposure, arguments.keep_aberration)
     outcome = moving_objects(
         solver,
-        run_frames(solver, shots, profile, a.chain, lambda share, text: show_progress(share / 2, text)),
+        run_frames(solver, shots, profile, arguments.chain, lambda share, text: show_progress(share / 2, text)),
         objects=request.objects,
         place=request.place,
         top_rate_rad_s=request.top_rate_rad_s,
@@ -72,7 +74,7 @@ def run(a: argparse.Namespace) -> int:
         progress=show_progress,
     )
     whole = json.dumps(outcome.figures, ensure_ascii=False, allow_nan=False)
-    write_report(a, outcome.report, whole, {".tdm": str(outcome.figures["tdm"]).encode})
+    write_report(arguments, outcome.report, whole, {".tdm": str(outcome.figures["tdm"]).encode})
     return 0
 
 

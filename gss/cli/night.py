@@ -33,53 +33,53 @@ REPORT_KINDS = (".pdf", ".html", ".json")
 
 def register(subparsers: Commands) -> None:
     """Add the commands."""
-    p = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "calibrate",
         description="From frames of stars, or with --darks from dark frames (FITS, PNG, TIFF, JPEG). Exit code 0: done, "
         "2: bad input.",
     )
-    p.add_argument("files", nargs="+", metavar="FRAME", help="image of stars, or dark frame with --darks")
-    p.add_argument("--camera", metavar="INSTRUMENT", help=f"{CAMERA_HELP}; without it frames are solved blind")
-    p.add_argument("--fov-deg", type=float, metavar="X", help="width of the field of a camera without a profile")
-    p.add_argument(
+    parser.add_argument("files", nargs="+", metavar="FRAME", help="image of stars, or dark frame with --darks")
+    parser.add_argument("--camera", metavar="INSTRUMENT", help=f"{CAMERA_HELP}; without it frames are solved blind")
+    parser.add_argument("--fov-deg", type=float, metavar="X", help="width of the field of a camera without a profile")
+    parser.add_argument(
         "--model", action="append", default=[], metavar="NAME", help="lens model; several are compared (default: all)"
     )
-    p.add_argument("--darks", action="store_true", help="the files are dark frames of one exposure")
-    p.add_argument(
+    parser.add_argument("--darks", action="store_true", help="the files are dark frames of one exposure")
+    parser.add_argument(
         "--flats",
         nargs="+",
         default=[],
         metavar="FRAME",
         help="flat fields in pairs of the same illumination (with --darks)",
     )
-    add_observer(p)
-    add_report_file(p)
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=run_calibrate)
-    p = subparsers.add_parser(
+    add_observer(parser)
+    add_report_file(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run_calibrate)
+    parser = subparsers.add_parser(
         "analyse",
         description="earth-fixed, celestial-fixed, slew, sensitivity, nea, spatial or two-cameras. Exit code 0: done, "
         "2: bad input.",
     )
-    p.add_argument("kind", help="kind of analysis")
-    p.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera")
-    p.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
-    p.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
-    p.add_argument("--rate", type=float, metavar="DEG_S", help="commanded rate of a slew, degrees per second")
-    p.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
-    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
-    p.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of the second camera")
-    p.add_argument("--second-camera", metavar="PROFILE", help="profile of the second camera (default: the same)")
-    add_observer(p)
-    add_report_file(p)
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=run_analyse)
+    parser.add_argument("kind", help="kind of analysis")
+    parser.add_argument("files", nargs="+", metavar="FRAME", help="frames of one camera")
+    parser.add_argument("--camera", metavar="INSTRUMENT", required=True, help=CAMERA_HELP)
+    parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    parser.add_argument("--rate", type=float, metavar="DEG_S", help="commanded rate of a slew, degrees per second")
+    parser.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
+    parser.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
+    parser.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of the second camera")
+    parser.add_argument("--second-camera", metavar="PROFILE", help="profile of the second camera (default: the same)")
+    add_observer(parser)
+    add_report_file(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run_analyse)
 
 
-def add_observer(p: argparse.ArgumentParser) -> None:
+def add_observer(parser: argparse.ArgumentParser) -> None:
     """Add the option for the observer's motion."""
     help_text = "do not correct aberration even if the time is known (frames that were rendered without it)"
-    p.add_argument("--keep-aberration", action="store_true", help=help_text)
+    parser.add_argument("--keep-aberration", action="store_true", help=help_text)
 
 
 def add_report_file(p: argparse.ArgumentParser, *more: str, text: str = "") -> None:
@@ -95,30 +95,32 @@ def add_report_file(p: argparse.ArgumentParser, *more: str, text: str = "") -> N
     p.add_argument("--out", type=report_file, metavar="FILE", help=f"write the report: .pdf, .html or .json{text}")
 
 
-def run_calibrate(a: argparse.Namespace) -> int:
+def run_calibrate(arguments: argparse.Namespace) -> int:
     """Calibrate, write and print."""
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.calibrate import check_models, from_darks, from_stars
 
-    profile = camera(a.camera) if a.camera else None
-    check_models(a.model)
-    shots = shots_of(a.files, None, None, keep_aberration=a.keep_aberration)
-    if a.darks or a.flats:
+    profile = camera(arguments.camera) if arguments.camera else None
+    check_models(arguments.model)
+    shots = shots_of(arguments.files, None, None, keep_aberration=arguments.keep_aberration)
+    if arguments.darks or arguments.flats:
         if profile is None:
             raise BadInput("no camera given for the dark frames", expected="--camera PROFILE")
-        if len(a.flats) % 2:
-            raise BadInput("flat fields come in pairs", expected="an even number", got=str(len(a.flats)))
-        flats = shots_of(a.flats, None, None)
+        if len(arguments.flats) % 2:
+            raise BadInput("flat fields come in pairs", expected="an even number", got=str(len(arguments.flats)))
+        flats = shots_of(arguments.flats, None, None)
         result = from_darks(shots, [flats[k : k + 2] for k in range(0, len(flats), 2)], profile, show_progress)
     else:
-        fov = None if a.fov_deg is None else math.radians(a.fov_deg)
-        result = from_stars(Solver(registry().camera), shots, profile, show_progress, models=a.model, fov_rad=fov)
-    give_calibration(a, result, profile, Path(a.files[0]).name)
+        fov = None if arguments.fov_deg is None else math.radians(arguments.fov_deg)
+        result = from_stars(
+            Solver(registry().camera), shots, profile, show_progress, models=arguments.model, fov_rad=fov
+        )
+    give_calibration(arguments, result, profile, Path(arguments.files[0]).name)
     return 0
 
 
 def give_calibration(
-    a: argparse.Namespace, calibration: CalibrationInput, profile: CameraProfile | None, name: str
+    arguments: argparse.Namespace, calibration: CalibrationInput, profile: CameraProfile | None, name: str
 ) -> None:
     """Write and print the result of a calibration."""
     from gss.operations.studies.calibration_sheet import calibration_sheet
@@ -138,32 +140,40 @@ def give_calibration(
         note="",
     )
     give_report(
-        a,
+        arguments,
         calibration_sheet(row),
         {"kind": calibration.kind, "values": calibration.values, "result": calibration.result},
     )
 
 
-def run_analyse(a: argparse.Namespace) -> int:
+def run_analyse(arguments: argparse.Namespace) -> int:
     """Analyse, write and print."""
     from gss.operations.frames.solve import Solver
     from gss.operations.studies.analyse import FRAME_KINDS, analyse, check_kind, run_frames
 
-    profile = camera(a.camera)
-    commanded = None if a.rate is None else math.radians(a.rate)
-    if a.kind not in FRAME_KINDS:
-        raise BadInput("unknown analysis of frames", expected=" | ".join(FRAME_KINDS), got=a.kind)
-    check_kind(a.kind, commanded, len(a.second))
+    profile = camera(arguments.camera)
+    commanded = None if arguments.rate is None else math.radians(arguments.rate)
+    if arguments.kind not in FRAME_KINDS:
+        raise BadInput("unknown analysis of frames", expected=" | ".join(FRAME_KINDS), got=arguments.kind)
+    check_kind(arguments.kind, commanded, len(arguments.second))
     solver = Solver(registry().camera)
 
     def run(files: Sequence[str], camera: CameraProfile) -> Any:
         return run_frames(
-            solver, shots_of(files, a.interval, a.exposure, a.keep_aberration), camera, a.chain, show_progress
+            solver,
+            shots_of(files, arguments.interval, arguments.exposure, arguments.keep_aberration),
+            camera,
+            arguments.chain,
+            show_progress,
         )
 
-    second = run(a.second, camera(a.second_camera) if a.second_camera else profile) if a.second else None
-    outcome = analyse(a.kind, solver, run(a.files, profile), second=second, commanded_rad_s=commanded)
-    give_report(a, outcome.report, {"kind": outcome.kind, "figures": outcome.figures})
+    second = (
+        run(arguments.second, camera(arguments.second_camera) if arguments.second_camera else profile)
+        if arguments.second
+        else None
+    )
+    outcome = analyse(arguments.kind, solver, run(arguments.files, profile), second=second, commanded_rad_s=commanded)
+    give_report(arguments, outcome.report, {"kind": outcome.kind, "figures": outcome.figures})
     return 0
 
 
@@ -210,14 +220,17 @@ def show_progress(share: float, text: str) -> None:
         print(f"\r{100 * share:3.0f} % {text:<60}", end="" if share < 1 else "\n", file=sys.stderr, flush=True)
 
 
-def give_report(a: argparse.Namespace, report: Report, content: dict[str, Any]) -> None:
+def give_report(arguments: argparse.Namespace, report: Report, content: dict[str, Any]) -> None:
     """Write a report and its content to the file of ``--out``, and print it."""
     whole = json.dumps({**content, "report": report.as_dict()}, ensure_ascii=False, allow_nan=False)
-    write_report(a, report, whole)
+    write_report(arguments, report, whole)
 
 
 def write_report(
-    a: argparse.Namespace, report: Report, whole: str, extra_files: Mapping[str, Callable[[], bytes]] | None = None
+    arguments: argparse.Namespace,
+    report: Report,
+    whole: str,
+    extra_files: Mapping[str, Callable[[], bytes]] | None = None,
 ) -> None:
     """Write a report to the file of ``--out`` and print it.
 
@@ -228,7 +241,7 @@ def write_report(
 
     if sys.stderr.isatty():
         print(file=sys.stderr)
-    if a.out is not None:
+    if arguments.out is not None:
         makers: dict[str, Callable[[], bytes]] = {
             ".json": whole.encode,
             ".html": lambda: as_html(report).encode(),
@@ -236,10 +249,10 @@ def write_report(
             **(extra_files or {}),
         }
         try:
-            a.out.write_bytes(makers[a.out.suffix]())
+            arguments.out.write_bytes(makers[arguments.out.suffix]())
         except OSError as error:
-            raise BadInput("the file cannot be written", got=f"{a.out}: {error.strerror}") from None
-    print(whole if a.json else as_text(report))
+            raise BadInput("the file cannot be written", got=f"{arguments.out}: {error.strerror}") from None
+    print(whole if arguments.json else as_text(report))
 
 
 def as_text(report: Report) -> str:

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 def register(subparsers: Commands) -> None:
     """Add the commands."""
     kinds = subparsers.add_parser("notify").add_subparsers(dest="kind", required=True, metavar="WHAT")
-    p = kinds.add_parser("check", help="read the file and list its targets and rules; nothing is sent")
-    p.add_argument("file", help="file of targets and rules, as in GSS_NOTIFICATIONS")
-    p.set_defaults(run=check)
-    p = kinds.add_parser("test", help="send a test message to one target")
-    p.add_argument("file", help="file of targets and rules, as in GSS_NOTIFICATIONS")
-    p.add_argument("target", help="name of the target")
-    p.add_argument("--private", action="store_true", help="permit a loopback or private address")
-    p.set_defaults(run=test)
+    parser = kinds.add_parser("check", help="read the file and list its targets and rules; nothing is sent")
+    parser.add_argument("file", help="file of targets and rules, as in GSS_NOTIFICATIONS")
+    parser.set_defaults(run=check)
+    parser = kinds.add_parser("test", help="send a test message to one target")
+    parser.add_argument("file", help="file of targets and rules, as in GSS_NOTIFICATIONS")
+    parser.add_argument("target", help="name of the target")
+    parser.add_argument("--private", action="store_true", help="permit a loopback or private address")
+    parser.set_defaults(run=test)
 
 
 def check(arguments: argparse.Namespace) -> int:

@@ -19,36 +19,38 @@ if TYPE_CHECKING:
 
 def register_exports(kinds: Kinds) -> None:
     """Add the commands to ``gss export``."""
-    p = kinds.add_parser("telemetry", help="export telemetry fields over a time span as CSV or Parquet")
-    p.add_argument(
+    parser = kinds.add_parser("telemetry", help="export telemetry fields over a time span as CSV or Parquet")
+    parser.add_argument(
         "--fields", required=True, help="names, for example mode,attitude.ra_deg; packet.name if the name is ambiguous"
     )
-    p.add_argument("--from", dest="start", metavar="TIME", help="start, ISO 8601, UTC by default")
-    p.add_argument("--to", dest="end", metavar="TIME", help="end, ISO 8601")
-    p.add_argument("--contact", type=int, metavar="N", help="use the time span of this contact")
-    p.add_argument("--format", default="csv", choices=("csv", "parquet"))
-    p.add_argument("--form", default="converted", choices=("converted", "raw", "formatted"), help="default converted")
-    p.add_argument("--out", type=Path, help="file to write; standard output without it")
-    _with_data(p).set_defaults(run=export_telemetry)
-    p = kinds.add_parser("contact-report", help="write the pass report of a contact")
-    p.add_argument("--contact", type=int, required=True, metavar="N")
-    p.add_argument("--format", default="html", choices=("html", "pdf", "json"), help="default html")
-    p.add_argument("--out", type=Path, help="file to write; standard output without it")
-    _with_data(p).set_defaults(run=export_report)
+    parser.add_argument("--from", dest="start", metavar="TIME", help="start, ISO 8601, UTC by default")
+    parser.add_argument("--to", dest="end", metavar="TIME", help="end, ISO 8601")
+    parser.add_argument("--contact", type=int, metavar="N", help="use the time span of this contact")
+    parser.add_argument("--format", default="csv", choices=("csv", "parquet"))
+    parser.add_argument(
+        "--form", default="converted", choices=("converted", "raw", "formatted"), help="default converted"
+    )
+    parser.add_argument("--out", type=Path, help="file to write; standard output without it")
+    _with_data(parser).set_defaults(run=export_telemetry)
+    parser = kinds.add_parser("contact-report", help="write the pass report of a contact")
+    parser.add_argument("--contact", type=int, required=True, metavar="N")
+    parser.add_argument("--format", default="html", choices=("html", "pdf", "json"), help="default html")
+    parser.add_argument("--out", type=Path, help="file to write; standard output without it")
+    _with_data(parser).set_defaults(run=export_report)
 
 
 def register_checks(kinds: Kinds) -> None:
     """Add the command to ``gss check``."""
-    p = kinds.add_parser(
+    parser = kinds.add_parser(
         "record",
         help="list gaps of the stored housekeeping",
         description="List every gap of the stored housekeeping with its cause. "
         "Exit code 0: every gap has a cause; 1: a gap has none.",
     )
-    p.add_argument("--contact", type=int, metavar="N", help="number of the contact (default: the newest)")
-    p.add_argument("--all", action="store_true", help="every contact")
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    _with_data(p).set_defaults(run=check_record)
+    parser.add_argument("--contact", type=int, metavar="N", help="number of the contact (default: the newest)")
+    parser.add_argument("--all", action="store_true", help="every contact")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    _with_data(parser).set_defaults(run=check_record)
 
 
 def _with_data(parser: argparse.ArgumentParser) -> argparse.ArgumentParser:

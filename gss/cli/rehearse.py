@@ -15,29 +15,33 @@ if TYPE_CHECKING:
 
 def register(subparsers: Commands) -> None:
     """Add the command."""
-    p = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "rehearse",
         description="Carry out a pass plan on a simulated unit with the rise and set times and the horizon mask of its real "
         "passes. It runs in a separate process and a temporary store and cannot reach a real line. Exit code 0: the plan "
         "was completed; 1: it was not.",
     )
-    p.add_argument("plan", type=int, nargs="?", help="number of the plan")
-    p.add_argument("--answer", action="append", default=[], metavar="STEP=ANSWER", help="answer of a question")
-    p.add_argument("--person", type=float, default=10.0, metavar="S", help="time of a person for a step (default 10)")
-    p.add_argument(
+    parser.add_argument("plan", type=int, nargs="?", help="number of the plan")
+    parser.add_argument("--answer", action="append", default=[], metavar="STEP=ANSWER", help="answer of a question")
+    parser.add_argument(
+        "--person", type=float, default=10.0, metavar="S", help="time of a person for a step (default 10)"
+    )
+    parser.add_argument(
         "--loss",
         action="append",
         default=[],
         metavar="PASS:AFTER:FOR",
         help="lose the signal in a pass (1: the first), seconds after its rise, for that many seconds",
     )
-    p.add_argument("--drop-rate", type=float, default=0.0, metavar="X", help="share of 64-byte pieces lost (default 0)")
-    p.add_argument("--bit-error-rate", type=float, default=0.0, metavar="X", help="both directions (default 0)")
-    p.add_argument("--seed", type=int, default=1, help="of noise and faults (default 1)")
-    p.add_argument("--json", action="store_true", help="print the report as JSON")
-    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.add_argument("--prepared", type=Path, help="prepared folder; used by the server's own process")
-    p.set_defaults(run=run)
+    parser.add_argument(
+        "--drop-rate", type=float, default=0.0, metavar="X", help="share of 64-byte pieces lost (default 0)"
+    )
+    parser.add_argument("--bit-error-rate", type=float, default=0.0, metavar="X", help="both directions (default 0)")
+    parser.add_argument("--seed", type=int, default=1, help="of noise and faults (default 1)")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON")
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    parser.add_argument("--prepared", type=Path, help="prepared folder; used by the server's own process")
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

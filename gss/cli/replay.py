@@ -27,30 +27,32 @@ NOTHING_EXIT = DIFFERENT_EXIT = 3
 
 def register(subparsers: Commands) -> None:
     """Add the command."""
-    p = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "replay",
         description=DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument(
+    parser.add_argument(
         "files",
         nargs="*",
         type=Path,
         metavar="FILE",
         help="raw capture files, for example captures/contact-000012-000.raw",
     )
-    p.add_argument("--speed", type=float, metavar="X", help="0.1 – 1000 times real time (default: as fast as possible)")
-    instruments.add_option(p)
-    p.add_argument("--framing", choices=("cobs", "slip"), help="framing of the line (default: the instrument's)")
-    p.add_argument(
+    parser.add_argument(
+        "--speed", type=float, metavar="X", help="0.1 – 1000 times real time (default: as fast as possible)"
+    )
+    instruments.add_option(parser)
+    parser.add_argument("--framing", choices=("cobs", "slip"), help="framing of the line (default: the instrument's)")
+    parser.add_argument(
         "--received", action="store_true", help="the files are plain bytes received from the device, without times"
     )
-    p.add_argument("--json", action="store_true", help="print one JSON object per line, with all values")
-    p.add_argument(
+    parser.add_argument("--json", action="store_true", help="print one JSON object per line, with all values")
+    parser.add_argument(
         "--frame", type=int, metavar="ID", help="a stored frame instead of files; the number is in the URL of its page"
     )
-    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.set_defaults(run=run)
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -17,31 +17,35 @@ if TYPE_CHECKING:
 
 def register(subparsers: Commands) -> None:
     """Add the command."""
-    p = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "sheet",
         description="Accuracy in the terms of ECSS-E-ST-60-20C: bias, spatial errors, noise, acquisition and more, each with "
         "interval, method and conditions. A row without data states what it needs. Exit code 0: done, 2: bad input.",
     )
-    p.add_argument("files", nargs="*", metavar="FRAME", help="frames of the unit, in order of time")
-    p.add_argument("--camera", metavar="INSTRUMENT", help=CAMERA_HELP)
-    p.add_argument("--simulate", action="store_true", help="render the frames of a simulated unit instead")
-    p.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
-    p.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of a second head, same times")
-    p.add_argument("--second-camera", metavar="INSTRUMENT", help="camera of the second head (default: the same)")
-    p.add_argument("--mounting", metavar="X,Y,Z,W", help="quaternion camera from second head, from ground alignment")
-    p.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
-    p.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
-    p.add_argument("--seed", type=int, default=1, metavar="N", help="of intervals and simulated frames (default: 1)")
-    add_observer(p)
-    add_report_file(p)
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.add_argument("--schema", action="store_true", help="print the JSON schema of the sheet and stop")
-    p.set_defaults(run=run)
+    parser.add_argument("files", nargs="*", metavar="FRAME", help="frames of the unit, in order of time")
+    parser.add_argument("--camera", metavar="INSTRUMENT", help=CAMERA_HELP)
+    parser.add_argument("--simulate", action="store_true", help="render the frames of a simulated unit instead")
+    parser.add_argument("--chain", default="reference", metavar="NAME", help="chain to run (default: reference)")
+    parser.add_argument("--second", nargs="+", default=[], metavar="FRAME", help="frames of a second head, same times")
+    parser.add_argument("--second-camera", metavar="INSTRUMENT", help="camera of the second head (default: the same)")
+    parser.add_argument(
+        "--mounting", metavar="X,Y,Z,W", help="quaternion camera from second head, from ground alignment"
+    )
+    parser.add_argument("--interval", type=float, metavar="S", help="seconds between images without a time stamp")
+    parser.add_argument("--exposure", type=float, metavar="S", help="exposure of images without this information")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="N", help="of intervals and simulated frames (default: 1)"
+    )
+    add_observer(parser)
+    add_report_file(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--schema", action="store_true", help="print the JSON schema of the sheet and stop")
+    parser.set_defaults(run=run)
 
 
-def run(a: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Make the sheet, write and print it."""
-    if a.schema:
+    if arguments.schema:
         from gss.api.schemas.sheets import SheetOut
 
         print(json.dumps(SheetOut.model_json_schema(), indent=1, ensure_ascii=False))
@@ -52,38 +56,44 @@ def run(a: argparse.Namespace) -> int:
     from gss.operations.studies.analysis_requests import SheetRequest
     from gss.operations.studies.sheet_frames import sheet_of_frames, sheet_of_simulation
 
-    if not a.camera:
+    if not arguments.camera:
         raise BadInput("no camera given", expected="--camera INSTRUMENT")
-    mounting = None if a.mounting is None else _numbers(a.mounting)
+    mounting = None if arguments.mounting is None else _numbers(arguments.mounting)
     # Files have no ids yet; the numbers only let the request check itself.
     request = request_from(
         SheetRequest,
         {
             "kind": "sheet",
-            "profile": a.camera,
-            "simulated": a.simulate,
-            "frame_ids": list(range(1, len(a.files) + 1)),
-            "chain": a.chain,
-            "other_profile": (a.second_camera or a.camera) if a.second else "",
-            "other_ids": list(range(1, len(a.second) + 1)),
+            "profile": arguments.camera,
+            "simulated": arguments.simulate,
+            "frame_ids": list(range(1, len(arguments.files) + 1)),
+            "chain": arguments.chain,
+            "other_profile": (arguments.second_camera or arguments.camera) if arguments.second else "",
+            "other_ids": list(range(1, len(arguments.second) + 1)),
             "mounting": mounting,
-            "seed": a.seed,
+            "seed": arguments.seed,
         },
     )
-    profile, solver = camera(a.camera), Solver(registry().camera)
+    profile, solver = camera(arguments.camera), Solver(registry().camera)
     if request.simulated:
-        sheet = sheet_of_simulation(solver, profile, a.chain, a.seed, show_progress)
+        sheet = sheet_of_simulation(solver, profile, arguments.chain, arguments.seed, show_progress)
     else:
-        first = run_frames(solver, _shots(a, a.files), profile, a.chain, show_progress)
-        other = camera(a.second_camera) if a.second_camera else profile
-        second = run_frames(solver, _shots(a, a.second), other, a.chain, show_progress) if a.second else None
-        sheet = sheet_of_frames(first, second=second, mounting=tuple(mounting) if mounting else None, seed=a.seed)
-    write_report(a, sheet.report, json.dumps(sheet.figures, ensure_ascii=False, allow_nan=False))
+        first = run_frames(solver, _shots(arguments, arguments.files), profile, arguments.chain, show_progress)
+        other = camera(arguments.second_camera) if arguments.second_camera else profile
+        second = (
+            run_frames(solver, _shots(arguments, arguments.second), other, arguments.chain, show_progress)
+            if arguments.second
+            else None
+        )
+        sheet = sheet_of_frames(
+            first, second=second, mounting=tuple(mounting) if mounting else None, seed=arguments.seed
+        )
+    write_report(arguments, sheet.report, json.dumps(sheet.figures, ensure_ascii=False, allow_nan=False))
     return 0
 
 
-def _shots(a: argparse.Namespace, files: list[str]) -> list[Shot]:
-    return shots_of(files, a.interval, a.exposure, a.keep_aberration)
+def _shots(arguments: argparse.Namespace, files: list[str]) -> list[Shot]:
+    return shots_of(files, arguments.interval, arguments.exposure, arguments.keep_aberration)
 
 
 def _numbers(text: str) -> list[float]:

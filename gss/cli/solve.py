@@ -317,12 +317,12 @@ def as_text(record: dict[str, Any]) -> str:
         x, y, z = record["rate"]["deg_s"]
         lines.append(f"  turns at {record['rate']['speed_deg_s']:.5f}°/s: {x:+.5f} {y:+.5f} {z:+.5f} about x, y, z")
     if record.get("turning"):
-        t = record["turning"]
-        x, y, z = t["deg_s"]
-        a, b, c = t["sigma_deg_s"]
-        sign = "" if t["sign_known"] else " (or the opposite: a trail has no direction)"
+        turning = record["turning"]
+        x, y, z = turning["deg_s"]
+        a, b, c = turning["sigma_deg_s"]
+        sign = "" if turning["sign_known"] else " (or the opposite: a trail has no direction)"
         lines.append(
-            f"  {t['stars']} trails: turned at {t['speed_deg_s']:.4f}°/s during the exposure: {x:+.4f} ± {a:.4f}, "
+            f"  {turning['stars']} trails: turned at {turning['speed_deg_s']:.4f}°/s during the exposure: {x:+.4f} ± {a:.4f}, "
             f"{y:+.4f} ± {b:.4f}, {z:+.4f} ± {c:.4f} about x, y, z{sign}"
         )
     if record.get("truth"):

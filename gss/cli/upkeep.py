@@ -76,48 +76,50 @@ _REMOVED_ROWS: Rows = (
 
 def register(subparsers: Commands) -> None:
     """Add the commands."""
-    p = subparsers.add_parser(
+    parser = subparsers.add_parser(
         "backup",
         description="Copy the database at one point in time and all files it refers to. "
         "Files of earlier backups are not copied again.",
     )
-    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.add_argument(
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    parser.add_argument(
         "--to", type=Path, metavar="FOLDER", help="folder of the backups (GSS_BACKUPS; default: in the data folder)"
     )
-    p.add_argument("--keep", type=int, default=0, metavar="N", help="keep only the N newest backups afterwards; 0: all")
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=backup)
-    p = subparsers.add_parser(
+    parser.add_argument(
+        "--keep", type=int, default=0, metavar="N", help="keep only the N newest backups afterwards; 0: all"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=backup)
+    parser = subparsers.add_parser(
         "restore",
         description="Verify everything first; overwrite nothing. A PostgreSQL backup goes into the empty database "
         "that GSS_DATABASE names.",
     )
-    p.add_argument("backup", type=Path, help="folder or tar file of a backup")
-    p.add_argument("--into", type=Path, required=True, metavar="FOLDER", help="a new or empty data folder")
-    p.set_defaults(run=restore)
-    p = subparsers.add_parser("retention")
-    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.add_argument("--run", action="store_true", dest="now", help="delete now; the server must be stopped")
-    p.add_argument("--confirm", action="store_true", help="with --run: confirm an unusually large removal")
-    p.add_argument(
+    parser.add_argument("backup", type=Path, help="folder or tar file of a backup")
+    parser.add_argument("--into", type=Path, required=True, metavar="FOLDER", help="a new or empty data folder")
+    parser.set_defaults(run=restore)
+    parser = subparsers.add_parser("retention")
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    parser.add_argument("--run", action="store_true", dest="now", help="delete now; the server must be stopped")
+    parser.add_argument("--confirm", action="store_true", help="with --run: confirm an unusually large removal")
+    parser.add_argument(
         "--confirm-clock", action="store_true", help="confirm that date and time of this machine are correct"
     )
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=retention)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=retention)
 
 
 def register_check(kinds: Kinds) -> None:
     """Add the command to ``gss check``."""
-    p = kinds.add_parser(
+    parser = kinds.add_parser(
         "store",
         help="check the data folder for missing and damaged data",
         description="Check database, files, captures and audit log. "
         "Exit code 0: intact, possibly with notes; 1: something is missing or damaged.",
     )
-    p.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
-    p.add_argument("--json", action="store_true", help="print one JSON object")
-    p.set_defaults(run=check_store)
+    parser.add_argument("--data", type=Path, help="data folder (GSS_DATA)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=check_store)
 
 
 def backup(arguments: argparse.Namespace) -> int:

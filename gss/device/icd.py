@@ -140,10 +140,10 @@ def _command(command: CommandDefinition) -> str:
     return text
 
 
-def _argument_row(a: Argument) -> tuple[str, ...]:
-    allowed = _choices(a) if a.choices else a.range_text
-    default = "" if a.default is None else str(a.default)
-    return a.name, _type(a), a.unit, allowed, default, a.purpose
+def _argument_row(argument: Argument) -> tuple[str, ...]:
+    allowed = _choices(argument) if argument.choices else argument.range_text
+    default = "" if argument.default is None else str(argument.default)
+    return argument.name, _type(argument), argument.unit, allowed, default, argument.purpose
 
 
 def _packet(packet: PacketDefinition) -> str:
@@ -158,19 +158,19 @@ def _packet(packet: PacketDefinition) -> str:
     return text
 
 
-def _field_row(f: TelemetryField) -> tuple[str, ...]:
-    conversion = " + ".join(f"{c:g}·raw^{i}" if i else f"{c:g}" for i, c in enumerate(f.conversion.coefficients))
-    if f.choices:
-        conversion = _choices(f)
-    return f.name, _type(f), f.unit, conversion, _all_limits(f), f.page, f.title
+def _field_row(field: TelemetryField) -> tuple[str, ...]:
+    conversion = " + ".join(f"{c:g}·raw^{i}" if i else f"{c:g}" for i, c in enumerate(field.conversion.coefficients))
+    if field.choices:
+        conversion = _choices(field)
+    return field.name, _type(field), field.unit, conversion, _all_limits(field), field.page, field.title
 
 
-def _all_limits(f: TelemetryField) -> str:
+def _all_limits(field: TelemetryField) -> str:
     """Return the limits of the field and of its limit sets, and the persistence."""
-    parts = [_limits(f.limits)] if f.limits.any else []
-    parts += [f"in {name}: {_limits(limits)}" for name, limits in f.sets.items()]
-    if parts and f.persistence > 1:
-        parts.append(f"after {f.persistence} samples")
+    parts = [_limits(field.limits)] if field.limits.any else []
+    parts += [f"in {name}: {_limits(limits)}" for name, limits in field.sets.items()]
+    if parts and field.persistence > 1:
+        parts.append(f"after {field.persistence} samples")
     return "; ".join(parts)
 
 

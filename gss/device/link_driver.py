@@ -205,14 +205,14 @@ class LinkWire:
     @property
     def received(self) -> DirectionCounters:
         """Counters of what was received."""
-        f = self._framer
+        framer = self._framer
         return DirectionCounters(
-            bytes=f.bytes,
+            bytes=framer.bytes,
             good=self.good,
-            bad_crc=self.bad_crc + f.broken,
-            too_long=f.too_long,
+            bad_crc=self.bad_crc + framer.broken,
+            too_long=framer.too_long,
             too_short=self.too_short,
-            unframed=f.unframed,
+            unframed=framer.unframed,
             unknown=self.unknown,
             undecodable=self.undecodable,
         )

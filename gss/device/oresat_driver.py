@@ -327,17 +327,21 @@ class OresatWire:
     @property
     def received(self) -> DirectionCounters:
         """Counters of what was received."""
-        r = self._reader
+        reader = self._reader
         return DirectionCounters(
-            bytes=r.bytes, good=self.good, unframed=r.unframed, unknown=self.unknown, undecodable=self.undecodable
+            bytes=reader.bytes,
+            good=self.good,
+            unframed=reader.unframed,
+            unknown=self.unknown,
+            undecodable=self.undecodable,
         )
 
 
 def _is_rotation(decoded: Decoded) -> bool:
     """True if the quaternion of an attitude that the sensor calls known has length 1."""
-    v = decoded.values
-    length = math.sqrt(sum(float(v[f"quaternion_{axis}"]) ** 2 for axis in ("real", "i", "j", "k")))
-    return v["known"] == "none" or abs(length - 1) <= LONGEST_ERROR
+    values = decoded.values
+    length = math.sqrt(sum(float(values[f"quaternion_{axis}"]) ** 2 for axis in ("real", "i", "j", "k")))
+    return values["known"] == "none" or abs(length - 1) <= LONGEST_ERROR
 
 
 def message(data: bytes) -> bytes:

@@ -156,13 +156,13 @@ class SagittaWire:
     @property
     def received(self) -> DirectionCounters:
         """Counters of what was received."""
-        f = self._framer
+        framer = self._framer
         return DirectionCounters(
-            bytes=f.bytes,
+            bytes=framer.bytes,
             good=self.good,
-            bad_crc=self.bad_hash + f.broken,
-            too_long=f.too_long,
-            unframed=f.unframed,
+            bad_crc=self.bad_hash + framer.broken,
+            too_long=framer.too_long,
+            unframed=framer.unframed,
             unknown=self.unknown,
             undecodable=self.undecodable,
         )

@@ -271,8 +271,8 @@ class HostSession:
             if record is not None:
                 self.transfers.bank_in_use(record.payload[0])
 
-    def _identified(self, v: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
-        before, hello = self._handshake.hello, self._handshake.met(v, device_time_s)
+    def _identified(self, values: Mapping[str, Value], device_time_s: float, now_s: float) -> None:
+        before, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
         if before is not None and before.serial != hello.serial:
             # Commands meant for one unit must never reach another.
             self._events += self._command_queue.abandon(f"meant for {before.serial}; {hello.serial} answered")

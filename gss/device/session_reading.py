@@ -17,38 +17,38 @@ def read_report(packet: Packet, command: CommandDefinition, dictionary: Dictiona
     """Return a command's stage and its report's values; a completed report includes the returned values."""
     fields = dictionary.service("REPORT").fields
     completed = packet.payload[:1] == COMPLETED
-    v = decode((*fields, *command.returns) if completed else fields, packet.payload).values
+    values = decode((*fields, *command.returns) if completed else fields, packet.payload).values
     common = {f.name for f in fields}
     facts: dict[str, Any] = {
         "device_time_s": packet.time_s,
-        "reason": "" if v["reason"] == "none" else v["reason"],
-        "detail": v["detail"],
-        "progress": v["progress"],
-        "replayed": v["replayed"],
-        "values": {name: value for name, value in v.items() if name not in common},
+        "reason": "" if values["reason"] == "none" else values["reason"],
+        "detail": values["detail"],
+        "progress": values["progress"],
+        "replayed": values["replayed"],
+        "values": {name: value for name, value in values.items() if name not in common},
     }
-    return Stage(str(v["stage"])), facts
+    return Stage(str(values["stage"])), facts
 
 
-def read_hello(v: Mapping[str, Value], device_time_s: float, dictionary: Dictionary) -> HelloReceived:
+def read_hello(values: Mapping[str, Value], device_time_s: float, dictionary: Dictionary) -> HelloReceived:
     """Return the device's identity from the values that HELLO returns; ``dictionary``: of the host."""
-    device_hash = bytes(v["dictionary_hash"])  # type: ignore[arg-type]  # bytes32 decodes to bytes
+    device_hash = bytes(values["dictionary_hash"])  # type: ignore[arg-type]  # bytes32 decodes to bytes
     return HelloReceived(
-        device_model=str(v["device_model"]),
-        profile=str(v["profile"]),
-        firmware=str(v["firmware"]),
-        serial=str(v["serial"]),
-        simulated=bool(v["simulated"]),
+        device_model=str(values["device_model"]),
+        profile=str(values["profile"]),
+        firmware=str(values["firmware"]),
+        serial=str(values["serial"]),
+        simulated=bool(values["simulated"]),
         dictionary_hash=device_hash.hex(),
         dictionary_match=dictionary.describes(device_hash),
-        line_baud=int(v["line_baud"]),
-        columns=int(v["columns"]),
-        rows=int(v["rows"]),
-        bits=int(v["bits"]),
-        image_slots=int(v["image_slots"]),
-        bank_bytes=int(v["bank_bytes"]),
-        boot_count=int(v["boot_count"]),
-        last_request_id=int(v["last_request_id"]),
+        line_baud=int(values["line_baud"]),
+        columns=int(values["columns"]),
+        rows=int(values["rows"]),
+        bits=int(values["bits"]),
+        image_slots=int(values["image_slots"]),
+        bank_bytes=int(values["bank_bytes"]),
+        boot_count=int(values["boot_count"]),
+        last_request_id=int(values["last_request_id"]),
         device_time_s=device_time_s,
     )
 

@@ -223,16 +223,21 @@ class TransferManager:
 
     def next_chunk(self, now_s: float) -> ServiceMessage | None:
         """Return the next chunk to send, or None."""
-        t = self.current()
-        if t is None or t.state is not TransferState.TRANSFERRING or t.sender is None or t.session is None:
+        transfer = self.current()
+        if (
+            transfer is None
+            or transfer.state is not TransferState.TRANSFERRING
+            or transfer.sender is None
+            or transfer.session is None
+        ):
             return None
-        choice = t.sender.next_chunk(now_s)
+        choice = transfer.sender.next_chunk(now_s)
         if choice is None:
             return None
         index, serial = choice
-        data = bytes(t.data[index * t.chunk_bytes : (index + 1) * t.chunk_bytes])
+        data = bytes(transfer.data[index * transfer.chunk_bytes : (index + 1) * transfer.chunk_bytes])
         return ServiceMessage(
-            "CHUNK", t.request_id, {"session": t.session, "index": index, "serial": serial, "data": data}
+            "CHUNK", transfer.request_id, {"session": transfer.session, "index": index, "serial": serial, "data": data}
         )
 
     # --- messages from the device -------------------------------------------------------------------------------
@@ -246,49 +251,53 @@ class TransferManager:
         if service == "ABORT_TRANSFER":
             self._refused(request_id, session, message, now_s)
             return
-        t = self._transfers.get(self._by_session.get(session, -1))
-        if t is None:
+        transfer = self._transfers.get(self._by_session.get(session, -1))
+        if transfer is None:
             return
-        if t.session != session:
-            self._exchange.after_the_end(t, service, session)
-        elif service == "STATUS" and t.sender is not None and t.state is TransferState.TRANSFERRING:
-            t.sender.on_status(StatusPage.of(message), now_s)
-            t.tries = 0
-            if t.sender.complete:
-                self._exchange.to_verify(t, now_s)
-        elif service == "CHUNK" and t.receiver is not None:
-            self._exchange.chunk(t, message, now_s)
+        if transfer.session != session:
+            self._exchange.after_the_end(transfer, service, session)
+        elif service == "STATUS" and transfer.sender is not None and transfer.state is TransferState.TRANSFERRING:
+            transfer.sender.on_status(StatusPage.of(message), now_s)
+            transfer.tries = 0
+            if transfer.sender.complete:
+                self._exchange.to_verify(transfer, now_s)
+        elif service == "CHUNK" and transfer.receiver is not None:
+            self._exchange.chunk(transfer, message, now_s)
         elif service == "STATUS_REQUEST":
-            self._exchange.status_requested(t, message, now_s)
-        elif service == "VERIFIED" and t.state is TransferState.VERIFYING:
-            self._exchange.verified(t, message, now_s)
-        elif service == "COMMITTED" and t.state is TransferState.VERIFYING:
-            t.to(TransferState.COMMITTED)
-            self._exchange.finish(t)
+            self._exchange.status_requested(transfer, message, now_s)
+        elif service == "VERIFIED" and transfer.state is TransferState.VERIFYING:
+            self._exchange.verified(transfer, message, now_s)
+        elif service == "COMMITTED" and transfer.state is TransferState.VERIFYING:
+            transfer.to(TransferState.COMMITTED)
+            self._exchange.finish(transfer)
 
     def _of_request(self, request_id: int) -> SessionTransfer | None:
         return next((t for t in self._transfers.values() if t.request_id == request_id), None)
 
     def _opened(self, request_id: int, message: Decoded, now_s: float) -> None:
-        t = self._of_request(request_id)
-        if t is not None and t.state is TransferState.OPENING and self._exchange.opened(t, message, now_s):
-            self._by_session[int(message.values["session"])] = t.id
+        transfer = self._of_request(request_id)
+        if (
+            transfer is not None
+            and transfer.state is TransferState.OPENING
+            and self._exchange.opened(transfer, message, now_s)
+        ):
+            self._by_session[int(message.values["session"])] = transfer.id
 
     def _refused(self, request_id: int, session: int, message: Decoded, now_s: float) -> None:
-        t = self._of_request(request_id)
-        if t is not None:
-            self._exchange.refused(t, session, message, now_s)
+        transfer = self._of_request(request_id)
+        if transfer is not None:
+            self._exchange.refused(transfer, session, message, now_s)
 
     # --- reports ------------------------------------------------------------------------------------------------
 
     def news(self, now_s: float) -> list[TransferUpdate | TransferDone]:
         """Return updates since the last call: each state change, and progress every ``REPORT_EVERY_S``."""
         events: list[TransferUpdate | TransferDone] = []
-        for t in self._transfers.values():
-            progressing = t.state is TransferState.TRANSFERRING and now_s - t.reported_s >= REPORT_EVERY_S
-            if t.changed or progressing:
-                events.append(t.update(now_s, self.line_bytes_s))
-                t.changed, t.reported_s = False, now_s
+        for transfer in self._transfers.values():
+            progressing = transfer.state is TransferState.TRANSFERRING and now_s - transfer.reported_s >= REPORT_EVERY_S
+            if transfer.changed or progressing:
+                events.append(transfer.update(now_s, self.line_bytes_s))
+                transfer.changed, transfer.reported_s = False, now_s
         events += self._exchange.done
         self._exchange.done = []
         return events

@@ -24,9 +24,9 @@ REASON = 100.0
 LOST_NOTHING: Mapping[str, Scalar] = {}
 
 
-def _radial_tilt(v: Mapping[str, float]) -> RadialTilt:
-    radial = tuple(v[n] for n in RADIAL if n in v)
-    return RadialTilt(v["focal_mm"], v["tilt_max_rad"], v["tilt_direction_rad"], radial)
+def _radial_tilt(values: Mapping[str, float]) -> RadialTilt:
+    radial = tuple(values[n] for n in RADIAL if n in values)
+    return RadialTilt(values["focal_mm"], values["tilt_max_rad"], values["tilt_direction_rad"], radial)
 
 
 MODELS: dict[str, tuple[Callable[[Mapping[str, float]], Distortion], tuple[str, ...]]] = {

@@ -148,8 +148,8 @@ class TypeWriter:
             encoding = self._integer_encoding(element, bits, signed)
         if coefficients:
             polynomial = ET.SubElement(ET.SubElement(encoding, "DefaultCalibrator"), "PolynomialCalibrator")
-            for power, c in enumerate(coefficients):
-                ET.SubElement(polynomial, "Term", coefficient=repr(float(c)), exponent=str(power))
+            for power, coefficient in enumerate(coefficients):
+                ET.SubElement(polynomial, "Term", coefficient=repr(float(coefficient)), exponent=str(power))
         if item.type == "enum":
             listed = ET.SubElement(element, "EnumerationList")
             for choice in item.choices:

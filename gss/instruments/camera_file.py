@@ -197,27 +197,29 @@ class CameraFile(Strict):
 
     def camera(self) -> Camera:
         """The geometric camera."""
-        g = self.geometry
-        columns, rows, focal_mm = int(g.columns.value), int(g.rows.value), g.focal_length.value
+        geometry = self.geometry
+        columns, rows, focal_mm = int(geometry.columns.value), int(geometry.rows.value), geometry.focal_length.value
         lens = self.lens.distortion(focal_mm)
-        if g.centre_column is None or g.centre_row is None:
-            return Camera.from_optics(columns, rows, g.pitch_column.value, g.pitch_row.value, focal_mm, lens)
-        focal_px = focal_mm / g.pitch_column.value, focal_mm / g.pitch_row.value
-        return Camera(columns, rows, *focal_px, g.centre_column.value, g.centre_row.value, lens)
+        if geometry.centre_column is None or geometry.centre_row is None:
+            return Camera.from_optics(
+                columns, rows, geometry.pitch_column.value, geometry.pitch_row.value, focal_mm, lens
+            )
+        focal_px = focal_mm / geometry.pitch_column.value, focal_mm / geometry.pitch_row.value
+        return Camera(columns, rows, *focal_px, geometry.centre_column.value, geometry.centre_row.value, lens)
 
     def sensor(self) -> Sensor:
         """The photometric model."""
-        d, limits = self.detector, self.limits
+        detector, limits = self.detector, self.limits
         return Sensor(
-            bits=int(d.bits.value),
-            gain_e_per_dn=d.gain.value,
-            bias_dn=d.bias.value,
-            full_well_e=d.full_well.value,
-            read_noise_e=d.read_noise.value,
-            dark_current_e_s=d.dark_current.value,
-            background_e_s=d.background.value,
+            bits=int(detector.bits.value),
+            gain_e_per_dn=detector.gain.value,
+            bias_dn=detector.bias.value,
+            full_well_e=detector.full_well.value,
+            read_noise_e=detector.read_noise.value,
+            dark_current_e_s=detector.dark_current.value,
+            background_e_s=detector.background.value,
             zero_point_e_s=self._zero_point_e_s(),
-            psf_sigma_px=d.psf_sigma.value,
+            psf_sigma_px=detector.psf_sigma.value,
             bright_limit_mag=limits.brightest.value,
             faint_limit_mag=limits.faintest.value,
             exposure_min_s=limits.exposure_min.value,
@@ -226,11 +228,11 @@ class CameraFile(Strict):
         )
 
     def _zero_point_e_s(self) -> float:
-        d, g = self.detector, self.geometry
-        if d.zero_point is not None:
-            return d.zero_point.value
-        efficiency = d.quantum_efficiency.value if d.quantum_efficiency else 0.0
-        return zero_point_e_s(g.focal_length.value, g.f_number.value, self.transmission, efficiency)
+        detector, geometry = self.detector, self.geometry
+        if detector.zero_point is not None:
+            return detector.zero_point.value
+        efficiency = detector.quantum_efficiency.value if detector.quantum_efficiency else 0.0
+        return zero_point_e_s(geometry.focal_length.value, geometry.f_number.value, self.transmission, efficiency)
 
     @property
     def transmission(self) -> float:
@@ -239,9 +241,11 @@ class CameraFile(Strict):
 
     def stray_light(self) -> Baffle:
         """The baffle's limits."""
-        b = self.baffle
-        sun, earth, blind, decay = (float(np.radians(a.value)) for a in (b.sun, b.earth, b.blind, b.decay))
-        return Baffle(sun, earth, blind, decay, b.stray_light.value)
+        baffle = self.baffle
+        sun, earth, blind, decay = (
+            float(np.radians(a.value)) for a in (baffle.sun, baffle.earth, baffle.blind, baffle.decay)
+        )
+        return Baffle(sun, earth, blind, decay, baffle.stray_light.value)
 
     def numbers(self) -> tuple[CameraNumber, ...]:
         """All numbers in the order of the file."""

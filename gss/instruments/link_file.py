@@ -153,9 +153,9 @@ class LinkFile(Noted):
             return self
         if self.byte_order is not None:
             raise ValueError("byte_order is for drivers without a protocol; use protocol.payload_byte_order")
-        p = self.protocol
-        if self.framing == "sync_and_trailer" and (p.sync is None or p.trailer is None):
+        protocol = self.protocol
+        if self.framing == "sync_and_trailer" and (protocol.sync is None or protocol.trailer is None):
             raise ValueError("framing sync_and_trailer needs protocol.sync and protocol.trailer")
-        if self.framing == "length_prefixed" and not any(f.holds == "length" for f in p.response.header):
+        if self.framing == "length_prefixed" and not any(f.holds == "length" for f in protocol.response.header):
             raise ValueError("framing length_prefixed needs a length in the response's header")
         return self

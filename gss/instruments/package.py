@@ -147,7 +147,7 @@ def _byte_order(about: InstrumentFile, link: LinkFile) -> str | None:
 def _profile(
     about: InstrumentFile, file: CameraFile, catalogue: CatalogueFile | None, simulator: SimulatorFile | None
 ) -> CameraProfile:
-    g = file.geometry
+    geometry = file.geometry
     sources, defects = file.sources(), Defects()
     if simulator is not None and simulator.defects is not None:
         defects = simulator.defects.defects()
@@ -158,10 +158,10 @@ def _profile(
         title=about.title,
         camera=file.camera(),
         sensor=file.sensor(),
-        focal_mm=g.focal_length.value,
-        pitch_col_mm=g.pitch_column.value,
-        pitch_row_mm=g.pitch_row.value,
-        f_number=g.f_number.value,
+        focal_mm=geometry.focal_length.value,
+        pitch_col_mm=geometry.pitch_column.value,
+        pitch_row_mm=geometry.pitch_row.value,
+        f_number=geometry.f_number.value,
         sources=sources,
         defects=defects,
         baffle=file.stray_light(),

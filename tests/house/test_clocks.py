@@ -10,7 +10,7 @@ READS = re.compile(
     r"\btime\.(?:time|time_ns|monotonic|perf_counter|thread_time)\b|\bdatetime\.(?:now|utcnow)\b|\bperf_counter\b"
 )
 MACHINE_TIME = {
-    "api/counting.py": "how long a request took",
+    "api/request_counts.py": "how long a request took",
     "cli/catalogue.py": "how long a build took",
     "client/client.py": "timeouts on the client's machine",
     "client/connection.py": "timeouts on the client's machine",

@@ -38,86 +38,91 @@ def catalogue_sheet(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> R
     )
 
 
-def _byline(m: Mapping[str, Any]) -> str:
+def _byline(manifest: Mapping[str, Any]) -> str:
     parts = [
-        f"camera {m.get('profile_name', 'unknown')}",
-        f"format {m.get('format_name', 'unknown')}",
-        _validity(m),
-        f"by {m.get('author') or 'unknown author'}",
-        str(m.get("tool", "")),
-        f"SHA-256 {m.get('image_sha256', 'unknown')}",
+        f"camera {manifest.get('profile_name', 'unknown')}",
+        f"format {manifest.get('format_name', 'unknown')}",
+        _validity(manifest),
+        f"by {manifest.get('author') or 'unknown author'}",
+        str(manifest.get("tool", "")),
+        f"SHA-256 {manifest.get('image_sha256', 'unknown')}",
     ]
     return ", ".join(word for word in parts if word)
 
 
-def _validity(m: Mapping[str, Any]) -> str:
-    start, end = str(m.get("valid_from") or "")[:16], str(m.get("valid_to") or "")[:16]
+def _validity(manifest: Mapping[str, Any]) -> str:
+    start, end = str(manifest.get("valid_from") or "")[:16], str(manifest.get("valid_to") or "")[:16]
     return f"valid {start} to {end} UTC" if end else "no end of validity"
 
 
-def _figures(m: Mapping[str, Any], report: Mapping[str, Any]) -> list[Fact]:
-    counts, q = m.get("counts", {}), report.get("quality") or {}
+def _figures(manifest: Mapping[str, Any], report: Mapping[str, Any]) -> list[Fact]:
+    counts, quality = manifest.get("counts", {}), report.get("quality") or {}
     facts = [
         ("stars", f"{counts.get('stars', '–')}"),
         ("pairs", f"{counts.get('pairs', '–')}"),
-        ("epoch", _number(m.get("epoch_jyear"), 4)),
-        ("frame", str(m.get("frame", "–"))),
+        ("epoch", _number(manifest.get("epoch_jyear"), 4)),
+        ("frame", str(manifest.get("frame", "–"))),
     ]
-    if q:
+    if quality:
         facts += [
-            ("mean stars per field", f"{q['mean']:.2f}"),
-            ("P(fewer than 3)", f"{100 * q['p_fewer_than_3']:.3f} %"),
-            ("P(fewer than 5)", f"{100 * q['p_fewer_than_5']:.3f} %"),
-            ("fewest stars", f"{q['worst_stars']} at {q['worst_ra_deg']:.2f}° {q['worst_dec_deg']:+.2f}°"),
-            ("candidates per query", _number(q.get("candidates_per_query"), 2)),
-            ("candidates per star", _number(q.get("candidates_per_star"), 2)),
-            ("fields with a bright body", f"{100 * (q.get('blinded_share') or 0.0):.2f} %"),
+            ("mean stars per field", f"{quality['mean']:.2f}"),
+            ("P(fewer than 3)", f"{100 * quality['p_fewer_than_3']:.3f} %"),
+            ("P(fewer than 5)", f"{100 * quality['p_fewer_than_5']:.3f} %"),
+            (
+                "fewest stars",
+                f"{quality['worst_stars']} at {quality['worst_ra_deg']:.2f}° {quality['worst_dec_deg']:+.2f}°",
+            ),
+            ("candidates per query", _number(quality.get("candidates_per_query"), 2)),
+            ("candidates per star", _number(quality.get("candidates_per_star"), 2)),
+            ("fields with a bright body", f"{100 * (quality.get('blinded_share') or 0.0):.2f} %"),
         ]
     return [Fact(*fact) for fact in facts]
 
 
 def _histogram(report: Mapping[str, Any]) -> Section | None:
-    q = report.get("quality")
-    if not q:
+    quality = report.get("quality")
+    if not quality:
         return None
-    edges, counts = [float(k) for k in range(len(q["histogram"]) + 1)], [float(n) for n in q["histogram"]]
+    edges, counts = [float(k) for k in range(len(quality["histogram"]) + 1)], [float(n) for n in quality["histogram"]]
     few = Series(f"fewer than {NEED}", edges[: NEED + 1], list(counts[:NEED]), "bars")
     enough = Series("enough", edges[NEED:], list(counts[NEED:]), "bars")
-    mean = Level(q["mean"] + 0.5, f"mean {q['mean']:.1f}", vertical=True)
-    caption = f"{q['pointings']} random pointings within the limits."
+    mean = Level(quality["mean"] + 0.5, f"mean {quality['mean']:.1f}", vertical=True)
+    caption = f"{quality['pointings']} random pointings within the limits."
     plot = Plot("Stars per field", "stars in the field", "fields", [enough, few], [mean])
     return Section("Stars per field", caption, drawings=[plot])
 
 
 def _envelope(report: Mapping[str, Any]) -> Section | None:
-    e, q = report.get("envelope"), report.get("quality")
-    if not e:
+    envelope, quality = report.get("envelope"), report.get("quality")
+    if not envelope:
         return None
-    peak = 100 * max(e["fraction"], default=0.0)
+    peak = 100 * max(envelope["fraction"], default=0.0)
     drawn = SkyMap(
         "Share of time in the field",
-        e["nside"],
-        list(e["fraction"]),
+        envelope["nside"],
+        list(envelope["fraction"]),
         f"darkest {peak:.2g} %; edge at the start solid, at the end dashed; ICRS, Mollweide",
         [(s["ra_deg"], s["dec_deg"], s["v_mag"]) for s in report.get("sky", []) if s["state"] == "kept"],
-        e["outline_start"],
-        e["outline_end"],
-        (q["worst_ra_deg"], q["worst_dec_deg"], f"fewest stars: {q['worst_stars']}") if q else None,
+        envelope["outline_start"],
+        envelope["outline_end"],
+        (quality["worst_ra_deg"], quality["worst_dec_deg"], f"fewest stars: {quality['worst_stars']}")
+        if quality
+        else None,
     )
     return Section("Envelope", drawings=[drawn])
 
 
 def _ambiguity(report: Mapping[str, Any]) -> Section | None:
-    a = report.get("ambiguity")
-    if not a:
+    ambiguity = report.get("ambiguity")
+    if not ambiguity:
         return None
-    caption = (
-        f"Other triangles similar to one of the brightest stars of the field, within {a['tolerance_arcsec']:.0f}″."
-    )
-    if a.get("worst") is not None and a["worst"] < ENDLESS:
-        caption += f" Most: {a['worst']:.3g} at {a['worst_ra_deg']:.1f}° {a['worst_dec_deg']:+.1f}°."
-    tones = [_decades(v) for v in a["value"]]
-    drawn = SkyMap("Other triangles per triangle", a["nside"], tones, "0.001 to 100 by tone")
+    caption = f"Other triangles similar to one of the brightest stars of the field, within {ambiguity['tolerance_arcsec']:.0f}″."
+    if ambiguity.get("worst") is not None and ambiguity["worst"] < ENDLESS:
+        caption += (
+            f" Most: {ambiguity['worst']:.3g} at {ambiguity['worst_ra_deg']:.1f}° {ambiguity['worst_dec_deg']:+.1f}°."
+        )
+    tones = [_decades(v) for v in ambiguity["value"]]
+    drawn = SkyMap("Other triangles per triangle", ambiguity["nside"], tones, "0.001 to 100 by tone")
     return Section("Ambiguity of the stars", caption, drawings=[drawn])
 
 
@@ -155,8 +160,8 @@ def _funnel(report: Mapping[str, Any]) -> Section | None:
     return _listed("From catalogue to bank", ("step", "stars"), rows) if rows else None
 
 
-def _screening(m: Mapping[str, Any]) -> Section:
-    screening = (m.get("assessment") or {}).get("screening")
+def _screening(manifest: Mapping[str, Any]) -> Section:
+    screening = (manifest.get("assessment") or {}).get("screening")
     if not screening:
         return Section("Screening list", "Not requested.")
     rows = [[reason, str(stars)] for reason, stars in screening["counts"].items()]
@@ -171,11 +176,11 @@ def _screening(m: Mapping[str, Any]) -> Section:
     return Section("Screening list", facts=facts, tables=tables)
 
 
-def _corrections(m: Mapping[str, Any]) -> Section:
-    facts = m.get("corrections") or {}
+def _corrections(manifest: Mapping[str, Any]) -> Section:
+    facts = manifest.get("corrections") or {}
     if not facts:
         old = "Proper motion to the epoch; the manifest is of version 1 and names no others."
-        return Section("Corrections", old if m.get("tool") else UNKNOWN)
+        return Section("Corrections", old if manifest.get("tool") else UNKNOWN)
     rows = [
         [str(a.get("name")), f"{a.get('stars', '–')}", f"{_short(a.get('largest'))} {a.get('unit', '')}"]
         for a in facts.get("applied", [])
@@ -183,24 +188,24 @@ def _corrections(m: Mapping[str, Any]) -> Section:
     return _listed("Corrections", ("correction", "stars", "largest"), rows)
 
 
-def _quantisation(m: Mapping[str, Any]) -> Section | None:
-    q = m.get("quantisation")
-    if not q:
+def _quantisation(manifest: Mapping[str, Any]) -> Section | None:
+    quantisation = manifest.get("quantisation")
+    if not quantisation:
         return None
     facts = [
-        Fact("worst position", _arcsec(q.get("position_rad"))),
-        Fact("worst distance", _arcsec(q.get("distance_rad"))),
-        Fact("worst magnitude", _number(q.get("v_mag"), 6)),
+        Fact("worst position", _arcsec(quantisation.get("position_rad"))),
+        Fact("worst distance", _arcsec(quantisation.get("distance_rad"))),
+        Fact("worst magnitude", _number(quantisation.get("v_mag"), 6)),
     ]
     return Section("Number widths on board", facts=facts)
 
 
-def _source(m: Mapping[str, Any]) -> Section | None:
-    facts = [Fact("catalogue", str(m["source"]))] if m.get("source") else []
-    facts += _flat(m.get("source_facts") or {})
+def _source(manifest: Mapping[str, Any]) -> Section | None:
+    facts = [Fact("catalogue", str(manifest["source"]))] if manifest.get("source") else []
+    facts += _flat(manifest.get("source_facts") or {})
     if not facts:
         return None
-    return Section("Source", facts=[*facts, Fact("table SHA-256", str(m.get("star_table_sha256", "–")))])
+    return Section("Source", facts=[*facts, Fact("table SHA-256", str(manifest.get("star_table_sha256", "–")))])
 
 
 def _listed(title: str, columns: Sequence[str], rows: list[list[str]]) -> Section:

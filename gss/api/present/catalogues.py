@@ -69,31 +69,31 @@ def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDeta
 
 def diff(stored_diff: StoredDiff, stars: StarTable) -> CatalogueDiffOut:
     """Return what would change on board. ``stars``: source of names, and of magnitudes for formats that store none."""
-    d, c = stored_diff.diff, stored_diff.coverage
-    moved = dict(zip(d.moved.tolist(), (d.moved_rad / ARCSEC_RAD).tolist(), strict=True))
-    changed = dict(zip(d.magnitude_changed.tolist(), d.magnitude_change_mag.tolist(), strict=True))
+    difference, coverage = stored_diff.diff, stored_diff.coverage
+    moved = dict(zip(difference.moved.tolist(), (difference.moved_rad / ARCSEC_RAD).tolist(), strict=True))
+    changed = dict(zip(difference.magnitude_changed.tolist(), difference.magnitude_change_mag.tolist(), strict=True))
     return CatalogueDiffOut(
         old=_reference(stored_diff.old),
         new=_reference(stored_diff.new),
         same_camera=stored_diff.same_camera,
-        nothing=d.nothing and stored_diff.old.sha256 == stored_diff.new.sha256,
-        added_count=len(d.added),
-        dropped_count=len(d.dropped),
-        moved_count=len(d.moved),
-        magnitude_count=len(d.magnitude_changed),
-        same_count=len(d.same),
-        unknown_old=d.unknown[0],
-        unknown_new=d.unknown[1],
-        added=_stars(d.added, stored_diff.after, stars),
-        dropped=_stars(d.dropped, stored_diff.before, stars),
-        moved=_stars(d.moved, stored_diff.after, stars, moved_arcsec=moved),
-        magnitude=_stars(d.magnitude_changed, stored_diff.after, stars, change_mag=changed),
+        nothing=difference.nothing and stored_diff.old.sha256 == stored_diff.new.sha256,
+        added_count=len(difference.added),
+        dropped_count=len(difference.dropped),
+        moved_count=len(difference.moved),
+        magnitude_count=len(difference.magnitude_changed),
+        same_count=len(difference.same),
+        unknown_old=difference.unknown[0],
+        unknown_new=difference.unknown[1],
+        added=_stars(difference.added, stored_diff.after, stars),
+        dropped=_stars(difference.dropped, stored_diff.before, stars),
+        moved=_stars(difference.moved, stored_diff.after, stars, moved_arcsec=moved),
+        magnitude=_stars(difference.magnitude_changed, stored_diff.after, stars, change_mag=changed),
         coverage=CoverageOut(
-            nside=c.nside,
-            radius_deg=float(np.degrees(c.radius_rad)),
-            old=c.old.tolist(),
-            new=c.new.tolist(),
-            poorer=c.poorer(NEED),
+            nside=coverage.nside,
+            radius_deg=float(np.degrees(coverage.radius_rad)),
+            old=coverage.old.tolist(),
+            new=coverage.new.tolist(),
+            poorer=coverage.poorer(NEED),
         ),
     )
 
@@ -140,14 +140,14 @@ def timeline(bank_timeline: Timeline, now: datetime, watch_days: float) -> Timel
 
 
 def _stay(stay: BankPeriod, now: datetime) -> BankStayOut:
-    row, c = stay.row, stay.catalogue
+    row, catalogue = stay.row, stay.catalogue
     names = "bank state sha256 began ended told how user"
     return BankStayOut(
         **{name: getattr(row, name) for name in names.split()},
-        name=c.name if c else row.name,
-        catalogue_id=c.id if c else row.catalogue_id,
-        stars=c.stars if c else None,
-        valid_from=c.valid_from if c else None,
-        valid_to=c.valid_to if c else None,
-        days_left=days_left(c.valid_to, now) if c else None,
+        name=catalogue.name if catalogue else row.name,
+        catalogue_id=catalogue.id if catalogue else row.catalogue_id,
+        stars=catalogue.stars if catalogue else None,
+        valid_from=catalogue.valid_from if catalogue else None,
+        valid_to=catalogue.valid_to if catalogue else None,
+        days_left=days_left(catalogue.valid_to, now) if catalogue else None,
     )

@@ -36,7 +36,7 @@ def dictionary(
     roles: Roles, commands: Sequence[Definition], preconditions: Mapping[str, Sequence[PreconditionState]]
 ) -> DictionaryOut:
     """Return the dictionary with the commands that the device supports and the current state of their preconditions."""
-    d = roles.operations.dictionary
+    definitions = roles.operations.dictionary
     fields = [
         FieldDefinitionOut(
             name=f.name,
@@ -50,11 +50,11 @@ def dictionary(
             critical=f.limits.critical,
             stale_after_s=f.stale_after_s,
         )
-        for packet in d.telemetry
+        for packet in definitions.telemetry
         for f in packet.values
     ]
     shown = [definition(roles.operations, c, preconditions.get(c.name, ())) for c in commands]
-    return DictionaryOut(hash=d.hash_hex, commands=shown, telemetry=fields, roles=roles_of(roles))
+    return DictionaryOut(hash=definitions.hash_hex, commands=shown, telemetry=fields, roles=roles_of(roles))
 
 
 def roles_of(roles: Roles) -> RolesOut:
@@ -70,7 +70,7 @@ def roles_of(roles: Roles) -> RolesOut:
 
 
 def definition(
-    operations: StandardOperations, c: Definition, states: Sequence[PreconditionState]
+    operations: StandardOperations, command: Definition, states: Sequence[PreconditionState]
 ) -> CommandDefinitionOut:
     """Return a command definition."""
     arguments = [
@@ -86,24 +86,24 @@ def definition(
                 ArgumentChoiceOut(name=x.name, value=x.value, hazard=x.hazard.value, note=x.note) for x in a.choices
             ],
         )
-        for a in c.arguments
+        for a in command.arguments
     ]
     return CommandDefinitionOut(
-        name=c.name,
-        code=c.code,
-        subsystem=c.subsystem,
-        purpose=c.purpose,
-        hazard=c.hazard.value,
-        hazard_reason=c.hazard_reason,
-        idempotent=c.idempotent,
-        role=c.role,
-        favourite=c.favourite,
+        name=command.name,
+        code=command.code,
+        subsystem=command.subsystem,
+        purpose=command.purpose,
+        hazard=command.hazard.value,
+        hazard_reason=command.hazard_reason,
+        idempotent=command.idempotent,
+        role=command.role,
+        favourite=command.favourite,
         arguments=arguments,
         preconditions=[precondition(s) for s in states],
-        accept_within_s=c.accept_s,
-        complete_within_s=c.complete_s,
-        simulator_only=c.simulator_only,
-        schedulable=schedulable(operations, c),
+        accept_within_s=command.accept_s,
+        complete_within_s=command.complete_s,
+        simulator_only=command.simulator_only,
+        schedulable=schedulable(operations, command),
     )
 
 

@@ -16,14 +16,15 @@ GAP_SHARE, GAP_S = 0.02, 12.0
 
 def contact_sheet(report: ReportOut) -> Report:
     """Return the report."""
-    c = report.contact
+    contact = report.contact
     firmware, profile = report.firmware or "unknown", report.profile or "unknown"
-    until = _when(c.ended) if c.ended else "still open"
+    until = _when(contact.ended) if contact.ended else "still open"
     return Report(
-        f"Contact {c.id}: {c.device}",
-        f"{c.url}, {_when(c.started)} to {until} ({_duration(c.duration_s)}), firmware {firmware}, profile {profile}",
+        f"Contact {contact.id}: {contact.device}",
+        f"{contact.url}, {_when(contact.started)} to {until} ({_duration(contact.duration_s)}), "
+        f"firmware {firmware}, profile {profile}",
         [
-            *([Section("Note", c.note)] if c.note else []),
+            *([Section("Note", contact.note)] if contact.note else []),
             Section("Link and volume", facts=_link_facts(report)),
             _record(report),
             Section("Attitude", facts=_attitude_facts(report), drawings=[*_plots(report)]),
@@ -41,13 +42,13 @@ def _notes(report: ReportOut) -> list[Note]:
 
 
 def _lists(report: ReportOut) -> list[Section]:
-    c = report.contact
+    contact = report.contact
     return [
         _listed(
             "Commands",
             ("sent", "command", "by", "result", "detail"),
-            [(_clock(x.created), x.name, x.user, x.result, x.detail) for x in c.command_list],
-            c.commands,
+            [(_clock(x.created), x.name, x.user, x.result, x.detail) for x in contact.command_list],
+            contact.commands,
         ),
         _listed(
             "Procedures",
@@ -67,19 +68,24 @@ def _lists(report: ReportOut) -> list[Section]:
         _listed(
             "Transfers",
             ("what", "way", "state", "bytes", "resent", "reason"),
-            [(x.subject, x.direction, x.state, f"{x.size}", f"{x.resent}", x.reason) for x in c.transfers],
-            c.transfer_count,
+            [(x.subject, x.direction, x.state, f"{x.size}", f"{x.resent}", x.reason) for x in contact.transfers],
+            contact.transfer_count,
         ),
         _listed(
             "Alarms",
             ("raised", "alarm", "worst", "state", "closed", "by"),
-            [(_clock(a.raised), a.text, a.worst, a.state, _clock(a.closed), a.acknowledged_by or "") for a in c.alarms],
+            [
+                (_clock(a.raised), a.text, a.worst, a.state, _clock(a.closed), a.acknowledged_by or "")
+                for a in contact.alarms
+            ],
         ),
-        _listed("Frames", ("received", "frame"), [(_clock(f.received), f.name) for f in c.frame_list], c.frames),
+        _listed(
+            "Frames", ("received", "frame"), [(_clock(f.received), f.name) for f in contact.frame_list], contact.frames
+        ),
         _listed(
             "Raw capture",
             ("file", "bytes", "kept"),
-            [(f.file, f"{f.bytes}", "yes" if f.present else "dropped") for f in c.captures],
+            [(f.file, f"{f.bytes}", "yes" if f.present else "dropped") for f in contact.captures],
         ),
     ]
 
@@ -91,30 +97,30 @@ def _listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], t
 
 
 def _link_facts(report: ReportOut) -> list[Fact]:
-    c, v = report.contact, report.volumes
+    contact, volumes = report.contact, report.volumes
     facts = [
-        ("received", f"{v.rx_bytes} B"),
-        ("sent", f"{v.tx_bytes} B"),
-        ("telemetry packets", f"{v.telemetry_packets}"),
-        ("good packets", f"{c.counters.get('good', 0)}"),
-        ("damaged packets", f"{100 * c.error_rate:.2f} %"),
-        ("missing by sequence", f"{c.counters.get('gaps', 0)}"),
-        ("bad checksum", f"{c.counters.get('bad_crc', 0)}"),
-        ("too long or short", f"{c.counters.get('too_long', 0) + c.counters.get('too_short', 0)}"),
-        ("frames", f"{c.frames}, {v.frame_bytes} B"),
+        ("received", f"{volumes.rx_bytes} B"),
+        ("sent", f"{volumes.tx_bytes} B"),
+        ("telemetry packets", f"{volumes.telemetry_packets}"),
+        ("good packets", f"{contact.counters.get('good', 0)}"),
+        ("damaged packets", f"{100 * contact.error_rate:.2f} %"),
+        ("missing by sequence", f"{contact.counters.get('gaps', 0)}"),
+        ("bad checksum", f"{contact.counters.get('bad_crc', 0)}"),
+        ("too long or short", f"{contact.counters.get('too_long', 0) + contact.counters.get('too_short', 0)}"),
+        ("frames", f"{contact.frames}, {volumes.frame_bytes} B"),
     ]
     return [Fact(*fact) for fact in facts]
 
 
 def _attitude_facts(report: ReportOut) -> list[Fact]:
-    a = report.attitude
-    sigma = a.sigma_cross_arcsec_median
+    attitude = report.attitude
+    sigma = attitude.sigma_cross_arcsec_median
     facts = [
-        ("iterations", f"{a.iterations}"),
-        ("solved", f"{a.solved}" + (f" ({100 * a.share:.1f} %)" if a.share is not None else "")),
+        ("iterations", f"{attitude.iterations}"),
+        ("solved", f"{attitude.solved}" + (f" ({100 * attitude.share:.1f} %)" if attitude.share is not None else "")),
         ("median sigma across", "–" if sigma is None else f"{sigma:.1f}″"),
     ]
-    for name, pointing in (("first", a.first), ("last", a.last)):
+    for name, pointing in (("first", attitude.first), ("last", attitude.last)):
         if pointing is not None:
             ra, dec, roll = pointing
             facts += [(f"{name} RA", f"{ra:.4f}°"), (f"{name} Dec", f"{dec:+.4f}°"), (f"{name} roll", f"{roll:.3f}°")]
@@ -122,10 +128,10 @@ def _attitude_facts(report: ReportOut) -> list[Fact]:
 
 
 def _record(report: ReportOut) -> Section:
-    r = report.record
-    share = math.floor(1e4 * r.share) / 100
-    text = f"{r.held} of {r.expected} housekeeping packets ({share:.2f} %); {r.unexplained} gaps without a cause"
-    gaps = [[_clock(g.start), _clock(g.end), f"{g.missing}", g.cause] for g in r.gaps]
+    record = report.record
+    share = math.floor(1e4 * record.share) / 100
+    text = f"{record.held} of {record.expected} housekeeping packets ({share:.2f} %); {record.unexplained} gaps without a cause"
+    gaps = [[_clock(g.start), _clock(g.end), f"{g.missing}", g.cause] for g in record.gaps]
     silences = [[_clock(g.start), _clock(g.end), f"{g.seconds:.1f} s", g.cause] for g in report.contact.gaps]
     tables = [Table("Missing by sequence", ["from", "to", "missing", "cause"], gaps)]
     if silences:
@@ -142,15 +148,15 @@ def _plots(report: ReportOut) -> list[Plot]:
     return plots
 
 
-def _plot(title: str, unit: str, t: Sequence[float], y: Sequence[Number]) -> Plot:
-    return Plot(title, "UTC", unit, [_broken(title, t, y)], time=True)
+def _plot(title: str, unit: str, times_s: Sequence[float], y: Sequence[Number]) -> Plot:
+    return Plot(title, "UTC", unit, [_broken(title, times_s, y)], time=True)
 
 
-def _broken(label: str, t: Sequence[float], y: Sequence[Number]) -> Series:
+def _broken(label: str, times_s: Sequence[float], y: Sequence[Number]) -> Series:
     """Return a series with a gap (None) between samples that are too far apart to be connected."""
-    longest_s = max(GAP_S, GAP_SHARE * (t[-1] - t[0]))
-    at, value = [t[0]], [y[0]]
-    for (before, _), (now, sample) in itertools.pairwise(zip(t, y, strict=True)):
+    longest_s = max(GAP_S, GAP_SHARE * (times_s[-1] - times_s[0]))
+    at, value = [times_s[0]], [y[0]]
+    for (before, _), (now, sample) in itertools.pairwise(zip(times_s, y, strict=True)):
         if now - before > longest_s:
             at.append((before + now) / 2)
             value.append(None)

@@ -58,26 +58,26 @@ def contact(row: Contact, device: Device | None, frames: int, commands: int) -> 
     )
 
 
-def detail(d: ContactDetail) -> ContactDetailOut:
+def detail(full: ContactDetail) -> ContactDetailOut:
     """Return all details of a contact."""
-    head = contact(d.row, d.device, d.frames.total, d.commands.total)
+    head = contact(full.row, full.device, full.frames.total, full.commands.total)
     return ContactDetailOut(
         **head.model_dump(),
-        instrument=d.row.instrument,
-        instrument_version=d.row.instrument_version,
-        duration_s=d.duration_s,
-        counters=d.counters,
-        error_rate=d.error_rate,
-        gaps=[_span(gap) for gap in d.silences],
-        packets=d.packets,
-        frame_list=[ContactFrameOut.model_validate(row) for row in d.frames.rows],
-        command_list=[ContactCommandOut.model_validate(row) for row in d.commands.rows],
-        transfers=[ContactTransferOut.model_validate(row) for row in d.transfers.rows],
-        transfer_count=d.transfers.total,
-        alarms=[alarm(view) for view in d.alarms],
-        events=d.events,
-        captures=[CaptureOut.model_validate(file) for file in d.captures],
-        capture_bytes=sum(file.bytes for file in d.captures),
+        instrument=full.row.instrument,
+        instrument_version=full.row.instrument_version,
+        duration_s=full.duration_s,
+        counters=full.counters,
+        error_rate=full.error_rate,
+        gaps=[_span(gap) for gap in full.silences],
+        packets=full.packets,
+        frame_list=[ContactFrameOut.model_validate(row) for row in full.frames.rows],
+        command_list=[ContactCommandOut.model_validate(row) for row in full.commands.rows],
+        transfers=[ContactTransferOut.model_validate(row) for row in full.transfers.rows],
+        transfer_count=full.transfers.total,
+        alarms=[alarm(view) for view in full.alarms],
+        events=full.events,
+        captures=[CaptureOut.model_validate(file) for file in full.captures],
+        capture_bytes=sum(file.bytes for file in full.captures),
     )
 
 
@@ -110,31 +110,31 @@ def record(contact_id: int, check: RecordCheck) -> RecordOut:
     )
 
 
-def report(r: ContactReport, procedures: Sequence[ProcedureRun]) -> ReportOut:
+def report(full: ContactReport, procedures: Sequence[ProcedureRun]) -> ReportOut:
     """Return the pass report with the runs of procedures that were under way."""
-    a, device = r.attitude, r.detail.device
-    row = r.detail.row
+    attitude, device = full.attitude, full.detail.device
+    row = full.detail.row
     return ReportOut(
-        contact=detail(r.detail),
+        contact=detail(full.detail),
         firmware=device.firmware if device else "",
         profile=device.profile if device else "",
         volumes=VolumesOut(
             rx_bytes=row.rx_bytes,
             tx_bytes=row.tx_bytes,
-            telemetry_packets=r.telemetry_packets,
-            frame_bytes=r.frame_bytes,
+            telemetry_packets=full.telemetry_packets,
+            frame_bytes=full.frame_bytes,
         ),
         attitude=AttitudeSummaryOut(
-            iterations=a.iterations,
-            solved=a.solved,
-            share=a.share,
-            sigma_cross_arcsec_median=a.sigma_cross_arcsec_median,
-            first=a.first,
-            last=a.last,
+            iterations=attitude.iterations,
+            solved=attitude.solved,
+            share=attitude.share,
+            sigma_cross_arcsec_median=attitude.sigma_cross_arcsec_median,
+            first=attitude.first,
+            last=attitude.last,
         ),
-        record=record(row.id, r.record),
-        series=[series(s) for s in r.series],
-        quality=r.quality,
+        record=record(row.id, full.record),
+        series=[series(s) for s in full.series],
+        quality=full.quality,
         procedures=[run(row) for row in procedures],
     )
 

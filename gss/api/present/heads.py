@@ -143,29 +143,29 @@ def _fused(result: HeadsResult) -> FusedOut:
 
 
 def _pair(time_s: float, pair: PairResult) -> HeadPairOut:
-    d = pair.difference
+    difference = pair.difference
     return HeadPairOut(
         **vars(_misalignment(pair.misalignment, pair.sigma_rad, pair.drift_sigma_rad_s)),
         reference=pair.reference,
         unit=pair.unit,
         at=datetime.fromtimestamp(time_s, UTC),
-        angle_arcsec=d.angle_rad / ARCSEC_RAD,
-        angle_sigma_arcsec=d.angle_sigma_rad / ARCSEC_RAD,
-        boresight_arcsec=d.boresight_rad / ARCSEC_RAD,
-        boresight_sigma_arcsec=d.boresight_sigma_rad / ARCSEC_RAD,
-        chi2=d.agreement.chi2,
+        angle_arcsec=difference.angle_rad / ARCSEC_RAD,
+        angle_sigma_arcsec=difference.angle_sigma_rad / ARCSEC_RAD,
+        boresight_arcsec=difference.boresight_rad / ARCSEC_RAD,
+        boresight_sigma_arcsec=difference.boresight_sigma_rad / ARCSEC_RAD,
+        chi2=difference.agreement.chi2,
     )
 
 
-def _misalignment(m: Misalignment, sigma_rad: Array, drift_sigma_rad_s: Array) -> MisalignmentOut:
+def _misalignment(estimate: Misalignment, sigma_rad: Array, drift_sigma_rad_s: Array) -> MisalignmentOut:
     hour = HOUR_S / ARCSEC_RAD
     return MisalignmentOut(
-        misalignment_arcsec=_vector(m.vector_rad / ARCSEC_RAD),
+        misalignment_arcsec=_vector(estimate.vector_rad / ARCSEC_RAD),
         misalignment_sigma_arcsec=_vector(sigma_rad / ARCSEC_RAD),
-        drift_arcsec_h=_vector(m.drift_rad_s * hour),
+        drift_arcsec_h=_vector(estimate.drift_rad_s * hour),
         drift_sigma_arcsec_h=_vector(drift_sigma_rad_s * hour),
-        samples=m.samples,
-        restarts=m.restarts,
+        samples=estimate.samples,
+        restarts=estimate.restarts,
     )
 
 

@@ -56,7 +56,7 @@ def _values(installed: Installed) -> dict[str, Any]:
 def instrument_detail(installed: Installed, versions: Sequence[str]) -> InstrumentDetailOut:
     """Return the whole content of a package."""
     i = installed.instrument
-    camera, d = i.profile.camera, i.dictionary
+    camera, definitions = i.profile.camera, i.dictionary
     return InstrumentDetailOut(
         **_values(installed),
         versions=list(versions),
@@ -77,19 +77,19 @@ def instrument_detail(installed: Installed, versions: Sequence[str]) -> Instrume
         simulator=i.simulator,
         dictionary=DictionarySummaryOut(
             shared=i.about.dictionary,
-            hash=d.hash_hex,
-            commands=len(d.commands),
-            packets=len(d.telemetry),
-            events=len(d.events),
+            hash=definitions.hash_hex,
+            commands=len(definitions.commands),
+            packets=len(definitions.telemetry),
+            events=len(definitions.events),
         ),
         procedures=procedures(i),
         files=sorted(i.files),
     )
 
 
-def procedures(i: Instrument) -> list[ProcedureOut]:
+def procedures(instrument: Instrument) -> list[ProcedureOut]:
     """Return the procedures of a package by file name; the title is the first heading."""
-    return [ProcedureOut(file=file, title=title_of(text, file)) for file, text in sorted(i.procedures.items())]
+    return [ProcedureOut(file=file, title=title_of(text, file)) for file, text in sorted(instrument.procedures.items())]
 
 
 def title_of(text: str, file: str) -> str:

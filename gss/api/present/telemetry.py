@@ -32,23 +32,23 @@ def latest(values: list[FieldValue]) -> LatestOut:
     return LatestOut(values=values)
 
 
-def series(s: TelemetrySeries) -> TelemetrySeriesOut:
+def series(stored: TelemetrySeries) -> TelemetrySeriesOut:
     """Return the history of one field."""
-    definition = s.definition
+    definition = stored.definition
     choices = [FieldChoiceOut(name=c.name, value=c.value) for c in definition.choices]
     if definition.type == "bool":
         choices = [FieldChoiceOut(name="no", value=0), FieldChoiceOut(name="yes", value=1)]
     return TelemetrySeriesOut(
-        name=s.key,
+        name=stored.key,
         unit=definition.unit,
-        t=s.t,
-        y=s.y,
-        packet=s.packet,
+        t=stored.t,
+        y=stored.y,
+        packet=stored.packet,
         title=definition.title,
         kind=kind(definition),
         choices=choices,
-        samples=s.samples,
-        thinned=s.thinned,
+        samples=stored.samples,
+        thinned=stored.thinned,
     )
 
 

@@ -75,21 +75,23 @@ def _report(app: App, pair: ChainPairIn) -> ChainReport:
     return app.studies.campaigns.reports.report(ChainKey(pair.chain, pair.version, pair.options), against)
 
 
-def _chain(r: ChainRecord) -> ChainRecordOut:
-    judged = sum(count for verdict, count in r.verdicts.items() if verdict != "none")
+def _chain(record: ChainRecord) -> ChainRecordOut:
+    judged = sum(count for verdict, count in record.verdicts.items() if verdict != "none")
     return ChainRecordOut(
-        chain=r.chain,
-        version=r.version,
-        options=r.options,
-        frames=r.frames,
-        solved=r.solved,
-        solved_interval=share_interval(r.solved, r.frames),
-        verdicts=r.verdicts,
+        chain=record.chain,
+        version=record.version,
+        options=record.options,
+        frames=record.frames,
+        solved=record.solved,
+        solved_interval=share_interval(record.solved, record.frames),
+        verdicts=record.verdicts,
         judged=judged,
-        wrong_most=share_interval(r.verdicts.get("wrong", 0), judged)[1],
-        median_error_axis_arcsec=None if r.median_error_axis_rad is None else r.median_error_axis_rad / ARCSEC_RAD,
-        median_rms_px=r.median_rms_px,
-        median_time_ms=None if r.median_time_s is None else 1e3 * r.median_time_s,
+        wrong_most=share_interval(record.verdicts.get("wrong", 0), judged)[1],
+        median_error_axis_arcsec=None
+        if record.median_error_axis_rad is None
+        else record.median_error_axis_rad / ARCSEC_RAD,
+        median_rms_px=record.median_rms_px,
+        median_time_ms=None if record.median_time_s is None else 1e3 * record.median_time_s,
     )
 
 

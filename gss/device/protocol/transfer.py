@@ -63,9 +63,9 @@ class StatusPage:
     @classmethod
     def of(cls, message: Decoded) -> StatusPage:
         """Return the page in a decoded STATUS message."""
-        v = {name: int(value) for name, value in message.values.items()}
+        values = {name: int(value) for name, value in message.values.items()}
         ranges = tuple((int(r["first"]), int(r["last"])) for r in message.lists["ranges"])
-        return cls(v["serial"], v["stored_chunks"], v["from_index"], v["to_index"], ranges)
+        return cls(values["serial"], values["stored_chunks"], values["from_index"], values["to_index"], ranges)
 
 
 def chunk_count(size: int, chunk_bytes: int) -> int:

@@ -57,9 +57,9 @@ def encode_windows(pixels: Pixels, windows: Sequence[Window]) -> bytes:
     """Return the encoded windows of a (rows, columns) frame."""
     pixel_bytes = pixels.dtype.itemsize
     parts = [HEAD.pack(pixels.shape[1], pixels.shape[0], pixel_bytes, len(windows))]
-    for w in windows:
-        parts.append(WINDOW.pack(w.col_px, w.row_px, w.columns, w.rows))
-        cut = pixels[w.row_px : w.row_px + w.rows, w.col_px : w.col_px + w.columns]
+    for window in windows:
+        parts.append(WINDOW.pack(window.col_px, window.row_px, window.columns, window.rows))
+        cut = pixels[window.row_px : window.row_px + window.rows, window.col_px : window.col_px + window.columns]
         parts.append(np.ascontiguousarray(cut, DTYPES[pixel_bytes]).tobytes())
     return b"".join(parts)
 
@@ -82,14 +82,16 @@ def decode_windows(data: bytes) -> tuple[Pixels, tuple[Window, ...]]:
     for _ in range(count):
         if at + WINDOW.size > len(data):
             raise CorruptData("star windows end too early", expected=f"{count} windows", got=f"{len(windows)}")
-        w = Window(*WINDOW.unpack_from(data, at))
+        window = Window(*WINDOW.unpack_from(data, at))
         at += WINDOW.size
-        size = w.columns * w.rows * pixel_bytes
-        if at + size > len(data) or w.col_px + w.columns > columns or w.row_px + w.rows > rows:
-            raise CorruptData("a star window does not fit", expected=f"inside {columns} x {rows} px", got=str(w))
-        cut = np.frombuffer(data, DTYPES[pixel_bytes], w.columns * w.rows, at).reshape(w.rows, w.columns)
-        pixels[w.row_px : w.row_px + w.rows, w.col_px : w.col_px + w.columns] = cut
-        windows.append(w)
+        size = window.columns * window.rows * pixel_bytes
+        if at + size > len(data) or window.col_px + window.columns > columns or window.row_px + window.rows > rows:
+            raise CorruptData("a star window does not fit", expected=f"inside {columns} x {rows} px", got=str(window))
+        cut = np.frombuffer(data, DTYPES[pixel_bytes], window.columns * window.rows, at).reshape(
+            window.rows, window.columns
+        )
+        pixels[window.row_px : window.row_px + window.rows, window.col_px : window.col_px + window.columns] = cut
+        windows.append(window)
         at += size
     if at != len(data):
         raise CorruptData("star windows are too long", expected=f"{at} B", got=f"{len(data)} B")

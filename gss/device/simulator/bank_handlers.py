@@ -107,13 +107,13 @@ class BankHandlers:
             raise Rejection("bank_corrupt", f"bank {bank} does not match its checksum")
         return digest
 
-    def verify_bank(self, a: Arguments, request_id: int) -> Task:
-        digest = yield from self._read_back(str(a["bank"]), request_id)
-        self._report_banks(request_id, str(a["bank"]))
+    def verify_bank(self, arguments: Arguments, request_id: int) -> Task:
+        digest = yield from self._read_back(str(arguments["bank"]), request_id)
+        self._report_banks(request_id, str(arguments["bank"]))
         return {"sha256": bytes.fromhex(digest)}
 
-    def activate_bank(self, a: Arguments, request_id: int) -> Task:
-        bank, record, trial_s = str(a["bank"]), self._memory.record, int(a["confirm_within_s"])
+    def activate_bank(self, arguments: Arguments, request_id: int) -> Task:
+        bank, record, trial_s = str(arguments["bank"]), self._memory.record, int(arguments["confirm_within_s"])
         if bank == record.active:
             raise Rejection("bank_active", f"bank {bank} is active already")
         if record.unconfirmed:
@@ -130,9 +130,9 @@ class BankHandlers:
         self._report_banks(request_id, record.previous, bank)
         return {}
 
-    def confirm_bank(self, a: Arguments, request_id: int) -> Returns:
+    def confirm_bank(self, arguments: Arguments, request_id: int) -> Returns:
         record = self._memory.record
-        if a["bank"] != record.active:
+        if arguments["bank"] != record.active:
             raise Rejection("wrong_state", f"bank {record.active} is active")
         if record.unconfirmed:
             self._memory.confirm()
@@ -155,8 +155,8 @@ class BankHandlers:
         self._fall_back("was rolled back", request_id)
         return {}
 
-    def erase_bank(self, a: Arguments, request_id: int) -> Task:
-        bank, record = str(a["bank"]), self._memory.record
+    def erase_bank(self, arguments: Arguments, request_id: int) -> Task:
+        bank, record = str(arguments["bank"]), self._memory.record
         if bank == GOLDEN:
             raise Rejection("write_protected", "the golden bank cannot be erased")
         if bank == record.active or (record.unconfirmed and bank == record.previous):

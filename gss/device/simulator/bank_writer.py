@@ -55,9 +55,9 @@ class BankWriter:
             raise Rejection("not_found", f"banks of tables are 0 (A), 1 (B) and 3 (factory); got {target}")
         return area_name(kind, bank)
 
-    def check(self, v: Mapping[str, Value], target: int, size: int) -> str:
+    def check(self, offer: Mapping[str, Value], target: int, size: int) -> str:
         """Return the area to write. Raises Refusal if the content must not be written there."""
-        kind = str(v["kind"])
+        kind = str(offer["kind"])
         area = self.area(kind, target)
         if area == GOLDEN or area.endswith(FACTORY):
             raise Rejection("write_protected", f"{area} cannot be written")
@@ -68,7 +68,7 @@ class BankWriter:
             raise Rejection("too_large", f"{area} has {capacity} B, got {size}")
         if not size:
             raise Rejection("bad_length", "the content is empty")
-        epoch_jyear = float(v["epoch_jyear"])
+        epoch_jyear = float(offer["epoch_jyear"])
         if epoch_jyear and not EPOCHS_JYEAR[0] <= epoch_jyear <= EPOCHS_JYEAR[1]:
             low, high = EPOCHS_JYEAR
             raise Rejection("out_of_range", f"epoch_jyear: 0 or {low:g} – {high:g}, got {epoch_jyear:g}")
@@ -78,19 +78,19 @@ class BankWriter:
             "dictionary_hash": self._dictionary.hash,
         }
         for name, unit_value in unit_values.items():
-            if v[name] != unit_value:
-                raise Rejection("incompatible", f"{name}: expected {_short(unit_value)}, got {_short(v[name])}")
-        if int(v["format_version"]) not in self.formats(kind):
+            if offer[name] != unit_value:
+                raise Rejection("incompatible", f"{name}: expected {_short(unit_value)}, got {_short(offer[name])}")
+        if int(offer["format_version"]) not in self.formats(kind):
             expected = " or ".join(map(str, self.formats(kind)))
-            raise Rejection("incompatible", f"format_version: expected {expected}, got {int(v['format_version'])}")
+            raise Rejection("incompatible", f"format_version: expected {expected}, got {int(offer['format_version'])}")
         return area
 
     @staticmethod
-    def offered(v: Mapping[str, Value]) -> dict[str, float]:
+    def offered(offer: Mapping[str, Value]) -> dict[str, float]:
         """Return what the ground stated about a catalogue; zeros state nothing."""
-        if v["kind"] != "catalogue":
+        if offer["kind"] != "catalogue":
             return {}
-        return {name: float(v[name]) for name in ("stars", "pairs", "epoch_jyear") if v[name]}
+        return {name: float(offer[name]) for name in ("stars", "pairs", "epoch_jyear") if offer[name]}
 
     def formats(self, kind: str) -> tuple[int, ...]:
         """Return the format versions that the unit reads for a kind of content."""

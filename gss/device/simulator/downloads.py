@@ -23,18 +23,18 @@ class DownloadSource:
     def __init__(self, memory: Memory, tracker: StarTracker, writer: BankWriter) -> None:
         self._memory, self._tracker, self._writer = memory, tracker, writer
 
-    def content(self, v: Mapping[str, Value]) -> tuple[bytes, int]:
+    def content(self, request: Mapping[str, Value]) -> tuple[bytes, int]:
         """Return the bytes and the frame number (0 if not an image) for an OPEN_DOWNLOAD. Raises Refusal."""
-        kind, target = str(v["kind"]), int(v["target"])
+        kind, target = str(request["kind"]), int(request["target"])
         if kind in FLASH_KINDS:
             return self._flash(self._writer.area(kind, target)), 0
         if kind in SECTIONS:
             return self._section(kind, self._flash(self._writer.area("catalogue", target))), 0
         frame = self._tracker.imager.stored(target)
         if kind == "region":
-            return self._region(frame, v), frame.number
+            return self._region(frame, request), frame.number
         if kind == "star_windows":
-            return self._windows(frame, int(v["columns"])), frame.number
+            return self._windows(frame, int(request["columns"])), frame.number
         return (frame_bytes(thumbnail(frame.pixels)) if kind == "thumbnail" else frame.data), frame.number
 
     def _flash(self, area: str) -> bytes:
@@ -55,8 +55,8 @@ class DownloadSource:
         return image[HEADER_BYTES:end] if kind == "star_list" else image[end:total]
 
     @staticmethod
-    def _region(frame: StoredFrame, v: Mapping[str, Value]) -> bytes:
-        col, row, columns, rows = (int(v[n]) for n in ("col_px", "row_px", "columns", "rows"))
+    def _region(frame: StoredFrame, request: Mapping[str, Value]) -> bytes:
+        col, row, columns, rows = (int(request[n]) for n in ("col_px", "row_px", "columns", "rows"))
         height, width = frame.pixels.shape
         if not (columns and rows and col + columns <= width and row + rows <= height):
             got = f"{columns} x {rows} from ({col}, {row})"

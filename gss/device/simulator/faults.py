@@ -84,15 +84,15 @@ class LineFaults:
         """Return the data with all faults except delay."""
         if not data or not self.rates.spoil:
             return data
-        r, delivered = self.rates, []
+        rates, delivered = self.rates, []
         for start in range(0, len(data), PIECE_BYTES):
             piece, luck = data[start : start + PIECE_BYTES], self._rng.random()
-            if luck < r.drop_rate:
+            if luck < rates.drop_rate:
                 self.counts.pieces_dropped += 1
                 continue
-            if r.burst_rate and self._rng.random() < r.burst_rate:
+            if rates.burst_rate and self._rng.random() < rates.burst_rate:
                 piece = self._burst(piece)
-            if luck > 1 - r.duplicate_rate:
+            if luck > 1 - rates.duplicate_rate:
                 self.counts.pieces_doubled += 1
                 piece = piece * 2
             delivered.append(piece)

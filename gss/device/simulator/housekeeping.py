@@ -61,33 +61,35 @@ class Housekeeper:
         )
 
     def _attitude(self, sky_s: float, time_s: float) -> Returns:
-        t = self._tracker
+        tracker = self._tracker
         values: Returns = {
-            "mode": t.mode,
-            "tracking_state": t.mode if t.mode in ("tracking", "assisted") else "lost",
+            "mode": tracker.mode,
+            "tracking_state": tracker.mode if tracker.mode in ("tracking", "assisted") else "lost",
             "cycle_running": self._cycle.cycle_running,
-            "iteration": t.iteration,
-            "attitude_age_s": max(0.0, time_s - t.attitude_time_s) if t.attitude_time_s is not None else math.nan,
-            "centroids_found": min(255, len(t.detection.centroids)) if t.detection else 0,
-            "regions_invalid": min(255, t.detection.invalid) if t.detection else 0,
-            "stars_matched": t.matched,
-            "match_confidence": 100.0 * t.matching.confidence if t.matching is not None else 0.0,
-            "sigma_cross_arcsec": t.sigma_rad[0] / ARCSEC_RAD,
-            "sigma_roll_arcsec": t.sigma_rad[1] / ARCSEC_RAD,
-            "rate_deg_s": float(np.degrees(t.prior.rate_rad_s)),
-            "background_dn": float(t.detection.black_dn) if t.detection else 0.0,
-            "orbit_known": t.prior.orbit is not None,
+            "iteration": tracker.iteration,
+            "attitude_age_s": max(0.0, time_s - tracker.attitude_time_s)
+            if tracker.attitude_time_s is not None
+            else math.nan,
+            "centroids_found": min(255, len(tracker.detection.centroids)) if tracker.detection else 0,
+            "regions_invalid": min(255, tracker.detection.invalid) if tracker.detection else 0,
+            "stars_matched": tracker.matched,
+            "match_confidence": 100.0 * tracker.matching.confidence if tracker.matching is not None else 0.0,
+            "sigma_cross_arcsec": tracker.sigma_rad[0] / ARCSEC_RAD,
+            "sigma_roll_arcsec": tracker.sigma_rad[1] / ARCSEC_RAD,
+            "rate_deg_s": float(np.degrees(tracker.prior.rate_rad_s)),
+            "background_dn": float(tracker.detection.black_dn) if tracker.detection else 0.0,
+            "orbit_known": tracker.prior.orbit is not None,
         }
-        return values | timing_values(t.timing) | pose_values(t.quaternion)
+        return values | timing_values(tracker.timing) | pose_values(tracker.quaternion)
 
     def _settings(self) -> Returns:
-        t = self._tracker
+        tracker = self._tracker
         return {
-            "exposure_ms": t.exposure_ms,
-            "threshold_dn": t.threshold_dn,
-            "min_pixels": t.min_pixels,
-            "max_pixels": t.max_pixels,
-            "gain": t.imager.gain,
+            "exposure_ms": tracker.exposure_ms,
+            "threshold_dn": tracker.threshold_dn,
+            "min_pixels": tracker.min_pixels,
+            "max_pixels": tracker.max_pixels,
+            "gain": tracker.imager.gain,
             "period_ms": self._cycle.period_ms,
         }
 

@@ -166,11 +166,11 @@ class Loader:
 
     # --- up -----------------------------------------------------------------------------------------------------
 
-    def _chunk(self, session: Session, v: Mapping[str, Value]) -> None:
+    def _chunk(self, session: Session, values: Mapping[str, Value]) -> None:
         receiver = session.receiver
         assert receiver is not None  # noqa: S101 - the caller has checked it
-        index, data = int(v["index"]), bytes(v["data"])  # type: ignore[arg-type]  # bytes decode to bytes
-        if receiver.accept(index, int(v["serial"]), len(data)) and not session.committed:
+        index, data = int(values["index"]), bytes(values["data"])  # type: ignore[arg-type]  # bytes decode to bytes
+        if receiver.accept(index, int(values["serial"]), len(data)) and not session.committed:
             at = index * session.chunk_bytes
             if not session.area:
                 session.data[at : at + len(data)] = data
@@ -230,8 +230,10 @@ class Loader:
                     self._abort(session.id, session.request_id, refusal.reason, refusal.detail)
                     return
             else:
-                t = self._tracker
-                frame = t.imager.put_image(session.target, content, t.exposure_ms, self._device_time(now_s), t.mode)
+                tracker = self._tracker
+                frame = tracker.imager.put_image(
+                    session.target, content, tracker.exposure_ms, self._device_time(now_s), tracker.mode
+                )
                 self.openings.parts.pop(("image", session.target), None)
                 session.frame_number = frame.number
             session.committed = True

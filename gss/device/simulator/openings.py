@@ -53,14 +53,14 @@ class Openings:
             raise Rejection("out_of_range", f"chunk size {low} – {high}, got {size}")
         return size
 
-    def upload(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
+    def upload(self, request_id: int, request: Mapping[str, Value], now_s: float) -> Session:
         """Return the session for an OPEN_UPLOAD, with the data held from an earlier attempt."""
-        kind, target, size = str(v["kind"]), int(v["target"]), int(v["size_bytes"])
-        chunk_bytes, digest = self._checked_chunk(v), bytes(v["sha256"])  # type: ignore[arg-type]  # bytes decode to bytes
+        kind, target, size = str(request["kind"]), int(request["target"]), int(request["size_bytes"])
+        chunk_bytes, digest = self._checked_chunk(request), bytes(request["sha256"])  # type: ignore[arg-type]  # bytes decode to bytes
         if kind in FLASH_KINDS:
-            area = self._writer.check(v, target, size)
+            area = self._writer.check(request, target, size)
             session = self._open_area(request_id, kind, target, area, size, chunk_bytes, digest, now_s)
-            session.offered = self._writer.offered(v)
+            session.offered = self._writer.offered(request)
             return session
         if kind != "image" or target >= SLOTS:
             raise Rejection("not_found", f"nothing to write: {kind} {target}")
@@ -117,10 +117,10 @@ class Openings:
             self.parts["image", target] = session
         return session
 
-    def download(self, request_id: int, v: Mapping[str, Value], now_s: float) -> Session:
+    def download(self, request_id: int, request: Mapping[str, Value], now_s: float) -> Session:
         """Return the session for an OPEN_DOWNLOAD."""
-        kind, target, chunk_bytes = str(v["kind"]), int(v["target"]), self._checked_chunk(v)
-        data, number = self._downloads.content(v)
+        kind, target, chunk_bytes = str(request["kind"]), int(request["target"]), self._checked_chunk(request)
+        data, number = self._downloads.content(request)
         digest = hashlib.sha256(data).digest()
         session = Session(
             self._new_id(),
@@ -132,7 +132,7 @@ class Openings:
             digest,
             bytearray(data),
             now_s,
-            v["held_sha256"] == digest,
+            request["held_sha256"] == digest,
             number,
         )
         patience_s = request_patience_s(WINDOW_CHUNKS, chunk_bytes, self._bytes_per_s)

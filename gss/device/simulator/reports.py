@@ -43,16 +43,16 @@ def centroid_report(frame_number: int, detection: Detection) -> Report:
     return "centroids", values, {"items": _centroid_rows(detection.centroids)}
 
 
-def _centroid_rows(c: Centroids) -> list[Row]:
+def _centroid_rows(centroids: Centroids) -> list[Row]:
     return [
         {
-            "col_px": float(c.col_px[i]),
-            "row_px": float(c.row_px[i]),
-            "flux_dn": float(c.flux_dn[i]),
-            "peak_dn": int(c.peak_dn[i]),
-            "area_px": int(c.area_px[i]),
+            "col_px": float(centroids.col_px[i]),
+            "row_px": float(centroids.row_px[i]),
+            "flux_dn": float(centroids.flux_dn[i]),
+            "peak_dn": int(centroids.peak_dn[i]),
+            "area_px": int(centroids.area_px[i]),
         }
-        for i in range(len(c))
+        for i in range(len(centroids))
     ]
 
 

@@ -53,15 +53,17 @@ class Schedule:
 
     # --- commands -----------------------------------------------------------------------------------------------
 
-    def schedule(self, a: Arguments, request_id: int) -> Returns:
-        at_s, length, payload = float(a["at_s"]), int(a["length"]), bytes(a["payload"])  # type: ignore[arg-type]  # bytes decode to bytes
-        self._check(int(a["command_code"]), payload[:length])
+    def schedule(self, arguments: Arguments, request_id: int) -> Returns:
+        at_s, length, payload = float(arguments["at_s"]), int(arguments["length"]), bytes(arguments["payload"])  # type: ignore[arg-type]  # bytes decode to bytes
+        self._check(int(arguments["command_code"]), payload[:length])
         if at_s <= self._time_s():
             raise Rejection("out_of_range", f"it is {self._time_s():.1f} s already, requested {at_s:.1f} s")
         if len(self.waiting) >= MOST_WAITING:
             raise Rejection("schedule_full", f"{MOST_WAITING} commands wait already")
         record = self._memory.record
-        entry = ScheduleEntry(record.next_schedule, at_s, int(a["command_code"]), payload[:length].hex(), request_id)
+        entry = ScheduleEntry(
+            record.next_schedule, at_s, int(arguments["command_code"]), payload[:length].hex(), request_id
+        )
         record.next_schedule += 1
         record.schedule.append(entry)
         self._memory.save()
@@ -88,8 +90,8 @@ class Schedule:
             self._outbox.telemetry(_report(entry), request_id)
         return {"count": len(entries)}
 
-    def cancel(self, a: Arguments, request_id: int) -> Returns:
-        schedule_id = int(a["schedule_id"])
+    def cancel(self, arguments: Arguments, request_id: int) -> Returns:
+        schedule_id = int(arguments["schedule_id"])
         chosen = [e for e in self.waiting if schedule_id in (0, e.schedule_id)]
         if schedule_id and not chosen:
             raise Rejection("not_found", f"no waiting command has number {schedule_id}")

@@ -44,51 +44,51 @@ class SettingHandlers:
             "SET_TIME": self.set_time,
         }
 
-    def set_exposure(self, a: Arguments, _: int) -> Returns:
-        self._tracker.exposure_ms = int(a["exposure_ms"])
+    def set_exposure(self, arguments: Arguments, _: int) -> Returns:
+        self._tracker.exposure_ms = int(arguments["exposure_ms"])
         return {}
 
-    def set_detection(self, a: Arguments, _: int) -> Returns:
-        low, high = int(a["min_pixels"]), int(a["max_pixels"])
+    def set_detection(self, arguments: Arguments, _: int) -> Returns:
+        low, high = int(arguments["min_pixels"]), int(arguments["max_pixels"])
         if low > high:
             raise Rejection("out_of_range", f"smallest region {low} is above the largest {high}")
         tracker = self._tracker
-        tracker.threshold_dn, tracker.min_pixels, tracker.max_pixels = int(a["threshold_dn"]), low, high
+        tracker.threshold_dn, tracker.min_pixels, tracker.max_pixels = int(arguments["threshold_dn"]), low, high
         return {}
 
-    def set_attitude_hint(self, a: Arguments, _: int) -> Returns:
+    def set_attitude_hint(self, arguments: Arguments, _: int) -> Returns:
         names = ("ra_deg", "dec_deg", "roll_deg", "uncertainty_deg")
-        ra_rad, dec_rad, roll_rad, radius_rad = (float(np.radians(float(a[n]))) for n in names)
+        ra_rad, dec_rad, roll_rad, radius_rad = (float(np.radians(float(arguments[n]))) for n in names)
         self._tracker.set_hint(ra_rad, dec_rad, roll_rad, radius_rad)
         return {}
 
-    def set_gain(self, a: Arguments, _: int) -> Returns:
-        self._tracker.imager.gain = int(a["gain"])
+    def set_gain(self, arguments: Arguments, _: int) -> Returns:
+        self._tracker.imager.gain = int(arguments["gain"])
         return {}
 
-    def set_frame_rate(self, a: Arguments, _: int) -> Returns:
-        self._cycle.period_ms = int(a["period_ms"])
+    def set_frame_rate(self, arguments: Arguments, _: int) -> Returns:
+        self._cycle.period_ms = int(arguments["period_ms"])
         return {}
 
-    def set_orbit(self, a: Arguments, _: int) -> Returns:
+    def set_orbit(self, arguments: Arguments, _: int) -> Returns:
         names = ("raan_deg", "inclination_deg", "latitude_deg")
-        raan_rad, inclination_rad, latitude_rad = (float(np.radians(float(a[n]))) for n in names)
-        altitude_m = 1000.0 * float(a["altitude_km"])
-        orbit = KnownOrbit(raan_rad, inclination_rad, latitude_rad, altitude_m, float(a["epoch_s"]))
+        raan_rad, inclination_rad, latitude_rad = (float(np.radians(float(arguments[n]))) for n in names)
+        altitude_m = 1000.0 * float(arguments["altitude_km"])
+        orbit = KnownOrbit(raan_rad, inclination_rad, latitude_rad, altitude_m, float(arguments["epoch_s"]))
         self._tracker.prior = replace(self._tracker.prior, orbit=orbit)
         return {}
 
-    def set_apriori(self, a: Arguments, _: int) -> Returns:
-        if float(a["uncertainty_deg"]) >= TAKES_BACK_DEG:
+    def set_apriori(self, arguments: Arguments, _: int) -> Returns:
+        if float(arguments["uncertainty_deg"]) >= TAKES_BACK_DEG:
             self._tracker.prior = replace(self._tracker.prior, apriori=None)
             return {}
         names = ("roll_deg", "pitch_deg", "yaw_deg", "uncertainty_deg")
-        roll_rad, pitch_rad, yaw_rad, radius_rad = (float(np.radians(float(a[n]))) for n in names)
+        roll_rad, pitch_rad, yaw_rad, radius_rad = (float(np.radians(float(arguments[n]))) for n in names)
         apriori = Apriori(roll_rad, pitch_rad, yaw_rad, radius_rad)
         self._tracker.prior = replace(self._tracker.prior, apriori=apriori)
         return {}
 
-    def set_time(self, a: Arguments, request_id: int) -> Returns:
-        self._clock.set_utc(float(a["utc_s"]), self._sky_s())
-        self._outbox.event("TIME_SET", f"{float(a['utc_s']):.3f} s since 1970", request_id)
+    def set_time(self, arguments: Arguments, request_id: int) -> Returns:
+        self._clock.set_utc(float(arguments["utc_s"]), self._sky_s())
+        self._outbox.event("TIME_SET", f"{float(arguments['utc_s']):.3f} s since 1970", request_id)
         return {}

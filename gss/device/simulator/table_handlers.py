@@ -105,11 +105,11 @@ class TableHandlers:
             raise Rejection("bank_corrupt", f"{table} {bank} does not match its checksum")
         return {"sha256": bytes.fromhex(digest)}
 
-    def verify_table(self, a: Arguments, request_id: int) -> Task:
-        return (yield from self._read_back(str(a["table"]), str(a["bank"]), request_id))
+    def verify_table(self, arguments: Arguments, request_id: int) -> Task:
+        return (yield from self._read_back(str(arguments["table"]), str(arguments["bank"]), request_id))
 
-    def activate_table(self, a: Arguments, request_id: int) -> Task:
-        table, bank, trial_s = str(a["table"]), str(a["bank"]), int(a["confirm_within_s"])
+    def activate_table(self, arguments: Arguments, request_id: int) -> Task:
+        table, bank, trial_s = str(arguments["table"]), str(arguments["bank"]), int(arguments["confirm_within_s"])
         used = self._memory.record.tables[table]
         if bank == used.active:
             raise Rejection("bank_active", f"{table} {bank} is active already")
@@ -126,8 +126,8 @@ class TableHandlers:
         self._report_status(request_id, table, used.active, bank)
         return {}
 
-    def confirm_table(self, a: Arguments, request_id: int) -> Returns:
-        table = str(a["table"])
+    def confirm_table(self, arguments: Arguments, request_id: int) -> Returns:
+        table = str(arguments["table"])
         used = self._memory.record.tables[table]
         if used.unconfirmed:
             self._memory.confirm_table(table)
@@ -144,16 +144,16 @@ class TableHandlers:
         self._read(request_id)
         self._report_status(request_id, table, lost, active)
 
-    def rollback_table(self, a: Arguments, request_id: int) -> Returns:
-        table = str(a["table"])
+    def rollback_table(self, arguments: Arguments, request_id: int) -> Returns:
+        table = str(arguments["table"])
         used = self._memory.record.tables[table]
         if used.previous == used.active:
             raise Rejection("wrong_state", f"no other {table} table was active before")
         self._fall_back(table, "was rolled back", request_id)
         return {}
 
-    def erase_table(self, a: Arguments, request_id: int) -> Task:
-        table, bank = str(a["table"]), str(a["bank"])
+    def erase_table(self, arguments: Arguments, request_id: int) -> Task:
+        table, bank = str(arguments["table"]), str(arguments["bank"])
         used, area = self._memory.record.tables[table], area_name(table, bank)
         if bank == FACTORY:
             raise Rejection("write_protected", "the factory's tables cannot be erased")

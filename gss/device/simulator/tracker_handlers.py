@@ -207,8 +207,8 @@ class TrackerHandlers:
         if self._tracker.mode != before:
             self._outbox.event("MODE_CHANGED", f"{before} to {self._tracker.mode}", request_id)
 
-    def set_mode(self, a: Arguments, request_id: int) -> Returns:
-        tracker, mode = self._tracker, str(a["mode"])
+    def set_mode(self, arguments: Arguments, request_id: int) -> Returns:
+        tracker, mode = self._tracker, str(arguments["mode"])
         prior = tracker.prior
         if mode == "tracking" and prior.quaternion is None:
             raise Rejection("wrong_state", "tracking needs an attitude: run an iteration first")
@@ -222,10 +222,10 @@ class TrackerHandlers:
 
     # --- images -------------------------------------------------------------------------------------------------
 
-    def take_image(self, a: Arguments, request_id: int) -> Task:
-        exposure_ms = int(a["exposure_ms"]) or self._tracker.exposure_ms
-        exposure = yield from self._expose(int(a["slot"]), exposure_ms, request_id)
-        frame = self._tracker.imager.stored(int(a["slot"]))
+    def take_image(self, arguments: Arguments, request_id: int) -> Task:
+        exposure_ms = int(arguments["exposure_ms"]) or self._tracker.exposure_ms
+        exposure = yield from self._expose(int(arguments["slot"]), exposure_ms, request_id)
+        frame = self._tracker.imager.stored(int(arguments["slot"]))
         if frame.truth is not None:
             self._outbox.telemetry(truth_report(frame.number, frame.truth), request_id)
         return exposure
@@ -244,8 +244,8 @@ class TrackerHandlers:
         if self._tracker.imager.repeated:
             self._outbox.event("IMAGE_REPEATED", f"frame {frame.number} is the one before", request_id)
 
-    def run_iteration(self, a: Arguments, request_id: int) -> Task:
-        tracker, slot = self._tracker, int(a["slot"])
+    def run_iteration(self, arguments: Arguments, request_id: int) -> Task:
+        tracker, slot = self._tracker, int(arguments["slot"])
         exposure = yield from self._expose(slot, tracker.exposure_ms, request_id)
         self._processor.progress(60)
         yield from self._iterate(slot, request_id)
@@ -259,9 +259,9 @@ class TrackerHandlers:
 
     # --- stars --------------------------------------------------------------------------------------------------
 
-    def find_centroids(self, a: Arguments, request_id: int) -> Task:
+    def find_centroids(self, arguments: Arguments, request_id: int) -> Task:
         tracker = self._tracker
-        _work, detection = yield from tracker.find_centroids(tracker.imager.stored(int(a["slot"])))
+        _work, detection = yield from tracker.find_centroids(tracker.imager.stored(int(arguments["slot"])))
         self._outbox.telemetry(tracker.centroid_report(), request_id)
         return {
             "frame_number": tracker.frame_number,

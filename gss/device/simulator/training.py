@@ -174,25 +174,30 @@ class Training:
 
     # --- commands -----------------------------------------------------------------------------------------------
 
-    def sim_inject(self, a: Arguments, request_id: int) -> Returns:
-        self.inject(str(a["fault"]), float(a["value"]), float(a["duration_s"]), request_id)
+    def sim_inject(self, arguments: Arguments, request_id: int) -> Returns:
+        self.inject(str(arguments["fault"]), float(arguments["value"]), float(arguments["duration_s"]), request_id)
         return {}
 
-    def sim_set_line(self, a: Arguments, request_id: int) -> Returns:
+    def sim_set_line(self, arguments: Arguments, request_id: int) -> Returns:
         names = ("bit_error_rate", "burst_rate", "drop_rate", "duplicate_rate", "stall_rate")
-        rates = {n: float(a[n]) for n in names}
+        rates = {n: float(arguments[n]) for n in names}
         line = self._tracker.sky.environment.line
         try:
-            line.set(direction=str(a["direction"]), delay_s=float(a["delay_ms"]) / 1000, stall_s=STALL_S, **rates)
+            line.set(
+                direction=str(arguments["direction"]),
+                delay_s=float(arguments["delay_ms"]) / 1000,
+                stall_s=STALL_S,
+                **rates,
+            )
         except BadInput as error:
             raise Rejection("out_of_range", str(error)) from error
         self._outbox.event(
-            "TRAINING", f"line {a['direction']!s}: bit error rate {rates['bit_error_rate']:g}", request_id
+            "TRAINING", f"line {arguments['direction']!s}: bit error rate {rates['bit_error_rate']:g}", request_id
         )
         return {}
 
-    def sim_disconnect(self, a: Arguments, request_id: int) -> Returns:
-        seconds = float(a["duration_s"])
+    def sim_disconnect(self, arguments: Arguments, request_id: int) -> Returns:
+        seconds = float(arguments["duration_s"])
         try:
             self._tracker.sky.environment.line.disconnect(seconds)
         except BadInput as error:
@@ -200,14 +205,16 @@ class Training:
         self._outbox.event("TRAINING", f"the port disappears for {seconds:.1f} s", request_id)
         return {}
 
-    def sim_set_sky(self, a: Arguments, request_id: int) -> Returns:
+    def sim_set_sky(self, arguments: Arguments, request_id: int) -> Returns:
         """Set the motion. It starts from the given attitude, except "orbit", which returns to the orbit."""
-        world, now_s, kind = self._tracker.sky.environment, self._sky_s(), str(a["motion"])
+        world, now_s, kind = self._tracker.sky.environment, self._sky_s(), str(arguments["motion"])
         if kind != "orbit":
-            ra_rad, dec_rad, roll_rad = (float(np.radians(float(a[n]))) for n in ("ra_deg", "dec_deg", "roll_deg"))
+            ra_rad, dec_rad, roll_rad = (
+                float(np.radians(float(arguments[n]))) for n in ("ra_deg", "dec_deg", "roll_deg")
+            )
             world.motion = Inertial.pointing(ra_rad, dec_rad, roll_rad)
         try:
-            world.set_motion(CONTROL[kind], now_s, rate_rad_s=float(np.radians(float(a["rate_deg_s"]))))
+            world.set_motion(CONTROL[kind], now_s, rate_rad_s=float(np.radians(float(arguments["rate_deg_s"]))))
         except BadInput as error:
             raise Rejection("out_of_range", str(error)) from error
         self._outbox.event("TRAINING", f"motion: {kind}", request_id)

@@ -37,8 +37,8 @@ class UnitHandlers:
         """Return the handlers by command name."""
         return {"POWER": self.power, "CLEAR_LATCHUP": self.clear_latchup, "READ_MEMORY": self.read_memory}
 
-    def power(self, a: Arguments, request_id: int) -> Task:
-        rail, on = str(a["rail"]), a["state"] == "on"
+    def power(self, arguments: Arguments, request_id: int) -> Task:
+        rail, on = str(arguments["rail"]), arguments["state"] == "on"
         if on and self._power.rails[rail].latched:
             raise Rejection("wrong_state", f"{rail} latched up: CLEAR_LATCHUP switches it on again")
         yield SWITCH_S
@@ -47,8 +47,8 @@ class UnitHandlers:
             self.apply()
         return {}
 
-    def clear_latchup(self, a: Arguments, request_id: int) -> Task:
-        rail = str(a["rail"])
+    def clear_latchup(self, arguments: Arguments, request_id: int) -> Task:
+        rail = str(arguments["rail"])
         yield SWITCH_S
         if self._power.clear(rail):
             self._outbox.event("LATCHUP_CLEARED", rail, request_id)
@@ -61,8 +61,8 @@ class UnitHandlers:
             self._loader.drop_images()
         self._cycle.stop_without_power()
 
-    def read_memory(self, a: Arguments, request_id: int) -> Returns:
-        area, address, length = str(a["area"]), int(a["address"]), int(a["length"])
+    def read_memory(self, arguments: Arguments, request_id: int) -> Returns:
+        area, address, length = str(arguments["area"]), int(arguments["address"]), int(arguments["length"])
         if area == "sram" and not self._power.on("sram"):
             raise Rejection("powered_off", "sram has no power")
         registers = self._registers()

@@ -101,8 +101,8 @@ class Conversion:
         if not self.coefficients or not isinstance(raw, int | float):
             return raw
         total = 0.0
-        for c in reversed(self.coefficients):
-            total = total * raw + c
+        for coefficient in reversed(self.coefficients):
+            total = total * raw + coefficient
         return total
 
 

@@ -167,23 +167,23 @@ class CatalogueService:
 
     def _keep(self, built: BuiltCatalogue, job: BuildJob, keep: Keep) -> Catalogue:
         self._blobs.put(built.image)
-        p = built.plan
+        plan = built.plan
         row = Catalogue(
-            name=p.request.name or f"{p.profile.name}-{built.sha256[:6]}",
-            profile=p.profile.name,
-            format=p.request.format_name,
+            name=plan.request.name or f"{plan.profile.name}-{built.sha256[:6]}",
+            profile=plan.profile.name,
+            format=plan.request.format_name,
             created=self._now(),
             author=job.user,
             stars=len(built.stars),
             pairs=len(built.distances),
             size=len(built.image),
             sha256=built.sha256,
-            valid_from=p.valid_from,
-            valid_to=p.valid_to,
+            valid_from=plan.valid_from,
+            valid_to=plan.valid_to,
             request=as_stored(job.asked),
             manifest=json.loads(built.manifest.as_json()),
             report=report_of(built),
-            instrument_version=self._instruments.version_of(p.profile.name),
+            instrument_version=self._instruments.version_of(plan.profile.name),
         )
         with self._database.unit_of_work() as session:
             store.add(session, row)

@@ -160,17 +160,17 @@ def preview_report(quick: Preview) -> PreviewReport:
 
 def report_of(built: BuiltCatalogue) -> CatalogueReport:
     """Return the complete report of a built catalogue."""
-    a: Assessment = built.assessment
+    assessment: Assessment = built.assessment
     return {
         **_choice(built.selection, built.map, built.plan),
-        "quality": {**_quality(a.quality), "worst_outline": _worst(built.plan, a.quality)},
-        "ambiguity": None if a.ambiguity is None else _ambiguity(a.ambiguity),
-        "lifetime": _lifetime(a.lifetime),
+        "quality": {**_quality(assessment.quality), "worst_outline": _worst(built.plan, assessment.quality)},
+        "ambiguity": None if assessment.ambiguity is None else _ambiguity(assessment.ambiguity),
+        "lifetime": _lifetime(assessment.lifetime),
         "sizes": {"by_part": built.manifest.bytes_by_part, "bank_bytes": built.plan.bank_bytes},
-        "blinded": a.blinded,
+        "blinded": assessment.blinded,
         "wanderers": [
             {"name": w.name, "brightest_mag": round(w.brightest_mag, 2), "share": round(w.share, 4), "way": way_deg(w)}
-            for w in a.wanderers
+            for w in assessment.wanderers
         ],
         "screening": screening_facts(built.selection),
     }
@@ -210,32 +210,32 @@ def _choice(selection: Selection, envelope: EnvelopeMap, plan: BuildPlan) -> Cho
     }
 
 
-def _quality(q: Quality) -> QualityValues:
+def _quality(quality: Quality) -> QualityValues:
     return {
-        "pointings": q.pointings,
-        "histogram": [int(n) for n in q.histogram],
-        "mean": q.mean,
-        "p_fewer_than_3": q.p_fewer_than(3),
-        "p_fewer_than_5": q.p_fewer_than(5),
-        "worst_stars": q.worst_stars,
-        "worst_ra_deg": float(np.degrees(q.worst_ra_rad)),
-        "worst_dec_deg": float(np.degrees(q.worst_dec_rad)),
-        "worst_roll_deg": float(np.degrees(q.worst_roll_rad)),
-        "candidates_per_query": _finite(q.candidates_per_query),
-        "candidates_per_star": _finite(q.candidates_per_star),
-        "blinded_share": q.blinded_share,
-        "searched": q.searched,
+        "pointings": quality.pointings,
+        "histogram": [int(n) for n in quality.histogram],
+        "mean": quality.mean,
+        "p_fewer_than_3": quality.p_fewer_than(3),
+        "p_fewer_than_5": quality.p_fewer_than(5),
+        "worst_stars": quality.worst_stars,
+        "worst_ra_deg": float(np.degrees(quality.worst_ra_rad)),
+        "worst_dec_deg": float(np.degrees(quality.worst_dec_rad)),
+        "worst_roll_deg": float(np.degrees(quality.worst_roll_rad)),
+        "candidates_per_query": _finite(quality.candidates_per_query),
+        "candidates_per_star": _finite(quality.candidates_per_star),
+        "blinded_share": quality.blinded_share,
+        "searched": quality.searched,
     }
 
 
-def _ambiguity(a: AmbiguityMap) -> AmbiguityValues:
+def _ambiguity(ambiguity: AmbiguityMap) -> AmbiguityValues:
     """``value``: wrong triangles per triangle; None for a pixel without data, the largest value for a pixel without three stars."""
-    ra_rad, dec_rad, figure = a.worst
+    ra_rad, dec_rad, figure = ambiguity.worst
     return {
-        "nside": a.nside,
-        "tolerance_arcsec": a.tolerance_rad / ARCSEC_RAD,
-        "value": [_rounded(x) for x in a.wrong_triangles],
-        "pairs": [_rounded(x) for x in a.wrong_pairs],
+        "nside": ambiguity.nside,
+        "tolerance_arcsec": ambiguity.tolerance_rad / ARCSEC_RAD,
+        "value": [_rounded(x) for x in ambiguity.wrong_triangles],
+        "pairs": [_rounded(x) for x in ambiguity.wrong_pairs],
         "worst": _rounded(figure),
         "worst_ra_deg": _finite(np.degrees(ra_rad)),
         "worst_dec_deg": _finite(np.degrees(dec_rad)),
@@ -268,9 +268,9 @@ def _sky(selection: Selection) -> list[MapStar]:
     ]
 
 
-def _worst(plan: BuildPlan, q: Quality) -> list[tuple[float, float]]:
+def _worst(plan: BuildPlan, quality: Quality) -> list[tuple[float, float]]:
     """Return the outline on the sky of the field with the fewest stars."""
-    attitude = cam_from_icrs(q.worst_ra_rad, q.worst_dec_rad, q.worst_roll_rad)
+    attitude = cam_from_icrs(quality.worst_ra_rad, quality.worst_dec_rad, quality.worst_roll_rad)
     return _line(outlines(plan.shape, attitude[None])[0], 2)
 
 

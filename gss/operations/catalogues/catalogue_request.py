@@ -246,10 +246,10 @@ def _head(head: CatalogueHead) -> tuple[float, ...]:
     return mounting
 
 
-def _occultation(o: OccultationRequest, baffle: Baffle, height_m: float | None) -> Occultation:
+def _occultation(occultation: OccultationRequest, baffle: Baffle, height_m: float | None) -> Occultation:
     """Return what hides the sky. Angles that are not given are those of the baffle: the Sun's limit for the Sun; for the Moon,
     whose stray light is negligible compared with the Sun's, the angle within which its light falls directly on the lens."""
-    if o.earth and height_m is None:
+    if occultation.earth and height_m is None:
         raise BadInput(
             "occultation by the Earth needs the altitude",
             expected="an altitude, or a TLE",
@@ -257,26 +257,43 @@ def _occultation(o: OccultationRequest, baffle: Baffle, height_m: float | None) 
             hint="give the orbit's altitude",
         )
     return Occultation(
-        altitude_m=height_m if o.earth else None,
-        earth_margin_rad=math.radians(o.earth_margin_deg) if o.earth else 0.0,
-        sun_rad=(baffle.sun_limit_rad if o.sun_deg is None else math.radians(o.sun_deg)) if o.sun else 0.0,
-        moon_rad=(baffle.blind_rad if o.moon_deg is None else math.radians(o.moon_deg)) if o.moon else 0.0,
+        altitude_m=height_m if occultation.earth else None,
+        earth_margin_rad=math.radians(occultation.earth_margin_deg) if occultation.earth else 0.0,
+        sun_rad=(baffle.sun_limit_rad if occultation.sun_deg is None else math.radians(occultation.sun_deg))
+        if occultation.sun
+        else 0.0,
+        moon_rad=(baffle.blind_rad if occultation.moon_deg is None else math.radians(occultation.moon_deg))
+        if occultation.moon
+        else 0.0,
     )
 
 
 def _screening(spec: CatalogueRequest) -> ScreeningRules | None:
-    s = spec.screening
-    if s.action == "off":
+    screening = spec.screening
+    if screening.action == "off":
         return None
-    ring = math.radians(s.arc_deg), math.radians(s.tolerance_deg)
-    return ScreeningRules(s.action, s.doubles, s.variables, s.fast, s.most_companions, s.most_false, *ring)
+    ring = math.radians(screening.arc_deg), math.radians(screening.tolerance_deg)
+    return ScreeningRules(
+        screening.action,
+        screening.doubles,
+        screening.variables,
+        screening.fast,
+        screening.most_companions,
+        screening.most_false,
+        *ring,
+    )
 
 
 def _frame(spec: CatalogueRequest) -> ReducedFrame | None:
-    r = spec.reduced
-    if r is None:
+    reduced = spec.reduced
+    if reduced is None:
         return None
-    return ReducedFrame(math.radians(r.width_deg), math.radians(r.height_deg), r.brightest, math.radians(r.step_deg))
+    return ReducedFrame(
+        math.radians(reduced.width_deg),
+        math.radians(reduced.height_deg),
+        reduced.brightest,
+        math.radians(reduced.step_deg),
+    )
 
 
 def _corrections(
@@ -286,26 +303,28 @@ def _corrections(
     start: datetime | None,
     height_m: float | None,
 ) -> Corrections:
-    c = spec.corrections
+    corrections = spec.corrections
     velocity = None
-    if c.orbital_aberration:
+    if corrections.orbital_aberration:
         # The mean velocity serves all heads: each passes a star at another point of the orbit.
         velocity = orbital_velocity(
             None if spec.heads else attitude, pole_of(planes_of(orbit, start, spec.days)), height_m
         )
     return Corrections(
-        proper_motion=c.proper_motion,
-        parallax=c.parallax,
-        annual_aberration=c.annual_aberration,
-        aberration_days=min(spec.days, 366.0) if c.annual_aberration and start is not None else 0.0,
+        proper_motion=corrections.proper_motion,
+        parallax=corrections.parallax,
+        annual_aberration=corrections.annual_aberration,
+        aberration_days=min(spec.days, 366.0) if corrections.annual_aberration and start is not None else 0.0,
         orbital_aberration=velocity,
-        frame=c.frame,
-        e_terms=c.e_terms and not c.annual_aberration,
-        instrument_magnitude=c.instrument_magnitude,
-        roll_off=c.roll_off,
-        doubles=Doubles(c.doubles, _optional(c.doubles_separation_deg)) if c.doubles else None,
-        flag_variables=c.flag_variables,
-        variables_at_date=c.variables_at_date,
+        frame=corrections.frame,
+        e_terms=corrections.e_terms and not corrections.annual_aberration,
+        instrument_magnitude=corrections.instrument_magnitude,
+        roll_off=corrections.roll_off,
+        doubles=Doubles(corrections.doubles, _optional(corrections.doubles_separation_deg))
+        if corrections.doubles
+        else None,
+        flag_variables=corrections.flag_variables,
+        variables_at_date=corrections.variables_at_date,
     )
 
 

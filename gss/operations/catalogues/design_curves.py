@@ -16,21 +16,29 @@ from gss.operations.catalogues.design_values import CurveValues, LineValues, Mar
 SHARE = "share of fields, %"
 
 
-def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveValues]:
+def curve_values(report: DesignReport, papers: Sequence[PaperValue]) -> list[CurveValues]:
     """Return all curves, in the order of the page."""
-    c, k = r.request.camera, r.curves
-    limit = _upright("limit", r.limits.in_force_mag)
-    by_limit = [_line(f"fewer than {n}", k.limit_mag, 100 * p) for n, p in zip(NEED, k.p_fewer_by_limit, strict=True)]
-    circles = np.degrees(k.circle_rad)
-    by_circle = [_line(f"fewer than {n}", circles, 100 * p) for n, p in zip(NEED, k.p_fewer_in_circle, strict=True)]
-    by_focal = [_line(f"fewer than {n}", k.focal_mm, 100 * p) for n, p in zip(NEED, k.p_fewer_by_focal, strict=True)]
-    cross, roll = ([getattr(a, f"{axis}_median_rad") / ARCSEC_RAD for a in k.by_exposure] for axis in ("cross", "roll"))
-    cross_v, roll_v = (
-        [getattr(a, f"{axis}_median_rad") / ARCSEC_RAD for a in k.by_limit] for axis in ("cross", "roll")
+    camera, curves = report.request.camera, report.curves
+    limit = _upright("limit", report.limits.in_force_mag)
+    by_limit = [
+        _line(f"fewer than {n}", curves.limit_mag, 100 * p) for n, p in zip(NEED, curves.p_fewer_by_limit, strict=True)
+    ]
+    circles = np.degrees(curves.circle_rad)
+    by_circle = [
+        _line(f"fewer than {n}", circles, 100 * p) for n, p in zip(NEED, curves.p_fewer_in_circle, strict=True)
+    ]
+    by_focal = [
+        _line(f"fewer than {n}", curves.focal_mm, 100 * p) for n, p in zip(NEED, curves.p_fewer_by_focal, strict=True)
+    ]
+    cross, roll = (
+        [getattr(a, f"{axis}_median_rad") / ARCSEC_RAD for a in curves.by_exposure] for axis in ("cross", "roll")
     )
-    across, down = c.fov_rad
-    circle = math.degrees(2 * c.shape.equal_circle_rad)
-    exposure = _upright("exposure", c.exposure_s)
+    cross_v, roll_v = (
+        [getattr(a, f"{axis}_median_rad") / ARCSEC_RAD for a in curves.by_limit] for axis in ("cross", "roll")
+    )
+    across, down = camera.fov_rad
+    circle = math.degrees(2 * camera.shape.equal_circle_rad)
+    exposure = _upright("exposure", camera.exposure_s)
     return [
         _curve(
             "p_by_limit",
@@ -47,7 +55,7 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
             "Stars in the field",
             "limiting magnitude V",
             "stars, mean",
-            [_line("mean", k.limit_mag, k.mean_stars)],
+            [_line("mean", curves.limit_mag, curves.mean_stars)],
             [limit],
             log_y=True,
         ),
@@ -62,11 +70,11 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
         ),
         _curve(
             "p_by_focal",
-            f"Too few stars, by focal length, at V {r.limits.in_force_mag:.1f}",
+            f"Too few stars, by focal length, at V {report.limits.in_force_mag:.1f}",
             "focal length, mm",
             SHARE,
             by_focal,
-            [_upright(f"{math.degrees(across):.1f}° × {math.degrees(down):.1f}°,", c.focal_mm)],
+            [_upright(f"{math.degrees(across):.1f}° × {math.degrees(down):.1f}°,", camera.focal_mm)],
             log_y=True,
         ),
         _curve(
@@ -75,11 +83,11 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
             "magnitude V",
             "SNR",
             [
-                _line("brightest pixel", k.v_mag, k.snr_brightest),
-                _line("best window", k.v_mag, k.snr_window),
-                _line("threshold", k.v_mag[[0, -1]], np.full(2, c.threshold_snr)),
+                _line("brightest pixel", curves.v_mag, curves.snr_brightest),
+                _line("best window", curves.v_mag, curves.snr_window),
+                _line("threshold", curves.v_mag[[0, -1]], np.full(2, camera.threshold_snr)),
             ],
-            [_upright("saturates", r.limits.saturation_mag), limit],
+            [_upright("saturates", report.limits.saturation_mag), limit],
             log_y=True,
         ),
         _curve(
@@ -87,7 +95,7 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
             "Centroid error of one star, bound",
             "magnitude V",
             "px, 1σ",
-            [_line("one axis", k.v_mag, k.centroid_px)],
+            [_line("one axis", curves.v_mag, curves.centroid_px)],
             [limit],
             log_y=True,
         ),
@@ -96,7 +104,7 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
             "Noise equivalent angle at rest",
             "exposure, s",
             "″, 1σ, median",
-            [_line("across", k.exposure_s, cross), _line("roll", k.exposure_s, roll)],
+            [_line("across", curves.exposure_s, cross), _line("roll", curves.exposure_s, roll)],
             [exposure],
             log_x=True,
             log_y=True,
@@ -106,7 +114,7 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
             "Accuracy with stars to a limit",
             "limiting magnitude V",
             "″, 1σ, median",
-            [_line("across", k.used_limit_mag, cross_v), _line("roll", k.used_limit_mag, roll_v)],
+            [_line("across", curves.used_limit_mag, cross_v), _line("roll", curves.used_limit_mag, roll_v)],
             log_y=True,
         ),
         _curve(
@@ -114,7 +122,7 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
             "Limiting magnitude by exposure",
             "exposure, s",
             "V",
-            [_line("limit", k.exposure_s, k.exposure_limit_mag)],
+            [_line("limit", curves.exposure_s, curves.exposure_limit_mag)],
             [exposure],
             log_x=True,
         ),
@@ -124,10 +132,10 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
             "σ, px",
             "V",
             [
-                _line("brightest pixel", r.psf.sigma_px, r.psf.limit_brightest_mag),
-                _line("best window", r.psf.sigma_px, r.psf.limit_window_mag),
+                _line("brightest pixel", report.psf.sigma_px, report.psf.limit_brightest_mag),
+                _line("best window", report.psf.sigma_px, report.psf.limit_window_mag),
             ],
-            [_upright("now", c.psf_sigma_px)],
+            [_upright("now", camera.psf_sigma_px)],
             log_x=True,
         ),
         _curve(
@@ -135,8 +143,8 @@ def curve_values(r: DesignReport, papers: Sequence[PaperValue]) -> list[CurveVal
             "Centroid of the faintest star by its size",
             "σ, px",
             "px, 1σ",
-            [_line("noise and pixel bias", r.psf.sigma_px, r.psf.centroid_px)],
-            [_upright("now", c.psf_sigma_px), _upright("best", r.psf.best_px)],
+            [_line("noise and pixel bias", report.psf.sigma_px, report.psf.centroid_px)],
+            [_upright("now", camera.psf_sigma_px), _upright("best", report.psf.best_px)],
             log_x=True,
             log_y=True,
         ),

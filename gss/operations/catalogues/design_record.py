@@ -46,13 +46,13 @@ def record_of(
     report: DesignReport, base: DesignCamera, cameras: tuple[TradeRow, ...], elapsed_ms: float
 ) -> DesignValues:
     """Return all values of a design page. ``elapsed_ms``: how long the calculation took."""
-    c, in_view = report.request.camera, report.in_view
+    camera, in_view = report.request.camera, report.in_view
     papers = values_for(base.name)
     return {
         "profile": base.name,
-        "camera": camera_of(c),
+        "camera": camera_of(camera),
         "base": camera_of(base),
-        "changed": [name for name in c.changed_from(base) if name != "name"],
+        "changed": [name for name in camera.changed_from(base) if name != "name"],
         "sky": "whole sky" if report.request.envelope is None else "along the orbit",
         "figures": [_with_paper(f, papers) for f in _figures(report)],
         "histogram": {
@@ -66,7 +66,7 @@ def record_of(
             "worst_dec_deg": math.degrees(in_view.worst_dec_rad),
         },
         # The documents' values are valid only for their own fields of view.
-        "curves": curve_values(report, papers if c.fov_rad == base.fov_rad else ()),
+        "curves": curve_values(report, papers if camera.fov_rad == base.fov_rad else ()),
         "baffles": [_baffle(b) for b in (report.one_stage, report.two_stage) if b is not None],
         "baffle_problem": report.baffle_problem,
         "trade": [row_of(r) for r in report.trade],
@@ -78,9 +78,9 @@ def record_of(
     }
 
 
-def camera_of(c: DesignCamera) -> CameraValues:
+def camera_of(camera: DesignCamera) -> CameraValues:
     """Return the fields of a camera; their names contain the units."""
-    return {f.name: getattr(c, f.name) for f in fields(c)}
+    return {f.name: getattr(camera, f.name) for f in fields(camera)}
 
 
 def field_limits() -> dict[str, FieldLimit]:
@@ -88,8 +88,8 @@ def field_limits() -> dict[str, FieldLimit]:
     return {name: {"min": low, "max": high, "unit": unit} for name, (low, high, unit) in LIMITS.items()}
 
 
-def _figures(r: DesignReport) -> list[FigureValue]:
-    return [*_optics(r), *_light(r), *_sky(r), *_known(r), *_moving(r), *_shade(r)]
+def _figures(report: DesignReport) -> list[FigureValue]:
+    return [*_optics(report), *_light(report), *_sky(report), *_known(report), *_moving(report), *_shade(report)]
 
 
 def _figure(group: str, key: str, label: str, value: float, unit: str, source: str) -> FigureValue:
@@ -107,178 +107,230 @@ def _figure(group: str, key: str, label: str, value: float, unit: str, source: s
 
 
 def _with_paper(figure: FigureValue, papers: Sequence[PaperValue]) -> FigureValue:
-    for p in papers:
-        if p.figure == figure["key"] and math.isnan(p.x):
-            return figure | {"paper": p.value, "paper_source": p.source}
+    for paper in papers:
+        if paper.figure == figure["key"] and math.isnan(paper.x):
+            return figure | {"paper": paper.value, "paper_source": paper.source}
     return figure
 
 
-def _optics(r: DesignReport) -> list[FigureValue]:
-    c, g = r.request.camera, "Field and lens"
-    across, down = c.fov_rad
+def _optics(report: DesignReport) -> list[FigureValue]:
+    camera, group = report.request.camera, "Field and lens"
+    across, down = camera.fov_rad
     circle = equal_circle_rad(across, down)
     return [
-        _figure(g, "fov_col_deg", "field across columns", math.degrees(across), "°", "Erlank 2013 eq. 3.5.2, with ½"),
-        _figure(g, "fov_row_deg", "field across rows", math.degrees(down), "°", "Erlank 2013 eq. 3.5.3, with ½"),
         _figure(
-            g, "fov_diagonal_deg", "field diagonal", 2 * math.degrees(c.half_diagonal_rad), "°", "Jacobs 1995 eq. 7.23"
+            group, "fov_col_deg", "field across columns", math.degrees(across), "°", "Erlank 2013 eq. 3.5.2, with ½"
+        ),
+        _figure(group, "fov_row_deg", "field across rows", math.degrees(down), "°", "Erlank 2013 eq. 3.5.3, with ½"),
+        _figure(
+            group,
+            "fov_diagonal_deg",
+            "field diagonal",
+            2 * math.degrees(camera.half_diagonal_rad),
+            "°",
+            "Jacobs 1995 eq. 7.23",
         ),
         _figure(
-            g, "fov_circle_deg", "circle of equal area, as if flat", math.degrees(circle), "°", "Erlank 2013 eq. 3.5.4"
+            group,
+            "fov_circle_deg",
+            "circle of equal area, as if flat",
+            math.degrees(circle),
+            "°",
+            "Erlank 2013 eq. 3.5.4",
         ),
-        _figure(g, "pixel_arcsec", "pixel", c.camera.pixel_rad / ARCSEC_RAD, "″", "pitch over focal length"),
-        _figure(g, "pupil_mm", "entrance pupil", c.pupil_mm, "mm", "Jacobs 1995 eq. 9.2"),
-        _figure(g, "aperture_cm2", "area of the pupil", c.aperture_cm2, "cm²", "Jacobs 1995 eq. 9.5"),
+        _figure(group, "pixel_arcsec", "pixel", camera.camera.pixel_rad / ARCSEC_RAD, "″", "pitch over focal length"),
+        _figure(group, "pupil_mm", "entrance pupil", camera.pupil_mm, "mm", "Jacobs 1995 eq. 9.2"),
+        _figure(group, "aperture_cm2", "area of the pupil", camera.aperture_cm2, "cm²", "Jacobs 1995 eq. 9.5"),
     ]
 
 
-def _light(r: DesignReport) -> list[FigureValue]:
-    c, m, g = r.request.camera, r.limits, "Light"
-    side, share = energy_window(c.psf_sigma_px)
-    peak = 100 * brightest_pixel_share(c.psf_sigma_px)
-    in_force = OURS if c.mag_limit is None else "given"
+def _light(report: DesignReport) -> list[FigureValue]:
+    camera, limits, group = report.request.camera, report.limits, "Light"
+    side, share = energy_window(camera.psf_sigma_px)
+    peak = 100 * brightest_pixel_share(camera.psf_sigma_px)
+    in_force = OURS if camera.mag_limit is None else "given"
     return [
         _figure(
-            g, "zero_point_e_s", "electrons from V 0", c.zero_point_e_s, "e/s", "Erlank 2013 eq. 3.4.2 × efficiency"
+            group,
+            "zero_point_e_s",
+            "electrons from V 0",
+            camera.zero_point_e_s,
+            "e/s",
+            "Erlank 2013 eq. 3.4.2 × efficiency",
         ),
-        _figure(g, "noise_e", "noise of a dark pixel", c.noise_e, "e", "Huffman 2006 §3.2"),
-        _figure(g, "peak_share", "light in the brightest pixel", peak, "%", "Gaussian star, mean over the pixel"),
-        _figure(g, "window_px", f"best window, {100 * share:.0f} % of the light", side, "px", OURS),
-        _figure(g, "limit_mag", "limiting magnitude in force", m.in_force_mag, "V", in_force),
+        _figure(group, "noise_e", "noise of a dark pixel", camera.noise_e, "e", "Huffman 2006 §3.2"),
+        _figure(group, "peak_share", "light in the brightest pixel", peak, "%", "Gaussian star, mean over the pixel"),
+        _figure(group, "window_px", f"best window, {100 * share:.0f} % of the light", side, "px", OURS),
+        _figure(group, "limit_mag", "limiting magnitude in force", limits.in_force_mag, "V", in_force),
         _figure(
-            g, "limit_peak_mag", "limit, brightest pixel", m.brightest_pixel_mag, "V", f"{OURS}; Huffman 2006 eq. 3.17"
+            group,
+            "limit_peak_mag",
+            "limit, brightest pixel",
+            limits.brightest_pixel_mag,
+            "V",
+            f"{OURS}; Huffman 2006 eq. 3.17",
         ),
-        _figure(g, "limit_window_mag", "limit, energy in the window", m.window_mag, "V", OURS),
-        _figure(g, "limit_jacobs_mag", "limit, edge pixel over dark pattern", m.jacobs_mag, "V", "Jacobs 1995 §9.2"),
-        _figure(g, "limit_huffman_mag", "limit, peak over noise", m.huffman_mag, "V", "Huffman 2006 eq. 3.18"),
-        _figure(g, "limit_erlank_mag", "limit, photons for SNR 10", m.erlank_mag, "V", "Erlank 2013 §3.4.4"),
-        _figure(g, "limit_moniteq_mag", "limit, 3 × 3 window", m.moniteq_mag, "V", "Moniteq 1983 §4.4"),
-        _figure(g, "saturation_mag", "saturates, brighter than", m.saturation_mag, "V", "full well or converter"),
-        _figure(g, "longest_exposure_s", "darkness fills a pixel in", r.longest_exposure_s, "s", "Erlank 2013 §3.4.4"),
+        _figure(group, "limit_window_mag", "limit, energy in the window", limits.window_mag, "V", OURS),
         _figure(
-            g, "best_psf_px", "best σ of the star image", r.psf.best_px, "px", "bound and pixel bias, Moniteq 1983 §4.2"
+            group, "limit_jacobs_mag", "limit, edge pixel over dark pattern", limits.jacobs_mag, "V", "Jacobs 1995 §9.2"
+        ),
+        _figure(group, "limit_huffman_mag", "limit, peak over noise", limits.huffman_mag, "V", "Huffman 2006 eq. 3.18"),
+        _figure(group, "limit_erlank_mag", "limit, photons for SNR 10", limits.erlank_mag, "V", "Erlank 2013 §3.4.4"),
+        _figure(group, "limit_moniteq_mag", "limit, 3 × 3 window", limits.moniteq_mag, "V", "Moniteq 1983 §4.4"),
+        _figure(
+            group, "saturation_mag", "saturates, brighter than", limits.saturation_mag, "V", "full well or converter"
+        ),
+        _figure(
+            group,
+            "longest_exposure_s",
+            "darkness fills a pixel in",
+            report.longest_exposure_s,
+            "s",
+            "Erlank 2013 §3.4.4",
+        ),
+        _figure(
+            group,
+            "best_psf_px",
+            "best σ of the star image",
+            report.psf.best_px,
+            "px",
+            "bound and pixel bias, Moniteq 1983 §4.2",
         ),
     ]
 
 
-def _sky(r: DesignReport) -> list[FigureValue]:
-    in_view, g = r.in_view, "Stars in view"
+def _sky(report: DesignReport) -> list[FigureValue]:
+    in_view, group = report.in_view, "Stars in view"
     source = f"Hipparcos, {in_view.pointings} pointings (Jacobs 1995 §5.1)"
     return [
-        _figure(g, "stars_mean", "mean", in_view.mean, "stars", source),
-        _figure(g, "p_fewer_3", "fewer than 3", 100 * in_view.p_fewer_than(3), "%", source),
-        _figure(g, "p_fewer_5", "fewer than 5", 100 * in_view.p_fewer_than(5), "%", source),
-        _figure(g, "stars_least", "fewest found", in_view.worst_stars, "stars", source),
+        _figure(group, "stars_mean", "mean", in_view.mean, "stars", source),
+        _figure(group, "p_fewer_3", "fewer than 3", 100 * in_view.p_fewer_than(3), "%", source),
+        _figure(group, "p_fewer_5", "fewer than 5", 100 * in_view.p_fewer_than(5), "%", source),
+        _figure(group, "stars_least", "fewest found", in_view.worst_stars, "stars", source),
     ]
 
 
-def _known(r: DesignReport) -> list[FigureValue]:
-    a: Accuracy = r.accuracy
-    g, source = "Accuracy of the attitude, 1σ", f"Cramér–Rao bound, {r.looks} pointings"
+def _known(report: DesignReport) -> list[FigureValue]:
+    accuracy: Accuracy = report.accuracy
+    group, source = "Accuracy of the attitude, 1σ", f"Cramér–Rao bound, {report.looks} pointings"
 
     def one(key: str, label: str, value_rad: float) -> FigureValue:
-        return _figure(g, f"{key}_arcsec", label, value_rad / ARCSEC_RAD, "″", source)
+        return _figure(group, f"{key}_arcsec", label, value_rad / ARCSEC_RAD, "″", source)
 
     return [
-        one("cross_median", "across, median", a.cross_median_rad),
-        one("cross_mean", "across, mean", a.cross_mean_rad),
-        one("cross_p95", "across, 95 % better", a.cross_p95_rad),
-        one("cross_worst", "across, worst", a.cross_worst_rad),
-        one("roll_median", "roll, median", a.roll_median_rad),
-        one("roll_mean", "roll, mean", a.roll_mean_rad),
-        one("roll_p95", "roll, 95 % better", a.roll_p95_rad),
-        one("roll_worst", "roll, worst", a.roll_worst_rad),
-        _figure(g, "share_three", "fields with at least 3 stars", 100 * a.share, "%", source),
+        one("cross_median", "across, median", accuracy.cross_median_rad),
+        one("cross_mean", "across, mean", accuracy.cross_mean_rad),
+        one("cross_p95", "across, 95 % better", accuracy.cross_p95_rad),
+        one("cross_worst", "across, worst", accuracy.cross_worst_rad),
+        one("roll_median", "roll, median", accuracy.roll_median_rad),
+        one("roll_mean", "roll, mean", accuracy.roll_mean_rad),
+        one("roll_p95", "roll, 95 % better", accuracy.roll_p95_rad),
+        one("roll_worst", "roll, worst", accuracy.roll_worst_rad),
+        _figure(group, "share_three", "fields with at least 3 stars", 100 * accuracy.share, "%", source),
     ]
 
 
-def _moving(r: DesignReport) -> list[FigureValue]:
-    b, g = r.blur, "Motion"
+def _moving(report: DesignReport) -> list[FigureValue]:
+    blur, group = report.blur, "Motion"
     return [
         _figure(
-            g, "blur_rate_deg_s", "half a magnitude lost at", math.degrees(b.rate_rad_s), "°/s", "streaked Gaussian"
+            group,
+            "blur_rate_deg_s",
+            "half a magnitude lost at",
+            math.degrees(blur.rate_rad_s),
+            "°/s",
+            "streaked Gaussian",
         ),
-        _figure(g, "blur_streak_px", "streak then", b.streak_px, "px", "streaked Gaussian"),
+        _figure(group, "blur_streak_px", "streak then", blur.streak_px, "px", "streaked Gaussian"),
         _figure(
-            g,
+            group,
             "smear_rate_deg_s",
             "0.88 px smear at",
-            math.degrees(b.smear_limit_rate_rad_s),
+            math.degrees(blur.smear_limit_rate_rad_s),
             "°/s",
             "Moniteq 1983 §4.2",
         ),
     ]
 
 
-def _shade(r: DesignReport) -> list[FigureValue]:
-    c, g = r.request.camera, "Baffle and stray light"
-    etendue = pixel_etendue_cm2_sr(c.pitch_col_um, c.pitch_row_um, c.f_number)
+def _shade(report: DesignReport) -> list[FigureValue]:
+    camera, group = report.request.camera, "Baffle and stray light"
+    etendue = pixel_etendue_cm2_sr(camera.pitch_col_um, camera.pitch_row_um, camera.f_number)
     result = [
-        _figure(g, "exclusion_deg", "sources kept out from", math.degrees(r.request.exclusion_rad), "°", "requested")
+        _figure(
+            group,
+            "exclusion_deg",
+            "sources kept out from",
+            math.degrees(report.request.exclusion_rad),
+            "°",
+            "requested",
+        )
     ]
-    if r.one_stage is not None:
-        baffle, source = r.one_stage, "Jacobs 1995 §7.6"
+    if report.one_stage is not None:
+        baffle, source = report.one_stage, "Jacobs 1995 §7.6"
         result += [
-            _figure(g, "one_length_mm", "one stage, length", baffle.length_mm, "mm", source),
-            _figure(g, "one_diameter_mm", "one stage, diameter", baffle.outer_diameter_mm, "mm", source),
-            _figure(g, "one_vanes", "one stage, knife edges", len(baffle.edge_mm), "", source),
+            _figure(group, "one_length_mm", "one stage, length", baffle.length_mm, "mm", source),
+            _figure(group, "one_diameter_mm", "one stage, diameter", baffle.outer_diameter_mm, "mm", source),
+            _figure(group, "one_vanes", "one stage, knife edges", len(baffle.edge_mm), "", source),
         ]
-    if r.two_stage is not None:
-        two, source = r.two_stage, "Moniteq 1983 §5.2"
+    if report.two_stage is not None:
+        two, source = report.two_stage, "Moniteq 1983 §5.2"
         result += [
-            _figure(g, "two_length_mm", "two stages, length", two.length_mm, "mm", source),
-            _figure(g, "two_inner_mm", "two stages, inner stage", two.wall_mm[0][1], "mm", source),
-            _figure(g, "two_diameter_mm", "two stages, diameter", two.outer_diameter_mm, "mm", source),
+            _figure(group, "two_length_mm", "two stages, length", two.length_mm, "mm", source),
+            _figure(group, "two_inner_mm", "two stages, inner stage", two.wall_mm[0][1], "mm", source),
+            _figure(group, "two_diameter_mm", "two stages, diameter", two.outer_diameter_mm, "mm", source),
         ]
     for body in (SUN, EARTH, MOON):
         key = f"{body.name.lower()}_e_s"
         # As in the document, the table's light enters the lens without loss.
         result.append(
-            _figure(g, key, f"{body.name} in the field", imaged_e_s(body, etendue), "e/s", "Moniteq 1983 Table 5.2")
+            _figure(group, key, f"{body.name} in the field", imaged_e_s(body, etendue), "e/s", "Moniteq 1983 Table 5.2")
         )
     # The table is for 20 µm pixels behind f/1.4; light through the baffle is spread over the field, so that a pixel's share is
     # proportional to its etendue.
     share = etendue / pixel_etendue_cm2_sr(20, 20, 1.4)
     for beyond_deg in STRAY_BEYOND_DEG:
-        area_cm2 = effective_area_cm2(r.request.exclusion_rad + math.radians(beyond_deg), r.request.exclusion_rad)
+        area_cm2 = effective_area_cm2(
+            report.request.exclusion_rad + math.radians(beyond_deg), report.request.exclusion_rad
+        )
         stray = share * stray_e_s(SUN, area_cm2)
         title = f"Sun {beyond_deg:g}° outside the excluded angle"
-        result.append(_figure(g, f"sun_stray_{beyond_deg:g}_e_s", title, stray, "e/s", "Moniteq 1983 Table 5.3"))
+        result.append(_figure(group, f"sun_stray_{beyond_deg:g}_e_s", title, stray, "e/s", "Moniteq 1983 Table 5.3"))
     return result
 
 
-def _baffle(b: BaffleGeometry) -> BaffleValues:
+def _baffle(baffle: BaffleGeometry) -> BaffleValues:
     return {
-        "kind": b.kind,
-        "lens_radius_mm": b.lens_radius_mm,
-        "half_fov_deg": math.degrees(b.half_fov_rad),
-        "exclusion_deg": math.degrees(b.exclusion_rad),
-        "length_mm": b.length_mm,
-        "front_radius_mm": b.front_radius_mm,
-        "edges_mm": [list(e) for e in b.edge_mm],
-        "walls_mm": [list(w) for w in b.wall_mm],
+        "kind": baffle.kind,
+        "lens_radius_mm": baffle.lens_radius_mm,
+        "half_fov_deg": math.degrees(baffle.half_fov_rad),
+        "exclusion_deg": math.degrees(baffle.exclusion_rad),
+        "length_mm": baffle.length_mm,
+        "front_radius_mm": baffle.front_radius_mm,
+        "edges_mm": [list(e) for e in baffle.edge_mm],
+        "walls_mm": [list(w) for w in baffle.wall_mm],
     }
 
 
-def row_of(r: TradeRow) -> TradeValues:
+def row_of(row: TradeRow) -> TradeValues:
     """Return a row of a table of cameras."""
-    c = r.camera
-    across, down = c.fov_rad
+    camera = row.camera
+    across, down = camera.fov_rad
     return {
-        "name": c.name,
-        "focal_mm": c.focal_mm,
-        "f_number": c.f_number,
-        "pupil_mm": c.pupil_mm,
+        "name": camera.name,
+        "focal_mm": camera.focal_mm,
+        "f_number": camera.f_number,
+        "pupil_mm": camera.pupil_mm,
         "fov_deg": [math.degrees(across), math.degrees(down)],
-        "pixel_arcsec": c.camera.pixel_rad / ARCSEC_RAD,
-        "limit_mag": r.limit_mag,
-        "saturation_mag": number(r.saturation_mag),
-        "stars": r.stars,
-        "p_fewer_3": r.p_fewer_3,
-        "pointings": r.pointings,
-        "cross_arcsec": number(r.cross_rad / ARCSEC_RAD),
-        "roll_arcsec": number(r.roll_rad / ARCSEC_RAD),
-        "blur_rate_deg_s": float(np.degrees(r.blur_rate_rad_s)),
+        "pixel_arcsec": camera.camera.pixel_rad / ARCSEC_RAD,
+        "limit_mag": row.limit_mag,
+        "saturation_mag": number(row.saturation_mag),
+        "stars": row.stars,
+        "p_fewer_3": row.p_fewer_3,
+        "pointings": row.pointings,
+        "cross_arcsec": number(row.cross_rad / ARCSEC_RAD),
+        "roll_arcsec": number(row.roll_rad / ARCSEC_RAD),
+        "blur_rate_deg_s": float(np.degrees(row.blur_rate_rad_s)),
     }
 
 

@@ -80,33 +80,37 @@ def _trade(cameras: list[TradeValues]) -> Table:
     return Table("", list(TRADE), rows)
 
 
-def _curve(c: CurveValues) -> Plot:
+def _curve(curve: CurveValues) -> Plot:
     """Return the plot of a curve, including the documents' points."""
-    lines = [Series(line["label"], line["x"], line["y"]) for line in c["lines"]]
-    if c["marks"]:
+    lines = [Series(line["label"], line["x"], line["y"]) for line in curve["lines"]]
+    if curve["marks"]:
         lines.append(
-            Series(c["marks"][0]["source"], [m["x"] for m in c["marks"]], [m["y"] for m in c["marks"]], "dots")
+            Series(
+                curve["marks"][0]["source"], [m["x"] for m in curve["marks"]], [m["y"] for m in curve["marks"]], "dots"
+            )
         )
-    span = [x for line in c["lines"] for x in line["x"]]
+    span = [x for line in curve["lines"] for x in line["x"]]
     uprights = [
         Level(u["x"], f"{u['label']} {u['x']:.3g}", vertical=True)
-        for u in c["uprights"]
+        for u in curve["uprights"]
         if min(span) <= u["x"] <= max(span)
     ]
-    return Plot(c["title"], c["x_label"], c["y_label"], lines, uprights, log_y=c["log_y"], log_x=c["log_x"])
+    return Plot(
+        curve["title"], curve["x_label"], curve["y_label"], lines, uprights, log_y=curve["log_y"], log_x=curve["log_x"]
+    )
 
 
-def _baffle(b: BaffleValues) -> Outline:
-    outer = max(w[2] for w in b["walls_mm"])
+def _baffle(baffle: BaffleValues) -> Outline:
+    outer = max(w[2] for w in baffle["walls_mm"])
 
     def wall(z: float) -> float:
-        return float(next((w[2] for w in b["walls_mm"] if z <= w[1] + 1e-6), outer))
+        return float(next((w[2] for w in baffle["walls_mm"] if z <= w[1] + 1e-6), outer))
 
     lines: list[list[Place]] = []
     for side in (-1, 1):
-        lines += [[(z0, side * r), (z1, side * r)] for z0, z1, r in b["walls_mm"]]
-        lines += [[(z, side * wall(z)), (z, side * r)] for z, r in b["edges_mm"]]
-    lens = b["lens_radius_mm"]
-    stages = "One stage" if b["kind"] == "one" else "Two stages"
-    text = f"{stages}, {b['length_mm']:.1f} mm long, ⌀ {2 * outer:.1f} mm, keeps out from {b['exclusion_deg']:.1f}°"
+        lines += [[(z0, side * r), (z1, side * r)] for z0, z1, r in baffle["walls_mm"]]
+        lines += [[(z, side * wall(z)), (z, side * r)] for z, r in baffle["edges_mm"]]
+    lens = baffle["lens_radius_mm"]
+    stages = "One stage" if baffle["kind"] == "one" else "Two stages"
+    text = f"{stages}, {baffle['length_mm']:.1f} mm long, ⌀ {2 * outer:.1f} mm, keeps out from {baffle['exclusion_deg']:.1f}°"
     return Outline(text, lines, [[(0.0, -lens), (0.0, lens)]])

@@ -42,22 +42,22 @@ AFTERWARDS: dict[str, Orders] = {"SET_APRIORI": (("SET_APRIORI", {"uncertainty_d
 
 def check_refusals(probe: Probe, findings: Findings) -> None:
     """Check clauses 4.5, 4.6 and 4.7."""
-    d = probe.dictionary
-    used = {c.code for c in d.commands}
+    dictionary = probe.dictionary
+    used = {c.code for c in dictionary.commands}
     for code in (next(c for c in range(255, 0, -1) if c not in used), 0):
         answer = probe.raw(code, b"")
         findings.check("4.5", f"code {code}", answer.is_("rejected", "unknown_command"), answer.text)
     for name, payload in (("GET_STATUS", b"\0"), ("SET_EXPOSURE", b"\0"), ("SET_EXPOSURE", b"\0\1\0")):
-        command = d.command(name)
+        command = dictionary.command(name)
         answer = probe.raw(command.code, payload, command=command)
         fits = answer.is_("rejected", "bad_length")
         findings.check("4.6", f"{name} with {len(payload)} B", fits, answer.text)
-    command = d.command("GET_STATUS")
-    answer = probe.raw(command.code, b"", command=command, prefix=d.prefix ^ 0xFFFF)
+    command = dictionary.command("GET_STATUS")
+    answer = probe.raw(command.code, b"", command=command, prefix=dictionary.prefix ^ 0xFFFF)
     findings.check("4.7", "GET_STATUS", answer.is_("rejected", "wrong_dictionary"), answer.text)
     for name in ("HELLO", "ABORT"):
-        command = d.command(name)
-        answer = probe.raw(command.code, b"", command=command, prefix=d.prefix ^ 0xFFFF)
+        command = dictionary.command(name)
+        answer = probe.raw(command.code, b"", command=command, prefix=dictionary.prefix ^ 0xFFFF)
         findings.check("4.7", f"{name} (any will do)", answer.is_("completed"), answer.text)
 
 
@@ -130,42 +130,42 @@ def _ends(command: CommandDefinition) -> Iterator[tuple[str, dict[str, Value]]]:
     """Yield arguments with each one at its minimum and maximum, the others at their defaults."""
     if not command.arguments:
         yield command.name, {}
-    for a in command.arguments:
-        ends: tuple[Value | None, ...] = (a.minimum, a.maximum)
-        if a.choices:
-            numbered = sorted(a.choices, key=lambda c: c.value)
+    for argument in command.arguments:
+        ends: tuple[Value | None, ...] = (argument.minimum, argument.maximum)
+        if argument.choices:
+            numbered = sorted(argument.choices, key=lambda c: c.value)
             ends = (numbered[0].name, numbered[-1].name)
         for value in ends:
             if value is not None:
-                yield f"{command.name} {a.name} = {shown(value)}", {a.name: value}
+                yield f"{command.name} {argument.name} = {shown(value)}", {argument.name: value}
 
 
 def _outside(probe: Probe, command: CommandDefinition) -> Iterator[tuple[Argument, Value, bytes]]:
     """Yield each argument with values beyond its limits, as far as its type can represent them."""
-    for a in command.arguments:
-        for value in _beyond(a):
-            parts = [_raw(other, value if other is a else None, probe, command) for other in command.arguments]
-            yield a, value, b"".join(parts)
+    for argument in command.arguments:
+        for value in _beyond(argument):
+            parts = [_raw(other, value if other is argument else None, probe, command) for other in command.arguments]
+            yield argument, value, b"".join(parts)
 
 
-def _beyond(a: Argument) -> list[float]:
-    if a.choices:
-        return [max(c.value for c in a.choices) + 1]
-    if a.minimum is None or a.maximum is None:
+def _beyond(argument: Argument) -> list[float]:
+    if argument.choices:
+        return [max(c.value for c in argument.choices) + 1]
+    if argument.minimum is None or argument.maximum is None:
         return []
-    values = [a.minimum - 1, a.maximum + 1]
-    if a.type in FLOATS:
+    values = [argument.minimum - 1, argument.maximum + 1]
+    if argument.type in FLOATS:
         return [*values, math.nan, math.inf]
-    low, high = INTEGER_RANGES[a.type]
+    low, high = INTEGER_RANGES[argument.type]
     return [int(v) for v in values if low <= v <= high]
 
 
-def _raw(a: Argument, value: float | None, probe: Probe, command: CommandDefinition) -> bytes:
+def _raw(argument: Argument, value: float | None, probe: Probe, command: CommandDefinition) -> bytes:
     """Encode a value without a range check; None encodes the default."""
     if value is None:
-        default = a.default if a.default is not None else a.minimum
-        return encode_item(a, default if default is not None else 0)
-    return STRUCT[a.type].pack(value)
+        default = argument.default if argument.default is not None else argument.minimum
+        return encode_item(argument, default if default is not None else 0)
+    return STRUCT[argument.type].pack(value)
 
 
 def _check_life(findings: Findings, subject: str, command: CommandDefinition, answer: CommandOutcome) -> None:

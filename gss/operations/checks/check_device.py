@@ -134,26 +134,31 @@ def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) ->
 
 def check_identity(probe: Probe, findings: Findings) -> None:
     """Check clauses 3.1 to 3.3."""
-    d, hello = probe.dictionary, probe.device.hello
+    dictionary, hello = probe.dictionary, probe.device.hello
     used = probe.order("GET_STATUS").request_id
     with findings.trying("3.1", "HELLO"):
-        code, other = d.command("HELLO").code, d.prefix ^ 0xFFFF
-        answer = probe.raw(code, b"", command=d.command("HELLO"), prefix=other)
+        code, other = dictionary.command("HELLO").code, dictionary.prefix ^ 0xFFFF
+        answer = probe.raw(code, b"", command=dictionary.command("HELLO"), prefix=other)
         if not findings.check("3.1", "from another dictionary", answer.is_("completed"), answer.text):
             return
-        v = answer.last.values if answer.last else {}
-        findings.check("3.1", "device_model", v["device_model"] == d.device_model, str(v["device_model"]))
+        values = answer.last.values if answer.last else {}
+        findings.check(
+            "3.1", "device_model", values["device_model"] == dictionary.device_model, str(values["device_model"])
+        )
         for name in ("profile", "firmware", "serial"):
-            findings.check("3.1", name, bool(v[name]), shown(v[name]))
+            findings.check("3.1", name, bool(values[name]), shown(values[name]))
         least = {"columns": 1, "rows": 1, "bits": 1, "image_slots": 1, "bank_bytes": 1, "boot_count": 1}
         for name, minimum in (least | {"window_chunks": 1, "max_chunk_bytes": 1}).items():
-            findings.check("3.1", name, int(v[name]) >= minimum, shown(v[name]))
-        reported, expected = hello.dictionary_hash, d.hash_hex
+            findings.check("3.1", name, int(values[name]) >= minimum, shown(values[name]))
+        reported, expected = hello.dictionary_hash, dictionary.hash_hex
         findings.check(
             "3.2", "dictionary_hash", reported == expected, f"device {reported[:12]}, ground {expected[:12]}"
         )
         findings.check(
-            "3.3", "last_request_id", int(v["last_request_id"]) >= used, f"{shown(v['last_request_id'])}, used {used}"
+            "3.3",
+            "last_request_id",
+            int(values["last_request_id"]) >= used,
+            f"{shown(values['last_request_id'])}, used {used}",
         )
 
 
@@ -161,8 +166,8 @@ def check_housekeeping(probe: Probe, findings: Findings) -> None:
     """Check clauses 5.1, 5.2 and 5.4."""
     code = probe.dictionary.packet("housekeeping").code
 
-    def unasked(p: Packet) -> bool:
-        return p.type is PacketType.TELEMETRY and p.code == code and not p.request_id
+    def unasked(packet: Packet) -> bool:
+        return packet.type is PacketType.TELEMETRY and packet.code == code and not packet.request_id
 
     times_s = []
     for _ in range(HOUSEKEEPING_PACKETS):
@@ -217,7 +222,7 @@ def check_damage(probe: Probe, findings: Findings) -> None:
 
 def check_record(probe: Probe, findings: Findings) -> None:
     """Check clauses 2.1 to 2.4 and 5.3 on all received packets."""
-    receiver, packets, d = probe.tap.receiver, probe.tap.packets, probe.dictionary
+    receiver, packets, dictionary = probe.tap.receiver, probe.tap.packets, probe.dictionary
     findings.damaged = receiver.bad_total
     findings.check("2.1", "packets read", bool(packets) and not receiver.unknown, f"{receiver.unknown} unreadable")
     if receiver.bad_total:
@@ -227,11 +232,11 @@ def check_record(probe: Probe, findings: Findings) -> None:
         findings.check(
             "2.2", "sequence", off == 0, f"{receiver.sequence.gaps} missing, {receiver.sequence.duplicates} twice"
         )
-    strange = sum(p.prefix != d.prefix for p in packets)
+    strange = sum(p.prefix != dictionary.prefix for p in packets)
     findings.check("2.3", "prefix", strange == 0, f"{strange} of {len(packets)} packets carry another")
     reports = [p for p in packets if p.type is PacketType.REPORT]
     findings.check("2.4", "reports", bool(reports) and all(p.request_id or p.payload[:1] == REJECTED for p in reports))
-    for row in d.telemetry:
+    for row in dictionary.telemetry:
         matching = [p for p in packets if p.type is PacketType.TELEMETRY and p.code == row.code]
         if not matching:
             findings.skip("5.3", row.name, "none came")
@@ -243,5 +248,5 @@ def check_record(probe: Probe, findings: Findings) -> None:
             except CorruptData as error:
                 records.add(str(error))
         findings.check("5.3", f"{row.name} ({len(matching)})", not records, "; ".join(sorted(records)))
-    unknown = {p.code for p in packets if p.type is PacketType.TELEMETRY and d.packet_of_code(p.code) is None}
+    unknown = {p.code for p in packets if p.type is PacketType.TELEMETRY and dictionary.packet_of_code(p.code) is None}
     findings.check("5.3", "packets of the dictionary only", not unknown, f"codes {sorted(unknown)}" if unknown else "")

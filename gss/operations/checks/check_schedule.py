@@ -33,32 +33,32 @@ def schedule(probe: Probe, at_s: float, code: int, payload: bytes = b"") -> Comm
 
 def check_schedule(probe: Probe, findings: Findings) -> None:
     """Check clauses 4.15, 4.16 and 4.19."""
-    d = probe.dictionary
-    status = d.command("GET_STATUS").code
-    event = d.event_named("SCHEDULE_RUN").code
+    dictionary = probe.dictionary
+    status = dictionary.command("GET_STATUS").code
+    event = dictionary.event_named("SCHEDULE_RUN").code
     now_s = device_time_s(probe)
     scheduled = schedule(probe, now_s + SOON_S, status)
     findings.check("4.15", "SCHEDULE of GET_STATUS", scheduled.is_("completed"), scheduled.text)
 
-    def ran(p: Packet) -> bool:
-        return p.type is PacketType.EVENT and p.code == event and p.request_id == scheduled.request_id
+    def ran(packet: Packet) -> bool:
+        return packet.type is PacketType.EVENT and packet.code == event and packet.request_id == scheduled.request_id
 
     received = probe.wait(ran, SOON_S + 3.0)
     if findings.check("4.15", "it runs and is reported", bool(received) and ran(received[-1])):
         late_s = received[-1].time_s - (now_s + SOON_S)
         findings.check("4.15", "not before its time", is_due(late_s), f"{late_s:.3f} s after it")
-        housekeeping = d.packet("housekeeping").code
+        housekeeping = dictionary.packet("housekeeping").code
         caused = [p for p in received if p.type is PacketType.TELEMETRY and p.request_id == scheduled.request_id]
         findings.check("4.15", "its packets carry SCHEDULE's id", any(p.code == housekeeping for p in caused))
     for subject, code, payload, reason in (
         (
             "a code that no command has",
-            next(c for c in range(255, 0, -1) if d.command_of_code(c) is None),
+            next(c for c in range(255, 0, -1) if dictionary.command_of_code(c) is None),
             b"",
             "unknown_command",
         ),
         ("arguments of the wrong length", status, b"\0", "bad_length"),
-        ("an argument outside its range", d.command("SET_EXPOSURE").code, b"\0\0", "out_of_range"),
+        ("an argument outside its range", dictionary.command("SET_EXPOSURE").code, b"\0\0", "out_of_range"),
     ):
         refused = schedule(probe, now_s + FAR_S, code, payload)
         findings.check("4.16", subject, refused.is_("failed", reason), refused.text)
@@ -68,7 +68,7 @@ def check_schedule(probe: Probe, findings: Findings) -> None:
     number = far.last.values.get("schedule_id", 0) if far.last else 0
     cancelled = probe.order("CANCEL", {"schedule_id": number})
     findings.check("4.19", "CANCEL of one", cancelled.is_("completed"), cancelled.text)
-    row = d.packet("schedule_entry")
+    row = dictionary.packet("schedule_entry")
     reported = [decode(row.fields, p.payload).values for p in cancelled.packets if p.code == row.code]
     findings.check("4.19", "the entry is cancelled", any(t.get("state") == "cancelled" for t in reported))
     again = probe.order("CANCEL", {"schedule_id": number})

@@ -90,14 +90,14 @@ def check_upload_refusals(probe: Probe, findings: Findings) -> None:
 
 def _offer(probe: Probe, bank: Mapping[str, Value]) -> dict[str, Value]:
     """Return OPEN_UPLOAD values for a bank's own content into that bank."""
-    hello, d = probe.device.hello, probe.dictionary
+    hello, dictionary = probe.device.hello, probe.dictionary
     same = ("size_bytes", "sha256", "profile", "format_version", "epoch_jyear", "stars", "pairs")
     return {name: bank[name] for name in same} | {
         "kind": "catalogue",
         "target": CATALOGUES.number(probe.operations, str(bank["bank"])),
         "chunk_bytes": 256,
         "device_model": hello.device_model,
-        "dictionary_hash": d.hash,
+        "dictionary_hash": dictionary.hash,
     }
 
 

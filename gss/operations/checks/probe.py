@@ -184,12 +184,12 @@ class Probe:
         done = packet.payload[:1] == encode([fields[0]], {"stage": "completed"})  # type: ignore[list-item]  # an item of a service is an Item
         returns = command.returns if done and command else ()
         try:
-            v = decode((*fields, *returns), packet.payload).values
+            reported = decode((*fields, *returns), packet.payload).values
         except CorruptData as error:
             return ReceivedReport(UNREADABLE, "none", str(error), False, packet.code, {}, after_s)
-        values = {item.name: v[item.name] for item in returns}
-        stage, reason, detail = str(v["stage"]), str(v["reason"]), str(v["detail"])
-        return ReceivedReport(stage, reason, detail, bool(v["replayed"]), packet.code, values, after_s)
+        values = {item.name: reported[item.name] for item in returns}
+        stage, reason, detail = str(reported["stage"]), str(reported["reason"]), str(reported["detail"])
+        return ReceivedReport(stage, reason, detail, bool(reported["replayed"]), packet.code, values, after_s)
 
     def reports(self, request_id: int, start: int) -> list[ReceivedReport]:
         """Return the reports on a request among the packets from ``start`` on; their times are unknown."""
@@ -226,8 +226,8 @@ class Probe:
         """Return name and values of the next OPENED or ABORT_TRANSFER for a request; "" if none arrives."""
         codes = {self.dictionary.service(name).code: name for name in ("OPENED", "ABORT_TRANSFER")}
 
-        def fits(p: Packet) -> bool:
-            return p.type is PacketType.TRANSFER and p.request_id == request_id and p.code in codes
+        def fits(packet: Packet) -> bool:
+            return packet.type is PacketType.TRANSFER and packet.request_id == request_id and packet.code in codes
 
         received = self.wait(fits, within_s)
         if not received or not fits(received[-1]):

@@ -109,8 +109,8 @@ def check_record(
     late: list[Gap] = []
     evidence = _Evidence(counts, happenings)
     period_s = _period_s(samples)
-    for a, b in itertools.pairwise(samples):
-        gaps_between = _between(a, b, evidence, period_s)
+    for before, after in itertools.pairwise(samples):
+        gaps_between = _between(before, after, evidence, period_s)
         if gaps_between is not None:
             (gaps if gaps_between.missing else late).append(gaps_between)
     gaps += _ends(samples, evidence, start_s, end_s, period_s)
@@ -177,32 +177,36 @@ def _period_s(samples: Sequence[HousekeepingSample]) -> float:
     return min(PERIOD_S, steps[len(steps) // 2]) if len(steps) >= LEAST_STEPS else PERIOD_S
 
 
-def _between(a: HousekeepingSample, b: HousekeepingSample, evidence: _Evidence, period_s: float) -> Gap | None:
+def _between(before: HousekeepingSample, after: HousekeepingSample, evidence: _Evidence, period_s: float) -> Gap | None:
     """Return the gap between two neighbouring samples; None if there is none."""
-    if a.contact_id != b.contact_id:
-        missing = max(0, round((b.at_s - a.at_s) / period_s) - 1)
-        return Gap(a.at_s, b.at_s, missing, "the line was closed meanwhile") if missing else None
-    on_board_s, here_s = b.device_time_s - a.device_time_s, b.at_s - a.at_s
-    restarted = b.uptime_s is not None and a.uptime_s is not None and b.uptime_s < a.uptime_s
-    if here_s < -SLACK_S or evidence.happened((GROUND_CLOCK,), b.at_s - SLACK_S, b.at_s) is not None:
+    if before.contact_id != after.contact_id:
+        missing = max(0, round((after.at_s - before.at_s) / period_s) - 1)
+        return Gap(before.at_s, after.at_s, missing, "the line was closed meanwhile") if missing else None
+    on_board_s, here_s = after.device_time_s - before.device_time_s, after.at_s - before.at_s
+    restarted = after.uptime_s is not None and before.uptime_s is not None and after.uptime_s < before.uptime_s
+    if here_s < -SLACK_S or evidence.happened((GROUND_CLOCK,), after.at_s - SLACK_S, after.at_s) is not None:
         missing = max(0, round(on_board_s / period_s) - 1)  # the ground's clock jumped: use the device's
         lost = missing and not restarted and on_board_s > GAP_PERIODS * period_s
-        return Gap(a.at_s, b.at_s, missing, evidence.cause(b.at_s, b.at_s, a.contact_id)) if lost else None
-    boot = evidence.happened(RESETS, a.at_s, b.at_s)
-    clock = evidence.happened(CLOCKS, a.at_s, b.at_s)
+        return (
+            Gap(before.at_s, after.at_s, missing, evidence.cause(after.at_s, after.at_s, before.contact_id))
+            if lost
+            else None
+        )
+    boot = evidence.happened(RESETS, before.at_s, after.at_s)
+    clock = evidence.happened(CLOCKS, before.at_s, after.at_s)
     if restarted or clock is not None or on_board_s <= 0:
         missing = max(0, round(here_s / period_s) - 1)  # the device's clock was set: use the ground's
         if here_s <= GAP_PERIODS * period_s or not missing:
             return None
         if restarted:
             detail = f" ({boot.text})" if boot is not None and boot.text else ""
-            return Gap(a.at_s, b.at_s, missing, f"the device restarted{detail}")
-        return Gap(a.at_s, b.at_s, missing, evidence.cause(a.at_s, b.at_s, a.contact_id))
+            return Gap(before.at_s, after.at_s, missing, f"the device restarted{detail}")
+        return Gap(before.at_s, after.at_s, missing, evidence.cause(before.at_s, after.at_s, before.contact_id))
     if on_board_s > GAP_PERIODS * period_s:
         missing = max(1, round(on_board_s / period_s) - 1)
-        return Gap(a.at_s, b.at_s, missing, evidence.cause(a.at_s, b.at_s, a.contact_id))
+        return Gap(before.at_s, after.at_s, missing, evidence.cause(before.at_s, after.at_s, before.contact_id))
     if here_s > LATE_S:
-        return Gap(a.at_s, b.at_s, 0, "received late: the line stalled, nothing is missing")
+        return Gap(before.at_s, after.at_s, 0, "received late: the line stalled, nothing is missing")
     return None
 
 

@@ -117,15 +117,15 @@ def describe(
     }
 
 
-def _region(r: Region) -> RegionOverlay:
+def _region(region: Region) -> RegionOverlay:
     return {
-        "col_min": int(r.col_min),
-        "row_min": int(r.row_min),
-        "col_max": int(r.col_max),
-        "row_max": int(r.row_max),
-        "area_px": int(r.area_px),
-        "peak_dn": float(r.peak_dn),
-        "rejected": r.rejected,
+        "col_min": int(region.col_min),
+        "row_min": int(region.row_min),
+        "col_max": int(region.col_max),
+        "row_max": int(region.row_max),
+        "area_px": int(region.area_px),
+        "peak_dn": float(region.peak_dn),
+        "rejected": region.rejected,
     }
 
 

@@ -124,8 +124,8 @@ def _ground(value: Any) -> str:
     return "–" if value is None else str(value)
 
 
-def _near(a: float, b: float) -> bool:
-    return math.isclose(a, b, rel_tol=WIRE_SHARE, abs_tol=WIRE_SHARE)
+def _near(device: float, on_ground: float) -> bool:
+    return math.isclose(device, on_ground, rel_tol=WIRE_SHARE, abs_tol=WIRE_SHARE)
 
 
 def _count(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
@@ -145,15 +145,21 @@ def _places(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
         return _judged("places", shown, shown, False, difference_px=float(gap.max()) if n else None)
     k = int(off[0])
     arcsec = float(gap[k]) * rerun.result.camera.pixel_rad / ARCSEC_RAD
-    a, b = (f"{k}: {p[0]:.4f}, {p[1]:.4f}" for p in (device[k], on_ground[k]))
+    device_text, ground_text = (f"{k}: {p[0]:.4f}, {p[1]:.4f}" for p in (device[k], on_ground[k]))
     text = f"centroid {k} differs by {gap[k]:.4f} px"
-    return _judged("places", a, b, True, text, difference_px=float(gap[k]), difference_arcsec=arcsec)
+    return _judged(
+        "places", device_text, ground_text, True, text, difference_px=float(gap[k]), difference_arcsec=arcsec
+    )
 
 
 def _light(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
-    c = rerun.result.centroids  # the peak is sent as an integer
-    for k, row in enumerate(record.centroids[: len(c)]):
-        on_ground = {"flux_dn": float(c.flux_dn[k]), "peak_dn": int(c.peak_dn[k]), "area_px": float(c.area_px[k])}
+    centroids = rerun.result.centroids  # the peak is sent as an integer
+    for k, row in enumerate(record.centroids[: len(centroids)]):
+        on_ground = {
+            "flux_dn": float(centroids.flux_dn[k]),
+            "peak_dn": int(centroids.peak_dn[k]),
+            "area_px": float(centroids.area_px[k]),
+        }
         for name, value in on_ground.items():
             if name in row and not _near(float(row[name]), value):
                 quantity = name.rpartition("_")[0]
@@ -165,10 +171,10 @@ def _light(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
 
 def _ground_matched(rerun: Rerun) -> dict[int, tuple[int, float]] | None:
     """Return row of the bank and weight by centroid, from the chain's matching."""
-    m = rerun.matching
-    if m is None:
+    matching = rerun.matching
+    if matching is None:
         return None
-    return {int(i): (int(m.row[i]), float(m.weight[i])) for i in m.selected}
+    return {int(i): (int(matching.row[i]), float(matching.weight[i])) for i in matching.selected}
 
 
 def _device_matched(record: OnboardRecord) -> dict[int, tuple[int, float]]:
@@ -186,10 +192,10 @@ def _matches(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
     odd = sorted(i for i in device.keys() | on_ground.keys() if _row(device, i) != _row(on_ground, i))
     if not odd:
         return _judged("matches", _counted(len(device), "star"), _counted(len(on_ground), "star"), False)
-    a, b = (", ".join(_name(side, i, record) for i in odd[:SHOWN]) for side in (device, on_ground))
+    device_text, ground_text = (", ".join(_name(side, i, record) for i in odd[:SHOWN]) for side in (device, on_ground))
     first, second = (_star(side, odd[0], record) for side in (device, on_ground))
     text = f"matches differ: centroid {odd[0]} is {first} on board, {second} on the ground"
-    return _judged("matches", f"{len(device)}: {a}", f"{len(on_ground)}: {b}", True, text)
+    return _judged("matches", f"{len(device)}: {device_text}", f"{len(on_ground)}: {ground_text}", True, text)
 
 
 def _row(side: Mapping[int, tuple[int, float]], centroid: int) -> int | None:
@@ -259,11 +265,11 @@ def _quaternion(record: OnboardRecord, rerun: Rerun) -> ReplayStage:
         matrix_from_quaternion(device / np.linalg.norm(device)), attitude.cam_from_icrs
     )
     arcsec = float(np.hypot(cross_rad, about_rad)) / ARCSEC_RAD
-    a, b = (" ".join(f"{v:.12f}" for v in q) for q in (device, attitude.quaternion))
+    device_text, ground_text = (" ".join(f"{v:.12f}" for v in q) for q in (device, attitude.quaternion))
     differs = step > WIRE_QUATERNION
     text = f"quaternion differs by {step:.1e}"
     px = cross_rad / rerun.result.camera.pixel_rad
-    return _judged("quaternion", a, b, differs, text, difference_px=px, difference_arcsec=arcsec)
+    return _judged("quaternion", device_text, ground_text, differs, text, difference_px=px, difference_arcsec=arcsec)
 
 
 def _sigma(record: OnboardRecord, rerun: Rerun) -> ReplayStage:

@@ -75,10 +75,10 @@ def export_solutions(database: Database, file_format: str, chain: str = "") -> b
     return sink.getvalue()
 
 
-def as_row(frame: Frame, s: Solution) -> dict[str, Any]:
+def as_row(frame: Frame, solution: Solution) -> dict[str, Any]:
     """Return a result's columns as defined by SCHEMA."""
     values: dict[str, Any] = {
-        "solution_id": s.id,
+        "solution_id": solution.id,
         "frame_id": frame.id,
         "frame_number": frame.number,
         "contact_id": frame.contact_id,
@@ -86,22 +86,22 @@ def as_row(frame: Frame, s: Solution) -> dict[str, Any]:
         "frame": frame.name,
         "profile": frame.profile,
         "exposure_s": frame.exposure_s,
-        "time_ms": 1e3 * sum(s.timing_s.values()) if s.timing_s else None,
+        "time_ms": 1e3 * sum(solution.timing_s.values()) if solution.timing_s else None,
     }
     names = "origin chain version created outcome reason found matched verdict replay rms_px false_match_probability"
     names += " camera_name operational options"
-    values |= {name: getattr(s, name) for name in names.split()}
-    if s.quaternion is not None:
-        quaternion = np.array(s.quaternion, float)
+    values |= {name: getattr(solution, name) for name in names.split()}
+    if solution.quaternion is not None:
+        quaternion = np.array(solution.quaternion, float)
         angles = ra_dec_roll_rad(matrix_from_quaternion(quaternion))
         values |= dict(zip(ANGLES, map(math.degrees, angles), strict=True))
         values |= {f"quaternion_{a}": float(q) for a, q in zip("xyzw", quaternion, strict=True)}
-    cross_rad, roll_rad = s.sigma_rad or (None, None)
+    cross_rad, roll_rad = solution.sigma_rad or (None, None)
     return values | {
         "sigma_cross_arcsec": _arcsec(cross_rad),
         "sigma_roll_arcsec": _arcsec(roll_rad),
-        "error_axis_arcsec": _arcsec(s.error_axis_rad),
-        "error_roll_arcsec": _arcsec(s.error_roll_rad),
+        "error_axis_arcsec": _arcsec(solution.error_axis_rad),
+        "error_roll_arcsec": _arcsec(solution.error_roll_rad),
     }
 
 

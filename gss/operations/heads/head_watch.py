@@ -236,23 +236,23 @@ def _fused_row(spacecraft_id: int, result: HeadsResult) -> FusedRow:
 
 
 def _pair_row(spacecraft_id: int, time_s: float, pair: PairResult) -> HeadPairRow:
-    d, m = pair.difference, pair.misalignment
+    difference, misalignment = pair.difference, pair.misalignment
     return HeadPairRow(
         spacecraft_id=spacecraft_id,
         at=datetime.fromtimestamp(time_s, UTC),
         reference=pair.reference,
         unit=pair.unit,
-        angle_rad=d.angle_rad,
-        angle_sigma_rad=d.angle_sigma_rad,
-        boresight_rad=d.boresight_rad,
-        boresight_sigma_rad=d.boresight_sigma_rad,
-        chi2=d.agreement.chi2,
-        state=_listed(m.state),
-        covariance=_listed(m.covariance[UPPER]),
+        angle_rad=difference.angle_rad,
+        angle_sigma_rad=difference.angle_sigma_rad,
+        boresight_rad=difference.boresight_rad,
+        boresight_sigma_rad=difference.boresight_sigma_rad,
+        chi2=difference.agreement.chi2,
+        state=_listed(misalignment.state),
+        covariance=_listed(misalignment.covariance[UPPER]),
         lasting=_listed(np.diag(pair.lasting_rad2)),
-        began=datetime.fromtimestamp(m.began_s, UTC),
-        samples=m.samples,
-        restarts=m.restarts,
+        began=datetime.fromtimestamp(misalignment.began_s, UTC),
+        samples=misalignment.samples,
+        restarts=misalignment.restarts,
     )
 
 

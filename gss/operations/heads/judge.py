@@ -91,17 +91,17 @@ def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResu
         )
     ]
     for pair in pairs:
-        m = pair.misalignment
+        misalignment = pair.misalignment
         name = f"{setup.name}: {pair.unit}"
         if setup.misalignment_limit_rad is not None:
             limit = setup.misalignment_limit_rad / ARCSEC_RAD
-            size, sigma = _size(m.vector_rad / ARCSEC_RAD, pair.sigma_rad / ARCSEC_RAD)
+            size, sigma = _size(misalignment.vector_rad / ARCSEC_RAD, pair.sigma_rad / ARCSEC_RAD)
             text = f"{pair.unit} is misaligned by {size:.1f}″ ± {sigma:.1f}″ against {pair.reference}"
             result.append(_against(f"{name} misalignment", State.WARNING, size, sigma, text, limit, "″"))
         if setup.drift_limit_rad_s is not None:
             limit = setup.drift_limit_rad_s / ARCSEC_RAD * HOUR_S
             scale = HOUR_S / ARCSEC_RAD
-            size, sigma = _size(m.drift_rad_s * scale, pair.drift_sigma_rad_s * scale)
+            size, sigma = _size(misalignment.drift_rad_s * scale, pair.drift_sigma_rad_s * scale)
             text = f"{pair.unit} drifts by {size:.1f}″/h ± {sigma:.1f}″/h against {pair.reference}"
             result.append(_against(f"{name} drift", State.WATCH, size, sigma, text, limit, "″/h"))
     return result
@@ -125,8 +125,8 @@ def _apart(pairs: Sequence[PairResult]) -> str:
     if not pairs:
         return "The heads differ"
     worst = max(pairs, key=lambda pair: pair.difference.agreement.chi2)
-    d = worst.difference
+    difference = worst.difference
     return (
-        f"{worst.reference} and {worst.unit} differ by {d.angle_rad / ARCSEC_RAD:.1f}″ ± "
-        f"{d.angle_sigma_rad / ARCSEC_RAD:.1f}″"
+        f"{worst.reference} and {worst.unit} differ by {difference.angle_rad / ARCSEC_RAD:.1f}″ ± "
+        f"{difference.angle_sigma_rad / ARCSEC_RAD:.1f}″"
     )

@@ -23,19 +23,19 @@ def calendar(table: PassTable) -> str:
 
 
 def _event(name: str, coming: ComingPass, stamp: datetime) -> list[str]:
-    p, station = coming.at, coming.station
-    top_deg = math.degrees(p.max_elevation_rad)
+    orbit_pass, station = coming.at, coming.station
+    top_deg = math.degrees(orbit_pass.max_elevation_rad)
     description = (
-        f"Rise {p.rise:%H:%M:%S} UTC at azimuth {math.degrees(p.rise_azimuth_rad):.0f}°, culmination "
-        f"{p.culmination:%H:%M:%S} UTC at {top_deg:.1f}°, set {p.set:%H:%M:%S} UTC at azimuth "
-        f"{math.degrees(p.set_azimuth_rad):.0f}°. Sun {math.degrees(p.sun_elevation_rad):.0f}° at the station."
+        f"Rise {orbit_pass.rise:%H:%M:%S} UTC at azimuth {math.degrees(orbit_pass.rise_azimuth_rad):.0f}°, culmination "
+        f"{orbit_pass.culmination:%H:%M:%S} UTC at {top_deg:.1f}°, set {orbit_pass.set:%H:%M:%S} UTC at azimuth "
+        f"{math.degrees(orbit_pass.set_azimuth_rad):.0f}°. Sun {math.degrees(orbit_pass.sun_elevation_rad):.0f}° at the station."
     )
     return [
         "BEGIN:VEVENT",
-        f"UID:pass-{station.id}-{p.culmination:%Y%m%dT%H%M}@gss",
+        f"UID:pass-{station.id}-{orbit_pass.culmination:%Y%m%dT%H%M}@gss",
         f"DTSTAMP:{_utc(stamp)}",
-        f"DTSTART:{_utc(p.rise)}",
-        f"DTEND:{_utc(p.set)}",
+        f"DTSTART:{_utc(orbit_pass.rise)}",
+        f"DTEND:{_utc(orbit_pass.set)}",
         f"SUMMARY:{_text(f'{name} over {station.name}, {top_deg:.0f}°')}",
         f"LOCATION:{_text(station.name)}",
         f"GEO:{math.degrees(station.latitude_rad):.6f};{math.degrees(station.longitude_rad):.6f}",

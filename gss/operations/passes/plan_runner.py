@@ -140,18 +140,18 @@ class PlanRunner:
                 return
         self._end(row, items, "completed", "")
 
-    def _start(self, row: PassPlan, items: list[PlanItem], k: int) -> None:
+    def _start(self, row: PassPlan, items: list[PlanItem], index: int) -> None:
         """Start an item. Its state is stored first, so that a restart never starts it twice."""
-        items[k] = items[k].at("starting", self._now())
+        items[index] = items[index].at("starting", self._now())
         self._plans.change(row.id, items)
         try:
             self._commands.check_user(row.armed_by)
-            started_id = self._control.start(items[k], row.confirm, user=row.armed_by)
+            started_id = self._control.start(items[index], row.confirm, user=row.armed_by)
         except GssError as error:
-            items[k] = items[k].at("failed", self._now(), str(error))
-            self._end(row, items, "failed", f"item {k + 1}, {items[k].title}: {error}")
+            items[index] = items[index].at("failed", self._now(), str(error))
+            self._end(row, items, "failed", f"item {index + 1}, {items[index].title}: {error}")
             return
-        items[k] = PlanItem(**{**vars(items[k]), "state": "running", "started_id": started_id})
+        items[index] = PlanItem(**{**vars(items[index]), "state": "running", "started_id": started_id})
         row = self._plans.change(row.id, items)
         if self._commands.aborts != self._aborts:  # ABORT came between the check and the start
             self._halt(row, "stopped", "ABORT was sent")

@@ -190,9 +190,14 @@ class Recorder:
             rms = residual_rms_arcsec(solution)
             if rms is not None:
                 self._stream.log(f"attitude/{name}/residual_rms_arcsec", scalars(rms))
-        a, b = detail.on_board, detail.ground
-        if a is not None and b is not None and a.quaternion is not None and b.quaternion is not None:
-            first, second = (matrix_from_quaternion(np.array(s.quaternion, float)) for s in (a, b))
+        on_board, ground = detail.on_board, detail.ground
+        if (
+            on_board is not None
+            and ground is not None
+            and on_board.quaternion is not None
+            and ground.quaternion is not None
+        ):
+            first, second = (matrix_from_quaternion(np.array(s.quaternion, float)) for s in (on_board, ground))
             cross = pointing_difference_rad(first, second)[0] * ARCSEC
             self._stream.log("attitude/on_board_minus_ground_arcsec", scalars(cross))
 

@@ -116,53 +116,67 @@ def _room(low: float, high: float, share: float) -> tuple[float, float]:
     return low - share * (high - low), high + share * (high - low)
 
 
-def _axes(pen: Pen, plot: Plot, f: _PlotArea) -> None:
+def _axes(pen: Pen, plot: Plot, area: _PlotArea) -> None:
     bottom = PLOT_HEIGHT - BOTTOM
-    y_ticks = log_ticks(f.y0, f.y1) if plot.log_y else ticks(f.y0, f.y1)
+    y_ticks = log_ticks(area.y0, area.y1) if plot.log_y else ticks(area.y0, area.y1)
     if plot.log_y and len(y_ticks) < 2:
-        y_ticks = ticks(f.y0, f.y1)
+        y_ticks = ticks(area.y0, area.y1)
     step = y_ticks[1] - y_ticks[0] if len(y_ticks) > 1 else 1.0
     for value in y_ticks:
-        pen.line([(LEFT, f.y(value)), (WIDTH - RIGHT, f.y(value))], HAIR, 0.4)
+        pen.line([(LEFT, area.y(value)), (WIDTH - RIGHT, area.y(value))], HAIR, 0.4)
         pen.text(
             LEFT - 4,
-            f.y(value) + 2.6,
+            area.y(value) + 2.6,
             written(value, min(step, value) if plot.log_y else step),
             size=7,
             anchor="end",
             colour=SOFT,
         )
-    x_ticks = time_ticks(f.x0, f.x1) if plot.time else log_ticks(f.x0, f.x1) if plot.log_x else ticks(f.x0, f.x1, 8)
+    x_ticks = (
+        time_ticks(area.x0, area.x1)
+        if plot.time
+        else log_ticks(area.x0, area.x1)
+        if plot.log_x
+        else ticks(area.x0, area.x1, 8)
+    )
     if plot.log_x and len(x_ticks) < 2:
-        x_ticks = ticks(f.x0, f.x1, 8)
+        x_ticks = ticks(area.x0, area.x1, 8)
     step = x_ticks[1] - x_ticks[0] if len(x_ticks) > 1 else 1.0
     for value in x_ticks:
-        pen.line([(f.x(value), bottom), (f.x(value), bottom + 3)], SOFT, 0.5)
-        label = clock(value, f.x1 - f.x0) if plot.time else written(value, min(step, value) if plot.log_x else step)
-        pen.text(f.x(value), bottom + 11, label, size=7, anchor="middle", colour=SOFT)
+        pen.line([(area.x(value), bottom), (area.x(value), bottom + 3)], SOFT, 0.5)
+        label = (
+            clock(value, area.x1 - area.x0) if plot.time else written(value, min(step, value) if plot.log_x else step)
+        )
+        pen.text(area.x(value), bottom + 11, label, size=7, anchor="middle", colour=SOFT)
     pen.box(LEFT, TOP, WIDTH - LEFT - RIGHT, bottom - TOP, stroke=SOFT)
     pen.text((LEFT + WIDTH - RIGHT) / 2, PLOT_HEIGHT - 4, plot.x_label, size=7.5, anchor="middle", colour=SOFT)
     pen.text(10, (TOP + bottom) / 2, plot.y_label, size=7.5, anchor="middle", colour=SOFT, up=True)
 
 
-def _level(pen: Pen, f: _PlotArea, value: float, label: str, vertical: bool) -> None:
+def _level(pen: Pen, area: _PlotArea, value: float, label: str, vertical: bool) -> None:
     if vertical:
-        pen.line([(f.x(value), TOP), (f.x(value), PLOT_HEIGHT - BOTTOM)], INK, 0.7, 3)
-        pen.text(f.x(value) + 3, TOP + 8, label, size=7)
+        pen.line([(area.x(value), TOP), (area.x(value), PLOT_HEIGHT - BOTTOM)], INK, 0.7, 3)
+        pen.text(area.x(value) + 3, TOP + 8, label, size=7)
     else:
-        pen.line([(LEFT, f.y(value)), (WIDTH - RIGHT, f.y(value))], INK, 0.7, 3)
-        pen.text(WIDTH - RIGHT - 3, f.y(value) - 2, label, size=7, anchor="end")
+        pen.line([(LEFT, area.y(value)), (WIDTH - RIGHT, area.y(value))], INK, 0.7, 3)
+        pen.text(WIDTH - RIGHT - 3, area.y(value) - 2, label, size=7, anchor="end")
 
 
-def _series(pen: Pen, f: _PlotArea, series: Series, colour: str) -> None:
+def _series(pen: Pen, area: _PlotArea, series: Series, colour: str) -> None:
     if series.style == "bars":
-        base = f.y(max(0.0, f.y0)) if not f.log_y else f.y(f.y0)
+        base = area.y(max(0.0, area.y0)) if not area.log_y else area.y(area.y0)
         for left, right, y in zip(series.x, series.x[1:], series.y, strict=False):
             if y:
-                pen.box(f.x(left), min(f.y(y), base), f.x(right) - f.x(left) - 0.4, abs(base - f.y(y)), fill=colour)
+                pen.box(
+                    area.x(left),
+                    min(area.y(y), base),
+                    area.x(right) - area.x(left) - 0.4,
+                    abs(base - area.y(y)),
+                    fill=colour,
+                )
         return
-    for run in _runs(series, f.log_y):
-        places = [(f.x(x), f.y(y)) for x, y in run]
+    for run in _runs(series, area.log_y):
+        places = [(area.x(x), area.y(y)) for x, y in run]
         if series.style == "dots" or len(places) == 1:
             pen.dots(places, colour, 1.2)
         else:
@@ -227,16 +241,16 @@ def _detector(pen: Pen, title: str, columns: int, rows: int) -> Callable[[float,
     return lambda col, row: (LEFT + (col + 0.5) * scale, TOP + (row + 0.5) * scale)
 
 
-def _arrows(pen: Pen, a: Arrows) -> None:
-    place = _detector(pen, a.title, a.columns, a.rows)
-    for col, row, d_col, d_row in zip(a.col, a.row, a.d_col, a.d_row, strict=True):
+def _arrows(pen: Pen, arrows: Arrows) -> None:
+    place = _detector(pen, arrows.title, arrows.columns, arrows.rows)
+    for col, row, d_col, d_row in zip(arrows.col, arrows.row, arrows.d_col, arrows.d_row, strict=True):
         if d_col is None or d_row is None:
             continue
-        start, end = place(col, row), place(col + a.scale * d_col, row + a.scale * d_row)
+        start, end = place(col, row), place(col + arrows.scale * d_col, row + arrows.scale * d_row)
         pen.line([start, end], COLOURS[0], 0.8)
         pen.dots([start], COLOURS[0], 1.0)
-    one_px = a.scale * DETECTOR_WIDTH / a.columns
-    _key(pen, a.rows * DETECTOR_WIDTH / a.columns + TOP + 10, one_px, a.note)
+    one_px = arrows.scale * DETECTOR_WIDTH / arrows.columns
+    _key(pen, arrows.rows * DETECTOR_WIDTH / arrows.columns + TOP + 10, one_px, arrows.note)
 
 
 def _key(pen: Pen, y: float, one_px: float, note: str) -> None:
@@ -248,12 +262,12 @@ def _key(pen: Pen, y: float, one_px: float, note: str) -> None:
     pen.text(LEFT + DETECTOR_WIDTH, y + 3, note, size=7.5, colour=SOFT, anchor="end")
 
 
-def _cells(pen: Pen, c: Cells) -> None:
-    place = _detector(pen, c.title, c.columns, c.rows)
-    numbers = [v for line in c.values for v in line if v is not None]
+def _cells(pen: Pen, cells: Cells) -> None:
+    place = _detector(pen, cells.title, cells.columns, cells.rows)
+    numbers = [v for line in cells.values for v in line if v is not None]
     low, high = (min(numbers), max(numbers)) if numbers else (0.0, 1.0)
-    across, down = c.columns / len(c.values[0]), c.rows / len(c.values)
-    for j, line in enumerate(c.values):
+    across, down = cells.columns / len(cells.values[0]), cells.rows / len(cells.values)
+    for j, line in enumerate(cells.values):
         for i, value in enumerate(line):
             if value is None:
                 continue
@@ -272,5 +286,5 @@ def _cells(pen: Pen, c: Cells) -> None:
                     anchor="middle",
                     colour="#ffffff" if dark else INK,
                 )
-    y = TOP + DETECTOR_WIDTH * c.rows / c.columns + 13
-    pen.text(LEFT, y, f"{low:.3g} to {high:.3g} {c.unit}".replace("-", MINUS), size=7.5, colour=SOFT)
+    y = TOP + DETECTOR_WIDTH * cells.rows / cells.columns + 13
+    pen.text(LEFT, y, f"{low:.3g} to {high:.3g} {cells.unit}".replace("-", MINUS), size=7.5, colour=SOFT)

@@ -208,13 +208,13 @@ def report_from(content: dict[str, Any]) -> Report:
     )
 
 
-def _section(s: dict[str, Any]) -> Section:
+def _section(stored: dict[str, Any]) -> Section:
     return Section(
-        s["title"],
-        s["text"],
-        [Fact(**f) for f in s["facts"]],
-        [_drawing(d) for d in s["drawings"]],
-        [Table(**t) for t in s["tables"]],
+        stored["title"],
+        stored["text"],
+        [Fact(**f) for f in stored["facts"]],
+        [_drawing(d) for d in stored["drawings"]],
+        [Table(**t) for t in stored["tables"]],
     )
 
 
@@ -229,9 +229,13 @@ KINDS: dict[str, type[Arrows | Cells | Picture | SkyMap | WorldMap | Shares | Ou
 }
 
 
-def _drawing(d: dict[str, Any]) -> Drawing:
-    if d["kind"] == "plot":
+def _drawing(stored: dict[str, Any]) -> Drawing:
+    if stored["kind"] == "plot":
         return Plot(
-            **{**d, "series": [Series(**s) for s in d["series"]], "levels": [Level(**level) for level in d["levels"]]}
+            **{
+                **stored,
+                "series": [Series(**s) for s in stored["series"]],
+                "levels": [Level(**level) for level in stored["levels"]],
+            }
         )
-    return KINDS[d["kind"]](**d)
+    return KINDS[stored["kind"]](**stored)

@@ -209,19 +209,19 @@ def priors_of(results: Sequence[tuple[str, Mapping[str, Any]]]) -> dict[str, Pri
     out: dict[str, Prior] = {}
     for kind, result in results:
         if kind == "bench-centre":
-            c = result["centre"]
-            sigma = max(float(c["sigma_px"] or 0.0), STEADY_SIGMA_PX)
-            out |= {"centre_col_px": Prior(c["col_px"], sigma), "centre_row_px": Prior(c["row_px"], sigma)}
+            centre = result["centre"]
+            sigma = max(float(centre["sigma_px"] or 0.0), STEADY_SIGMA_PX)
+            out |= {"centre_col_px": Prior(centre["col_px"], sigma), "centre_row_px": Prior(centre["row_px"], sigma)}
         elif kind == "bench-tilt":
-            t = result["tilt"]
-            size, turn = float(t["tilt_max_rad"]), float(t["tilt_direction_rad"])
-            sigma = max(float(np.hypot(t["sigma_rad"][0], size * t["sigma_rad"][1])), 1e-5)
+            tilt = result["tilt"]
+            size, turn = float(tilt["tilt_max_rad"]), float(tilt["tilt_direction_rad"])
+            sigma = max(float(np.hypot(tilt["sigma_rad"][0], size * tilt["sigma_rad"][1])), 1e-5)
             out["tilt_col_rad"] = Prior(size * float(np.cos(turn)), sigma)
             out["tilt_row_rad"] = Prior(size * float(np.sin(turn)), sigma)
         elif kind == "bench-focal":
-            f = result["focal"]
-            spread = f["sigma_px"] if f["sigma_px"] is not None else 0.002 * f["focal_px"]
-            out["focal_px"] = Prior(f["focal_px"], max(spread, STEADY_SIGMA_PX))
+            focal = result["focal"]
+            spread = focal["sigma_px"] if focal["sigma_px"] is not None else 0.002 * focal["focal_px"]
+            out["focal_px"] = Prior(focal["focal_px"], max(spread, STEADY_SIGMA_PX))
         elif kind == "bench-checkerboard":
             out |= _of_checkerboard(result["checkerboard"])
         else:

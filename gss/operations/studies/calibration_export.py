@@ -58,7 +58,7 @@ def _ecsv(row: Calibration) -> bytes:
         "# schema: astropy-2.0",
         "name value sigma unit",
     ]
-    for p in parameters:
-        sigma = "nan" if p["sigma"] is None else repr(p["sigma"])
-        lines.append(f"{p['name']} {p['value']!r} {sigma} {p['unit'] or chr(34) * 2}")
+    for parameter in parameters:
+        sigma = "nan" if parameter["sigma"] is None else repr(parameter["sigma"])
+        lines.append(f"{parameter['name']} {parameter['value']!r} {sigma} {parameter['unit'] or chr(34) * 2}")
     return ("\n".join(lines) + "\n").encode()

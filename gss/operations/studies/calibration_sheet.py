@@ -72,27 +72,27 @@ def _health(health: Mapping[str, Any]) -> list[Section]:
 # --- geometry -------------------------------------------------------------------------------------------------------
 
 
-def _geometry(g: Mapping[str, Any]) -> list[Section]:
-    after, before, held_out = g["residuals"], g["before"], g["held_out"]
+def _geometry(geometry: Mapping[str, Any]) -> list[Section]:
+    after, before, held_out = geometry["residuals"], geometry["before"], geometry["held_out"]
     facts = [
-        Fact("lens model", str(g["model"])),
+        Fact("lens model", str(geometry["model"])),
         Fact("residual before", number(before["rms_px"]), "px", "rms per axis"),
         Fact("residual after", number(after["rms_px"]), "px", "rms per axis"),
         Fact("scatter of one star", number(after["noise_px"]), "px", "corrected for degrees of freedom"),
         Fact("leave-one-out over frames", number(held_out["noise_px"] if held_out else None), "px", "held-out stars"),
         Fact("stars used", number(after["stars"]), "", f"{after['rejected']} rejected"),
     ]
-    columns, rows = g["camera"]["columns"], g["camera"]["rows"]
-    scale = _arrow_scale(g["before_map"], columns)
+    columns, rows = geometry["camera"]["columns"], geometry["camera"]["rows"]
+    scale = _arrow_scale(geometry["before_map"], columns)
     tables = [
         Table(
             "Parameters",
             ["name", "value", "σ", "unit"],
-            [[p["name"], number(p["value"], 8), number(p["sigma"], 2), p["unit"]] for p in g["parameters"]],
+            [[p["name"], number(p["value"], 8), number(p["sigma"], 2), p["unit"]] for p in geometry["parameters"]],
         )
     ]
-    if g["frozen"]:
-        rows_held = [[f["name"], number(f["value"], 6), f["reason"]] for f in g["frozen"]]
+    if geometry["frozen"]:
+        rows_held = [[f["name"], number(f["value"], 6), f["reason"]] for f in geometry["frozen"]]
         tables.append(Table("Fixed: not determined by the data", ["name", "value", "why"], rows_held))
     tables.append(
         Table(
@@ -108,15 +108,15 @@ def _geometry(g: Mapping[str, Any]) -> list[Section]:
                     number(m["held_out_px"]),
                     "chosen" if m["chosen"] else "",
                 ]
-                for m in g["comparison"]
+                for m in geometry["comparison"]
             ],
         )
     )
     maps: list[Drawing] = [
-        _arrows("Residuals before", g["before_map"], columns, rows, scale),
-        _arrows("Residuals after, same scale", g["after_map"], columns, rows, scale),
-        Cells("Residuals after, rms px", columns, rows, g["after_map"]["rms_px"], "px"),
-        _against_radius(g),
+        _arrows("Residuals before", geometry["before_map"], columns, rows, scale),
+        _arrows("Residuals after, same scale", geometry["after_map"], columns, rows, scale),
+        Cells("Residuals after, rms px", columns, rows, geometry["after_map"]["rms_px"], "px"),
+        _against_radius(geometry),
     ]
     return [Section("Geometry", "", facts, maps, tables)]
 
@@ -147,8 +147,8 @@ def _arrows(title: str, field: Mapping[str, Any], columns: int, rows: int, scale
     )
 
 
-def _against_radius(g: Mapping[str, Any]) -> Plot:
-    camera, stars = g["camera"], g["stars"]
+def _against_radius(geometry: Mapping[str, Any]) -> Plot:
+    camera, stars = geometry["camera"], geometry["stars"]
     radius = [
         ((c - camera["centre_col_px"]) ** 2 + (r - camera["centre_row_px"]) ** 2) ** 0.5 for c, r in stars["pixels"]
     ]
@@ -163,33 +163,56 @@ def _against_radius(g: Mapping[str, Any]) -> Plot:
     )
 
 
-def _length(v: Sequence[float | None]) -> float | None:
-    x, y = v
+def _length(vector: Sequence[float | None]) -> float | None:
+    x, y = vector
     return None if x is None or y is None else (x * x + y * y) ** 0.5
 
 
 # --- photometry and spots -------------------------------------------------------------------------------------------
 
 
-def _photometry(p: Mapping[str, Any]) -> list[Section]:
+def _photometry(photometry: Mapping[str, Any]) -> list[Section]:
     facts = [
         Fact(
-            "zero point", number(p["zero_point_mag"]), "mag", f"V of 1 DN/s, σ {number(p['zero_point_sigma_mag'], 2)}"
+            "zero point",
+            number(photometry["zero_point_mag"]),
+            "mag",
+            f"V of 1 DN/s, σ {number(photometry['zero_point_sigma_mag'], 2)}",
         ),
-        Fact("colour term", number(p["colour_mag_per_mag"], 3), "mag/mag", f"of B−V, σ {number(p['colour_sigma'], 2)}"),
-        Fact("vignetting in the corner", number(_percent(p["corner_loss"]), 3), "%"),
-        Fact("linearity", number(p["linearity"]), "", f"1 is linear, σ {number(p['linearity_sigma'], 2)}"),
-        Fact("saturation", number(p["saturation_mag"], 3), "mag"),
-        Fact("magnitude error", number(p["robust_sigma_mag"], 3), "mag", "σ of one star; Jacobs 1995 §6.3: 0.2"),
-        Fact("k_illum", number(p["k_illum_lux_per_dn"], 3), "lux/DN", "Jacobs 1995 eq. 6.24"),
-        Fact("k_area", number(p["k_area"], 3), "mag", f"σ {number(p['k_area_sigma'], 2)}"),
+        Fact(
+            "colour term",
+            number(photometry["colour_mag_per_mag"], 3),
+            "mag/mag",
+            f"of B−V, σ {number(photometry['colour_sigma'], 2)}",
+        ),
+        Fact("vignetting in the corner", number(_percent(photometry["corner_loss"]), 3), "%"),
+        Fact(
+            "linearity",
+            number(photometry["linearity"]),
+            "",
+            f"1 is linear, σ {number(photometry['linearity_sigma'], 2)}",
+        ),
+        Fact("saturation", number(photometry["saturation_mag"], 3), "mag"),
+        Fact(
+            "magnitude error", number(photometry["robust_sigma_mag"], 3), "mag", "σ of one star; Jacobs 1995 §6.3: 0.2"
+        ),
+        Fact("k_illum", number(photometry["k_illum_lux_per_dn"], 3), "lux/DN", "Jacobs 1995 eq. 6.24"),
+        Fact("k_area", number(photometry["k_area"], 3), "mag", f"σ {number(photometry['k_area_sigma'], 2)}"),
     ]
-    h = p["histogram"]
+    histogram = photometry["histogram"]
     drawings: list[Drawing] = [
         Plot(
-            "Magnitude error", "measured − catalogue, mag", "stars", [Series("stars", h["edges"], h["counts"], "bars")]
+            "Magnitude error",
+            "measured − catalogue, mag",
+            "stars",
+            [Series("stars", histogram["edges"], histogram["counts"], "bars")],
         ),
-        Plot("Magnitude error against magnitude", "V", "mag", [Series("stars", p["v_mag"], p["error_mag"], "dots")]),
+        Plot(
+            "Magnitude error against magnitude",
+            "V",
+            "mag",
+            [Series("stars", photometry["v_mag"], photometry["error_mag"], "dots")],
+        ),
     ]
     return [Section("Magnitudes", "", facts, drawings)]
 
@@ -198,8 +221,8 @@ def _percent(share: float | None) -> float | None:
     return None if share is None else 100 * share
 
 
-def _psf(p: Mapping[str, Any]) -> list[Section]:
-    field, focus = p["field"], p["focus"]
+def _psf(psf: Mapping[str, Any]) -> list[Section]:
+    field, focus = psf["field"], psf["focus"]
     facts = [
         Fact("σ in the middle", number(field["centre_sigma_px"], 3), "px"),
         Fact("σ in the corner", number(field["corner_sigma_px"], 3), "px"),
@@ -212,72 +235,74 @@ def _psf(p: Mapping[str, Any]) -> list[Section]:
 # --- detector -------------------------------------------------------------------------------------------------------
 
 
-def _dark(d: Mapping[str, Any]) -> list[Section]:
+def _dark(dark: Mapping[str, Any]) -> list[Section]:
     facts = [
-        Fact("frames", number(d["frames"])),
-        Fact("noise", number(d["noise_dn"]), "DN"),
-        Fact("fixed pattern", number(d["pattern_sigma_dn"]), "DN", "σ over the pixels"),
-        Fact("columns", number(d["column_sigma_dn"]), "DN"),
-        Fact("rows", number(d["row_sigma_dn"]), "DN"),
-        Fact("hot pixels", number(d["hot_count"])),
-        Fact("noisy pixels", number(d["noisy_count"])),
+        Fact("frames", number(dark["frames"])),
+        Fact("noise", number(dark["noise_dn"]), "DN"),
+        Fact("fixed pattern", number(dark["pattern_sigma_dn"]), "DN", "σ over the pixels"),
+        Fact("columns", number(dark["column_sigma_dn"]), "DN"),
+        Fact("rows", number(dark["row_sigma_dn"]), "DN"),
+        Fact("hot pixels", number(dark["hot_count"])),
+        Fact("noisy pixels", number(dark["noisy_count"])),
     ]
-    rows = [[number(int(c)), number(int(r)), number(e)] for (c, r), e in zip(d["hot"], d["hot_excess_dn"], strict=True)]
+    rows = [
+        [number(int(c)), number(int(r)), number(e)]
+        for (c, r), e in zip(dark["hot"], dark["hot_excess_dn"], strict=True)
+    ]
     hottest = [Table("Hottest pixels", ["column", "row", "DN above"], rows[:12])] if rows else []
     return [Section("Dark frames", "", facts, [], hottest)]
 
 
-def _photon_transfer(p: Mapping[str, Any]) -> list[Section]:
+def _photon_transfer(transfer: Mapping[str, Any]) -> list[Section]:
     facts = [
-        Fact("gain", number(p["gain_e_per_dn"]), "e⁻/DN", f"σ {number(p['gain_sigma'], 2)}"),
-        Fact("read noise", number(p["read_noise_e"]), "e⁻", f"σ {number(p['read_noise_sigma_e'], 2)}"),
-        Fact("bias", number(p["bias_dn"]), "DN"),
-        Fact("response of the pixels", number(_percent(p["response_sigma"]), 3), "%", "σ"),
-        Fact("full well", number(p["full_well_e"], 5), "e⁻"),
+        Fact("gain", number(transfer["gain_e_per_dn"]), "e⁻/DN", f"σ {number(transfer['gain_sigma'], 2)}"),
+        Fact("read noise", number(transfer["read_noise_e"]), "e⁻", f"σ {number(transfer['read_noise_sigma_e'], 2)}"),
+        Fact("bias", number(transfer["bias_dn"]), "DN"),
+        Fact("response of the pixels", number(_percent(transfer["response_sigma"]), 3), "%", "σ"),
+        Fact("full well", number(transfer["full_well_e"], 5), "e⁻"),
     ]
     curve = Plot(
         "Photon transfer",
         "signal, DN",
         "variance, DN²",
-        [Series("pairs", p["signal_dn"], p["variance_dn2"], "dots")],
+        [Series("pairs", transfer["signal_dn"], transfer["variance_dn2"], "dots")],
     )
     return [Section("Photon transfer", "", facts, [curve])]
 
 
-def _dead(d: Mapping[str, Any]) -> list[Section]:
-    rows = [[number(int(c)), number(int(r))] for c, r in d["dead"][:40]]
-    facts = [Fact("pixels without light", number(d["dead_count"]))]
+def _dead(dark: Mapping[str, Any]) -> list[Section]:
+    rows = [[number(int(c)), number(int(r))] for c, r in dark["dead"][:40]]
+    facts = [Fact("pixels without light", number(dark["dead_count"]))]
     return [Section("Dead pixels", "", facts, [], [Table("The first", ["column", "row"], rows)] if rows else [])]
 
 
-def _dark_frame(d: Any) -> list[Section]:
+def _dark_frame(dark: Any) -> list[Section]:
     """Describe the map that reruns subtract from frames; a calibration from stars only states that one was used."""
-    if not isinstance(d, Mapping):
+    if not isinstance(dark, Mapping):
         return [Section("Dark frame", "The active dark frame was applied to the frames.")]
-    p = d["picture"]
-    replaced = Fact("pixels replaced", number(d["bad"]), "", "hot, noisy or dead: the median of their neighbours")
-    if p is None:
+    picture = dark["picture"]
+    replaced = Fact("pixels replaced", number(dark["bad"]), "", "hot, noisy or dead: the median of their neighbours")
+    if picture is None:
         return [Section("Bad pixels", "No dark frame is subtracted.", [replaced])]
     facts = [
-        Fact("exposure", number(d["exposure_s"], 3), "s", "the pattern is subtracted from frames within 20 % of it"),
+        Fact("exposure", number(dark["exposure_s"], 3), "s", "the pattern is subtracted from frames within 20 % of it"),
         replaced,
     ]
-    caption = (
-        f"black {number(p['low_dn'], 3)} DN, white {number(p['high_dn'], 3)} DN or more, against the typical pixel"
-    )
-    return [Section("Dark frame", "", facts, [Picture("Median dark frame", p["png"], caption)])]
+    low_dn, high_dn = number(picture["low_dn"], 3), number(picture["high_dn"], 3)
+    caption = f"black {low_dn} DN, white {high_dn} DN or more, against the typical pixel"
+    return [Section("Dark frame", "", facts, [Picture("Median dark frame", picture["png"], caption)])]
 
 
 def _account(result: Mapping[str, Any]) -> list[Section]:
     """List which frames were used."""
     fits = {f["name"]: f for f in result.get("geometry", {}).get("frames", [])}
     rows = []
-    for a in result.get("account", []):
-        fit = fits.get(a["name"])
-        reason = a["reason"] or (fit["excluded"] if fit else "")
+    for entry in result.get("account", []):
+        fit = fits.get(entry["name"])
+        reason = entry["reason"] or (fit["excluded"] if fit else "")
         rows.append(
             [
-                a["name"],
+                entry["name"],
                 number(fit["stars"]) if fit else "–",
                 number(fit["rms_px"], 3) if fit else "–",
                 number(fit["scale"], 6) if fit else "–",

@@ -79,7 +79,9 @@ class ChainReports:
         other = {run.frame_id: run for run in others}
         compared = GROUND_RESULT if against is None else name_of(against)
         judged = [_judged(run, other.get(run.frame_id)) for run in own_runs]
-        failures = [f for run, state in zip(own_runs, judged, strict=True) if (f := _failure(run, state, compared))]
+        failures = [
+            failure for run, state in zip(own_runs, judged, strict=True) if (failure := _failure(run, state, compared))
+        ]
         sections = [
             _summary(own_runs),
             _comparison(judged, compared),

@@ -65,12 +65,17 @@ def health_report(health: MissionHealth, proposal: Proposal, profile: CameraProf
 
 
 def _summary(health: MissionHealth) -> list[Fact]:
-    t = health.times_s
+    times_s = health.times_s
     new = [p for p in health.pixels if p.onset_s is not None]
     shapes = [p.shape for p in new]
     return [
-        Fact("frames with an attitude", f"{len(t)} of {health.frames}"),
-        Fact("span", number(float(np.ptp(t)) / DAY_S, 3), "days", f"{day(float(t[0]))} to {day(float(t[-1]))}"),
+        Fact("frames with an attitude", f"{len(times_s)} of {health.frames}"),
+        Fact(
+            "span",
+            number(float(np.ptp(times_s)) / DAY_S, 3),
+            "days",
+            f"{day(float(times_s[0]))} to {day(float(times_s[-1]))}",
+        ),
         Fact("warm pixels from the start", str(len(health.pixels) - len(new))),
         Fact(
             "pixels that became warm",
@@ -91,22 +96,24 @@ def _span(values: Array) -> str:
 def _trends(health: MissionHealth) -> Table:
     end_s = float(health.times_s[-1])
     rows = []
-    for f in health.figures:
-        if f.trend is None or f.name in COUNTS:
+    for figure in health.figures:
+        if figure.trend is None or figure.name in COUNTS:
             continue
-        jumps = "; ".join(f"{signed(j.size, 3)} on {day(j.time_s.value)}" for j in f.trend.jumps) or "none"
+        jumps = "; ".join(f"{signed(j.size, 3)} on {day(j.time_s.value)}" for j in figure.trend.jumps) or "none"
         rows.append(
             [
-                f.name,
-                f.unit,
-                with_error(value_at(f.trend, end_s)),
-                with_error(times(f.trend.per_day, YEAR_DAYS)),
-                "–" if f.trend.per_k is None else with_error(f.trend.per_k),
+                figure.name,
+                figure.unit,
+                with_error(value_at(figure.trend, end_s)),
+                with_error(times(figure.trend.per_day, YEAR_DAYS)),
+                "–" if figure.trend.per_k is None else with_error(figure.trend.per_k),
                 jumps,
                 "–"
-                if f.tolerance is None
-                else with_error(Estimate(f.reference, f.reference - f.tolerance, f.reference + f.tolerance)),
-                forecast(f, end_s),
+                if figure.tolerance is None
+                else with_error(
+                    Estimate(figure.reference, figure.reference - figure.tolerance, figure.reference + figure.tolerance)
+                ),
+                forecast(figure, end_s),
             ]
         )
     head = ["figure", "unit", "now", "per year", "per K", "jumps", "tolerance", "leaves it"]
@@ -174,21 +181,21 @@ def _pixel_map(pixels: tuple[PixelCourse, ...], columns: int, rows: int) -> Cell
     return Cells("Warm pixels over the detector", columns, rows, [maybe(line) for line in counts], "pixels")
 
 
-def _pixel_row(p: PixelCourse) -> list[str]:
+def _pixel_row(pixel: PixelCourse) -> list[str]:
     onset, between = ("before the first frame", "–")
-    if p.onset_s is not None:
-        onset, between = day(p.onset_s.value), f"{day(p.onset_s.low)} – {day(p.onset_s.high)}"
-    life = "–" if p.half_life_s is None else interval(times(p.half_life_s, 1 / DAY_S))
+    if pixel.onset_s is not None:
+        onset, between = day(pixel.onset_s.value), f"{day(pixel.onset_s.low)} – {day(pixel.onset_s.high)}"
+    life = "–" if pixel.half_life_s is None else interval(times(pixel.half_life_s, 1 / DAY_S))
     return [
-        str(p.col),
-        str(p.row),
-        p.shape,
+        str(pixel.col),
+        str(pixel.row),
+        pixel.shape,
         onset,
         between,
-        with_error(p.first_e_s),
-        with_error(p.now_e_s),
+        with_error(pixel.first_e_s),
+        with_error(pixel.now_e_s),
         life,
-        "–" if p.growth_e_s_year is None else with_error(p.growth_e_s_year),
+        "–" if pixel.growth_e_s_year is None else with_error(pixel.growth_e_s_year),
     ]
 
 

@@ -78,30 +78,30 @@ def forecast(figure: FigureCourse, now_s: float) -> str:
     return f"in about {value:.0f} days ({low:.0f} to {latest})"
 
 
-def times(e: Estimate, factor: float) -> Estimate:
+def times(estimate: Estimate, factor: float) -> Estimate:
     """Return the estimate in another unit."""
-    return Estimate(e.value * factor, e.low * factor, e.high * factor)
+    return Estimate(estimate.value * factor, estimate.low * factor, estimate.high * factor)
 
 
-def with_error(e: Estimate) -> str:
+def with_error(estimate: Estimate) -> str:
     """Return value and half interval with as many decimals as the error has with two digits."""
-    half = (e.high - e.low) / 2
+    half = (estimate.high - estimate.low) / 2
     if not np.isfinite(half) or half <= 0:
-        return number(e.value, 3)
+        return number(estimate.value, 3)
     places = max(0, 1 - int(np.floor(np.log10(half))))
-    return f"{e.value:.{places}f} ± {half:.{places}f}".replace("-", "−")
+    return f"{estimate.value:.{places}f} ± {half:.{places}f}".replace("-", "−")
 
 
-def interval(e: Estimate, digits: int = 3) -> str:
+def interval(estimate: Estimate, digits: int = 3) -> str:
     """Return the bounds, or the lower one if there is no upper."""
-    if not np.isfinite(e.high):
-        return f"{number(e.value, digits)}, at least {number(e.low, digits)}"
-    return f"{number(e.low, digits)} – {number(e.high, digits)}"
+    if not np.isfinite(estimate.high):
+        return f"{number(estimate.value, digits)}, at least {number(estimate.low, digits)}"
+    return f"{number(estimate.low, digits)} – {number(estimate.high, digits)}"
 
 
-def signed(e: Estimate, digits: int) -> str:
+def signed(estimate: Estimate, digits: int) -> str:
     """Return the value with its sign."""
-    return f"{'+' if e.value > 0 else ''}{number(e.value, digits)}"
+    return f"{'+' if estimate.value > 0 else ''}{number(estimate.value, digits)}"
 
 
 def day(unix_s: float) -> str:

@@ -163,30 +163,30 @@ def _brightness(tracks: list[TrackRecord]) -> Plot:
 
 def _table(tracks: list[TrackRecord]) -> Table:
     rows = []
-    for t in tracks:
-        middle = len(t.times_s) // 2
-        sigma = np.sqrt(np.trace(t.covariance_rad2, axis1=1, axis2=2) / 2).mean() / ARCSEC_RAD
-        rate = np.hypot(*t.rate_rad_s) / ARCSEC_RAD
-        towards = np.degrees(np.arctan2(t.rate_rad_s[0], t.rate_rad_s[1])) % 360
-        at = datetime.fromtimestamp(float(t.times_s[middle]), UTC)
+    for track in tracks:
+        middle = len(track.times_s) // 2
+        sigma = np.sqrt(np.trace(track.covariance_rad2, axis1=1, axis2=2) / 2).mean() / ARCSEC_RAD
+        rate = np.hypot(*track.rate_rad_s) / ARCSEC_RAD
+        towards = np.degrees(np.arctan2(track.rate_rad_s[0], track.rate_rad_s[1])) % 360
+        at = datetime.fromtimestamp(float(track.times_s[middle]), UTC)
         explained = "–"
-        if t.name is not None:
-            km = finite(t.name.range_km)
-            explained = f"{t.name.off_rad / ARCSEC_RAD:.0f}″ off" + ("" if km is None else f", {km:.0f} km")
-            explained += f"; or {', '.join(t.name.others)}" if t.name.others else ""
+        if track.name is not None:
+            km = finite(track.name.range_km)
+            explained = f"{track.name.off_rad / ARCSEC_RAD:.0f}″ off" + ("" if km is None else f", {km:.0f} km")
+            explained += f"; or {', '.join(track.name.others)}" if track.name.others else ""
         rows.append(
             [
-                t.label,
-                "unknown" if t.name is None else f"{t.name.name} {t.name.number}".strip(),
-                str(len(t.times_s)),
+                track.label,
+                "unknown" if track.name is None else f"{track.name.name} {track.name.number}".strip(),
+                str(len(track.times_s)),
                 f"{at:%Y-%m-%d %H:%M:%S.%f}"[:-3],
-                f"{np.degrees(t.ra_rad[middle]):.4f}",
-                f"{np.degrees(t.dec_rad[middle]):.4f}",
+                f"{np.degrees(track.ra_rad[middle]):.4f}",
+                f"{np.degrees(track.dec_rad[middle]):.4f}",
                 number(float(sigma), 2),
                 number(finite(float(rate)), 3),
                 number(finite(float(towards)), 3),
-                f"{np.median(t.v_mag):.1f}",
-                number(float(np.median(t.snr)), 2),
+                f"{np.median(track.v_mag):.1f}",
+                number(float(np.median(track.snr)), 2),
                 explained,
             ]
         )
@@ -196,16 +196,16 @@ def _table(tracks: list[TrackRecord]) -> Table:
 
 def _ends(tracks: list[TrackRecord]) -> Table:
     rows = []
-    for t in tracks:
-        for k in np.flatnonzero(np.isfinite(t.ends_ra_rad).all(axis=1))[:MOST_LISTED]:
-            at = datetime.fromtimestamp(float(t.times_s[k]), UTC)
-            ra, dec = np.degrees(t.ends_ra_rad[k]), np.degrees(t.ends_dec_rad[k])
+    for track in tracks:
+        for k in np.flatnonzero(np.isfinite(track.ends_ra_rad).all(axis=1))[:MOST_LISTED]:
+            at = datetime.fromtimestamp(float(track.times_s[k]), UTC)
+            ra, dec = np.degrees(track.ends_ra_rad[k]), np.degrees(track.ends_dec_rad[k])
             rows.append(
                 [
-                    t.label,
+                    track.label,
                     f"{at:%H:%M:%S.%f}"[:-3],
                     *(f"{a:.4f}, {d:.4f}" for a, d in zip(ra, dec, strict=True)),
-                    number(float(t.ends_sigma_rad[k].mean() / ARCSEC_RAD), 2),
+                    number(float(track.ends_sigma_rad[k].mean() / ARCSEC_RAD), 2),
                 ]
             )
     return Table("Ends of trails", ["", "UTC", "first end, RA Dec °", "last end, RA Dec °", "σ ″"], rows[:MOST_LISTED])

@@ -113,14 +113,14 @@ def _again(solver: Solver, photographs: Sorted, camera: Camera, progress: Progre
     """Solve with the calibrated geometry, which identifies more stars near the edge. A photograph that this does not solve keeps
     its own solution."""
     used = []
-    for k, s in enumerate(photographs.used):
-        shot = s.photograph.shot
-        progress(k / len(photographs.used), f"{s.name} with the calibrated camera")
+    for k, solved in enumerate(photographs.used):
+        shot = solved.photograph.shot
+        progress(k / len(photographs.used), f"{solved.name} with the calibrated camera")
         pixels = shot.pixels()
         request: SolveRequest = request_of(shot, None, None, "reference", camera)
         result = solver.solve(pixels, request)
         stars = matched_stars(solver, shot, pixels, result, None)
-        used.append(s if stars is None else replace(s, result=result, stars=stars))
+        used.append(solved if stars is None else replace(solved, result=result, stars=stars))
     return replace(photographs, used=tuple(used))
 
 

@@ -238,13 +238,15 @@ def _trials(
 ) -> tuple[PackageTrial, ...]:
     """Solve the used photographs as those of a known camera."""
     trials = []
-    for k, s in enumerate(photographs.used):
-        progress(k / len(photographs.used), f"{s.name} with the package")
-        pixels = s.photograph.shot.pixels()
+    for k, solved_photograph in enumerate(photographs.used):
+        progress(k / len(photographs.used), f"{solved_photograph.name} with the package")
+        pixels = solved_photograph.photograph.shot.pixels()
         begin_s = stopwatch_s()
-        result = solver.solve(pixels, request_of(s.photograph.shot, instrument.profile, None, "reference"))
+        result = solver.solve(
+            pixels, request_of(solved_photograph.photograph.shot, instrument.profile, None, "reference")
+        )
         seconds, solved = stopwatch_s() - begin_s, result.attitude is not None
         rms = result.residual_rms_px * instrument.profile.camera.pixel_rad / ARCSEC_RAD if solved else None
         matched = len(result.matches) if result.matches is not None else 0
-        trials.append(PackageTrial(s.name, solved, result.reason, matched, rms, seconds))
+        trials.append(PackageTrial(solved_photograph.name, solved, result.reason, matched, rms, seconds))
     return tuple(trials)

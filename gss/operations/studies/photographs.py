@@ -108,8 +108,8 @@ def sort_out(
     sorting.check(len(solved))
     solved = _steady(_of_one_scale(solved, sorting), sorting)
     sorting.check(len(solved))
-    for s in solved:
-        sorting.rows[s.name] = replace(_row(s.name, s.result, ""), used=True)
+    for used in solved:
+        sorting.rows[used.name] = replace(_row(used.name, used.result, ""), used=True)
     return Sorted(tuple(solved), tuple(sorting.rows[name] for name in sorted(sorting.rows)))
 
 

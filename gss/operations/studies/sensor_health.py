@@ -102,17 +102,17 @@ def bad_pixel_table(health: Mapping[str, Any]) -> bytes:
     """Return the warm pixels of a stored health analysis as CSV."""
     lines = ["col,row,course,onset_unix_s,onset_low_s,onset_high_s,first_e_s,now_e_s,half_life_days,bad_now"]
     bad = {(c, r) for c, r in health["proposal"]["bad"]}
-    for p in health["pixels"]:
-        onset = p["onset_s"] or {}
-        life = (p["half_life_s"] or {}).get("value")
+    for pixel in health["pixels"]:
+        onset = pixel["onset_s"] or {}
+        life = (pixel["half_life_s"] or {}).get("value")
         cells = [
-            p["col"],
-            p["row"],
-            p["shape"],
+            pixel["col"],
+            pixel["row"],
+            pixel["shape"],
             *(onset.get(k) for k in ("value", "low", "high")),
-            *(_rounded(p[k]["value"]) for k in ("first_e_s", "now_e_s")),
+            *(_rounded(pixel[k]["value"]) for k in ("first_e_s", "now_e_s")),
             None if life is None else f"{life / 86_400:.3g}",
-            int((p["col"], p["row"]) in bad),
+            int((pixel["col"], pixel["row"]) in bad),
         ]
         lines.append(",".join("" if c is None else str(c) for c in cells))
     return ("\n".join(lines) + "\n").encode()

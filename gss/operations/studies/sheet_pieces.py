@@ -27,12 +27,13 @@ def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]
     """Return a table of values per axis in arcseconds, with those of a paper if given (1σ and 3σ, degrees)."""
     head = ["axis", "1σ ″", "95 %", "3σ ″", "frame to frame ″", "reported σ ″", "drift ″/s"]
     rows = []
-    for a in axes:
+    for axis in axes:
         sigma, low, high, noise, claimed, drift = (
-            v / ARCSEC_RAD for v in (a.sigma_rad, a.low_rad, a.high_rad, a.noise_rad, a.claimed_rad, a.drift_rad_s)
+            v / ARCSEC_RAD
+            for v in (axis.sigma_rad, axis.low_rad, axis.high_rad, axis.noise_rad, axis.claimed_rad, axis.drift_rad_s)
         )
         row = [
-            a.name,
+            axis.name,
             number(sigma, 3),
             f"{number(low, 3)} – {number(high, 3)}",
             number(3 * sigma, 3),
@@ -41,7 +42,7 @@ def axes_table(axes: Sequence[AxisFigures], paper: dict[str, tuple[float, float]
             number(drift, 4),
         ]
         if paper is not None:
-            one_sigma, three_sigma = paper[a.name]
+            one_sigma, three_sigma = paper[axis.name]
             row += [number(one_sigma * 3600, 3), number(three_sigma * 3600, 3)]
         rows.append(row)
     if paper is not None:
@@ -58,14 +59,17 @@ def over_time(title: str, times_s: Array, values: Array, labels: Sequence[str], 
 
 def bars(name: str, values: Array) -> Plot:
     """Return a histogram with the normal curve of the same mean and width."""
-    h = histogram(values, name)
-    normal = maybe(h.normal)
-    middles = numbers((h.edges[1:] + h.edges[:-1]) / 2)
+    binned = histogram(values, name)
+    normal = maybe(binned.normal)
+    middles = numbers((binned.edges[1:] + binned.edges[:-1]) / 2)
     return Plot(
         f"Deviation {name}",
         "arcsec",
         "frames",
-        [Series("frames", numbers(h.edges), maybe(h.counts.astype(float)), "bars"), Series("normal", middles, normal)],
+        [
+            Series("frames", numbers(binned.edges), maybe(binned.counts.astype(float)), "bars"),
+            Series("normal", middles, normal),
+        ],
     )
 
 

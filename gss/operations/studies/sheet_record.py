@@ -177,12 +177,12 @@ def _lines(row: RowValues) -> list[list[str]]:
     if not row["measured"]:
         return [[row["title"], "not measured", "–", f"needs {row['needs']}", "–"]]
     rows = []
-    for k, f in enumerate(row["figures"]):
-        sign = SIGNS.get(f["unit"], f["unit"])
-        low, high = number(f["low"], 3), number(f["high"], 3)
-        bounds = f"{low} – {high}" if f["high"] is not None else f"≥ {low}"
+    for k, figure in enumerate(row["figures"]):
+        sign = SIGNS.get(figure["unit"], figure["unit"])
+        low, high = number(figure["low"], 3), number(figure["high"], 3)
+        bounds = f"{low} – {high}" if figure["high"] is not None else f"≥ {low}"
         head = [row["title"], str(row["frames"])] if k == 0 else ["", ""]
-        rows.append([head[0], f["name"], f"{number(f['value'], 3)} {sign}".strip(), bounds, head[1]])
+        rows.append([head[0], figure["name"], f"{number(figure['value'], 3)} {sign}".strip(), bounds, head[1]])
     return rows
 
 

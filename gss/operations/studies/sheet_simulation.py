@@ -67,11 +67,11 @@ class _Bench:
 
     def unit(self, light: float = 1.0, defects: Defects | None = None, seed: int = 1) -> RenderedUnit:
         """Return the simulated unit, with other light and defects if given."""
-        p = self.profile
-        sensor = replace(p.sensor, zero_point_e_s=p.sensor.zero_point_e_s * light)
-        chip = make_chip(p.defects if defects is None else defects, sensor, p.camera, seed)
+        profile = self.profile
+        sensor = replace(profile.sensor, zero_point_e_s=profile.sensor.zero_point_e_s * light)
+        chip = make_chip(profile.defects if defects is None else defects, sensor, profile.camera, seed)
         stars = self.solver.cache.stars(DEFAULT_EPOCH_JYEAR)
-        return RenderedUnit(p.camera, sensor, stars, p.sensor.exposure_s, chip)
+        return RenderedUnit(profile.camera, sensor, stars, profile.sensor.exposure_s, chip)
 
     def request(self, moment: Moment) -> SolveRequest:
         """Return the request for the solver, without prior attitude."""

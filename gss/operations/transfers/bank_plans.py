@@ -38,11 +38,19 @@ def uploads(transfers: TransferService, database: Database) -> Callable[[Mapping
             if row.direction != "up" or row.kind != "catalogue" or row.finished is not None or row.catalogue_id is None:
                 continue
             with database.unit_of_work() as session:
-                c = catalogues.get(session, row.catalogue_id)
+                catalogue = catalogues.get(session, row.catalogue_id)
             bank = str(row.options.get("name") or row.target)
             plans.append(
                 Planned(
-                    bank, "upload", None, c.sha256, c.name, c.id, c.valid_from, c.valid_to, f"{c.name}, {row.state}"
+                    bank,
+                    "upload",
+                    None,
+                    catalogue.sha256,
+                    catalogue.name,
+                    catalogue.id,
+                    catalogue.valid_from,
+                    catalogue.valid_to,
+                    f"{catalogue.name}, {row.state}",
                 )
             )
         return plans
@@ -64,12 +72,14 @@ def activations(
                 continue
             bank = str(operations.given(Operation.ACTIVATE, entry.arguments).get(BANK, ""))
             stay = periods.get(bank)
-            c = stay.catalogue if stay else None
-            name = c.name if c else (stay.row.name if stay else "")
+            catalogue = stay.catalogue if stay else None
+            name = catalogue.name if catalogue else (stay.row.name if stay else "")
             sha256 = stay.row.sha256 if stay else ""
             text = f"activate {bank} planned"
-            span = (c.valid_from, c.valid_to) if c else (None, None)
-            plans.append(Planned(bank, "activation", entry.at, sha256, name, c.id if c else None, *span, text))
+            span = (catalogue.valid_from, catalogue.valid_to) if catalogue else (None, None)
+            plans.append(
+                Planned(bank, "activation", entry.at, sha256, name, catalogue.id if catalogue else None, *span, text)
+            )
         return plans
 
     return planned
@@ -112,8 +122,8 @@ def expiry_state(valid_to: datetime | None, now: datetime, watch_days: float) ->
 
 def _follows(stay: BankPeriod, until: datetime, now: datetime) -> bool:
     """True if an inactive bank holds a catalogue for the time after ``until``."""
-    c = stay.catalogue
-    if c is None or stay.row.ended is not None or stay.row.state != "held":
+    catalogue = stay.catalogue
+    if catalogue is None or stay.row.ended is not None or stay.row.state != "held":
         return False
-    begins_in_time = c.valid_from is None or c.valid_from <= until + timedelta(days=1)
-    return begins_in_time and (c.valid_to is None or c.valid_to > max(until, now))
+    begins_in_time = catalogue.valid_from is None or catalogue.valid_from <= until + timedelta(days=1)
+    return begins_in_time and (catalogue.valid_to is None or catalogue.valid_to > max(until, now))

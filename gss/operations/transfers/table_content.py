@@ -107,9 +107,13 @@ def _within(name: str, value: object) -> float:
 
 
 def _triplet_figures(data: bytes) -> dict[str, Scalar]:
-    f = figures(decode_triplets(data))
-    scalars: dict[str, Scalar] = {"stars": f.stars, "references": f.references, "per_star": f.per_star}
-    return scalars | ({"stars_per_key": f.stars_per_key} if math.isfinite(f.stars_per_key) else {})
+    triplets = figures(decode_triplets(data))
+    scalars: dict[str, Scalar] = {
+        "stars": triplets.stars,
+        "references": triplets.references,
+        "per_star": triplets.per_star,
+    }
+    return scalars | ({"stars_per_key": triplets.stars_per_key} if math.isfinite(triplets.stars_per_key) else {})
 
 
 def read_back(kind: str, data: bytes) -> tuple[str, int, dict[str, Scalar]]:

@@ -206,9 +206,9 @@ class HealthService:
     def samples(self) -> Iterator[MetricSample]:
         """Yield the current metrics."""
         counters = self._link.counters
-        for label, c in (("sent", counters.sent), ("received", counters.received)):
-            yield _counter("gss_link_bytes_total", "Bytes on the line.", c.bytes, direction=label)
-            yield _counter("gss_link_packets_total", "Good packets on the line.", c.good, direction=label)
+        for label, counter in (("sent", counters.sent), ("received", counters.received)):
+            yield _counter("gss_link_bytes_total", "Bytes on the line.", counter.bytes, direction=label)
+            yield _counter("gss_link_packets_total", "Good packets on the line.", counter.good, direction=label)
         received = counters.received
         for cause in ("bad_crc", "too_long", "too_short", "unframed", "unknown", "undecodable"):
             help_text = "Packets or bytes that could not be used."

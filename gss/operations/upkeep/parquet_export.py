@@ -257,9 +257,9 @@ def _unit(name: str) -> str:
 
 def _described(schema: pa.Schema) -> list[dict[str, str]]:
     described = []
-    for f in schema:
-        metadata = {k.decode(): v.decode() for k, v in (f.metadata or {}).items()}
-        described.append({"name": f.name, "type": str(f.type)} | metadata)
+    for column in schema:
+        metadata = {k.decode(): v.decode() for k, v in (column.metadata or {}).items()}
+        described.append({"name": column.name, "type": str(column.type)} | metadata)
     return described
 
 

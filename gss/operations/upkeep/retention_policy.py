@@ -34,11 +34,11 @@ class Policy:
     backups_keep: int = 0
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            most = MOST_DAYS if f.name.endswith("_days") else MOST_GB if f.name.endswith("_gb") else MOST_MB
+        for rule in fields(self):
+            value = getattr(self, rule.name)
+            most = MOST_DAYS if rule.name.endswith("_days") else MOST_GB if rule.name.endswith("_gb") else MOST_MB
             if not 0 <= value <= most:
-                raise BadInput(f"{f.name} is out of range", expected=f"0 (unlimited) to {most:g}", got=str(value))
+                raise BadInput(f"{rule.name} is out of range", expected=f"0 (unlimited) to {most:g}", got=str(value))
         if 0 < self.telemetry_days <= self.telemetry_thin_days:
             raise BadInput(
                 "packets would be deleted before they are thinned",
