@@ -160,7 +160,7 @@ class Settings(BaseSettings):
 
     @property
     def unit_instrument(self) -> str:
-        """Name of the instrument of the unit on the line: the simulated one, if any."""
+        """Name of the instrument on the line: that of the simulated unit if there is one."""
         return self.simulator or self.instrument
 
     @property

@@ -1,4 +1,4 @@
-"""Ground truth for measuring ours and the peers. None of it is rendered or placed by the project's own code."""
+"""Ground truth for comparing GSS with other programs, generated without GSS's own renderer and chains."""
 
 from __future__ import annotations
 

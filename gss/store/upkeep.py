@@ -92,7 +92,7 @@ def still_needed(session: Session, keys: Sequence[str]) -> set[str]:
 
 @dataclass(frozen=True)
 class Pixels:
-    """Stored pixels: their frame, time of receipt and the bytes that they take in the store."""
+    """Stored pixels: their frame, time of receipt and size in the store."""
 
     frame_id: int
     sha256: str
@@ -109,7 +109,7 @@ def pixels_held(session: Session) -> Iterator[Pixels]:
 
 
 def pixel_bytes(session: Session, since: datetime | None = None) -> tuple[int, int]:
-    """Return (frames with pixels, the bytes that these take in the store), for those received since ``since``."""
+    """Return (frames with pixels, the size of these in the store in bytes), for those received since ``since``."""
     query = select(func.count(), func.sum(_stored_bytes())).where(Frame.pixels_removed.is_(None))
     if since is not None:
         query = query.where(Frame.received >= since)
@@ -118,7 +118,7 @@ def pixel_bytes(session: Session, since: datetime | None = None) -> tuple[int, i
 
 
 def _stored_bytes() -> ColumnElement[int]:
-    """Bytes that the pixels of a frame take in the store."""
+    """Size of a frame's pixels in the store, bytes."""
     plain = Frame.columns * Frame.rows * case(PIXEL_BYTES, value=Frame.dtype, else_=2)
     return func.coalesce(Frame.stored_bytes, plain)
 

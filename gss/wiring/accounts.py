@@ -1,4 +1,4 @@
-"""Room of users, permissions and the audit log."""
+"""Services of users, permissions and the audit log."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Accounts:
 
 
 def open_accounts(base: BaseServices) -> Accounts:
-    """Create the room. The accounts may be in another database than the unit's data."""
+    """Create the services. The accounts may be in another database than the unit's data."""
     settings = base.settings
     database = Database(open_engine(settings.accounts)) if settings.accounts else base.database
     accounts = open_account_service(database, settings, utc_now, monotonic_s)

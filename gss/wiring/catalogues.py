@@ -1,4 +1,4 @@
-"""Room of catalogues."""
+"""Services of catalogues."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Catalogues:
 
 
 def open_catalogues(base: BaseServices, line: Line, transfers: Transfers) -> Catalogues:
-    """Create the room."""
+    """Create the services."""
     star_lists = StarListService(base.database, base.blobs, base.clock.now, base.parsing, base.instruments)
     catalogues = CatalogueService(
         base.database,

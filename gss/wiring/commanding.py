@@ -1,4 +1,4 @@
-"""Room of commands, stacks and the schedule."""
+"""Services of commands, stacks and the schedule."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Commanding:
 
 
 def open_commanding(base: BaseServices, line: Line, accounts: Accounts) -> Commanding:
-    """Create the room."""
+    """Create the services."""
     database, bus, now, link = base.database, base.bus, base.clock.now, line.link
     authority = AuthorityService(database, bus, now)
     journal = AbortJournal(base.settings.data / "aborts.jsonl")

@@ -1,4 +1,4 @@
-"""Room of contacts and of the replays of their captures."""
+"""Services of contacts and of the replays of their captures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Contacts:
 
 
 def open_contacts(base: BaseServices, line: Line, telemetry: TelemetryRoom, retention: RetentionService) -> Contacts:
-    """Create the room."""
+    """Create the services."""
     captures, limits = base.captures, telemetry.telemetry.limits
     return Contacts(
         ContactService(

@@ -1,4 +1,4 @@
-"""Room of frames and their solutions."""
+"""Services of frames and their solutions."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Frames:
 
 
 def open_frames(base: BaseServices, line: Line, transfers: Transfers) -> Frames:
-    """Create the room."""
+    """Create the services."""
     database, blobs, epoch_jyear = base.database, base.blobs, jyear_of(base.clock.now())
     book, darks = CameraBook(database, base.instruments, base.clock.now), DarkFrames(blobs)
     cache = SolverCache(base.stars, folder=base.settings.data / "figures")

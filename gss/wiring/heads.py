@@ -1,4 +1,4 @@
-"""Room of spacecraft with several heads."""
+"""Services of spacecraft with several heads."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Heads:
 
 
 def open_heads(base: BaseServices, telemetry: TelemetryRoom) -> Heads:
-    """Create the room."""
+    """Create the services."""
     database, now = base.database, base.clock.now
     book = SpacecraftBook(database, base.bus, now)
     return Heads(book, HeadWatch(book, database, telemetry.alarms, now), HeadHistory(database, now))

@@ -1,4 +1,4 @@
-"""Room of what is received without a request."""
+"""Services of what is received without a request."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def open_intake(
     transfers: Transfers,
     frames: Frames,
 ) -> Intake:
-    """Create the room."""
+    """Create the services."""
     bus, link, commands = base.bus, line.link, commanding.commands
     images = UploadedImages(link, commands, transfers.transfers, frames.frames, bus)
     records = FrameRecords(link, transfers.tables, frames.frames, frames.replay)

@@ -1,4 +1,4 @@
-"""Room of the line: the link, which owns the port, and the events that it publishes."""
+"""Services of line: the link, which owns the port, and the events that it publishes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Line:
 
 
 def open_line_room(base: BaseServices, open_line: OpenLine | None) -> Line:
-    """Create the room. ``open_line``: opens every line; None for real ports."""
+    """Create the services. ``open_line``: opens every line; None for real ports."""
     settings, events = base.settings, LineEventQueue(base.clock.now, base.clock.monotonic_s)
     signer = packet_signer(Path(settings.link_keys), utc_us) if settings.link_keys else None
     link = LinkService(

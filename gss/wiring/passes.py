@@ -1,4 +1,4 @@
-"""Room of orbit, ground stations, passes and their plans."""
+"""Services of orbit, ground stations, passes and their plans."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def open_passes(
     frames: Frames,
     catalogues: Catalogues,
 ) -> Passes:
-    """Create the room."""
+    """Create the services."""
     database, bus, now, link, commands = base.database, base.bus, base.clock.now, line.link, commanding.commands
     spacecraft, stations = SpacecraftService(database, bus, now), StationService(database, bus, now)
     table = PassService(spacecraft, stations, LineBudgetService(link, database), now)

@@ -1,4 +1,4 @@
-"""Room of procedures."""
+"""Services of procedures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Procedures:
 
 
 def open_procedures(base: BaseServices, line: Line, commanding: Commanding, telemetry: TelemetryRoom) -> Procedures:
-    """Create the room."""
+    """Create the services."""
     database, now = base.database, base.clock.now
     procedures = ProcedureService(line.link, base.unit, telemetry.telemetry.derived, database, now)
     conditions = Conditions(telemetry.telemetry)

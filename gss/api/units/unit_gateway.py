@@ -1,4 +1,4 @@
-"""Requests below ``/units/NAME``: data is forwarded to the unit's process, accounts and pages are answered here."""
+"""Requests below ``/units/NAME``: those for data go to the unit's process, the front process answers the rest."""
 
 from __future__ import annotations
 

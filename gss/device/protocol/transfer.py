@@ -1,4 +1,4 @@
-"""Transfer protocol without I/O: which chunk is sent when, and which end holds what. Both ends use it in both directions.
+"""Transfer protocol without I/O: which chunk is sent when, and which chunks each end has. Both ends use it in both directions.
 
 A transfer is divided into numbered chunks. The sender keeps at most one window of chunks in flight; single chunks are
 not acknowledged. The receiver periodically reports (STATUS) which ranges it has stored and the highest ``serial`` it
@@ -84,7 +84,7 @@ def request_patience_s(window: int, chunk_bytes: int, bytes_per_s: float | None)
 
 
 class ChunkSet:
-    """Set of the held chunks, out of n."""
+    """Set of the stored chunks, out of n."""
 
     def __init__(self, count: int, stored: Iterable[int] = ()) -> None:
         self._flags = bytearray(count)
@@ -112,7 +112,7 @@ class ChunkSet:
         return self._first_missing
 
     def add(self, index: int) -> bool:
-        """Mark a chunk as held; False if it already was or does not exist."""
+        """Mark a chunk as stored; False if it already was or does not exist."""
         if not 0 <= index < len(self._flags) or self._flags[index]:
             return False
         self._flags[index] = 1
@@ -120,14 +120,14 @@ class ChunkSet:
         return True
 
     def add_range(self, first: int, last: int) -> None:
-        """Mark chunks first to last (inclusive) as held; numbers that do not exist are ignored."""
+        """Mark chunks first to last (inclusive) as stored; numbers that do not exist are ignored."""
         first, last = max(first, 0), min(last, len(self._flags) - 1)
         if first <= last:
             self.stored += self._flags.count(0, first, last + 1)
             self._flags[first : last + 1] = b"\1" * (last + 1 - first)
 
     def ranges(self, start: int = 0, limit: int | None = None) -> tuple[tuple[tuple[int, int], ...], int]:
-        """Return held ranges from ``start`` on, at most ``limit``, and the chunk number up to which they are complete."""
+        """Return stored ranges from ``start`` on, at most ``limit``, and the chunk number up to which they are complete."""
         ranges: list[tuple[int, int]] = []
         at, count = start, len(self._flags)
         while True:
@@ -141,14 +141,14 @@ class ChunkSet:
             ranges.append((first, at - 1))
 
     def stored_bytes(self, size: int, chunk_bytes: int) -> int:
-        """Return the bytes in the held chunks; the last chunk may be short."""
+        """Return the number of bytes in the stored chunks; the last chunk may be short."""
         count = len(self._flags)
         short = count * chunk_bytes - size if count and (count - 1) in self else 0
         return self.stored * chunk_bytes - short
 
 
 class ChunkSender:
-    """Chooses the next chunk to send. ``stored``: chunks the receiver is known to hold."""
+    """Chooses the next chunk to send. ``stored``: chunks that the receiver has acknowledged."""
 
     def __init__(self, count: int, window: int, request_after_s: float, *, resumed: bool = False) -> None:
         self.stored = ChunkSet(count)

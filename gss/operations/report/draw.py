@@ -34,7 +34,7 @@ def height_of(drawing: Drawn) -> float:
 
 
 def draw(pen: Pen, drawing: Drawn) -> None:
-    """Draw it with its upper left corner at (0, 0)."""
+    """Draw a drawing with its upper left corner at (0, 0)."""
     if isinstance(drawing, Plot):
         _plot(pen, drawing)
     elif isinstance(drawing, SkyMap):
