@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.limits import State
-from gss.operations.heads.mountings import HOUR_S, SpacecraftSetup
+from gss.operations.heads.mountings import HOUR_S, Source, SpacecraftSetup
 from gss.operations.heads.tracker import HeadTracker, PairResult
 
 UNLIKELY = 1e-5
 """A difference that is less probable than this does not agree with the stated covariances."""
 RAISED_AFTER, CLEARED_AFTER = 3, 10
 """Comparisons in a row that raise the alarm of agreement, and that clear it."""
+FROM: Mapping[Source, str] = {"on board": "from its sensor", "ground": "solved on the ground"}
 SIGNIFICANT = 3.0
 """A misalignment or drift beyond its limit counts when it is this many standard deviations beyond."""
 
@@ -44,16 +45,21 @@ def verdict(tracker: HeadTracker, disagreeing: bool, now_s: float) -> HeadsVerdi
     setup, result = tracker.setup, tracker.result
     fresh = [head.unit for head in setup.heads if tracker.is_fresh(head.unit, now_s)]
     if not fresh:
-        return HeadsVerdict(None, f"No head reported an attitude in the last {setup.stale_s:g} s.")
+        ages_s = [age_s for head in setup.heads if (age_s := tracker.age_s(head.unit, now_s)) is not None]
+        newest = f"; the newest is {min(ages_s):.0f} s old" if ages_s else ""
+        return HeadsVerdict(
+            None, f"No head has an attitude {FROM[setup.source]} of the last {setup.stale_s:g} s{newest}."
+        )
     if len(fresh) == 1:
         silent = ", ".join(head.unit for head in setup.heads if head.unit not in fresh)
         alone = f"Only {fresh[0]} reports; {silent} {'is' if silent.count(',') == 0 else 'are'} silent."
         return HeadsVerdict(None, alone if silent else f"{fresh[0]} is the only head.")
     if result is None or now_s - result.time_s > 2 * setup.stale_s:
-        return HeadsVerdict(None, "The attitudes received so far cannot be compared.")
+        lacks = _listed({unit: lack for unit in fresh if (lack := tracker.lacks(unit))})
+        reasons = lacks or "the first attitudes of the heads are awaited"
+        return HeadsVerdict(None, f"The attitudes cannot be compared. {reasons}.")
     if result.fused.agreement is None:
-        reasons = "; ".join(f"{unit}: {reason}" for unit, reason in result.missing.items())
-        return HeadsVerdict(None, f"Only one head could be used. {reasons}.")
+        return HeadsVerdict(None, f"Only one head could be used. {_listed(result.missing)}.")
     agreement = result.fused.agreement
     figures = f"χ² {agreement.chi2:.1f} with {agreement.freedom} degrees of freedom"
     if disagreeing:
@@ -110,6 +116,10 @@ def findings(setup: SpacecraftSetup, disagreeing: bool, pairs: Sequence[PairResu
 def _against(name: str, level: State, size: float, sigma: float, text: str, limit: float, unit: str) -> HeadsFinding:
     beyond = size - SIGNIFICANT * sigma > limit
     return HeadsFinding(name, level if beyond else State.OK, round(size, 1), text, f"{text}, above {limit:g}{unit}")
+
+
+def _listed(reasons: Mapping[str, str]) -> str:
+    return "; ".join(f"{unit}: {reason}" for unit, reason in reasons.items())
 
 
 def _size(vector: Array, sigma: Array) -> tuple[float, float]:

@@ -144,7 +144,8 @@ def test_one_head_alone_is_unknown(book, watch, body, alarms, clock) -> None:
     assert state.result.pairs == ()
     clock.forward(60)
     watch.step()
-    assert "No head reported" in watch.states()[0].verdict.text
+    text = watch.states()[0].verdict.text
+    assert "No head has an attitude from its sensor of the last 5 s; the newest is 6" in text
     assert open_heads(alarms) == []
 
 
@@ -172,6 +173,35 @@ def test_an_attitude_without_sigma_is_refused_with_its_reason(book, watch, body,
     clock.forward(4)
     watch.step()
     assert set(watch.states()[0].result.attitudes) == {"A", "B"}
+
+
+def test_why_attitudes_cannot_be_compared(book, watch, body, clock) -> None:
+    """The sentence names what each head lacks: standard deviations, a rate, or an attitude near that of the other head. A reference
+    head that cannot be used does not keep the others from being used."""
+    setup = book.create(request(stale_s=60.0), user="kim")
+    watch.step()
+
+    def shown(values: dict[str, Any], *samples: tuple[str, float, dict[str, Any]]) -> str:
+        book.change(setup.id, request(**{"stale_s": 60.0} | values), user="kim")
+        watch.refresh()
+        clock.forward(100)
+        watch.step()
+        now_s = clock().timestamp()
+        for unit, at_s, more in samples:
+            watch.take(unit, [body.sample(unit, now_s + at_s, **more)])
+        clock.forward(9)
+        watch.step()
+        return watch.states()[0].verdict.text
+
+    unknown = {"sigma_cross_arcsec": None, "sigma_roll_arcsec": None}
+    text = shown({}, ("A", 0, unknown), ("B", 0, unknown), ("A", 1, unknown), ("B", 1, unknown))
+    assert "cannot be compared. A: the sensor reports no standard deviations" in text
+    assert "; B: the sensor reports no standard deviations" in text
+    text = shown({}, ("A", 0, unknown), ("B", 0, {}), ("A", 1, unknown), ("B", 1, {}))
+    assert "Only one head could be used. A: the sensor reports no standard deviations" in text
+    assert "B: its rate is unknown" in shown({}, ("A", 0, {}), ("A", 1, {}), ("A", 2, {}), ("B", 2.5, {}))
+    text = shown({}, ("A", 0, {}), ("A", 1, {}), ("B", 5, {}), ("B", 6, {}))
+    assert "B: its nearest attitude is 4.0 s from the other's, the tolerance is 2 s" in text
 
 
 def test_history_is_stored_and_continued(book, watch, body, database, alarms, clock) -> None:
