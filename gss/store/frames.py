@@ -86,9 +86,9 @@ def newest_in_slot(session: Session, slot: int, bits: int) -> Frame | None:
     return session.scalar(query.order_by(Frame.id.desc()).limit(1))
 
 
-def has_number(session: Session, number: int) -> bool:
-    """True if a downloaded frame has that number on board."""
-    query = select(Frame.id).where(Frame.source == "device", Frame.number == number)
+def has_number(session: Session, number: int, start: datetime, end: datetime) -> bool:
+    """True if a downloaded frame that was taken in this span has that number on board."""
+    query = select(Frame.id).where(Frame.source == "device", Frame.number == number, Frame.taken.between(start, end))
     return session.scalar(query.limit(1)) is not None
 
 

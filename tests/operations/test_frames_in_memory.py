@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -68,3 +68,13 @@ def test_pixels_beyond_the_memory_limit_are_read_back(
     frame = arrived(services)
     assert services.frames.frames.detail(frame.id).ground is not None
     assert reads == [frame.sha256]
+
+
+def test_a_number_that_comes_again_after_the_clock_was_set_back_is_another_frame(services: Services) -> None:
+    """A sensor that numbers its images by the time counts from the same second after each power-up. An earlier image with this
+    number does not keep the new one from being downloaded."""
+    frame = arrived(services)
+    frames = services.frames.frames
+    assert frames.has_number(1, frame.taken + timedelta(seconds=5))
+    assert not frames.has_number(1, frame.taken + timedelta(minutes=10))
+    assert not frames.has_number(2, frame.taken)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,8 @@ from gss.store.models import Frame, Solution
 
 Pixels = NDArray[np.generic]
 SOLVES_AT_ONCE = 2
+SAME_FRAME = timedelta(minutes=1)
+"""Two times of one frame differ by less, whatever was known of the sensor's clock."""
 
 
 @dataclass(frozen=True)
@@ -137,10 +140,11 @@ class FrameService:
         """Return the content of an image file. Raises BadInput naming the defect."""
         return self._parsing.parse(read_frame, data, name, classes=(ImportedFrame,), subject=name)
 
-    def has_number(self, number: int) -> bool:
-        """True if a frame of the sensor with that number is stored."""
+    def has_number(self, number: int, taken: datetime) -> bool:
+        """True if a frame of the sensor with that number is stored and was taken within ``SAME_FRAME`` of ``taken``. An older one
+        with the same number is of a time before the sensor's clock was set back."""
         with self._database.unit_of_work() as session:
-            return store.has_number(session, number)
+            return store.has_number(session, number, taken - SAME_FRAME, taken + SAME_FRAME)
 
     def _add(self, pixels: Pixels, **values: Any) -> tuple[Frame, Pixels]:
         """Store pixels and row. Return the row, and the pixels as :meth:`pixels` would return them."""

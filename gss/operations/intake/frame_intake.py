@@ -78,7 +78,7 @@ class FrameIntake:
         number = int(info["frame_number"])
         if not self._records.described(number, info):
             return
-        if self._link.roles.quantities.frame.number_is_time and self._frames.has_number(number):
+        if self._link.roles.quantities.frame.number_is_time and self._frames.has_number(number, self._taken(info)):
             return
         sent = self._images.frame_of(info)
         if sent is not None:
