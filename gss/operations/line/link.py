@@ -84,6 +84,7 @@ class LinkService:
         self._stopping = False
         self._open_line = open_line
         self._stream: ByteStream | None = None
+        self._closed_by_watch: ByteStream | None = None
         self._round_s = monotonic_s()
         self._reopen = False
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
@@ -203,7 +204,14 @@ class LinkService:
             return
         stalled_s, stream = self.monotonic_s() - self._round_s, self._stream
         self._round_s = self.monotonic_s()  # allow the same time again before the next step
-        self._fault(f"the link thread made no progress for {stalled_s:.0f} s; the port was closed")
+        hangs = stream is not None and stream is self._closed_by_watch
+        words = (
+            "its port is closed, so the driver of the instrument hangs: restart the server"
+            if hangs
+            else "the port was closed"
+        )
+        self._fault(f"the link thread made no progress for {stalled_s:.0f} s; {words}")
+        self._closed_by_watch = stream
         if stream is not None:
             stream.close()
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from gss.device.session import HostSession
+from gss.device.session_events import SessionEvent
 from gss.domain.errors import LinkDown
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.package_files import LinkFile
@@ -89,6 +92,83 @@ def test_a_hanging_reader_loses_its_port_and_the_link_is_reopened(line, bus):
     assert link.alive()
     wait_for(lambda: link.contact_id == 2)
     assert any("made no progress for 6 s" in event.text for event in bus.after(0, 100))
+
+
+class FaultyDriver(HostSession):
+    """A driver with a defect: what it does with received bytes is given."""
+
+    def __init__(self, fault: Callable[[], object]) -> None:
+        super().__init__(load_dictionary())
+        self._fault = fault
+
+    def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
+        self._fault()
+        return super().feed(data, now_s)
+
+
+class TalkingStream(HangingStream):
+    """A port on which bytes arrive."""
+
+    def read(self, max_bytes: int, timeout_s: float) -> bytes:
+        self.reading.set()
+        if self.closed.is_set():
+            raise LinkDown("closed")
+        return b"garbage"
+
+
+@pytest.fixture
+def faulty_line(database, bus, clock, tmp_path):
+    """Function that starts a link with a faulty driver, and returns it with its ports and its clock."""
+    started = []
+
+    def start(fault: Callable[[], object]):
+        opened, now_s, events = [], [100.0], LineEventQueue(clock, lambda: now_s[0])
+        link = LinkService(
+            *(load_dictionary(), shared_roles(), database, bus, tmp_path / "captures", clock, lambda: now_s[0], events),
+            session=FaultyDriver(fault),
+            rules=LinkFile(stalled_after_s=STALLED_AFTER_S),
+            open_line=lambda url, baud: opened.append(TalkingStream()) or opened[-1],
+        )
+        dispatcher = Dispatcher(events, bus, lambda: now_s[0], [link.handle])
+        dispatcher.start()
+        link.start()
+        link.open_later("memory://talks")
+        started.append((link, dispatcher))
+        return link, opened, now_s
+
+    yield start
+    for link, dispatcher in started:
+        link.stop()
+        dispatcher.stop()
+
+
+def test_a_driver_that_raises_ends_the_contact_with_the_reason(faulty_line, bus):
+    """The bytes are in the capture, the port is closed and opened again, and the thread goes on."""
+
+    def fault() -> None:
+        raise ValueError("no such field")
+
+    link, opened, _ = faulty_line(fault)
+    wait_for(lambda: len(opened) >= 2)
+    assert link.alive()
+    assert opened[0].closed.is_set()
+    wait_for(lambda: any("the contact was ended: ValueError: no such field" in e.text for e in bus.after(0, 100)))
+    captured = b"".join(path.read_bytes() for path in link.capture.folder.rglob("*") if path.is_file())
+    assert b"garbage" in captured
+
+
+def test_a_driver_that_hangs_is_named(faulty_line, bus):
+    """Closing the port does not end its call; the next report names the driver and what to do."""
+    hanging, go_on = threading.Event(), threading.Event()
+    link, opened, now_s = faulty_line(lambda: hanging.set() or go_on.wait(30))
+    wait_for(hanging.is_set)
+    for _ in range(2):
+        now_s[0] += STALLED_AFTER_S + 1
+        link.watch()
+    go_on.set()
+    assert opened[0].closed.is_set()
+    wait_for(lambda: any("the driver of the instrument hangs: restart the server" in e.text for e in bus.after(0, 100)))
+    wait_for(lambda: len(opened) >= 2)
 
 
 def test_a_reader_that_died_is_restarted_and_reported(line, bus, monkeypatch):
