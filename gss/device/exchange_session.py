@@ -343,5 +343,5 @@ class ExchangeSession:
 
     @property
     def device_dictionary_hash(self) -> str | None:
-        """Hash of the dictionary in use; None before the first frame."""
-        return self._hello.dictionary_hash if self._hello else None
+        """None: these protocols do not report a dictionary, so there is nothing to compare."""
+        return None

@@ -45,6 +45,15 @@ def test_the_last_solved_attitude_stays_with_its_age() -> None:
     assert report.sigma_cross_arcsec is None
 
 
+def test_the_mode_is_that_of_the_newest_report() -> None:
+    """Also without a solution; None for a sensor that reports its mode elsewhere."""
+    role = ROLE.model_copy(update={"mode": "mode"})
+    last = LastAttitude(role, Seconds(), lambda: None)
+    assert last.mode() is None
+    last.handle(batch(8.0, valid="none", mode="lost_in_space", **AXIS))
+    assert last.mode() == "lost_in_space"
+
+
 @pytest.mark.parametrize("bad", [{"w": 0.0, "x": 0.0}, {"w": float("nan")}])
 def test_a_quaternion_that_is_none_gives_no_attitude(bad: dict[str, float]) -> None:
     """Of length zero, or not a number."""

@@ -33,7 +33,7 @@ TEXT_LENGTH = 120
 
 
 def dictionary(
-    roles: Roles, commands: Sequence[Definition], preconditions: Mapping[str, Sequence[PreconditionState]]
+    roles: Roles, notes: str, commands: Sequence[Definition], preconditions: Mapping[str, Sequence[PreconditionState]]
 ) -> DictionaryOut:
     """Return the dictionary with the commands that the device supports and the current state of their preconditions."""
     definitions = roles.operations.dictionary
@@ -54,7 +54,8 @@ def dictionary(
         for f in packet.values
     ]
     shown = [definition(roles.operations, c, preconditions.get(c.name, ())) for c in commands]
-    return DictionaryOut(hash=definitions.hash_hex, commands=shown, telemetry=fields, roles=roles_of(roles))
+    hash_hex = definitions.hash_hex
+    return DictionaryOut(hash=hash_hex, notes=notes, commands=shown, telemetry=fields, roles=roles_of(roles))
 
 
 def roles_of(roles: Roles) -> RolesOut:

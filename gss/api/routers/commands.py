@@ -61,9 +61,8 @@ def _file(pieces: Iterator[str], media_type: str, name: str) -> StreamingRespons
 def read_dictionary(app: App) -> DictionaryOut:
     """All commands that the device supports and all telemetry, with the current state of the commands' preconditions."""
     shown = app.commanding.commands.visible()
-    return present.commands.dictionary(
-        app.line.link.roles, shown, {c.name: app.commanding.commands.preconditions(c) for c in shown}
-    )
+    states = {c.name: app.commanding.commands.preconditions(c) for c in shown}
+    return present.commands.dictionary(app.line.link.roles, app.base.unit.about.notes, shown, states)
 
 
 @router.get("/commands")

@@ -103,9 +103,11 @@ class RolesOut(Out):
 
 
 class DictionaryOut(Out):
-    """The whole dictionary. ``roles``: the standard operations and quantities of the sensor."""
+    """The whole dictionary. ``roles``: the standard operations and quantities of the sensor; ``notes``: what its package says that
+    an operator should know."""
 
     hash: str
+    notes: str
     commands: list[CommandDefinitionOut]
     telemetry: list[FieldDefinitionOut]
     roles: RolesOut

@@ -72,8 +72,8 @@ class LinkProcessClient:
         try:
             await self._relay(request, note_begin)
             return
-        except httpx2.ConnectError as error:
-            text, got, hint = "does not respond", str(error), "try again in a few seconds"
+        except httpx2.ConnectError:
+            text, got, hint = "does not respond: it is starting or restarting", "", "try again in a few seconds"
         except httpx2.TransportError as error:
             text, got, hint = "did not send a complete response", str(error), "try again in a few seconds"
             if is_change(scope):

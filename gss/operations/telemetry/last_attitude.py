@@ -59,7 +59,7 @@ class LastAttitude:
     def __init__(self, role: AttitudeRole, monotonic_s: Monotonic, clock: Clock) -> None:
         self._role, self._monotonic_s, self._clock = role, monotonic_s, clock
         self._solved: tuple[float, float, float, AttitudeSample] | None = None
-        self._outcome = ""
+        self._outcome, self._mode = "", ""
         self._lock = threading.Lock()
 
     def handle(self, batch: LineBatch) -> list[ServiceEvent]:
@@ -78,6 +78,11 @@ class LastAttitude:
             age_s = max(0.0, self._monotonic_s() - at_s)
             return ReportedAttitude(ra_deg, dec_deg, sample.sigma_cross_arcsec, age_s, self._outcome)
 
+    def mode(self) -> str | None:
+        """Return the mode in the newest report; None if the sensor reports none in this packet."""
+        with self._lock:
+            return self._mode or None
+
     def sample(self) -> AttitudeSample | None:
         """Return the last solved attitude with its time; None before the first."""
         with self._lock:
@@ -90,7 +95,7 @@ class LastAttitude:
         norm = float(np.linalg.norm(quaternion))
         solved = outcome == SOLVED and math.isfinite(norm) and norm > 0
         with self._lock:
-            self._outcome = outcome
+            self._outcome, self._mode = outcome, str(values.get("mode", ""))
             if solved:
                 x, y, z, w = (float(q) for q in quaternion / norm)
                 boresight = matrix_from_quaternion(quaternion).T @ np.array([0.0, 0.0, 1.0])

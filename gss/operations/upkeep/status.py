@@ -145,6 +145,7 @@ class StatusService:
             tx, rx = self._directions()
             alarms = self._alarms(rx, match)
         connected = self._link.connected
+        mode = str(status["mode"]) if "mode" in status else self._attitude.mode()
         return Header(
             device=(hello.serial or hello.device_model) if hello else "no device",
             profile=hello.profile if hello else "",
@@ -157,7 +158,7 @@ class StatusService:
             reason=self._link.reason,
             tx=tx,
             rx=rx,
-            mode=str(status["mode"]) if connected and "mode" in status else None,
+            mode=mode if connected else None,
             cycle_running=bool(status["cycle_running"]) if connected and "cycle_running" in status else None,
             attitude=self._attitude.report(),
             attitudes=[sample for sample in (self._attitude.sample(), self._ground.sample()) if sample is not None],
