@@ -1,6 +1,6 @@
 /** The catalogue builder's form as text, its checks, and the live preview. */
 import { api } from '../../api/client';
-import type { CatalogueDetail, CatalogueRequest, Preview, Profile, StarList } from '../../api/types';
+import type { CatalogueDetail, CatalogueRequest, Heads, Preview, Profile, StarList } from '../../api/types';
 import { short } from '../../lib/format';
 import { problemText } from '../../lib/problems';
 import { LIMITS, number, OPTIONAL, START, wholeOr, type Texts } from './fields';
@@ -30,7 +30,7 @@ const NOTHING: NonNullable<CatalogueRequest['occultation']> = {
   moon: false,
 };
 export type Screening = Required<NonNullable<Form['screening']>>;
-export type MountedBy = 'law' | 'turns' | 'matrix';
+export type MountedBy = 'law' | 'turns' | 'matrix' | 'heads';
 const MARKS = { doubles: true, variables: true, fast: true };
 const SAME = '1 0 0\n0 1 0\n0 0 1';
 export const ORBIT_LAWS: readonly Law[] = ['zenith', 'nadir', 'sunsat', 'target'];
@@ -61,10 +61,11 @@ export class Builder {
   /** Limits that are not symmetric about zero come from the command line or an older build and stay until edited. */
   skewed = $state.raw<Partial<Record<'roll' | 'pitch' | 'yaw', [number, number]>>>({});
   /**
-   * Mounting of the camera in the body: as the pointing law defines, by three rotations, or by nine matrix elements in
-   * rows.
+   * Mounting of the camera in the body: as the pointing law defines, by three rotations, by nine matrix elements in
+   * rows, or those of all heads of a spacecraft.
    */
   mountedBy = $state<MountedBy>('law');
+  heads = $state.raw<Form['heads']>([]);
   matrix = $state(SAME);
   screen = $state<Screening['action']>('off');
   marks = $state({ ...MARKS });
@@ -99,9 +100,15 @@ export class Builder {
     return (
       listed &&
       this.matrixProblem === '' &&
+      this.mounted &&
       (Object.keys(LIMITS) as (keyof Texts)[]).every((k) => this.problemOf(k) === '') &&
       (this.orbit !== 'tle' || this.tle.trim() !== '')
     );
+  }
+
+  /** False while the heads are to be those of a spacecraft, and none is selected. */
+  get mounted(): boolean {
+    return this.mountedBy !== 'heads' || this.heads.length > 0;
   }
 
   get nine(): number[] {
@@ -149,6 +156,7 @@ export class Builder {
       off_nadir_deg: number(t.off_nadir_deg),
       body_from_cam: this.mountedBy === 'matrix' ? this.nine : null,
       mounting_deg: this.mountedBy === 'turns' ? [number(t.turn_x), number(t.turn_y), number(t.turn_z)] : null,
+      heads: this.mountedBy === 'heads' ? this.heads : [],
       margin_deg: number(t.margin_deg),
       method: this.method,
       source: this.source,
@@ -226,7 +234,8 @@ export class Builder {
     this.method = r.method ?? 'exact';
     this.source = r.source ?? 'hipparcos';
     this.starList = r.star_list ?? null;
-    this.mountedBy = r.body_from_cam ? 'matrix' : r.mounting_deg ? 'turns' : 'law';
+    this.heads = r.heads ?? [];
+    this.mountedBy = this.heads.length ? 'heads' : r.body_from_cam ? 'matrix' : r.mounting_deg ? 'turns' : 'law';
     this.matrix = r.body_from_cam ? [0, 3, 6].map((i) => r.body_from_cam?.slice(i, i + 3).join(' ')).join('\n') : SAME;
     const s = r.screening;
     this.screen = s?.action ?? 'off';
@@ -272,6 +281,11 @@ export class Builder {
     };
     this.preview = null;
     this.problem = '';
+  }
+
+  /** Use the mountings of all heads of a spacecraft, as they are now. */
+  mount(spacecraft: Heads): void {
+    this.heads = spacecraft.heads.map((h) => ({ unit: h.unit, body_from_cam: null, mounting_deg: h.mounting_deg }));
   }
 
   /** Change the limit of a rotation; from now on it is symmetric. */

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import type { Profile } from '../../api/types';
+import type { CatalogueDetail, Heads, Profile } from '../../api/types';
 import { Builder } from './builder.svelte';
 
 const CAMERAS = [
@@ -26,5 +26,32 @@ describe('the builder', () => {
     b.pick(CAMERAS[1] as Profile);
     b.startWith(CAMERAS);
     expect([b.profile, b.texts.faint_mag]).toEqual(['sunsat', '5']);
+  });
+
+  it('sends the mountings of all heads of a spacecraft, and keeps them when a catalogue is loaded again', () => {
+    const b = new Builder();
+    b.startWith(CAMERAS);
+    b.mountedBy = 'heads';
+    expect(b.valid).toBe(false);
+    b.mount({
+      heads: [
+        { unit: 'A', mounting_deg: [0, 0, 0] },
+        { unit: 'B', mounting_deg: [70, 20, 0] },
+      ],
+    } as unknown as Heads);
+    expect(b.valid).toBe(true);
+    const again = new Builder();
+    again.fill({
+      name: 'two',
+      profile: 'cubestar',
+      format: 'cubestar',
+      request: b.request,
+    } as unknown as CatalogueDetail);
+    expect(again.request.heads?.map((h) => [h.unit, h.mounting_deg])).toEqual([
+      ['A', [0, 0, 0]],
+      ['B', [70, 20, 0]],
+    ]);
+    again.mountedBy = 'law';
+    expect(again.request.heads).toEqual([]);
   });
 });
