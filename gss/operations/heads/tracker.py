@@ -26,9 +26,9 @@ MOST_WAITING = 200
 PRIOR_RAD = float(np.radians(1.0))
 """Usual size of a misalignment before the first comparison; a larger one is found, too."""
 STEADY_SHARE = 0.6
-"""Part of the sigma of one attitude that stays while the same stars are on the same pixels. Measured with simulated CubeStar units: at
-rest the errors of 18 heads with different stars had means of 0.57 sigma (root mean square of all axes). While the body turned by
-0.02°/s, 16 heads, errors 20 s to 100 s apart still had a correlation of 0.1 to 0.05 sigma², which ended after 300 s."""
+"""Part of the sigma of one attitude that stays while the same stars are on the same pixels. Measured with simulated CubeStar units:
+at rest the errors of 18 heads with different stars had means of 0.57 sigma (root mean square of all axes). While the body turned
+by 0.02°/s, 16 heads, errors 20 s to 100 s apart had a correlation of 0.1 to 0.05 sigma², which ended after 300 s."""
 CLOCK_BACK_S = 60.0
 """An attitude this much older than the newest one means that a clock was set back."""
 

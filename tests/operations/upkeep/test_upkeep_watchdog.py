@@ -143,7 +143,7 @@ def faulty_line(database, bus, clock, tmp_path):
 
 
 def test_a_driver_that_raises_ends_the_contact_with_the_reason(faulty_line, bus):
-    """The bytes are in the capture, the port is closed and opened again, and the thread goes on."""
+    """The bytes are in the capture, the port is closed and opened again, and the thread continues."""
 
     def fault() -> None:
         raise ValueError("no such field")
@@ -159,13 +159,13 @@ def test_a_driver_that_raises_ends_the_contact_with_the_reason(faulty_line, bus)
 
 def test_a_driver_that_hangs_is_named(faulty_line, bus):
     """Closing the port does not end its call; the next report names the driver and what to do."""
-    hanging, go_on = threading.Event(), threading.Event()
-    link, opened, now_s = faulty_line(lambda: hanging.set() or go_on.wait(30))
+    hanging, released = threading.Event(), threading.Event()
+    link, opened, now_s = faulty_line(lambda: hanging.set() or released.wait(30))
     wait_for(hanging.is_set)
     for _ in range(2):
         now_s[0] += STALLED_AFTER_S + 1
         link.watch()
-    go_on.set()
+    released.set()
     assert opened[0].closed.is_set()
     wait_for(lambda: any("the driver of the instrument hangs: restart the server" in e.text for e in bus.after(0, 100)))
     wait_for(lambda: len(opened) >= 2)
