@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
 
+from gss.domain.aberration import aberrate
 from gss.domain.angles import Array
 from gss.domain.camera import Camera, Pinhole
 from gss.domain.camera_record import camera_from
@@ -21,7 +23,8 @@ SIP_ORDER = 7
 
 
 def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
-    """Return FITS bytes; with an attitude, including a gnomonic WCS and SIP polynomials fitted to the camera's distortion."""
+    """Return FITS bytes; with an attitude, including a gnomonic WCS of catalogue positions, with SIP polynomials for the camera's
+    distortion and for aberration if the solution was corrected for it."""
     from astropy.io import fits
 
     hdu = fits.PrimaryHDU(np.ascontiguousarray(pixels))
@@ -38,7 +41,11 @@ def fits_file(pixels: Pixels, frame: Frame, solution: Solution | None) -> bytes:
         header["GSSABERR"] = (False, "simulated: the sky was drawn without aberration")
     if solution is not None and solution.quaternion is not None:
         attitude = matrix_from_quaternion(np.array(solution.quaternion, float))
-        header.update(_world_coordinates(camera_from(solution.camera), attitude))
+        velocity_c = (solution.detail or {}).get("velocity_c")
+        view = _View(
+            camera_from(solution.camera), attitude, None if velocity_c is None else np.array(velocity_c, float)
+        )
+        header.update(_world_coordinates(view))
         header["HISTORY"] = f"attitude by {solution.chain} {solution.version}, {solution.matched} stars"
     buffer = io.BytesIO()
     hdu.writeto(buffer)
@@ -49,15 +56,38 @@ Cards = dict[str, str | float]
 """Header cards by keyword."""
 
 
-def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> Cards:
-    """Return TAN header cards with SIP polynomials for the camera's distortion (Shupe et al. 2005). FITS counts pixels from
-    1."""
-    ra, dec, roll = ra_dec_roll_rad(cam_from_icrs)
+@dataclass(frozen=True)
+class _View:
+    """Camera and attitude of a solution. ``velocity_c``: of the observer, if aberration was corrected."""
+
+    camera: Camera
+    cam_from_icrs: Array
+    velocity_c: Array | None
+
+    def catalogue_directions(self, rays: Array) -> Array:
+        """Return (n, 3) catalogue directions, ICRS, of (n, 3) unit vectors in the camera frame."""
+        apparent = rays @ self.cam_from_icrs
+        return apparent if self.velocity_c is None else aberrate(apparent, -self.velocity_c)
+
+    def catalogue_attitude(self) -> Array:
+        """Return the (3, 3) attitude that the camera seems to have among catalogue positions at the boresight."""
+        if self.velocity_c is None:
+            return self.cam_from_icrs
+        boresight, beside = self.catalogue_directions(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]))
+        across = beside - (beside @ boresight) * boresight
+        across /= np.linalg.norm(across)
+        return np.stack([across, np.cross(boresight, across), boresight])
+
+
+def _world_coordinates(view: _View) -> Cards:
+    """Return TAN header cards, with SIP polynomials (Shupe et al. 2005) unless the mapping is linear. FITS counts pixels from 1."""
+    camera, attitude = view.camera, view.catalogue_attitude()
+    ra, dec, roll = ra_dec_roll_rad(attitude)
     c, s = np.cos(roll), np.sin(roll)
     east_north_from_cam = np.array([[-c, s], [-s, -c]])
     cd_deg = np.degrees(east_north_from_cam @ np.diag([1 / camera.focal_col_px, 1 / camera.focal_row_px]))
-    straight = isinstance(camera.distortion, Pinhole)
-    suffix = "" if straight else "-SIP"
+    linear = view.velocity_c is None and isinstance(camera.distortion, Pinhole)
+    suffix = "" if linear else "-SIP"
     cards: Cards = {
         "CTYPE1": f"RA---TAN{suffix}",
         "CTYPE2": f"DEC--TAN{suffix}",
@@ -70,18 +100,20 @@ def _world_coordinates(camera: Camera, cam_from_icrs: Array) -> Cards:
         "RADESYS": "ICRS",
     }
     cards |= {f"CD{i + 1}_{j + 1}": float(cd_deg[i, j]) for i in range(2) for j in range(2)}
-    return cards if straight else cards | _sip(camera)
+    return cards if linear else cards | _sip(view, attitude)
 
 
-def _sip(camera: Camera) -> Cards:
-    """Fit polynomials to both directions of the distortion, in the offset from the optical centre, over the detector."""
+def _sip(view: _View, catalogue_attitude: Array) -> Cards:
+    """Fit polynomials to both directions of the mapping, in the offset from the optical centre, over the detector."""
+    camera = view.camera
     focal = np.array([camera.focal_col_px, camera.focal_row_px])
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
     cols, rows = np.meshgrid(
         np.linspace(0, camera.columns - 1, GRID_POINTS), np.linspace(0, camera.rows - 1, GRID_POINTS)
     )
-    measured = np.column_stack([cols.ravel(), rows.ravel()]) - centre
-    ideal = camera.distortion.undistort(measured / focal) * focal
+    pixels = np.column_stack([cols.ravel(), rows.ravel()])
+    seen = view.catalogue_directions(camera.unproject(pixels)) @ catalogue_attitude.T
+    measured, ideal = pixels - centre, seen[:, :2] / seen[:, 2:] * focal
     cards: Cards = {}
     for names, start, end in ((("A", "B"), measured, ideal), (("AP", "BP"), ideal, measured)):
         for axis, name in enumerate(names):
