@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 def register_exports(kinds: Kinds) -> None:
     """Add the commands to ``gss export``."""
-    parser = kinds.add_parser("telemetry", help="export telemetry fields over a time span as CSV or Parquet")
+    parser = kinds.add_parser("telemetry", help="export telemetry fields over a time span as CSV, Parquet or HDF5")
     parser.add_argument(
         "--fields", required=True, help="names, for example mode,attitude.ra_deg; packet.name if the name is ambiguous"
     )
     parser.add_argument("--from", dest="start", metavar="TIME", help="start, ISO 8601, UTC by default")
     parser.add_argument("--to", dest="end", metavar="TIME", help="end, ISO 8601")
     parser.add_argument("--contact", type=int, metavar="N", help="use the time span of this contact")
-    parser.add_argument("--format", default="csv", choices=("csv", "parquet"))
+    parser.add_argument("--format", default="csv", choices=("csv", "parquet", "hdf5"))
     parser.add_argument(
         "--form", default="converted", choices=("converted", "raw", "formatted"), help="default converted"
     )

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-from datetime import timedelta
+import json
+from datetime import datetime, timedelta
 
+import h5py
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
@@ -145,6 +147,25 @@ def test_csv_and_parquet_have_the_same_content(telemetry, clock, form):
             assert row[key] == shown
 
 
+def test_hdf5_has_the_values_units_and_times_of_csv(telemetry, clock):
+    """A group per packet; numbers, words, yes/no and lists; values of another packet are not in between; a field is missing in
+    no row."""
+    rows = read_csv(export(telemetry.archive, KEYS, *span(clock), form="converted", file_format="csv"))
+    data = b"".join(export(telemetry.archive, KEYS, *span(clock), form="converted", file_format="hdf5"))
+    with h5py.File(io.BytesIO(data)) as file:
+        assert {name: len(group["received"]) for name, group in file.items()} == {"housekeeping": 10, "centroids": 5}
+        own = [row for row in rows if row["packet"] == "housekeeping"]
+        group = file["housekeeping"]
+        assert group["supply_3v3_v"][:].tolist() == [float(row["supply_3v3_v"]) for row in own]
+        assert group["supply_3v3_v"].attrs["unit"] == "V"
+        assert group["mode"].asstr()[:].tolist() == [row["mode"] for row in own]
+        assert group["cycle_running"][:].tolist() == [0] * 5 + [1] * 5
+        stamps = [datetime.fromisoformat(row["received"]).timestamp() for row in own]
+        assert group["received"][:] == pytest.approx(stamps, abs=1e-3)
+        assert group["contact"][:].tolist() == [-1] * 10
+        assert json.loads(file["centroids"]["items"].asstr()[0])[0]["peak_dn"] == 7
+
+
 def test_an_export_equals_the_displayed_values(telemetry, clock):
     """The newest row, formatted, is the value of the page; raw and converted are those of the packet."""
     shown = {v.name: v for v in telemetry.values() if v.packet == "housekeeping"}
@@ -181,6 +202,9 @@ def test_an_empty_span_gives_an_empty_file_with_its_columns(telemetry, clock):
     table = pq.read_table(io.BytesIO(data))
     assert table.num_rows == 0
     assert table.column_names[4:] == KEYS
+    data = b"".join(export(telemetry.archive, KEYS, start, end, form="raw", file_format="hdf5"))
+    with h5py.File(io.BytesIO(data)) as file:
+        assert file["housekeeping"]["mode"].shape == (0,)
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def export_telemetry(
     field: ExportFields,
     start: Moment,
     end: Moment,
-    format: Literal["csv", "parquet"] = "csv",
+    format: Literal["csv", "parquet", "hdf5"] = "csv",
     form: Literal["converted", "raw", "formatted"] = "converted",
 ) -> StreamingResponse:
     """Export all samples of some fields over a time range as a file."""

@@ -1,4 +1,4 @@
-"""Exports any telemetry fields and span as CSV or Parquet, block by block, with the same values as displayed."""
+"""Exports any telemetry fields and span as CSV, Parquet or HDF5, block by block, with the same values as displayed."""
 
 from __future__ import annotations
 
@@ -13,10 +13,15 @@ from typing import Any
 from gss.domain.errors import BadInput
 from gss.instruments.dictionary.definitions import INTEGER_RANGES, Group, TelemetryField
 from gss.operations.telemetry.archive import Archive, Column
+from gss.operations.telemetry.hdf5_export import hdf5_file
 from gss.operations.telemetry.value_format import formatted, kind, raw_of
 from gss.store.telemetry import Row
 
-FORMATS = {"csv": "text/csv; charset=utf-8", "parquet": "application/vnd.apache.parquet"}
+FORMATS = {
+    "csv": "text/csv; charset=utf-8",
+    "parquet": "application/vnd.apache.parquet",
+    "hdf5": "application/x-hdf5",
+}
 FORMS = ("converted", "raw", "formatted")
 LEADING = ("received", "device_time_s", "contact", "packet")
 BLOCK_ROWS = 4000
@@ -35,6 +40,8 @@ def export(
             raise BadInput(f"unknown {name}", expected=" | ".join(valid), got=value)
     columns, rows = archive.rows(keys, start, end)
     shaped = (_shaped(columns, row, values, form) for row, values in rows)
+    if file_format == "hdf5":
+        return hdf5_file(columns, shaped, form)
     return _csv(columns, shaped) if file_format == "csv" else _parquet(columns, shaped, form)
 
 

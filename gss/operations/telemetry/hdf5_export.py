@@ -1,0 +1,122 @@
+"""Telemetry as an HDF5 file: a group per packet, a dataset per field, with units and titles as attributes."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from gss.instruments.dictionary.definitions import Group, TelemetryField
+from gss.operations.telemetry.archive import Column
+from gss.operations.telemetry.value_format import kind
+
+if TYPE_CHECKING:
+    import h5py
+
+BLOCK_ROWS = 4000
+PIECE_BYTES = 256 * 1024
+CHUNK_ROWS = 1024
+LEADING = {
+    "received": {"unit": "s", "title": "Unix time of reception, UTC"},
+    "device_time_s": {"unit": "s", "title": "Time of the sensor's clock"},
+    "contact": {"title": "Number of the contact, -1: none"},
+}
+UNKNOWN_BOOL, NO_CONTACT = -1, -1
+
+
+def hdf5_file(columns: Sequence[Column], rows: Iterator[list[Any]], form: str) -> Iterator[bytes]:
+    """Return the file in pieces. ``rows``: received, device_time_s, contact and packet, then a value per column. Numbers are
+    float64, NaN if unknown; yes/no is int8, -1 if unknown; other values are text, empty if unknown. The file is written to the disk
+    first, because HDF5 changes its beginning last; at most BLOCK_ROWS rows are in memory."""
+    import h5py
+
+    with tempfile.TemporaryFile() as file:
+        with h5py.File(file, "w") as out:
+            tables = {
+                packet: _PacketTable(
+                    out, packet, [k for k, c in enumerate(columns) if c.packet == packet], columns, form
+                )
+                for packet in dict.fromkeys(c.packet for c in columns)
+            }
+            while block := list(islice(rows, BLOCK_ROWS)):
+                for packet, table in tables.items():
+                    table.append([row for row in block if row[3] == packet])
+        file.seek(0)
+        while piece := file.read(PIECE_BYTES):
+            yield piece
+
+
+class _PacketTable:
+    """The datasets of one packet, which grow together. ``places``: positions of its columns."""
+
+    def __init__(
+        self, out: h5py.File, packet: str, places: Sequence[int], columns: Sequence[Column], form: str
+    ) -> None:
+        named = {_name(columns[k].field.name): k for k in places}  # a field that is requested twice is written once
+        self._group = out.create_group(packet)
+        self._names, self._places = list(named), list(named.values())
+        self._kinds = [_kind(columns[k], form) for k in self._places]
+        self._size = 0
+        for name, of in zip([*LEADING, *self._names], ["number", "number", "contact", *self._kinds], strict=True):
+            self._create(name, of)
+        for name, attributes in LEADING.items():
+            self._group[name].attrs.update(attributes)
+        for name, k in named.items():
+            item = columns[k].field
+            if isinstance(item, TelemetryField):
+                self._group[name].attrs.update({"title": item.title, "unit": item.unit})
+
+    def _create(self, name: str, of: str) -> None:
+        import h5py
+
+        types = {"number": "f8", "bool": "i1", "contact": "i8", "text": h5py.string_dtype()}
+        self._group.create_dataset(
+            name, shape=(0,), maxshape=(None,), chunks=(CHUNK_ROWS,), dtype=types[of], compression="gzip", shuffle=True
+        )
+
+    def append(self, rows: Sequence[list[Any]]) -> None:
+        """Append rows of this packet."""
+        if not rows:
+            return
+        start, self._size = self._size, self._size + len(rows)
+        self._write("received", start, [row[0].timestamp() for row in rows])
+        self._write("device_time_s", start, [_number(row[1]) for row in rows])
+        self._write("contact", start, [NO_CONTACT if row[2] is None else row[2] for row in rows])
+        for name, of, k in zip(self._names, self._kinds, self._places, strict=True):
+            values = [row[4 + k] for row in rows]
+            self._write(name, start, [_value(of, value) for value in values])
+
+    def _write(self, name: str, start: int, values: list[Any]) -> None:
+        dataset = self._group[name]
+        dataset.resize((self._size,))
+        dataset[start:] = values
+
+
+def _name(field: str) -> str:
+    """Return the name of a field's dataset; it is another one than those of the time and the contact."""
+    return f"{field}_value" if field in LEADING else field
+
+
+def _kind(column: Column, form: str) -> str:
+    item = column.field
+    if isinstance(item, Group) or form == "formatted":
+        return "text"
+    if form == "raw" and item.type == "enum":
+        return "number"
+    if kind(item) == "number":
+        return "number"
+    return "bool" if item.type == "bool" else "text"
+
+
+def _value(of: str, value: Any) -> Any:
+    if of == "number":
+        return _number(value)
+    if of == "bool":
+        return UNKNOWN_BOOL if value is None else int(value)
+    return "" if value is None else str(value)
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
