@@ -22,6 +22,7 @@ from gss.api.request_counts import Counting, kinds_of
 from gss.api.routers import (
     alarms,
     analyses,
+    attitudes,
     audit,
     authority,
     calibrations,
@@ -144,6 +145,7 @@ def create_app(
         alarms,
         notifications,
         frames,
+        attitudes,
         list_runs,
         solutions,
         catalogues,

@@ -38,6 +38,7 @@ COMMANDS = {
     "check": ("check", "test a device against the interface document, or a record for gaps"),
     "link-keys": ("link_keys", "create and change the keys that authenticate packets to the sensor"),
     "passes": ("passes", "list coming passes; import the orbit of the spacecraft; manage ground stations"),
+    "attitude": ("attitude", "export attitudes of frames as CCSDS AEM or ACM; compare them with another system"),
     "heads": ("heads", "compare the heads of one spacecraft: mountings, fused attitude, misalignment and drift"),
     "rehearse": ("rehearse", "carry out a pass plan on a simulated unit, faster than real time"),
     "notify": ("notify", "check the file of notifications, or send a test message"),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
+from gss.operations.frames.attitude_exchange import AttitudeExchange
 from gss.operations.frames.place import PlaceService
 from gss.operations.passes.line_budget import LineBudgetService
 from gss.operations.passes.pass_table import PassService
@@ -25,7 +27,8 @@ from gss.wiring.transfers import Transfers
 
 @dataclass(frozen=True)
 class Passes:
-    """Orbit, stations, passes and plans. ``place``: of the camera, from the orbit or the sensor."""
+    """Orbit, stations, passes and plans. ``place``: of the camera, from the orbit or the sensor; ``attitudes``: messages with
+    attitudes of the spacecraft's camera."""
 
     spacecraft: SpacecraftService
     stations: StationService
@@ -34,6 +37,7 @@ class Passes:
     runner: PlanRunner
     place: PlaceService
     rehearsals: RehearsalService
+    attitudes: AttitudeExchange
 
 
 def open_passes(
@@ -81,4 +85,5 @@ def open_passes(
         settings.framing,
         now,
     )
-    return Passes(spacecraft, stations, table, plans, runner, place, rehearsals)
+    attitudes = AttitudeExchange(database, partial(spacecraft.name, base.unit.name), now)
+    return Passes(spacecraft, stations, table, plans, runner, place, rehearsals, attitudes)

@@ -50,6 +50,11 @@ class SpacecraftService:
         self._lock = threading.Lock()
         self._read: tuple[int, Trajectory] | None = None
 
+    def name(self, otherwise: str) -> str:
+        """Return the name of the spacecraft of the orbit in use; another name if no orbit was imported."""
+        rows = self.history(1)
+        return rows[0].spacecraft if rows else otherwise
+
     def current(self) -> CurrentOrbit | None:
         """Return the orbit in use, with its age now; None if no orbit was imported."""
         rows = self.history(1)

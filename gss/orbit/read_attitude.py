@@ -1,0 +1,155 @@
+"""Reads attitudes from CCSDS attitude messages in KVN: AEM of versions 1 and 2, ACM of version 2 (CCSDS 504.0-B).
+
+Supported are quaternions between an inertial frame (ICRF, EME2000 and the like) and one frame of the spacecraft.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gss.domain.angles import Array
+from gss.domain.errors import BadInput
+from gss.domain.rotation import quaternion_inverse
+from gss.orbit.attitude import AttitudeHistory
+from gss.orbit.oem import BEHIND_UTC_S, INERTIAL
+from gss.orbit.omm import omm_epoch
+from gss.orbit.trajectory import unix_s
+
+MOST_ATTITUDES = 200_000
+UNIT_LENGTH = 1e-3
+BLOCKS = ("META", "DATA", "ATT", "COV", "PHYS", "MAN", "AD", "USER")
+STATED_TYPE = ("ATTITUDE_TYPE", "ATT_TYPE")
+
+
+@dataclass
+class _Block:
+    """Keywords of a block, and its lines of numbers with their line numbers."""
+
+    name: str
+    keys: dict[str, str] = field(default_factory=dict)
+    rows: list[tuple[int, list[str]]] = field(default_factory=list)
+
+
+def read_attitude(text: str) -> AttitudeHistory:
+    """Return the attitudes of an AEM or ACM. Raises BadInput naming the line or keyword that is wrong."""
+    head = text.lstrip("\ufeff \r\n")
+    if head.startswith("CCSDS_AEM_VERS"):
+        return _history(_aem_segments(_blocks(head)))
+    if head.startswith("CCSDS_ACM_VERS"):
+        return _history(_acm_segments(_blocks(head)))
+    raise BadInput(
+        "The file is not an attitude message", expected="a CCSDS AEM or ACM in KVN", got=head[:40] or "an empty file"
+    )
+
+
+def _blocks(text: str) -> list[_Block]:
+    """Split a message at X_START and X_STOP. Keywords outside a block belong to a block without a name, and so do the data of an
+    AEM of version 1."""
+    blocks = [_Block("")]
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.strip()
+        if not words or words.startswith("COMMENT"):
+            continue
+        name, _, edge = words.rpartition("_")
+        if edge == "START" and name in BLOCKS:
+            blocks.append(_Block(name))
+        elif edge == "STOP" and name in BLOCKS:
+            if blocks[-1].name != name:
+                raise BadInput(f"Line {number} of the message is not valid", expected="blocks that end", got=words)
+            blocks.append(_Block(""))
+        elif "=" in words:
+            key, _, value = words.partition("=")
+            blocks[-1].keys[key.strip()] = value.partition("[")[0].strip()
+        else:
+            blocks[-1].rows.append((number, words.split()))
+    return blocks
+
+
+Segment = tuple[dict[str, str], list[tuple[int, list[str]]]]
+"""Keywords, and lines of numbers."""
+
+
+def _aem_segments(blocks: list[_Block]) -> Iterator[Segment]:
+    keys: dict[str, str] = {}
+    for block in blocks:
+        if block.name == "META":
+            keys = block.keys
+        elif block.name in ("", "DATA") and block.rows:
+            if not keys:
+                raise BadInput(
+                    f"Line {block.rows[0][0]} of the message is not valid", expected="a META block before it"
+                )
+            yield keys, block.rows
+
+
+def _acm_segments(blocks: list[_Block]) -> Iterator[Segment]:
+    meta: dict[str, str] = {}
+    for block in blocks:
+        if block.name == "META":
+            meta = block.keys
+        elif block.name == "ATT":
+            yield meta | block.keys, block.rows
+
+
+def _history(segments: Iterator[Segment]) -> AttitudeHistory:
+    times: list[float] = []
+    quaternions: list[Array] = []
+    named: tuple[str, str] | None = None
+    for keys, rows in segments:
+        frame, turned_back = _frame(keys)
+        name = keys.get("OBJECT_NAME", "")
+        if named is not None and named != (name, frame):
+            raise BadInput("The message has several objects or frames", expected=" ".join(named), got=f"{name} {frame}")
+        named = (name, frame)
+        if len(times) + len(rows) > MOST_ATTITUDES:
+            raise BadInput("The message has too many attitudes", expected=f"at most {MOST_ATTITUDES}")
+        for line, parts in rows:
+            t, quaternion = _row(line, parts, keys)
+            if times and t == times[-1]:  # segments share the attitude at their edge
+                continue
+            times.append(t)
+            quaternions.append(quaternion if turned_back else quaternion_inverse(quaternion))
+    if named is None or not times:
+        raise BadInput("The message has no attitudes", expected="lines of a time and a quaternion")
+    unknown = np.full((len(times), 3), np.nan)
+    return AttitudeHistory(*named, np.array(times), np.array(quaternions), unknown)
+
+
+def _frame(keys: dict[str, str]) -> tuple[str, bool]:
+    """Return the frame of the spacecraft, and whether the quaternions lead from it to the inertial frame. Raises BadInput."""
+    stated = next((keys[name] for name in STATED_TYPE if name in keys), "")
+    if stated.upper() != "QUATERNION":
+        raise BadInput("The type of the attitudes is not supported", expected="QUATERNION", got=stated[:40] or "none")
+    if keys.get("TIME_SYSTEM", "").upper() not in BEHIND_UTC_S:
+        expected = ", ".join(BEHIND_UTC_S)
+        raise BadInput("TIME_SYSTEM is not supported", expected=expected, got=keys.get("TIME_SYSTEM", "none")[:40])
+    a, b = keys.get("REF_FRAME_A", ""), keys.get("REF_FRAME_B", "")
+    if (a.upper() in INERTIAL) == (b.upper() in INERTIAL):
+        expected = f"{' or '.join(INERTIAL)}, and a frame of the spacecraft"
+        raise BadInput("The frames are not supported", expected=expected, got=f"{a[:40]} and {b[:40]}")
+    from_inertial = a.upper() in INERTIAL
+    backwards = keys.get("ATTITUDE_DIR", "A2B").upper() == "B2A"
+    return (b if from_inertial else a), from_inertial == backwards
+
+
+def _row(line: int, parts: list[str], keys: dict[str, str]) -> tuple[float, Array]:
+    """Return Unix seconds and the quaternion of a line, scalar-last. Raises BadInput."""
+    try:
+        numbers = np.array([float(part) for part in parts[1:]])
+        zero = keys.get("EPOCH_TZERO")
+        t = unix_s(omm_epoch(parts[0])) if zero is None else unix_s(omm_epoch(zero)) + float(parts[0])
+    except (ValueError, OverflowError):
+        numbers, t = np.empty(0), np.nan
+    length = float(np.linalg.norm(numbers)) if len(numbers) == 4 else np.nan
+    if not (np.isfinite(t) and abs(length - 1) < UNIT_LENGTH):
+        raise BadInput(
+            f"Line {line} of the message is not an attitude",
+            expected="a time and a quaternion of length 1",
+            got=" ".join(parts)[:80],
+        )
+    if keys.get("QUATERNION_TYPE", "LAST").upper() == "FIRST":
+        numbers = np.roll(numbers, -1)
+    return t - BEHIND_UTC_S[keys["TIME_SYSTEM"].upper()], numbers / length

@@ -1,0 +1,42 @@
+"""Attitudes of frames over a span."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from gss.store.models import Frame, Solution
+
+
+@dataclass(frozen=True)
+class FrameAttitude:
+    """Attitude of a frame. ``id``: of the frame; ``quaternion``: cam_from_icrs, scalar-last; ``sigma_rad``: across and about the
+    boresight, None if the chain states none."""
+
+    id: int
+    at: datetime
+    quaternion: list[float]
+    sigma_rad: list[float] | None
+
+
+def attitudes_between(session: Session, origin: str, start: datetime, end: datetime, most: int) -> list[FrameAttitude]:
+    """Return up to ``most`` attitudes of frames exposed in a span, oldest first: the operational one of each frame for ``ground``,
+    its newest one for another origin."""
+    newest_id = (
+        select(func.max(Solution.id))
+        .where(Solution.frame_id == Frame.id, Solution.origin == origin, Solution.outcome == "solved")
+        .correlate(Frame)
+        .scalar_subquery()
+    )
+    query = (
+        select(Frame.id, Frame.taken, Solution.quaternion, Solution.sigma_rad)
+        .join(Solution, Solution.frame_id == Frame.id)
+        .where(Frame.taken.between(start, end), Solution.outcome == "solved", Solution.quaternion.is_not(None))
+        .where(Solution.operational if origin == "ground" else Solution.id == newest_id)
+        .order_by(Frame.taken, Frame.id)
+        .limit(most)
+    )
+    return [FrameAttitude(*row) for row in session.execute(query)]
