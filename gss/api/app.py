@@ -57,6 +57,7 @@ from gss.api.routers import (
     transfers,
     upkeep,
     users,
+    views,
 )
 from gss.api.routers import fleet as fleet_router
 from gss.api.stream import route as stream
@@ -162,6 +163,7 @@ def create_app(
         pass_plans,
         sky,
         rerun,
+        views,
         upkeep,
         stream,
     ):

@@ -1,4 +1,4 @@
-"""Services of users, permissions and the audit log."""
+"""Services of users, permissions, the audit log and shared views."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from gss.operations.accounts.audit import AuditService
 from gss.operations.accounts.audit_anchor import AnchorFile
 from gss.operations.accounts.audit_intents import AuditIntents
 from gss.operations.clock import monotonic_s, utc_now
+from gss.operations.views.shared_views import SharedViews
 from gss.store.engine import Database, open_engine
 from gss.wiring.base import BaseServices
 
 
 @dataclass(frozen=True)
 class Accounts:
-    """Users with their sessions and tokens, and the audit log."""
+    """Users with their sessions and tokens, the audit log, and views of the console that users share."""
 
     accounts: AccountService
     audit: AuditService
     intents: AuditIntents
+    views: SharedViews
 
 
 def open_accounts(base: BaseServices) -> Accounts:
@@ -28,4 +30,5 @@ def open_accounts(base: BaseServices) -> Accounts:
     database = Database(open_engine(settings.accounts)) if settings.accounts else base.database
     accounts = open_account_service(database, settings, utc_now, monotonic_s)
     audit = AuditService(base.database, utc_now, AnchorFile(settings.audit_anchor_file))
-    return Accounts(accounts, audit, AuditIntents(settings.data / "audit-intents", audit))
+    views = SharedViews(base.database, base.clock.now)
+    return Accounts(accounts, audit, AuditIntents(settings.data / "audit-intents", audit), views)

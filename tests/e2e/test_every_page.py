@@ -39,6 +39,7 @@ PAGES = [
     ("/campaigns?job={job}", "page-campaigns", "paper-ours"),
     ("/contacts?contact=1", "page-contacts", "contact-timeline"),
     ("/passes?days=1", "page-passes", "pass-row"),
+    ("/views", "page-views", "views"),
     ("/instruments", "page-instruments", "instruments"),
     ("/admin", "page-admin", "nav-admin"),
 ]

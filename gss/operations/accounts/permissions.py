@@ -29,6 +29,8 @@ ADMIN = (
     "admin.retention",
     "admin.backup",
 )
+VIEWS = "views"
+"""Storing shared views of the console."""
 HEADS = "heads"
 """Mountings of heads on a spacecraft."""
 OPERATOR = (
@@ -41,6 +43,7 @@ OPERATOR = (
     "procedures",
     "schedule",
     "passes",
+    VIEWS,
     HEADS,
     "authority.take",
     "authority.break",
@@ -54,7 +57,7 @@ OPERATOR = (
 )
 INSTRUMENTS = "instruments"
 """Checking and installing instrument packages."""
-MANAGER = ("command.catalogue", "authority.take", *CATALOGUES, "tables", INSTRUMENTS, "jobs.cancel")
+MANAGER = ("command.catalogue", "authority.take", *CATALOGUES, "tables", VIEWS, INSTRUMENTS, "jobs.cancel")
 ENGINEER = (
     *FRAMES,
     "frames.pin",
@@ -64,6 +67,7 @@ ENGINEER = (
     "procedures",
     "campaigns",
     "tables",
+    VIEWS,
     HEADS,
     INSTRUMENTS,
     "command.imager",

@@ -19,6 +19,7 @@ from gss.store.models.link import (
 )
 from gss.store.models.passes import OrbitSet, PassPlan, Station
 from gss.store.models.studies import Analysis, Calibration, ListRun
+from gss.store.models.views import SharedView, SharedViewVersion
 
 __all__ = [
     "Alarm",
@@ -49,6 +50,8 @@ __all__ = [
     "PassPlan",
     "Procedure",
     "ProcedureRun",
+    "SharedView",
+    "SharedViewVersion",
     "SignIn",
     "Solution",
     "Spacecraft",

@@ -7,6 +7,7 @@ import { decode } from '../sky/decode';
 import type { paths } from './generated/schema';
 import { body, fetched, given, http, multipart, OutlivingRequest } from './http';
 import type * as T from './types';
+import { views } from './views';
 
 export { ApiError, door, search } from './http';
 
@@ -152,6 +153,8 @@ const commanding = {
     stack_id === null
       ? body(POST('/api/stacks', { body: stack }))
       : body(PUT('/api/stacks/{stack_id}', { params: { path: { stack_id } }, body: stack })),
+  procedureOfStack: (stack_id: number) =>
+    body(POST('/api/stacks/{stack_id}/procedure', { params: { path: { stack_id } } })),
   dropStack: (stack_id: number) => body(DELETE('/api/stacks/{stack_id}', { params: { path: { stack_id } } })),
   checkStack: (stack_id: number) => body(POST('/api/stacks/{stack_id}/check', { params: { path: { stack_id } } })),
   runStack: (stack_id: number, confirm: string[]) =>
@@ -319,8 +322,8 @@ const passes = {
   armPlan: (plan_id: number, confirm: string[]) =>
     body(POST('/api/pass-plans/{plan_id}/arm', { params: { path: { plan_id } }, body: { confirm } })),
   stopPlan: (plan_id: number) => body(POST('/api/pass-plans/{plan_id}/stop', { params: { path: { plan_id } } })),
-  rehearsePlan: (plan_id: number) =>
-    body(POST('/api/pass-plans/{plan_id}/rehearsals', { params: { path: { plan_id } }, body: {} })),
+  rehearsePlan: (plan_id: number, options: Body<'/api/pass-plans/{plan_id}/rehearsals'>) =>
+    body(POST('/api/pass-plans/{plan_id}/rehearsals', { params: { path: { plan_id } }, body: options })),
   rehearsals: (plan_id: number) =>
     body(GET('/api/pass-plans/{plan_id}/rehearsals', { params: { path: { plan_id }, query: { limit: 1 } } })),
   passes: (days: number, station: number | null) => body(GET('/api/passes', { params: { query: { days, station } } })),
@@ -331,6 +334,7 @@ export const api = {
   ...fleet,
   ...line,
   ...commanding,
+  ...views,
   ...telemetry,
   ...frames,
   ...instruments,

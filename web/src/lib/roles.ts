@@ -25,6 +25,7 @@ export const WORDS: Record<
   procedures: 'writing and running procedures',
   schedule: 'scheduling',
   passes: 'planning passes',
+  views: 'storing views',
   heads: 'changing the mountings of heads',
   'authority.take': 'taking command authority',
   'authority.break': 'breaking command authority',

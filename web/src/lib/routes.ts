@@ -37,9 +37,11 @@ const ROUTES: readonly Route[] = [
   { path: '/admin', page: 'admin' },
   { path: '/instruments', page: 'instruments' },
   { path: '/rerun', page: 'rerun' },
+  { path: '/views', page: 'views' },
+  { path: '/views/:id', page: 'views' },
 ];
 /** Pages that receive `id: null` if the URL has none. */
-const ID_OR_NULL = new Set(['builder', 'contacts']);
+const ID_OR_NULL = new Set(['builder', 'contacts', 'views']);
 
 export function matchRoute(path: string): Match | null {
   const parts = path.replace(/\/+$/, '').split('/');

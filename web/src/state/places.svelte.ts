@@ -6,9 +6,10 @@ import { clock, day } from '../lib/format';
 import { lampOf, type LampState } from '../lib/lamp';
 import { PAGES } from './keys';
 import { bare, keyOf, live } from './live.svelte';
-import { go } from './router.svelte';
+import { go, route } from './router.svelte';
 import { session } from './session.svelte';
 import { view } from './view.svelte';
+import { views } from './views.svelte';
 
 export interface Place {
   kind: string;
@@ -31,6 +32,7 @@ class Places {
       api.frames({ limit: 50 }).then((p) => (this.frames = p.frames)),
       api.catalogues().then((c) => (this.catalogues = c)),
       api.contacts().then((c) => (this.contacts = c)),
+      views.read(),
     ]);
   }
 
@@ -47,6 +49,14 @@ class Places {
     { kind: 'page', text: 'Import images', note: 'Frames', run: to('/frames') },
     { kind: 'page', text: 'Upload a catalogue', note: 'open one, then Upload', run: to('/catalogues') },
     { kind: 'page', text: 'Notifications', note: 'Admin', run: to('/admin?show=notifications') },
+    { kind: 'page', text: 'Shared views', note: 'pages with their state', run: to('/views') },
+    {
+      kind: 'page',
+      text: 'Store this page as a view',
+      note: 'Shared views',
+      run: () => go(`/views?save=${encodeURIComponent(route.path + route.search)}`),
+    },
+    ...views.list.map((v) => ({ kind: 'view', text: v.name, note: `of ${v.owner}`, run: to(v.path) })),
     { kind: 'page', text: 'Night analyses', note: 'Calibration', run: to('/calibration?tab=analyses') },
     ...live.alarms.map((a) => ({
       kind: 'alarm',

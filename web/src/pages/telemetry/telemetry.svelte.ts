@@ -1,5 +1,4 @@
 /** The displayed span and its history: following the clock, or fixed in the past. Live values are appended. */
-import { ofUnit } from '../../lib/base';
 import { api } from '../../api/client';
 import type { History } from '../../api/types';
 import { problemText } from '../../lib/problems';
@@ -49,46 +48,5 @@ export class TelemetryHistory {
       return t > (s.t.at(-1) ?? 0) ? { ...s, t: [...s.t, t], y: [...s.y, y] } : s;
     });
     this.history = { start: new Date(now - seconds * 1000).toISOString(), end: new Date(now).toISOString(), series };
-  }
-}
-
-/** Telemetry pages made by the user, stored on this machine. */
-export interface OwnPage {
-  name: string;
-  fields: string[];
-  plot: string[];
-}
-const KEPT = ofUnit('gss-telemetry-pages');
-
-class OwnPages {
-  list = $state.raw<OwnPage[]>(read());
-  save(page: OwnPage): void {
-    this.keep([...this.list.filter((p) => p.name !== page.name), page]);
-  }
-  drop(name: string): void {
-    this.keep(this.list.filter((p) => p.name !== name));
-  }
-  private keep(list: OwnPage[]): void {
-    this.list = list;
-    localStorage.setItem(KEPT, JSON.stringify(list));
-  }
-}
-export const ownPages = new OwnPages();
-
-function read(): OwnPage[] {
-  try {
-    const found: unknown = JSON.parse(localStorage.getItem(KEPT) ?? '[]');
-    return Array.isArray(found)
-      ? found.filter(
-          (p): p is OwnPage =>
-            typeof p === 'object' &&
-            p !== null &&
-            'name' in p &&
-            Array.isArray((p as OwnPage).fields) &&
-            Array.isArray((p as OwnPage).plot),
-        )
-      : [];
-  } catch {
-    return [];
   }
 }

@@ -1,0 +1,55 @@
+"""Shared views of the console."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from gss.api.schemas.base import In, Out, Utc
+from gss.operations.views.shared_views import LONGEST_PATH
+
+
+class ViewIn(In):
+    """View to store. ``path``: address of a page within the unit, with its query; ``open``: every user with the permission may
+    change it."""
+
+    name: str = Field(min_length=1, max_length=80)
+    path: str = Field(min_length=1, max_length=LONGEST_PATH)
+    note: str = Field(default="", max_length=500)
+    open: bool = False
+
+
+class ViewChangeIn(ViewIn):
+    """Changed view. ``version``: the version that was changed."""
+
+    version: int = Field(ge=1, le=1_000_000_000)
+
+
+class ViewOut(Out):
+    """Stored view. ``user`` and ``changed``: who stored the newest version, and when."""
+
+    id: int
+    name: str
+    path: str
+    note: str
+    owner: str
+    open: bool
+    version: int
+    user: str
+    changed: Utc
+
+
+class ViewVersionOut(Out):
+    """Version of a view."""
+
+    version: int
+    name: str
+    path: str
+    note: str
+    user: str
+    changed: Utc
+
+
+class ViewDetailOut(ViewOut):
+    """View with its versions, newest first."""
+
+    versions: list[ViewVersionOut]

@@ -1,0 +1,35 @@
+"""Shared views in a browser: a page in its state is stored under a name, and its link opens the same state."""
+
+from __future__ import annotations
+
+import re
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+from playwright.sync_api import Page, expect
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+SLOW = 30_000
+
+
+def test_a_view_is_stored_and_its_link_opens_the_same_page(page: Page, served) -> None:
+    """The filters of Frames are stored and opened again; a telemetry page is stored on the server, not in the browser."""
+    page.goto("/views?save=/frames?outcome%3Dsolved%26stars%3D5")
+    page.get_by_test_id("view-name").fill("Good frames")
+    page.get_by_test_id("view-save").click()
+    row = page.locator("[data-view='Good frames']")
+    expect(row).to_contain_text("version 1", timeout=SLOW)
+    made = next(view for view in served.ask("GET", "/views") if view["name"] == "Good frames")
+    page.goto(f"/views/{made['id']}")
+    expect(page).to_have_url(re.compile(r"/frames\?outcome=solved&stars=5$"), timeout=SLOW)
+
+    page.goto("/telemetry?plot=housekeeping.mode")
+    page.get_by_test_id("save-page").click(timeout=SLOW)
+    page.get_by_test_id("own-name").fill("Modes")
+    page.get_by_test_id("own-name").press("Enter")
+    expect(page.get_by_test_id("own-page")).to_contain_text("Modes", timeout=SLOW)
+    stored = next(view for view in served.ask("GET", "/views") if view["name"] == "Modes")
+    page.evaluate("localStorage.clear()")
+    page.goto(stored["path"])
+    expect(page.get_by_role("heading", name="Modes")).to_be_visible(timeout=SLOW)
+    assert parse_qs(urlsplit(page.url).query)["fields"] == ["housekeeping.mode"]
