@@ -41,6 +41,7 @@ def rehearse(folder: Path, report: Callable[[float, str], None]) -> RehearsalRep
         instrument=order.instrument,
         packages=order.packages,
         framing=order.framing,
+        auto_download=order.auto_download,
     )
     plan, station = _plan(settings, order.plan_id)
     registry, options = Registry(settings.instruments_folder), order.options

@@ -83,6 +83,7 @@ def open_passes(
         base.unit.name,
         settings.instruments_folder,
         settings.framing,
+        settings.auto_download,
         now,
     )
     attitudes = AttitudeExchange(database, partial(spacecraft.name, base.unit.name), now)

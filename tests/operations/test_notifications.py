@@ -34,14 +34,18 @@ DISK = ("store", "disk")
 
 
 class Mailbox:
-    """A small SMTP server on a loopback port that keeps the letters, refuses "gone@…", and answers QUIT with an error."""
+    """A small SMTP server on a loopback port that keeps the letters, refuses "gone@…", and answers QUIT with an error.
+    ``gate``: cleared while it accepts connections and does not answer."""
 
     def __init__(self) -> None:
         self.letters: list[str] = []
-        letters = self.letters
+        self.gate = threading.Event()
+        self.gate.set()
+        letters, gate = self.letters, self.gate
 
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
+                gate.wait()
                 self.wfile.write(b"220 ready\r\n")
                 while line := self.rfile.readline():
                     word = line[:4].upper()
@@ -87,6 +91,7 @@ class Receiver:
 def mailbox() -> Iterator[Mailbox]:
     made = Mailbox()
     yield made
+    made.gate.set()
     made.server.shutdown()
     made.server.server_close()
 
@@ -241,6 +246,21 @@ def test_a_receiver_that_hangs_delays_no_other_target(harness, mailbox, receiver
     harness.service._sending["mail"][0].result(timeout=30)
     assert len(mailbox.letters) == 1
     assert not harness.service._sending["hook"][0].done()
+
+
+def test_a_mail_server_that_hangs_delays_no_other_target(harness, mailbox, receiver):
+    """Webhooks are sent meanwhile; the mail is sent once when the server answers again."""
+    mailbox.gate.clear()
+    harness.raise_alarm()
+    harness.clock.forward(601)
+    harness.service.tick()
+    harness.service._sending["hook"][0].result(timeout=30)
+    assert len(receiver.bodies) == 1
+    assert not harness.service._sending["mail"][0].done()
+    mailbox.gate.set()
+    harness.look()
+    harness.look(900)
+    assert len(mailbox.letters) == 1
 
 
 def test_nothing_is_sent_twice_over_a_restart(harness, receiver):

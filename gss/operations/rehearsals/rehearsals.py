@@ -38,12 +38,13 @@ Framing = Literal["", "cobs", "slip"]
 @dataclass(frozen=True)
 class RehearsalOrder:
     """What the process of a rehearsal does, stored in its folder. ``packages``: folder of instrument packages; ``framing``: of
-    the line, "" for the instrument's."""
+    the line, "" for the instrument's; ``auto_download``: the ground downloads each new frame, as the server does."""
 
     plan_id: int
     instrument: str
     packages: str
     framing: Framing
+    auto_download: bool
     options: RehearsalOptions
 
 
@@ -71,10 +72,12 @@ class RehearsalService:
         instrument: str,
         packages: Path,
         framing: Framing,
+        auto_download: bool,
         now: Now,
     ) -> None:
         self._database, self._blobs, self._jobs, self._plans, self._folder = database, blobs, jobs, plans, folder
         self._instrument, self._packages, self._framing, self._now = instrument, packages, framing, now
+        self._auto_download = auto_download
         jobs.register(JobKind(KIND, RehearsalJob, self._work))
 
     def start(self, plan_id: int, options: RehearsalOptions, *, user: str) -> Job:
@@ -117,7 +120,7 @@ class RehearsalService:
         for key in keys:
             blobs.put(self._blobs.get(key))
         packages = str(self._packages.resolve())
-        order = RehearsalOrder(plan_id, self._instrument, packages, self._framing, options)
+        order = RehearsalOrder(plan_id, self._instrument, packages, self._framing, self._auto_download, options)
         (folder / ORDER_FILE).write_bytes(ORDER.dump_json(order))
 
     @staticmethod
