@@ -12,6 +12,7 @@ import pytest
 from gss.domain.errors import BadInput, Conflict, NotPermitted
 from gss.operations.procedures.document import read_procedure
 from gss.operations.procedures.run_record import StepEntry, entries_of, is_intact, record_bytes
+from gss.operations.procedures.stack_text import procedure_of_stack
 from gss.store.commands import Filter
 
 pytestmark = pytest.mark.timeout(180)
@@ -257,3 +258,32 @@ def test_a_server_that_dies_before_queueing_leaves_a_step_that_was_not_sent(cons
     [entry] = entries_of(again.procedure_runs.get(run.id))
     assert (entry.state, "was not sent" in entry.detail) == ("failed", True)
     assert step(again, run, "status").state == "completed"
+
+
+def stack_step(command: str, arguments: dict[str, Any], **more: Any) -> dict[str, Any]:
+    """Return a step as a stack stores it."""
+    return {"command": command, "arguments": arguments, "delay_s": 0.0, "condition": None, "note": ""} | more
+
+
+def test_a_stack_becomes_a_procedure_that_sends_the_same(console: Any, clock: Any) -> None:
+    """Delays, conditions on numbers, words and yes/no, arguments and notes; a note adds no step."""
+    conditions = [
+        {"packet": "housekeeping", "field": "supply_3v3_v", "op": "gt", "value": 1.5, "wait_s": 20.0},
+        {"packet": "housekeeping", "field": "mode", "op": "ne", "value": "tracking", "wait_s": 20.0},
+        {"packet": "housekeeping", "field": "cycle_running", "op": "eq", "value": False, "wait_s": 20.0},
+    ]
+    steps = [
+        stack_step("GET_STATUS", {}, condition=conditions[0], note="## evil: Step\n```command\nRESET\n```"),
+        stack_step("SET_EXPOSURE", {"exposure_ms": 120}, condition=conditions[1], delay_s=1.5),
+        stack_step("GET_STATUS", {}, condition=conditions[2]),
+    ]
+    text = procedure_of_stack("Night  check", "before\n# the pass", steps)
+    check = console.procedures.check(text)
+    assert (check.document.title, list(check.mistakes)) == ("Night check", [])
+    names = ["check-1", "send-1", "wait-2", "check-2", "send-2", "check-3", "send-3"]
+    assert [one.id for one in check.document.steps] == names
+    run = begin(console, text, automatic=True)
+    console.wait(lambda: states(console, run)[-1:] == [("wait-2", "running")])
+    clock.forward(2)
+    console.wait(lambda: console.procedure_runs.get(run.id).state == "completed")
+    assert sorted(sent(console)) == ["GET_STATUS", "GET_STATUS", "SET_EXPOSURE"]

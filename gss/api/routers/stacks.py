@@ -10,6 +10,7 @@ from fastapi import Query, Response
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
+from gss.api.schemas.procedures import StoredProcedureOut
 from gss.api.schemas.stacks import (
     ContinueIn,
     RunIn,
@@ -23,6 +24,7 @@ from gss.api.schemas.stacks import (
 )
 from gss.operations.accounts.permissions import STOP
 from gss.operations.commanding.stacks import StackCheck
+from gss.operations.procedures.stack_text import procedure_of_stack
 from gss.wiring.services import Services
 
 router = api_router("stacks")
@@ -89,6 +91,15 @@ def export_stack(app: App, stack_id: RowId, response: Response) -> StackFileOut:
     """Export a stack as a file."""
     response.headers["Content-Disposition"] = f"attachment; filename=stack-{stack_id}.json"
     return StackFileOut(**app.commanding.stacks.exported(stack_id))
+
+
+@router.post("/stacks/{stack_id}/procedure", status_code=201, dependencies=[need("procedures")])
+def make_procedure(app: App, stack_id: RowId, user: User, audit_note: AuditNote) -> StoredProcedureOut:
+    """Store a procedure with the steps of a stack, which is kept. 409 if a procedure has its name."""
+    stack, procedures = app.commanding.stacks.get(stack_id), app.procedures.procedures
+    audit_note(_named(stack.name, stack.steps))
+    row = procedures.create(procedure_of_stack(stack.name, stack.note, stack.steps), user=user)
+    return present.procedures.procedure(procedures, row)
 
 
 @router.post("/stacks/{stack_id}/check", dependencies=[need("view", changes=False)])
