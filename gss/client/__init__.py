@@ -1,4 +1,4 @@
-"""Python client of a GSS server: commands, telemetry, transfers, frames, catalogues and events.
+"""Python client of a GSS server: commands, telemetry, transfers, frames, catalogues, procedures and events.
 
 It needs httpx2 and NumPy only, and imports nothing else of GSS. Create an API token on the page *Admin*, or with
 ``gss token create``, and keep it in the environment variable ``GSS_TOKEN``::
@@ -12,8 +12,28 @@ It needs httpx2 and NumPy only, and imports nothing else of GSS. Create an API t
 """
 
 from gss.client.client import Client
-from gss.client.errors import ClientError, CommandFailed, JobFailed, NotAllowed, ServerAway, TimedOut, TransferFailed
-from gss.client.records import Command, Event, Frame, Job, Packet, Solution, TelemetryValue, Transfer
+from gss.client.errors import (
+    ClientError,
+    CommandFailed,
+    JobFailed,
+    NotAllowed,
+    ProcedureFailed,
+    ServerAway,
+    TimedOut,
+    TransferFailed,
+)
+from gss.client.records import (
+    Command,
+    Event,
+    Frame,
+    Job,
+    Packet,
+    Procedure,
+    ProcedureRun,
+    Solution,
+    TelemetryValue,
+    Transfer,
+)
 
 __all__ = [
     "Client",
@@ -26,6 +46,9 @@ __all__ = [
     "JobFailed",
     "NotAllowed",
     "Packet",
+    "Procedure",
+    "ProcedureFailed",
+    "ProcedureRun",
     "ServerAway",
     "Solution",
     "TelemetryValue",

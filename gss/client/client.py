@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Self, TypeVar
@@ -13,8 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.client.connection import ServerConnection
-from gss.client.errors import CommandFailed, JobFailed, TimedOut, TransferFailed
-from gss.client.records import Command, Event, Frame, Job, Json, Packet, Solution, TelemetryValue, Transfer
+from gss.client.errors import CommandFailed, JobFailed, ProcedureFailed, TimedOut, TransferFailed
+from gss.client.records import (
+    Command,
+    Event,
+    Frame,
+    Job,
+    Json,
+    Packet,
+    Procedure,
+    ProcedureRun,
+    Solution,
+    TelemetryValue,
+    Transfer,
+)
 
 POLL_S = 0.25
 PAGE = 500
@@ -207,6 +219,62 @@ class Client:
         """Run a chain on a stored frame and store the result. ``options``: chain, profile, fov_deg, blind, aberration, as in
         ``POST /api/frames/{id}/solve``."""
         return Solution.of(self._server.post(f"/frames/{_id_of(frame)}/solve", options))
+
+    # -- procedures
+
+    def procedures(self) -> list[Procedure]:
+        """Return the stored procedures, by name."""
+        return [Procedure.of(row) for row in self._server.get("/procedures")["stored"]]
+
+    def run_procedure(
+        self,
+        name: str,
+        *,
+        answers: Mapping[str, str] | None = None,
+        confirm: Collection[str] = (),
+        timeout_s: float = 600.0,
+    ) -> ProcedureRun:
+        """Run a stored procedure to its end. ``answers``: to questions, by the name of the step; ``confirm``: steps whose hazardous
+        command is sent. ProcedureFailed, and the run stops, if it needs a person for another step or a step fails; a hold point
+        always needs a second person. KeyError if there is no such procedure."""
+        procedure = {one.name: one for one in self.procedures()}[name]
+        run = ProcedureRun.of(self._server.post(f"/procedures/{procedure.id}/start", {"automatic": True}))
+        deadline_s = time.monotonic() + timeout_s
+        while not run.ended:
+            if time.monotonic() > deadline_s:
+                raise self._stopped(run, f"not completed within {timeout_s:g} s")
+            if run.entries and run.entries[-1]["state"] == "failed":
+                raise self._stopped(run, run.entries[-1]["detail"])
+            step = next(one for one in run.steps if one["id"] == run.current)
+            body = self._step_of(step, answers or {}, confirm)
+            if body is None:
+                raise self._stopped(run, f"a person must do this step ({step['kind']})")
+            if body and not run.under_way:
+                self._server.post(f"/procedure-runs/{run.id}/step", body)
+            time.sleep(POLL_S)
+            run = ProcedureRun.of(self._server.get(f"/procedure-runs/{run.id}"))
+        if run.state != "completed":
+            raise ProcedureFailed(run, f"{run.state}. {run.reason}")
+        return run
+
+    @staticmethod
+    def _step_of(
+        step: Mapping[str, Json], answers: Mapping[str, str], confirm: Collection[str]
+    ) -> dict[str, Json] | None:
+        """Return the request that runs a step; empty if the server runs it, None if it needs a person."""
+        name = step["id"]
+        if step["kind"] == "question":
+            return {"step": name, "answer": answers[name]} if name in answers else None
+        if step["kind"] in ("hold", "sign"):
+            return None
+        if step["kind"] == "command" and step["confirm_name"]:
+            return {"step": name, "confirm": step["confirm_name"]} if name in confirm else None
+        return {}
+
+    def _stopped(self, run: ProcedureRun, why: str) -> ProcedureFailed:
+        """Stop a run and return the error for it."""
+        stopped = self._server.post(f"/procedure-runs/{run.id}/stop", {"reason": why[:500]})
+        return ProcedureFailed(ProcedureRun.of({**stopped, "current": run.current}), why)
 
     # -- catalogues and jobs
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gss.client.records import Command, Job, Transfer
+    from gss.client.records import Command, Job, ProcedureRun, Transfer
 
 
 class ClientError(Exception):
@@ -50,3 +50,11 @@ class JobFailed(ClientError):
     def __init__(self, job: Job) -> None:
         super().__init__(f"Job {job.id} ({job.title}): {job.state}. {job.text}".rstrip())
         self.job = job
+
+
+class ProcedureFailed(ClientError):
+    """A procedure ended before its last step, or needs a person. ``run``: the run as it is then."""
+
+    def __init__(self, run: ProcedureRun, why: str) -> None:
+        super().__init__(f"Procedure {run.name}, step {run.current or 'none'}: {why}".rstrip(". ") + ".")
+        self.run = run

@@ -171,3 +171,39 @@ class Solution(ClientRecord):
     def quaternion(self) -> NDArray[np.float64] | None:
         """cam_from_icrs, scalar last, shape (4,)."""
         return None if self.attitude is None else np.array(self.attitude["quaternion"], dtype=float)
+
+
+@dataclass(frozen=True)
+class Procedure(ClientRecord):
+    """A stored procedure. ``mistakes``: it can start if there are none."""
+
+    id: int
+    name: str
+    text: str
+    steps: int
+    mistakes: int
+
+
+@dataclass(frozen=True)
+class ProcedureRun(ClientRecord):
+    """Run of a procedure. ``current``: step that is next or under way, "" at the end; ``entries``: record of each step that was
+    begun; ``sha256``: of the frozen record of an ended run."""
+
+    id: int
+    name: str
+    state: str
+    current: str
+    entries: list[Mapping[str, Json]]
+    reason: str
+    sha256: str
+    steps: list[Mapping[str, Json]]
+
+    @property
+    def ended(self) -> bool:
+        """True if no further step runs."""
+        return self.state != "running"
+
+    @property
+    def under_way(self) -> bool:
+        """True if a step was begun and has not ended."""
+        return bool(self.entries) and not self.entries[-1]["ended"]

@@ -12,9 +12,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gss.client import Client, ClientError, CommandFailed, NotAllowed, Packet, ServerAway, TimedOut
+from gss.client import Client, ClientError, CommandFailed, NotAllowed, Packet, ProcedureFailed, ServerAway, TimedOut
 
 pytestmark = pytest.mark.timeout(240)
+PROCEDURE = """# Look at the sensor
+
+## status: Ask for the status
+
+```command
+GET_STATUS
+```
+
+## free: May the cycle be stopped?
+
+```question
+Is the sensor free?
+yes: next
+no: end
+```
+
+## second: A second person looks
+
+```hold
+Everything is in order.
+```
+"""
 
 
 @pytest.fixture
@@ -79,6 +101,24 @@ def test_refusals_are_exceptions_with_the_servers_words(serve, new_token):
             gss.wait_telemetry("housekeeping.sensor_temperature_c", lambda value: False, 0.5)
     with Client("http://127.0.0.1:1", "none", reconnect_s=0) as gss, pytest.raises(ServerAway, match="does not answer"):
         gss.link()
+
+
+def test_a_procedure_runs_to_its_end_or_stops_where_a_person_is_needed(serve, new_token):
+    """Steps and answers run alone; a question without an answer and a hold point stop the run and are named."""
+    server = serve("--simulator", "cubestar")
+    server.console.post("/procedures", {"text": PROCEDURE})
+    with Client(server.console.address, new_token(server.console)) as gss:
+        gss.wait_connected(60)
+        with gss.authority():
+            ended = gss.run_procedure("Look at the sensor", answers={"free": "no"})
+            assert (ended.state, [entry["step"] for entry in ended.entries]) == ("completed", ["status", "free"])
+            assert len(ended.sha256) == 64
+            with pytest.raises(ProcedureFailed, match="step free: a person must do this step"):
+                gss.run_procedure("Look at the sensor")
+            with pytest.raises(ProcedureFailed, match="step second: a person must do this step"):
+                gss.run_procedure("Look at the sensor", answers={"free": "yes"})
+        with pytest.raises(KeyError):
+            gss.run_procedure("No such procedure")
 
 
 def test_following_survives_a_restart_without_gap_or_double(serve, new_token):
