@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 def register(subparsers: Commands) -> None:
     """Add the commands."""
     kinds = subparsers.add_parser("attitude").add_subparsers(dest="kind", required=True, metavar="WHAT")
-    p = kinds.add_parser("export", help="write the attitudes of stored frames as a CCSDS AEM or ACM")
-    p.add_argument("--from", dest="start", metavar="TIME", required=True, help="start, ISO 8601, UTC by default")
-    p.add_argument("--to", dest="end", metavar="TIME", required=True, help="end, ISO 8601")
-    p.add_argument("--format", default="aem", choices=("aem", "acm"), help="default aem; acm includes variances")
-    _with_origin(p)
-    p.add_argument("--out", type=Path, help="file to write; standard output without it")
-    p.set_defaults(run=export_attitudes)
-    p = kinds.add_parser("compare", help="compare stored frames with the attitudes of a CCSDS AEM or ACM")
-    p.add_argument("file", type=Path, help="attitude message in KVN")
-    _with_origin(p)
-    p.add_argument("--json", action="store_true", help="print one JSON object with every frame")
-    p.set_defaults(run=compare_attitudes)
+    parser = kinds.add_parser("export", help="write the attitudes of stored frames as a CCSDS AEM or ACM")
+    parser.add_argument("--from", dest="start", metavar="TIME", required=True, help="start, ISO 8601, UTC by default")
+    parser.add_argument("--to", dest="end", metavar="TIME", required=True, help="end, ISO 8601")
+    parser.add_argument("--format", default="aem", choices=("aem", "acm"), help="default aem; acm includes variances")
+    _with_origin(parser)
+    parser.add_argument("--out", type=Path, help="file to write; standard output without it")
+    parser.set_defaults(run=export_attitudes)
+    parser = kinds.add_parser("compare", help="compare stored frames with the attitudes of a CCSDS AEM or ACM")
+    parser.add_argument("file", type=Path, help="attitude message in KVN")
+    _with_origin(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object with every frame")
+    parser.set_defaults(run=compare_attitudes)
 
 
 def _with_origin(parser: argparse.ArgumentParser) -> None:

@@ -20,6 +20,8 @@ from gss.orbit.trajectory import unix_s
 
 MOST_ATTITUDES = 200_000
 UNIT_LENGTH = 1e-3
+EARLIEST_S, LATEST_S = -6e10, 2.5e11
+"""Unix seconds that a date can hold."""
 BLOCKS = ("META", "DATA", "ATT", "COV", "PHYS", "MAN", "AD", "USER")
 STATED_TYPE = ("ATTITUDE_TYPE", "ATT_TYPE")
 
@@ -144,7 +146,7 @@ def _row(line: int, parts: list[str], keys: dict[str, str]) -> tuple[float, Arra
     except (ValueError, OverflowError):
         numbers, t = np.empty(0), np.nan
     length = float(np.linalg.norm(numbers)) if len(numbers) == 4 else np.nan
-    if not (np.isfinite(t) and abs(length - 1) < UNIT_LENGTH):
+    if not (EARLIEST_S < t < LATEST_S and abs(length - 1) < UNIT_LENGTH):
         raise BadInput(
             f"Line {line} of the message is not an attitude",
             expected="a time and a quaternion of length 1",

@@ -116,6 +116,7 @@ def test_attitudes_are_interpolated_at_a_constant_rate_and_not_over_gaps() -> No
         (rewritten("\n2026-12-01T18:00:10", "\n2026-13-01T18:00:10"), "valid"),
         (rewritten("\n2026-12-01T18:00:10", "\n2026-12-01T17:00:10"), "order of time"),
         (AEM.replace("0.", "0.9"), "not an attitude"),
+        (ACM.replace("\n40.000000 ", "\n1e15 "), "not an attitude"),
         (AEM.replace("DATA_STOP", "META_STOP"), "Line"),
         (AEM + AEM.replace("ZA-1", "ZA-2"), "several objects"),
         (AEM.partition("META_START")[0] + AEM.partition("META_STOP\n")[2], "META block"),

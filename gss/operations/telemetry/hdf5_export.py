@@ -115,7 +115,7 @@ def _value(of: str, value: Any) -> Any:
         return _number(value)
     if of == "bool":
         return UNKNOWN_BOOL if value is None else int(value)
-    return "" if value is None else str(value)
+    return "" if value is None else str(value).replace("\0", "\N{REPLACEMENT CHARACTER}")  # HDF5 cannot store it
 
 
 def _number(value: Any) -> float:
