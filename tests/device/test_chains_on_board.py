@@ -96,16 +96,16 @@ def test_three_attitudes_in_a_row_are_stored_and_a_failure_clears_them(bench: Be
     """The last attitude is kept, the ones before it are discarded when an iteration fails."""
     for count in (0, 1, 2, 2):
         bench.do("RUN_ITERATION")
-        assert len(bench.tracker.known.earlier) == count
+        assert len(bench.tracker.prior.earlier) == count
     last = bench.tracker.quaternion
     bench.do("SIM_INJECT", fault="blinded")
     assert bench.do("RUN_ITERATION").values["outcome"] == "none"
-    assert bench.tracker.known.earlier == ()
+    assert bench.tracker.prior.earlier == ()
     assert (bench.tracker.quaternion == last).all()  # type: ignore[union-attr]
     bench.do("RESET")
     bench.run(1.0)
     assert bench.tracker.quaternion is None
-    assert bench.tracker.known.commanded is None
+    assert bench.tracker.prior.commanded is None
 
 
 @pytest.mark.parametrize("rate_deg_s", [(0.1, 0.1, 0.1), (0.0, 0.05, 0.0)])

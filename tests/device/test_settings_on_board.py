@@ -170,7 +170,7 @@ def test_the_apriori_attitude_is_the_hint_of_an_assisted_iteration(make_bench: C
     expected = apriori_hint(orbit, commanded_rad, float(attitude["frame_time_s"]))  # type: ignore[arg-type]
     assert work.hint.boresight_icrs == pytest.approx(expected.boresight_icrs, abs=1e-9)
     bench.do("SET_APRIORI", uncertainty_deg=180.0)
-    assert bench.tracker.known.apriori is None
+    assert bench.tracker.prior.apriori is None
 
 
 def test_a_wrong_apriori_attitude_gives_no_attitude(make_bench: Callable[..., Bench]) -> None:
