@@ -15,7 +15,6 @@ MANIFEST_VERSION = 2
 LARGEST = 0x7FFF_FFFF
 # Fields added in version 2; a version 1 manifest has none of them.
 SINCE_2 = ("corrections", "source_facts", "occultation", "method", "assessment")
-SOURCE = "Hipparcos, the new reduction (van Leeuwen 2007, CDS I/311), V and names from d3-celestial (BSD-3)"
 
 
 @dataclass(frozen=True)

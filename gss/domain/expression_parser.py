@@ -39,7 +39,6 @@ FUNCTIONS: Mapping[str, tuple[int, int, Callable[[Sequence[float]], float]]] = {
     "max": (2, 20, max),
 }
 """(fewest arguments, most arguments, function)."""
-WORDS = ("and", "or", "not", "true", "false", *FUNCTIONS)
 
 
 @dataclass(frozen=True)

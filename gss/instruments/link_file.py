@@ -118,9 +118,6 @@ class Protocol(Strict):
         return self
 
 
-FRAMINGS = ("cobs", "slip", "kiss", "length_prefixed", "sync_and_trailer", "can", "none")
-
-
 class LinkFile(Noted):
     """``link.yaml``: the line of the unit. ``baud`` 0: not paced. ``hello_again_s``: pause between attempts to open the
     session. ``stalled_after_s``: a line that takes no bytes for this long is closed and opened again. ``protocol``: for the

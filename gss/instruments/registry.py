@@ -84,10 +84,6 @@ class Registry:
         """The cameras of all valid instruments by name."""
         return {i.name: i.profile for i in self.all()}
 
-    def cameras_with_chain(self) -> dict[str, CameraProfile]:
-        """The cameras whose sensor runs a chain that the ground knows, by name."""
-        return {name: profile for name, profile in self.cameras().items() if profile.chain}
-
     def broken(self) -> tuple[BrokenPackage, ...]:
         """Own packages that are invalid, with the reason."""
         problems = []

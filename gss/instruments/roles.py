@@ -12,7 +12,6 @@ from pydantic import Field, ValidationError
 
 from gss.domain.errors import BadInput
 from gss.instruments.dictionary.definitions import Dictionary
-from gss.instruments.dictionary.read_dictionary import shared_dictionary
 from gss.instruments.marked_yaml import MarkedYaml, parse_yaml
 from gss.instruments.operations import Operation, OperationRow, StandardOperations, check_operation
 from gss.instruments.quantities import Strict
@@ -60,12 +59,6 @@ def default_roles(dictionary: Dictionary) -> Roles:
     }
     named = {name: value for name, value in events.model_dump().items() if ("events", name) not in wrong}
     return Roles(StandardOperations(rows, dictionary), Quantities.model_validate(valid_roles), Events(**named))
-
-
-@lru_cache(maxsize=1)
-def shared_roles() -> Roles:
-    """Return the roles of the protocol that the shipped instruments share."""
-    return read_roles(_shared_file(), shared_dictionary(SHARED))
 
 
 @lru_cache(maxsize=1)

@@ -75,7 +75,6 @@ class Keep(Protocol):
 class JobRun:
     """Context of a job's work. ``checkpoint``: what the last ``keep`` stored, None on the first run."""
 
-    job_id: int
     checkpoint: dict[str, Any] | None
     progress: Progress
     keep: Keep
@@ -289,7 +288,7 @@ class JobService:
 
         try:
             progress(job.done, job.total, "Started")
-            result = work(JobRun(job_id, job.checkpoint, progress, keep))
+            result = work(JobRun(job.checkpoint, progress, keep))
         except Cancelled:
             self._interrupted(job, last)
         except GssError as error:

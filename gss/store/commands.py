@@ -108,11 +108,6 @@ def by_request(session: Session, request_id: int) -> Command | None:
     return session.scalar(select(Command).where(Command.request_id == request_id).order_by(Command.id.desc()).limit(1))
 
 
-def newest(session: Session, limit: int, contact_id: int | None = None) -> list[Command]:
-    """Return the newest commands first."""
-    return page(session, Filter(contact_id=contact_id), limit)
-
-
 def page(session: Session, filters: Filter, limit: int, before: int | None = None) -> list[Command]:
     """Return a page of matching commands, newest first, with ids below ``before``."""
     return paging.newest(session, filters.apply(select(Command)), Command.id, limit, before)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from datetime import datetime
-from typing import TypeVar
 
-from sqlalchemy import ColumnElement, delete, func, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
 from gss.store.models import FusedRow, HeadPairRow, Spacecraft
-
-Row = TypeVar("Row", FusedRow, HeadPairRow)
 
 
 def every(session: Session) -> list[Spacecraft]:
@@ -78,21 +75,9 @@ def newest_fused(session: Session, spacecraft_id: int) -> FusedRow | None:
 def pairs_between(session: Session, spacecraft_id: int, start: datetime, end: datetime, most: int) -> list[HeadPairRow]:
     """Return comparisons of a span, oldest first; every n-th of each unit where there are more than ``most``."""
     row = HeadPairRow
+    within = (row.spacecraft_id == spacecraft_id, row.at.between(start, end))
+    count = session.scalar(select(func.count()).select_from(row).where(*within)) or 0
     number = func.row_number().over(partition_by=row.unit, order_by=row.at)
-    return _thinned(session, row, number, (row.spacecraft_id == spacecraft_id, row.at.between(start, end)), most)
-
-
-def fused_between(session: Session, spacecraft_id: int, start: datetime, end: datetime, most: int) -> list[FusedRow]:
-    """Return fused attitudes of a span, oldest first; every n-th where there are more than ``most``."""
-    row = FusedRow
-    number = func.row_number().over(order_by=row.at)
-    return _thinned(session, row, number, (row.spacecraft_id == spacecraft_id, row.at.between(start, end)), most)
-
-
-def _thinned(
-    session: Session, table: type[Row], number: ColumnElement[int], within: Sequence[ColumnElement[bool]], most: int
-) -> list[Row]:
-    count = session.scalar(select(func.count()).select_from(table).where(*within)) or 0
-    numbered = select(table.id, number.label("n")).where(*within).subquery()
-    query = select(table).join(numbered, numbered.c.id == table.id)
-    return list(session.scalars(query.where(numbered.c.n % max(1, -(-count // most)) == 0).order_by(table.at)))
+    numbered = select(row.id, number.label("n")).where(*within).subquery()
+    query = select(row).join(numbered, numbered.c.id == row.id)
+    return list(session.scalars(query.where(numbered.c.n % max(1, -(-count // most)) == 0).order_by(row.at)))

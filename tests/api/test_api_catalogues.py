@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 from gss.catalogue_tools.onboard import decode, read_c_source
 from gss.catalogue_tools.sources.hipparcos import load_stars
 from gss.catalogue_tools.sources.star_list_export import write_star_list
-from gss.operations.catalogues.catalogue_files import KINDS, import_file
+from gss.operations.catalogues.catalogue_files import TYPES, import_file
 from gss.store import bank_history, devices
 from gss.store.models import BankHistory
 
@@ -254,7 +254,7 @@ def test_difference_of_two_stored_catalogues(client: TestClient, pair: Any) -> N
     assert client.get("/api/catalogues/diff", params={"old": old["id"], "new": 999_999}).status_code == 404
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", TYPES)
 def test_each_export_contains_the_catalogue(client: TestClient, pair: Any, kind: str) -> None:
     """Images and tables return identical bytes; the others list each star."""
     detail = pair[0]

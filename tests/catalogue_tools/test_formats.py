@@ -11,9 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gss.catalogue_tools.formats.byte_tables import format_table, section_table
-from gss.catalogue_tools.formats.registry import BY_NAME, blocks_of
-from gss.catalogue_tools.formats.sections import SECTIONS
+from gss.catalogue_tools.formats.registry import blocks_of
 from gss.catalogue_tools.onboard import (
     FORMATS,
     base_format,
@@ -259,7 +257,7 @@ def test_any_list_comes_back_and_encodes_the_same(format_name, places):
     assert encoded_again(image) == image
     back = decode(image)
     assert np.abs(back.icrs - stars.icrs).max() < 3e-7
-    if BY_NAME[format_name].has_magnitudes:
+    if format_name != "cubestar":  # whose banks have no magnitudes
         assert np.abs(back.v_mag - mag).max() < 6e-4
 
 
@@ -451,16 +449,3 @@ def test_c_formats_are_the_formats_as_source():
     assert base_format("far-mst") == "far-mst"
     with pytest.raises(BadInput, match=r"cubestar \| sunsat \| sunsat-5 \| far-mst \| oersted \| aim"):
         base_format("punched-tape-c")
-
-
-# --- the written page -------------------------------------------------------------------------------------------------
-
-
-def test_the_page_has_the_byte_tables_of_the_code():
-    """docs/catalogue-formats.md is what the code writes."""
-    page = (ROOT / "docs" / "catalogue-formats.md").read_text()
-    for name, fmt in BY_NAME.items():
-        assert format_table(fmt) in page, name
-        assert f"| {name} | {fmt.number} |" in page
-    for tag in SECTIONS:
-        assert section_table(tag) in page, tag

@@ -24,7 +24,9 @@ from gss.instruments.registry import shipped_camera, shipped_registry
 from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.onboard import Commanded
 
-CAMERAS = pytest.mark.parametrize("camera", shipped_registry().cameras_with_chain().values(), ids=lambda p: p.name)
+CAMERAS = pytest.mark.parametrize(
+    "camera", [i.profile for i in shipped_registry().all() if i.profile.chain], ids=lambda p: p.name
+)
 NAMES = st.text("abcdefghijklmnopqrstuvwxyz_", min_size=1, max_size=20)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 

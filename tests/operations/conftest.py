@@ -13,7 +13,7 @@ import pytest
 from gss.domain.errors import NotPermitted
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.registry import Registry
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.command_history import CommandHistory
@@ -82,7 +82,14 @@ class OperatorConsole:
         self.sensor, self.bus = sensor, bus
         self.events = LineEventQueue(now, sensor.monotonic_s)
         self.link = LinkService(
-            load_dictionary(), shared_roles(), database, bus, folder / "captures", now, sensor.monotonic_s, self.events
+            load_dictionary(),
+            default_roles(load_dictionary()),
+            database,
+            bus,
+            folder / "captures",
+            now,
+            sensor.monotonic_s,
+            self.events,
         )
         self.authority = AuthorityService(database, bus, now)
         self.refused: set[str] = set()

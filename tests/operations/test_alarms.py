@@ -11,7 +11,7 @@ from gss.device.session_events import DeviceEvent, Telemetry
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import Limits, State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
@@ -28,7 +28,14 @@ class AlarmHarness:
     def __init__(self, database, bus, clock, folder) -> None:
         self.clock, self.bus = clock, bus
         self.link = LinkService(
-            DICTIONARY, shared_roles(), database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+            DICTIONARY,
+            default_roles(DICTIONARY),
+            database,
+            bus,
+            folder,
+            clock,
+            lambda: 0.0,
+            LineEventQueue(clock, lambda: 0.0),
         )
         self.telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
         self.alarms = AlarmService(DICTIONARY, self.telemetry, self.link, database, bus, clock)

@@ -18,7 +18,7 @@ from gss.device.session_events import (
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.domain.limits import State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
@@ -40,7 +40,14 @@ class BankHistoryHarness:
     def __init__(self, database, bus, clock, folder) -> None:
         self.database, self.clock = database, clock
         self.link = LinkService(
-            DICTIONARY, shared_roles(), database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+            DICTIONARY,
+            default_roles(DICTIONARY),
+            database,
+            bus,
+            folder,
+            clock,
+            lambda: 0.0,
+            LineEventQueue(clock, lambda: 0.0),
         )
         telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
         self.alarms = AlarmService(DICTIONARY, telemetry, self.link, database, bus, clock)

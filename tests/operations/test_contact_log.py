@@ -7,7 +7,7 @@ import pytest
 from gss.device.session_events import DirectionCounters, HelloReceived, LinkCounters
 from gss.domain.errors import BadInput
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_events import LineBatch, LineOpened
 from gss.operations.line.link import LinkService
@@ -25,7 +25,7 @@ def test_a_unit_that_cannot_say_so_is_simulated_at_the_address_of_the_own_simula
     """The header and the stored device agree; a unit at another address is not simulated."""
     link = LinkService(
         load_dictionary(),
-        shared_roles(),
+        default_roles(load_dictionary()),
         database,
         bus,
         tmp_path,
@@ -45,6 +45,8 @@ def test_a_unit_that_cannot_say_so_is_simulated_at_the_address_of_the_own_simula
 def test_a_line_that_does_not_fit_the_framing_is_refused(database, bus, clock, tmp_path) -> None:
     """Frames of a CAN bus and bytes of a serial line are different things."""
     queue = LineEventQueue(clock, lambda: 0.0)
-    link = LinkService(load_dictionary(), shared_roles(), database, bus, tmp_path, clock, lambda: 0.0, queue)
+    link = LinkService(
+        load_dictionary(), default_roles(load_dictionary()), database, bus, tmp_path, clock, lambda: 0.0, queue
+    )
     with pytest.raises(BadInput, match="does not fit the sensor's framing cobs"):
         link.open("can://socketcan/can0")

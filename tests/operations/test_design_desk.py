@@ -21,7 +21,7 @@ from gss.operations.report.html import as_html
 from gss.operations.requests import request_from
 
 STARS = load_stars()
-ROWS = document_rows(shipped_registry().cameras_with_chain().values(), STARS)
+ROWS = document_rows((i.profile for i in shipped_registry().all() if i.profile.chain), STARS)
 SUNSAT = DesignCamera.from_profile(shipped_camera("sunsat"))
 SMALL = r.DesignEffort(3_000, 400, 3e4, 200)
 

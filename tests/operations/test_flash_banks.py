@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from gss.domain.errors import BadInput, Conflict
-from gss.instruments.roles import shared_roles
+from gss.instruments.dictionary.read_dictionary import load_dictionary
+from gss.instruments.roles import default_roles
 from gss.operations.transfers.flash_banks import CATALOGUES, TABLES, FlashBanks
 
 SHA256 = bytes(range(32))
@@ -16,7 +17,7 @@ SHA256 = bytes(range(32))
 
 def flash(hello: Any = "a device") -> FlashBanks:
     """The banks of a device that has identified itself."""
-    return FlashBanks(SimpleNamespace(hello=hello, reason="silence", roles=shared_roles()))  # type: ignore[arg-type]
+    return FlashBanks(SimpleNamespace(hello=hello, reason="silence", roles=default_roles(load_dictionary())))  # type: ignore[arg-type]
 
 
 def test_reports_of_catalogues_and_tables_are_kept_apart_by_kind() -> None:
@@ -42,7 +43,7 @@ def test_an_upload_goes_to_an_inactive_bank_of_its_kind() -> None:
     """
     banks = flash()
     banks.take({"table": "parameters", "bank": "B", "state": "committed", "active": True, "sha256": SHA256})
-    assert banks.target("calibration", "B")[0] == TABLES.number(shared_roles().operations, "B")
+    assert banks.target("calibration", "B")[0] == TABLES.number(default_roles(load_dictionary()).operations, "B")
     with pytest.raises(Conflict, match="parameters bank B is active"):
         banks.target("parameters", "B")
     with pytest.raises(BadInput, match="no such choice"):

@@ -10,7 +10,7 @@ import pytest
 from gss.device.session_events import Telemetry
 from gss.domain.limits import State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.instruments.telemetry_roles import AttitudeRole
 from gss.operations.frames.margins import CURRENT_S, MarginWatch, margins_deg
 from gss.operations.frames.place import Place
@@ -50,7 +50,7 @@ def test_an_alarm_follows_the_attitude_while_it_is_current(database, bus, clock,
     seconds = [0.0]
     dictionary = load_dictionary()
     queue = LineEventQueue(clock, lambda: 0.0)
-    link = LinkService(dictionary, shared_roles(), database, bus, tmp_path, clock, lambda: 0.0, queue)
+    link = LinkService(dictionary, default_roles(dictionary), database, bus, tmp_path, clock, lambda: 0.0, queue)
     telemetry = TelemetryService(dictionary, database, bus, clock, lambda: None, lambda: True)
     alarms = AlarmService(dictionary, telemetry, link, database, bus, clock)
     attitude = LastAttitude(ROLE, lambda: seconds[0], lambda: None)

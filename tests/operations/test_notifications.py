@@ -18,7 +18,7 @@ import pytest
 from gss.domain.errors import BadInput, NotFound, NotPermitted
 from gss.domain.limits import State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.link import LinkService
 from gss.operations.notifications.notifications import MOST_TRIES, NotificationService
@@ -130,7 +130,14 @@ class Harness:
     def __init__(self, database, bus, clock, folder: Path, rules: str) -> None:
         self.database, self.bus, self.clock = database, bus, clock
         self.link = LinkService(
-            DICTIONARY, shared_roles(), database, bus, folder, clock, lambda: 0.0, LineEventQueue(clock, lambda: 0.0)
+            DICTIONARY,
+            default_roles(DICTIONARY),
+            database,
+            bus,
+            folder,
+            clock,
+            lambda: 0.0,
+            LineEventQueue(clock, lambda: 0.0),
         )
         telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
         self.alarms = AlarmService(DICTIONARY, telemetry, self.link, database, bus, clock)

@@ -15,7 +15,7 @@ from gss.device.session_events import Telemetry
 from gss.domain.limits import Limits
 from gss.instruments.dictionary.definitions import Group, TelemetryField
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.events import EventBus
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_events import LineBatch
@@ -42,7 +42,7 @@ class BatchHarness:
         bus = EventBus(self.database, clock)
         link = LinkService(
             DICTIONARY,
-            shared_roles(),
+            default_roles(DICTIONARY),
             self.database,
             bus,
             folder,

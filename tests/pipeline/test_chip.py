@@ -89,7 +89,7 @@ def test_impossible_flaws_are_refused(flaw: Defects) -> None:
 
 def test_every_profile_has_flaws_and_a_baffle_with_a_source() -> None:
     """Each camera states its defects with a source, or that they were chosen."""
-    for p in shipped_registry().cameras_with_chain().values():
+    for p in (i.profile for i in shipped_registry().all() if i.profile.chain):
         assert p.defects != NO_DEFECTS
         assert {"defects", "sun, earth", "blind"} <= set(p.sources)
         assert p.camera.half_diagonal_rad < p.baffle.blind_rad <= p.baffle.sun_limit_rad

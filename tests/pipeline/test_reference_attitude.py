@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from gss.catalogue_tools.corrections.corrections import aberrate, earth_velocity_c
+from gss.catalogue_tools.corrections.ephemeris import bodies_at
 from gss.catalogue_tools.sources.hipparcos import load_stars
+from gss.domain.aberration import aberrate
 from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.results import Centroids, SolveResult
@@ -110,7 +111,7 @@ def test_aberration_is_taken_out_to_the_noise(name: str) -> None:
     nothing is left but noise."""
     known = shipped_camera(name)
     stars, rng = known_sky(known), np.random.default_rng(33)
-    velocity_c = earth_velocity_c(2026.4)
+    velocity_c = bodies_at(2026.4).earth_velocity_c
     drawn = STARS.brighter_than(min(known.sensor.faint_limit_mag + 2, 8.0))
     apparent = replace(drawn, icrs=aberrate(drawn.icrs, velocity_c))
     kept, taken, expected = [], [], []

@@ -184,7 +184,9 @@ def test_commands_keep_their_stages_and_those_in_flight_are_found(database):
         assert commands.last_request_id(session) == 4_294_967_290
         assert [c.request_id for c in commands.left_in_flight(session)] == [4_294_967_290]
         assert [s.stage for s in commands.by_request(session, 7).stages] == ["queued"]
-        assert [c.request_id for c in commands.newest(session, 1, contact.id)] == [4_294_967_290]
+        assert [c.request_id for c in commands.page(session, commands.Filter(contact_id=contact.id), 1)] == [
+            4_294_967_290
+        ]
 
 
 def test_telemetry_spans_read_numbers_out_of_packets(database):

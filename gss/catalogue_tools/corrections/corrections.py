@@ -15,10 +15,6 @@ from gss.domain.rotation import rotation_x, rotation_z
 J2000_JYEAR = 2000.0
 DAYS_PER_YEAR = 365.25
 OBLIQUITY_J2000_RAD = 84381.406 * ARCSEC_RAD
-# Mean orbital speed na/√(1−e²) of the Earth over the speed of light: the constant of aberration.
-ABERRATION_CONSTANT_RAD = 20.49552 * ARCSEC_RAD
-EARTH_ECCENTRICITY = 0.016709
-EARTH_PERIHELION_J2000_RAD = np.radians(102.937)
 # Longitude drift of the axes of date relative to those of J2000, rad per year.
 GENERAL_PRECESSION_RAD_YR = 50.28796 * ARCSEC_RAD
 ICRS_FROM_ECLIPTIC = rotation_x(-OBLIQUITY_J2000_RAD)
@@ -31,24 +27,6 @@ def sun_longitude_rad(jyear: float) -> float:
     anomaly_rad = np.radians(357.528 + 0.9856003 * days)
     of_date_deg = 280.460 + 0.9856474 * days + 1.915 * np.sin(anomaly_rad) + 0.020 * np.sin(2 * anomaly_rad)
     return float(np.radians(of_date_deg) - GENERAL_PRECESSION_RAD_YR * (jyear - J2000_JYEAR))
-
-
-def unit_from_ecliptic_longitude(longitude_rad: Array | float) -> Array:
-    """(…, 3) ICRS unit vectors on the ecliptic of J2000."""
-    longitude = np.asarray(longitude_rad, float)
-    flat = np.stack([np.cos(longitude), np.sin(longitude), np.zeros_like(longitude)], axis=-1)
-    return np.asarray(flat @ ICRS_FROM_ECLIPTIC.T)
-
-
-def earth_velocity_c(jyear: float) -> Array:
-    """(3,) ICRS velocity of the Earth in units of the speed of light, from a Kepler ellipse about the Sun.
-
-    Neglects the Sun's motion about the barycentre (13 m/s) and the Moon's pull (12 m/s), which amount to 0.02″.
-    """
-    longitude = sun_longitude_rad(jyear) + np.pi
-    e, perihelion = EARTH_ECCENTRICITY, EARTH_PERIHELION_J2000_RAD
-    ecliptic = [-np.sin(longitude) - e * np.sin(perihelion), np.cos(longitude) + e * np.cos(perihelion), 0.0]
-    return np.asarray(ABERRATION_CONSTANT_RAD * (ICRS_FROM_ECLIPTIC @ np.array(ecliptic)))
 
 
 def parallactic(unit: Array, parallax_rad: Array, observer_au: Array) -> Array:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gss.catalogue_tools.corrections.corrections import DAYS_PER_YEAR, aberrate
 from gss.catalogue_tools.corrections.ephemeris import AU_KM, DAY_S, PLANETS, TT_MINUS_UTC_S, Bodies, bodies_at
 from gss.catalogue_tools.envelope.orbits import jyear_of
-from gss.domain.angles import Array, ra_dec_from_unit, separation_rad
+from gss.domain.angles import Array, ra_dec_from_unit
 from gss.domain.errors import BadInput
 
 PLANET_RADIUS_KM = (2440.5, 6051.8, 3396.2, 71492.0, 60268.0, 25559.0, 24764.0)
@@ -77,23 +77,6 @@ class Exclusions:
         }
 
 
-@dataclass(frozen=True)
-class Meeting:
-    """Closest approach of a body to one of the given directions.
-
-    ``separation_rad``: from the body's limb; negative if it covers the direction. ``row``: index of the direction.
-    ``from_jyear``, ``to_jyear``: first and last sample within reach.
-    """
-
-    name: str
-    row: int
-    jyear: float
-    separation_rad: float
-    v_mag: float
-    from_jyear: float
-    to_jyear: float
-
-
 def exclusions(
     start: datetime, days: float, *, limit_mag: float = 6.0, step_days: float = 1.0, observer_km: Array | None = None
 ) -> Exclusions:
@@ -127,52 +110,10 @@ def exclusions(
     return Exclusions(jyear, bright_tracks, float(limit_mag))
 
 
-def near(tracks: Exclusions, unit: Array, reach_rad: float) -> tuple[Meeting, ...]:
-    """Find the bodies that come within ``reach_rad`` of any of the (n, 3) directions, limb and margin included; return
-    the closest approach of each.
-
-    Between two samples a body is taken to move along the great circle, so coarse steps miss none; the time is that of
-    the nearer sample.
-    """
-    places = np.atleast_2d(np.asarray(unit, float))
-    return tuple(m for track in tracks.tracks if (m := _meeting(track, tracks.jyear, places, reach_rad)) is not None)
-
-
 def within(tracks: Exclusions, contains: Any, names: tuple[str, ...] = ()) -> dict[str, NDArray[np.bool_]]:
     """(k,) mask per track of the samples inside a region; ``contains`` is a function of (n, 3) directions, such as
     an envelope's."""
     return {t.name: np.asarray(contains(t.icrs), bool) for t in tracks.tracks if not names or t.name in names}
-
-
-def _meeting(track: Track, jyear: Array, places: Array, reach_rad: float) -> Meeting | None:
-    away = np.stack([_way_past(track.icrs, place) for place in places]) - track.radius_rad - track.margin_rad
-    row, sample = (int(k) for k in np.unravel_index(int(np.argmin(away)), away.shape))
-    inside = np.flatnonzero((away <= reach_rad).any(axis=0))
-    if not len(inside):
-        return None
-    closest = float(away[row, sample])
-    first, last = float(jyear[inside[0]]), float(jyear[inside[-1]])
-    return Meeting(track.name, row, float(jyear[sample]), closest, float(track.v_mag[sample]), first, last)
-
-
-def _way_past(path: Array, place: Array) -> Array:
-    """(k,) smallest angle between a direction and a path of (k, 3) directions, assigning each step's minimum to its
-    nearer sample."""
-    away: Array = np.array(separation_rad(path, place), np.float64)
-    if len(path) < 2:
-        return away
-    start, end = path[:-1], path[1:]
-    pole = np.cross(start, end)
-    length = np.linalg.norm(pole, axis=1)
-    pole = pole / np.where(length > 0, length, 1.0)[:, None]
-    # The direction's foot on the great circle lies on the step if it is past the start and before the end.
-    past, before = np.cross(pole, start) @ place > 0, np.cross(end, pole) @ place > 0
-    on_step = past & before & (length > 0)
-    height = np.where(on_step, np.abs(np.arcsin(np.clip(pole @ place, -1, 1))), np.inf)
-    nearer_start = away[:-1] <= away[1:]
-    away[:-1] = np.minimum(away[:-1], np.where(nearer_start, height, np.inf))
-    away[1:] = np.minimum(away[1:], np.where(nearer_start, np.inf, height))
-    return away
 
 
 def _disc_track(series: list[Bodies], name: str, parallax_km: float) -> Track:

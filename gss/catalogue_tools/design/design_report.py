@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -250,11 +249,3 @@ def _notes(request: DesignRequest, limits: MagnitudeLimits, counted: InView) -> 
 
 def _part(progress: Progress, low: float, high: float) -> Progress:
     return lambda share: progress(low + (high - low) * share)
-
-
-def crossing(x: Array, y: Array, level: float) -> float:
-    """First x at which a falling y reaches the level, by linear interpolation; NaN if it never does."""
-    for (x0, y0), (x1, y1) in pairwise(zip(x, y, strict=True)):
-        if y0 > level >= y1:
-            return float(x0 + (x1 - x0) * (y0 - level) / (y0 - y1))
-    return float("nan")

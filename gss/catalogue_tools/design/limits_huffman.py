@@ -60,8 +60,3 @@ def limit_mag(c: DesignCamera) -> float:
     """Faintest V whose peak pixel reaches the camera's threshold by eq. 3.18."""
     i = imager_of(c)
     return magnitude(i, c.threshold_snr * 2 * np.pi * i.psf_sigma_px**2 * i.noise_e)
-
-
-def centroid_px(star_snr: float) -> float:
-    """Centroid error, 1σ, of weighted sums (eq. 4.2, whose left side is misnamed psfWidth)."""
-    return float(0.11 + 0.5 * star_snr**-1.3)

@@ -1,5 +1,4 @@
-"""Limiting magnitude and noise equivalent angle by the method of Moniteq 1983 §4.3–4.4, with the corrections of the
-errata."""
+"""Limiting magnitude by the method of Moniteq 1983 §4.4, with the corrections of the errata."""
 
 from __future__ import annotations
 
@@ -10,8 +9,6 @@ import numpy as np
 from gss.catalogue_tools.design.camera import DesignCamera
 
 STAR_V6_E_S_CM2 = 1.5e3
-A_BOUND, B_BOUND, C_BOUND = 0.11, 0.16, 8.6
-"""Upper bounds of the report for windows of 3 x 3 px: responsivity, shot noise, everything else."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +52,3 @@ def limit_mag(c: DesignCamera) -> float:
     """Faintest V whose light is the camera's threshold times the noise of its 3 x 3 window: S/N ≥ 3 times the
     threshold."""
     return limit_for_snr_mag(detector_of(c), c.aperture_cm2, c.exposure_s, 3 * c.threshold_snr)
-
-
-def position_sigma_px(d: MoniteqDetector, star_electrons: float, exposure_s: float) -> float:
-    """σ(P) = √(A σ²(G) + B/Q + C/Q²·(…)) with the upper bounds (§4.3)."""
-    q = star_electrons
-    noise2 = d.noise_e(exposure_s) ** 2
-    return float(np.sqrt(A_BOUND * d.response_sigma**2 + B_BOUND / q + C_BOUND / q**2 * noise2))

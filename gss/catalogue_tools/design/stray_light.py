@@ -24,8 +24,6 @@ class LightSource:
     radiance_w_cm2_sr: float
 
 
-PRINTED_SUN = LightSource("Sun, as printed", SUN_W_CM2, 5.6e2)
-"""The printed radiance uses the Sun's diameter as its radius (errata)."""
 SUN = LightSource("Sun", SUN_W_CM2, float(SUN_W_CM2 / (np.pi * SUN_RADIUS_RAD**2)))
 EARTH = LightSource("Earth", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)
 MOON = LightSource("Moon", ALBEDO_W_CM2, ALBEDO_W_CM2 / np.pi)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gss.catalogue_tools.corrections.corrections import ICRS_FROM_ECLIPTIC
-from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, Range, ordered
+from gss.catalogue_tools.envelope.orbits import Range, ordered
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.frames import cam_from_icrs
@@ -166,12 +166,6 @@ def base_from_icrs(limits: AttitudeLimits, sun_longitude_rad: Array) -> Array:
     rows = [[c, s, zero], [-s, c, zero], [zero, zero, zero + 1]]
     spin = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
     return np.asarray(BASE_FROM_SUN[limits.pointing] @ spin @ ICRS_FROM_ECLIPTIC.T)
-
-
-def off_nadir_rad(altitude_m: float, elevation_rad: float) -> float:
-    """Angle from nadir, at the satellite, of a ground point that sees the satellite at ``elevation_rad``: sin η = R
-    cos ε / (R + h)."""
-    return float(np.arcsin(EARTH_RADIUS_M / (EARTH_RADIUS_M + altitude_m) * np.cos(elevation_rad)))
 
 
 # Base axes of a law from axes with +x to the Sun and +z to the ecliptic pole.

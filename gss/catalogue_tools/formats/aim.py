@@ -66,7 +66,6 @@ FORMAT = BankFormat(
     pairs=None,
     most_stars=((1 << 16) - 1 + 12) // 6,
     largest_pair_rad=np.pi,
-    has_magnitudes=True,
     write=write,
     read=read,
     sections=("LINK",),

@@ -72,7 +72,6 @@ FORMAT = BankFormat(
     pairs=PAIRS,
     most_stars=1 << 15,
     largest_pair_rad=np.pi,
-    has_magnitudes=False,
     write=write,
     read=read,
 )

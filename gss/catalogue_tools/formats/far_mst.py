@@ -58,7 +58,6 @@ FORMAT = BankFormat(
     pairs=PAIRS,
     most_stars=1 << 16,
     largest_pair_rad=np.pi / 2,
-    has_magnitudes=True,
     write=write,
     read=read,
     ascending=lambda pairs: pairs["sin2"],

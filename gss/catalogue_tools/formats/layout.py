@@ -45,7 +45,6 @@ class BankFormat:
     pairs: Rows | None
     most_stars: int
     largest_pair_rad: float
-    has_magnitudes: bool
     write: Callable[[StarTable, DistanceTable], tuple[Columns, Columns]]
     read: Callable[[Columns, Columns, BankHeader], Content]
     ascending: Callable[[Columns], NDArray[np.floating]] = lambda pairs: pairs["distance_rad"]

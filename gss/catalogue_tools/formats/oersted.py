@@ -44,7 +44,6 @@ FORMAT = BankFormat(
     pairs=None,
     most_stars=1 << 16,
     largest_pair_rad=np.pi,
-    has_magnitudes=True,
     write=write,
     read=read,
     sections=("TCLS", "TCER", "TMAY", "TEXC"),

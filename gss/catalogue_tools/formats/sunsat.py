@@ -74,7 +74,6 @@ FORMAT = BankFormat(
     pairs=PAIRS,
     most_stars=1 << 16,
     largest_pair_rad=np.pi,
-    has_magnitudes=True,
     write=write,
     read=read,
 )

@@ -75,7 +75,6 @@ FORMAT = BankFormat(
     pairs=PAIRS,
     most_stars=1 << BITS,
     largest_pair_rad=(MOST_STEPS + 0.5) * STEP_RAD,
-    has_magnitudes=True,
     write=write,
     read=read,
     ascending=distances_rad,

@@ -311,4 +311,3 @@ WRITERS: dict[str, Callable[[str, Columns, Mapping[str, Any]], bytes]] = {
 }
 READERS: dict[str, Callable[[bytes], Columns]] = {"csv": _read_csv, "ecsv": _read_ecsv, "parquet": _read_parquet}
 KINDS = ("fits", *WRITERS)
-SUFFIXES = {"fits": ".fits"} | {kind: f".{kind}.zip" for kind in WRITERS}

@@ -28,7 +28,6 @@ TYPES = {
     "tables-ecsv": ("tables.ecsv.zip", "application/zip"),
     "tables-parquet": ("tables.parquet.zip", "application/zip"),
 }
-KINDS = tuple(TYPES)
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,6 @@ from gss.operations.line.line_events import LineBatch
 from gss.operations.line.link import LinkService
 from gss.store.models import Command
 
-SOFTWARE = "gss"
-
 
 @dataclass(frozen=True)
 class Entry:

@@ -30,11 +30,6 @@ class WarmPool:
         """Maximum number of processes."""
         return self._workers
 
-    @property
-    def is_warm(self) -> bool:
-        """True if the processes are running."""
-        return self._pool is not None
-
     @contextmanager
     def borrowed(self) -> Iterator[ProcessPoolExecutor]:
         """Provide the processes for one job. If it raises, they are ended, because one may have died or still run abandoned

@@ -12,10 +12,7 @@ from gss.domain.camera import Camera
 from gss.domain.errors import NotFound
 from gss.domain.stars import Ids
 from gss.pipeline.calibration.advice import Advice
-from gss.pipeline.calibration.bundle import derivatives
-from gss.pipeline.calibration.lens_models import Vector, vector_of
 from gss.pipeline.calibration.residual_figures import ResidualFigures, ResidualMap
-from gss.pipeline.calibration.star_stack import StarStack
 
 GRID = 11
 
@@ -117,34 +114,3 @@ class CameraCalibration:
         if match is None:
             raise NotFound("this parameter was not fitted", expected=" | ".join(self.names), got=name)
         return match
-
-    def prediction_sigma_px(self, pixels: Array) -> Array:
-        """(n,) σ per axis of the calibrated geometry at (n, 2) positions, excluding the part that is absorbed by an attitude fitted
-        to stars all over the detector."""
-        vector = vector_of(self.camera, self.model)
-        vector = vector.without(tuple(n for n in vector.free if n not in self.names))
-        free = len(vector.free)
-        turn_over, moved_over = (d.reshape(2 * GRID * GRID, -1) for d in self._slopes(self._grid(), vector))
-        fitted_turn = np.linalg.lstsq(turn_over, moved_over, rcond=None)[0]
-        turn, moved = self._slopes(np.asarray(pixels, float), vector)
-        remainder = moved - turn @ fitted_turn.reshape(3, free)
-        scale = np.array([self._factor(n) for n in vector.free])
-        inside = self.covariance / np.outer(scale, scale)
-        return np.asarray(np.sqrt(np.maximum(np.einsum("nkp,pq,nkq->n", remainder, inside, remainder) / 2, 0)))
-
-    def _grid(self) -> Array:
-        col, row = np.meshgrid(
-            np.linspace(0, self.camera.columns - 1, GRID), np.linspace(0, self.camera.rows - 1, GRID)
-        )
-        return np.column_stack([col.ravel(), row.ravel()])
-
-    def _slopes(self, pixels: Array, vector: Vector) -> tuple[Array, Array]:
-        unit = np.nan_to_num(self.camera.unproject(pixels))
-        single_frame = StarStack(
-            pixels, np.ones(len(pixels)), unit, np.zeros(len(pixels), np.intp), np.zeros(1, np.intp)
-        )
-        return derivatives(single_frame, vector, np.eye(3)[None])
-
-    def _factor(self, name: str) -> float:
-        """Conversion factor of the covariance from the units of the fit, which uses logarithms of focal length and aspect."""
-        return self.parameter(name).value if name in ("focal_px", "aspect") else 1.0

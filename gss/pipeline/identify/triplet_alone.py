@@ -7,12 +7,9 @@ to have a triplet; its two neighbours are then searched in the star list at thei
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gss.domain.angles import Array, separation_rad
 from gss.pipeline.attitude import svd
-
-Index = NDArray[np.intp]
 
 
 def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolerance_rad: float) -> list[Array]:

@@ -57,11 +57,10 @@ def test_huffman_prints_his_noise_and_our_dossier_his_ratios() -> None:
 
 
 def test_huffman_limit_reaches_the_threshold() -> None:
-    """A star at the limit has the camera's threshold for its SNR; eq. 4.2 gives 0.61 px at SNR 1."""
+    """A star at the limit has the camera's threshold for its SNR."""
     c = DesignCamera.from_profile(shipped_camera("far_mst"))
     i = limits_huffman.imager_of(c)
     assert limits_huffman.snr(i, limits_huffman.limit_mag(c)) == pytest.approx(c.threshold_snr)
-    assert limits_huffman.centroid_px(1.0) == pytest.approx(0.61)
 
 
 def test_erlank_prints_his_photons_and_fields() -> None:
@@ -82,20 +81,19 @@ def test_erlank_printed_limit_needs_less_than_two_pixels() -> None:
     assert [limits_erlank.pixels_covered(s) for s in (0.4, 1.2, 2.0)] == [1, 9, 25]
 
 
-def test_moniteq_prints_ratios_and_errors() -> None:
-    """§4.4: S/N 280 for the 50 mm lens in 4 s; 1″ of Table 4.2."""
+def test_moniteq_prints_the_ratio() -> None:
+    """§4.4: S/N 280 for the 50 mm lens in 4 s."""
     d = limits_moniteq.MoniteqDetector()
     assert limits_moniteq.snr(d, 10.0, 6.0, 4.0) == pytest.approx(280, rel=0.02)
-    for area, exposure, pixel, printed in ((10.0, 4.0, 91.0, 1.0), (28.95, 0.3, 53.0, 1.0), (28.95, 0.15, 53.0, 1.9)):
-        star = limits_moniteq.star_e_s(area, 6.0) * exposure
-        assert limits_moniteq.position_sigma_px(d, star, exposure) * pixel == pytest.approx(printed, abs=0.05)
 
 
 def test_moniteq_stray_light_tables() -> None:
     """Table 5.2: 1.46e-6 cm² sr, 9.5e14 and 2.0e10 e/s; Table 5.3 row by row."""
     etendue = stray_light.pixel_etendue_cm2_sr(20, 20, 1.4)
     assert etendue == pytest.approx(1.46e-6, rel=5e-3)
-    assert stray_light.imaged_e_s(stray_light.PRINTED_SUN, etendue) == pytest.approx(9.5e14, rel=0.01)
+    # The printed radiance uses the diameter of the Sun as its radius (errata).
+    printed_sun = replace(stray_light.SUN, radiance_w_cm2_sr=5.6e2)
+    assert stray_light.imaged_e_s(printed_sun, etendue) == pytest.approx(9.5e14, rel=0.01)
     assert stray_light.imaged_e_s(stray_light.EARTH, etendue) == pytest.approx(2.0e10, rel=0.08)
     sun, earth = (402, 154, 104, 71.2, 39.7), (119, 45.7, 31, 21, 11.8)
     for (_, area), s, e in zip(stray_light.PRINTED_AREA_CM2, sun, earth, strict=True):

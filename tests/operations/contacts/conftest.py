@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.commanding import CommandService
@@ -40,7 +40,7 @@ class Station:
         self.events = LineEventQueue(self.now, sensor.monotonic_s)
         self.link = LinkService(
             self.dictionary,
-            shared_roles(),
+            default_roles(self.dictionary),
             *parts[1:],
             self.folder,
             self.now,

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.jobs import JobService
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.line_capture import RawCapture
@@ -122,7 +122,7 @@ def store(database, bus, clock, tmp_path) -> Iterator[UpkeepStore]:
     blobs, jobs = BlobStore(str(tmp_path / "blobs")), JobService(database, bus, clock, lambda _: None)
     link = LinkService(
         load_dictionary(),
-        shared_roles(),
+        default_roles(load_dictionary()),
         database,
         bus,
         tmp_path / "captures",

@@ -8,7 +8,7 @@ import pytest
 
 from gss.device.session_events import Telemetry
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.commanding.abort_journal import AbortJournal
 from gss.operations.commanding.authority import AuthorityService
 from gss.operations.commanding.commanding import CommandService
@@ -34,7 +34,7 @@ class ClockHarness:
         self.clock, self.database, self.bus, self.mono_s, self.device_s = clock, database, bus, 50.0, 1000.0
         self.link = LinkService(
             DICTIONARY,
-            shared_roles(),
+            default_roles(DICTIONARY),
             database,
             bus,
             folder,

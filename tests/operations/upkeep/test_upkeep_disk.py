@@ -22,7 +22,7 @@ from gss.device.session_events import Telemetry
 from gss.domain.errors import CorruptData, StoreDown
 from gss.domain.limits import State
 from gss.instruments.dictionary.read_dictionary import load_dictionary
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.events import EventBus
 from gss.operations.jobs import JobKind, JobRequest, JobService
 from gss.operations.line.capture_files import capture_files
@@ -108,7 +108,16 @@ def test_a_contact_survives_a_full_disk_and_the_loss_is_reported(small_disk, sen
     """The link continues without its capture; the missing bytes are counted, announced and raise an alarm."""
     sensor = sensor_in_memory()
     events = LineEventQueue(clock, sensor.monotonic_s)
-    link = LinkService(DICTIONARY, shared_roles(), database, bus, small_disk.folder, clock, sensor.monotonic_s, events)
+    link = LinkService(
+        DICTIONARY,
+        default_roles(DICTIONARY),
+        database,
+        bus,
+        small_disk.folder,
+        clock,
+        sensor.monotonic_s,
+        events,
+    )
     telemetry = TelemetryService(DICTIONARY, database, bus, clock, lambda: None, lambda: True)
     alarms = AlarmService(DICTIONARY, telemetry, link, database, bus, clock)
     watch = DiskWatch(DiskGuard(small_disk.folder, 0, 0), alarms, link, telemetry)

@@ -15,7 +15,7 @@ from gss.device.session_events import SessionEvent
 from gss.domain.errors import LinkDown
 from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.package_files import LinkFile
-from gss.instruments.roles import shared_roles
+from gss.instruments.roles import default_roles
 from gss.operations.frames import solve_queue as room
 from gss.operations.line import link as link_room
 from gss.operations.line.dispatcher import Dispatcher, LineEventQueue
@@ -65,7 +65,16 @@ def line(database, bus, clock, tmp_path, monkeypatch):
     now_s = [100.0]
     events = LineEventQueue(clock, lambda: now_s[0])
     rules = LinkFile(stalled_after_s=STALLED_AFTER_S)
-    parts = (load_dictionary(), shared_roles(), database, bus, tmp_path / "captures", clock, lambda: now_s[0], events)
+    parts = (
+        load_dictionary(),
+        default_roles(load_dictionary()),
+        database,
+        bus,
+        tmp_path / "captures",
+        clock,
+        lambda: now_s[0],
+        events,
+    )
     link = LinkService(*parts, rules=rules)
     dispatcher = Dispatcher(events, bus, lambda: now_s[0], [link.handle])
     dispatcher.start()

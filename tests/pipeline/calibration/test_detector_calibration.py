@@ -43,9 +43,9 @@ def _expose(
 
 
 FINE_STEPS = [
-    name
-    for name, camera in shipped_registry().cameras_with_chain().items()
-    if camera.sensor.read_noise_e > camera.sensor.gain_e_per_dn / 4
+    i.name
+    for i in shipped_registry().all()
+    if i.profile.chain and i.profile.sensor.read_noise_e > i.profile.sensor.gain_e_per_dn / 4
 ]
 """Cameras whose noise is larger than a quarter of a step; coarser steps hide the noise."""
 

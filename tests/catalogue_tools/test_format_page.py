@@ -1,13 +1,26 @@
-"""Generate the byte tables of docs/catalogue-formats.md from the format definitions."""
+"""The byte tables of docs/catalogue-formats.md against the format definitions."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 
 from gss.catalogue_tools.formats.blocks import BlockField, Rows
 from gss.catalogue_tools.formats.header import HEADER_BYTES
 from gss.catalogue_tools.formats.layout import BankFormat
+from gss.catalogue_tools.formats.registry import BY_NAME
 from gss.catalogue_tools.formats.sections import SECTIONS
+
+
+def test_the_page_has_the_byte_tables_of_the_code(root: Path) -> None:
+    """docs/catalogue-formats.md has the offsets, types and fields of every format and section."""
+    page = (root / "docs" / "catalogue-formats.md").read_text()
+    for name, fmt in BY_NAME.items():
+        assert format_table(fmt) in page, name
+        assert f"| {name} | {fmt.number} |" in page
+    for tag in SECTIONS:
+        assert section_table(tag) in page, tag
 
 
 def format_table(fmt: BankFormat) -> str:
