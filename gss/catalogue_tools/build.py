@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
@@ -288,17 +287,17 @@ def _manifest(
         },
         hip=tuple(int(h) for h in stars.hip),
         image_sha256=hashlib.sha256(image).hexdigest(),
-        corrections=sky.facts,
-        source_facts={"name": source.name} | source.facts,
+        corrections=dict(sky.facts),
+        source_facts={"name": source.name, **source.facts},
         occultation=dict(vars(hidden)) if hidden.active else {},
         method=request.method,
         assessment=assessment.facts() | _choice_facts(selection, catalogue_tables.tables.reduced),
     )
 
 
-def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dict[str, Any]:
+def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dict[str, object]:
     """Results of the screening and frame of the reduced catalogue; empty without either."""
-    facts: dict[str, Any] = {}
+    facts: dict[str, object] = {}
     if (screening := screening_facts(selection)) is not None:
         facts["screening"] = screening
     if reduced is not None:
@@ -306,15 +305,15 @@ def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dic
     return facts
 
 
-def _envelope_facts(p: BuildPlan) -> dict[str, Any]:
-    facts: dict[str, Any] = {"kind": type(p.base).__name__, "pair_max_rad": p.pair_max_rad}
+def _envelope_facts(p: BuildPlan) -> dict[str, object]:
+    facts: dict[str, object] = {"kind": type(p.base).__name__, "pair_max_rad": p.pair_max_rad}
     if p.planes is not None:
         facts["inclination_rad"] = list(p.planes.inclination_rad)
         facts["raan_rad"] = list(p.planes.raan_rad)
     return facts
 
 
-def _quality_facts(quality: Quality) -> dict[str, Any]:
+def _quality_facts(quality: Quality) -> dict[str, object]:
     per_star = quality.candidates_per_star
     return {
         "pointings": quality.pointings,

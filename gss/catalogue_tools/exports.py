@@ -12,6 +12,7 @@ import unicodedata
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gss.catalogue_tools.formats.table_files import export_table, import_table
 from gss.catalogue_tools.manifest import BuildManifest
@@ -34,7 +35,7 @@ def export(catalogue: OnboardCatalogue, manifest: BuildManifest, kind: str) -> b
     return writers[kind](catalogue, manifest)
 
 
-def _stars(catalogue: OnboardCatalogue) -> dict[str, Any]:
+def _stars(catalogue: OnboardCatalogue) -> dict[str, NDArray[Any]]:
     ra, dec = ra_dec_from_unit(catalogue.icrs.astype(float))
     return {
         "row": np.arange(len(catalogue), dtype=np.int32),
@@ -45,12 +46,12 @@ def _stars(catalogue: OnboardCatalogue) -> dict[str, Any]:
     }
 
 
-def _pairs(catalogue: OnboardCatalogue) -> dict[str, Any]:
+def _pairs(catalogue: OnboardCatalogue) -> dict[str, NDArray[Any]]:
     d = catalogue.distances
     return {"first": d.first, "second": d.second, "distance": np.degrees(d.distance_rad.astype(float))}
 
 
-def _facts(manifest: BuildManifest) -> dict[str, Any]:
+def _facts(manifest: BuildManifest) -> dict[str, object]:
     return {
         "NAME": manifest.name,
         "PROFILE": manifest.profile_name,
@@ -109,7 +110,7 @@ def _fits(catalogue: OnboardCatalogue, manifest: BuildManifest) -> bytes:
 
     codes = {"i": "J", "f": "D"}
 
-    def table(name: str, columns: dict[str, Any]) -> Any:
+    def table(name: str, columns: dict[str, NDArray[Any]]) -> Any:
         fits_columns = [
             fits.Column(name=column, format=codes[values.dtype.kind], array=values, unit=UNITS.get(column))
             for column, values in columns.items()

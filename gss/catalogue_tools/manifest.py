@@ -10,6 +10,7 @@ from typing import Any
 
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import CorruptData
+from gss.domain.json_object import JsonObject
 
 MANIFEST_VERSION = 2
 LARGEST = 0x7FFF_FFFF
@@ -39,22 +40,22 @@ class BuildManifest:
     epoch_jyear: float
     valid_from: str
     valid_to: str
-    parameters: dict[str, Any]
-    envelope: dict[str, Any]
+    parameters: JsonObject
+    envelope: JsonObject
     counts: dict[str, int]
     bytes_by_part: dict[str, int]
-    quality: dict[str, Any]
+    quality: JsonObject
     quantisation: dict[str, float | None]
     hip: tuple[int, ...]
     image_sha256: str
-    corrections: dict[str, Any] = field(default_factory=dict)
-    source_facts: dict[str, Any] = field(default_factory=dict)
-    occultation: dict[str, Any] = field(default_factory=dict)
+    corrections: JsonObject = field(default_factory=dict)
+    source_facts: JsonObject = field(default_factory=dict)
+    occultation: JsonObject = field(default_factory=dict)
     method: str = "exact"
-    assessment: dict[str, Any] = field(default_factory=dict)
+    assessment: JsonObject = field(default_factory=dict)
     version: int = MANIFEST_VERSION
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Plain values, including the manifest's own hash."""
         plain = asdict(self)
         if self.version == 1:
@@ -93,7 +94,7 @@ def _check_types(content: Mapping[str, Any]) -> None:
         "str": lambda value: isinstance(value, str),
         "int": _whole,
         "float": _number,
-        "dict[str, Any]": lambda value: isinstance(value, dict),
+        "JsonObject": lambda value: isinstance(value, dict),
         "dict[str, int]": lambda value: isinstance(value, dict) and all(map(_whole, value.values())),
         "dict[str, float | None]": lambda value: (
             isinstance(value, dict) and all(v is None or _number(v) for v in value.values())
@@ -117,7 +118,14 @@ def _number(value: object) -> bool:
 def manifest_of(content: Mapping[str, Any]) -> BuildManifest:
     """Return the manifest of plain values from a store. Missing fields are empty, for example for a bank that was
     read back."""
-    empty: dict[str, Any] = {"str": "", "dict": {}, "tuple": (), "float": float("nan"), "int": MANIFEST_VERSION}
+    empty: JsonObject = {
+        "str": "",
+        "JsonObject": {},
+        "dict": {},
+        "tuple": (),
+        "float": float("nan"),
+        "int": MANIFEST_VERSION,
+    }
     values = {f.name: content.get(f.name, empty[str(f.type).partition("[")[0]]) for f in fields(BuildManifest)}
     return BuildManifest(**{**values, "hip": tuple(values["hip"])})
 

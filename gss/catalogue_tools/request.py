@@ -19,6 +19,7 @@ from gss.catalogue_tools.selection.selection import SelectionRules
 from gss.catalogue_tools.sources.hipparcos import FAINTEST_V_MAG
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput, CorruptData
+from gss.domain.json_object import JsonObject
 from gss.skytables.bank import ReducedFrame
 
 
@@ -172,9 +173,9 @@ def epoch_of(request: BuildRequest) -> float:
     return EPOCH_WITHOUT_DATES_JYEAR if request.middle is None else jyear_of(request.middle)
 
 
-def parameters_of(request: BuildRequest) -> dict[str, Any]:
+def parameters_of(request: BuildRequest) -> JsonObject:
     """The request as plain values, for the manifest."""
-    content: dict[str, Any] = {"profile_name": request.profile_name}
+    content: JsonObject = {"profile_name": request.profile_name}
     content |= {f.name: _plain(getattr(request, f.name)) for f in fields(request) if f.name != "profile"}
     content["start"] = request.start.isoformat() if request.start else None
     content["corrections"] = request.corrections.as_dict()

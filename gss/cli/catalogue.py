@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -117,8 +117,9 @@ def run_build(arguments: argparse.Namespace, now: Callable[[], datetime] = utc_n
         write_file(arguments.out.with_name(arguments.out.name + ".json"), built.manifest.as_json().encode())
     if arguments.report is not None:
         catalogue_files.write_report(arguments.report, built)
-    facts = facts_of(built) | {"elapsed_s": round(perf_counter() - begin, 3)}
-    print_facts(facts if arguments.json else facts | facts.pop("funnel"), arguments.json)
+    funnel = {step.label: -step.stars if step.dropped else step.stars for step in built.selection.funnel}
+    facts = {**facts_of(built), "elapsed_s": round(perf_counter() - begin, 3)}
+    print_facts({**facts, **({"funnel": funnel} if arguments.json else funnel)}, arguments.json)
     if arguments.out is None and not arguments.json:
         print("nothing was saved. Use --out FILE to save image and manifest", file=sys.stderr)
     return 0
@@ -158,7 +159,7 @@ def request_of(arguments: argparse.Namespace, today: datetime) -> CatalogueReque
     return request_from(CatalogueRequest, {name: value for name, value in values.items() if value is not None})
 
 
-def facts_of(built: BuiltCatalogue) -> dict[str, Any]:
+def facts_of(built: BuiltCatalogue) -> Mapping[str, object]:
     """Return the values that a build prints."""
     manifest, quality = built.manifest, built.quality
     return {
@@ -188,7 +189,6 @@ def facts_of(built: BuiltCatalogue) -> dict[str, Any]:
         "bytes": len(built.image),
         "bank_bytes": built.plan.bank_bytes,
         "sha256": built.sha256,
-        "funnel": {step.label: -step.stars if step.dropped else step.stars for step in built.selection.funnel},
     }
 
 

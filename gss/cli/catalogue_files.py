@@ -105,7 +105,7 @@ def run_diff(arguments: argparse.Namespace) -> int:
         "moved": difference.moved,
         "magnitude_changed": difference.magnitude_changed,
     }
-    facts: dict[str, Any] = {
+    facts: dict[str, object] = {
         "same": len(difference.same),
         "pairs_old": difference.pairs[0],
         "pairs_new": difference.pairs[1],
@@ -232,7 +232,7 @@ def _write_sheet(path: Path, sheet: Report) -> None:
     write_file(path, as_pdf(sheet, utc_now()) if path.suffix == ".pdf" else as_html(sheet).encode())
 
 
-def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, BuildManifest, dict[str, Any] | None]:
+def _read(arguments: argparse.Namespace, which: str) -> tuple[bytes, BuildManifest, dict[str, object] | None]:
     """Return image, manifest and, from the store, the report. Image and manifest are checked against each other."""
     if which.isdigit() and not Path(which).exists():
         services = _services(arguments)
@@ -266,7 +266,7 @@ def _bytes(path: Path, most_bytes: int = IMAGE_BYTES) -> bytes:
         raise BadInput("the catalogue cannot be read", expected=f"{path} with its manifest", got=str(error)) from None
 
 
-def print_facts(facts: dict[str, Any], as_json: bool) -> None:
+def print_facts(facts: Mapping[str, object], as_json: bool) -> None:
     """Print one JSON object, or one line per value."""
     if as_json:
         print(json.dumps(facts, indent=1, allow_nan=False))

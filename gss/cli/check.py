@@ -13,7 +13,7 @@ from gss.cli import instruments, records, upkeep
 if TYPE_CHECKING:
     from gss.cli import Commands
     from gss.instruments.package import Instrument
-    from gss.operations.checks.check_findings import Findings
+    from gss.operations.checks.check_findings import DeviceRecord, Findings
 
 DESCRIPTION = """Test a device on a port against each clause of docs/icd.md, or a sensor of another maker against the operations
 and telemetry that its package declares. The port must be free and the device idle: the
@@ -97,7 +97,7 @@ def _show_part(part: str) -> None:
         print(f"… {part}", file=sys.stderr, flush=True)
 
 
-def _print(findings: Findings, device: dict[str, object]) -> None:
+def _print(findings: Findings, device: DeviceRecord) -> None:
     """Print one line per clause, with the cases that failed or were skipped below it."""
     from gss.device.clauses import CLAUSES
     from gss.operations.checks.check_findings import NOT_CHECKED

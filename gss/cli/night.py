@@ -220,7 +220,7 @@ def show_progress(share: float, text: str) -> None:
         print(f"\r{100 * share:3.0f} % {text:<60}", end="" if share < 1 else "\n", file=sys.stderr, flush=True)
 
 
-def give_report(arguments: argparse.Namespace, report: Report, content: dict[str, Any]) -> None:
+def give_report(arguments: argparse.Namespace, report: Report, content: dict[str, object]) -> None:
     """Write a report and its content to the file of ``--out``, and print it."""
     whole = json.dumps({**content, "report": report.as_dict()}, ensure_ascii=False, allow_nan=False)
     write_report(arguments, report, whole)

@@ -7,9 +7,10 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Required, TypedDict
 
 from gss.cli import instruments
 
@@ -131,31 +132,65 @@ def replay_captures(arguments: argparse.Namespace) -> int:
     return 0 if item_count else NOTHING_EXIT
 
 
-def plain_item(replayed: Replayed) -> dict[str, Any]:
+class ReplayedMessage(TypedDict, total=False):
+    """A message as JSON values."""
+
+    at: Required[str]
+    kind: Required[str]
+    name: Required[str]
+    device_time_s: float
+    request_id: int
+    stage: str
+    severity: str
+    text: str
+    values: Mapping[str, object]
+
+
+def plain_item(replayed: Replayed) -> ReplayedMessage:
     """Return a message as JSON values."""
     from gss.device.session_events import DeviceEvent, HelloReceived, Telemetry
     from gss.operations.telemetry.telemetry import stored_values
     from gss.operations.telemetry.value_format import plain
 
     at, item = datetime.fromtimestamp(replayed.at_s, UTC), replayed.item
-    facts: dict[str, Any] = {"at": at.isoformat(timespec="milliseconds").replace("+00:00", "Z")}
+    time = at.isoformat(timespec="milliseconds").replace("+00:00", "Z")
     if isinstance(item, Telemetry):
-        facts |= {"kind": "telemetry", "name": item.packet, "device_time_s": item.device_time_s}
-        return facts | {"request_id": item.request_id, "values": stored_values(item)}
+        return {
+            "at": time,
+            "kind": "telemetry",
+            "name": item.packet,
+            "device_time_s": item.device_time_s,
+            "request_id": item.request_id,
+            "values": stored_values(item),
+        }
     if isinstance(item, DeviceEvent):
-        facts |= {"kind": "event", "name": item.name, "severity": item.severity}
-        return facts | {"device_time_s": item.device_time_s, "text": item.text}
+        return {
+            "at": time,
+            "kind": "event",
+            "name": item.name,
+            "severity": item.severity,
+            "device_time_s": item.device_time_s,
+            "text": item.text,
+        }
     if isinstance(item, HelloReceived):
-        return facts | {"kind": "hello", "name": item.serial or item.device_model, "values": vars(item)}
-    facts |= {"kind": "command", "name": item.name, "stage": item.stage, "request_id": item.request_id}
-    return facts | {"values": {name: plain(v) for name, v in item.values.items()}, "text": item.detail}
+        return {"at": time, "kind": "hello", "name": item.serial or item.device_model, "values": vars(item)}
+    return {
+        "at": time,
+        "kind": "command",
+        "name": item.name,
+        "stage": item.stage,
+        "request_id": item.request_id,
+        "values": {name: plain(v) for name, v in item.values.items()},
+        "text": item.detail,
+    }
 
 
-def _line(facts: dict[str, Any]) -> str:
+def _line(facts: ReplayedMessage) -> str:
     """Return time, kind, name and values as one line."""
-    values = facts.get("values") or {}
     values = [
-        f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in values.items() if not isinstance(v, list)
+        f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}"
+        for k, v in facts.get("values", {}).items()
+        if not isinstance(v, list)
     ]
     extra = " ".join(str(facts[k]) for k in ("stage", "severity", "text") if facts.get(k))
     line = f"{facts['at']} {facts['kind']:9} {facts['name']:16} {extra} {' '.join(values)}"

@@ -46,9 +46,11 @@ def register(subparsers: Commands) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Make the sheet, write and print it."""
     if arguments.schema:
-        from gss.api.schemas.sheets import SheetOut
+        from pydantic import TypeAdapter
 
-        print(json.dumps(SheetOut.model_json_schema(), indent=1, ensure_ascii=False))
+        from gss.operations.studies.sheet_record import SheetValues
+
+        print(json.dumps(TypeAdapter(SheetValues).json_schema(), indent=1, ensure_ascii=False))
         return 0
     from gss.operations.frames.solve import Solver
     from gss.operations.requests import request_from

@@ -9,16 +9,17 @@ import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
 import numpy as np
 
 from gss.catalogue_tools.sources.hipparcos import EPOCH_RANGE_JYEAR
 from gss.cli.input_files import TEXT_BYTES, TLE_BYTES, read_file, read_limited
 from gss.cli.instruments import CAMERA_HELP, registry
-from gss.domain.angles import ARCSEC_RAD
+from gss.domain.angles import ARCSEC_RAD, Array
 from gss.domain.errors import BadInput, GssError, NotFound
 from gss.domain.results import Outcome, SolveResult, Turning
+from gss.operations.frames.sequence import RateRecord, TruthRecord
 
 if TYPE_CHECKING:
     from gss.cli import Commands
@@ -156,10 +157,11 @@ def _one(
     record = as_record(name, result)
     if arguments.sequence:
         record["rate"] = rate
+    judged = None if truth is None else truth_record(result, truth, solver.cache.stars(request.epoch_jyear))
     if truth is not None:
-        record["truth"] = truth_record(result, truth, solver.cache.stars(request.epoch_jyear))
+        record["truth"] = judged
     print(json.dumps(record, allow_nan=False, ensure_ascii=False) if arguments.json else as_text(record))
-    if (record.get("truth") or {}).get("verdict") == "wrong":
+    if judged is not None and judged["verdict"] == "wrong":
         return FAILED_EXIT
     return SOLVED_EXIT if result.outcome is Outcome.SOLVED else NO_SOLUTION_EXIT
 
@@ -177,7 +179,7 @@ def prior(text: str | None) -> Any:
     return BoundedPrior(attitude(numbers), math.radians(radius_deg))
 
 
-def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Any]:
+def read_truths(text: str | None, files: Sequence[str]) -> dict[str, Array]:
     """Return true attitudes by file name."""
     if text is None:
         return {}
@@ -204,7 +206,7 @@ def angles(text: str, counts: tuple[int, ...], expected: str) -> list[float]:
     return numbers
 
 
-def attitude(angles_deg: Sequence[float]) -> Any:
+def attitude(angles_deg: Sequence[float]) -> Array:
     """Return the (3, 3) attitude cam_from_icrs of right ascension, declination and roll. Raises BadInput."""
     from gss.domain.frames import cam_from_icrs
 
@@ -238,9 +240,47 @@ def julian_year(moment: datetime) -> float:
     return 2000.0 + (moment.timestamp() - J2000_UNIX_S) / JULIAN_YEAR_S
 
 
-def as_record(name: str, result: SolveResult) -> dict[str, Any]:
+class TurningRecord(TypedDict):
+    """Rate from the trails of a frame about camera x, y, z."""
+
+    deg_s: list[float]
+    sigma_deg_s: list[float]
+    speed_deg_s: float
+    sign_known: bool
+    stars: int
+
+
+class SolveRecord(TypedDict):
+    """Result of an image as a JSON object; missing values are null. ``rate``: since the previous image of a sequence;
+    ``truth``: against the true attitude."""
+
+    file: str
+    chain: str
+    outcome: str
+    reason: str
+    ra_deg: float | None
+    dec_deg: float | None
+    roll_deg: float | None
+    quaternion: list[float] | None
+    sigma_arcsec: float | None
+    sigma_roll_arcsec: float | None
+    matched: int
+    centroids: int
+    false_match_probability: float | None
+    fov_deg: list[float] | None
+    residual_rms_px: float | None
+    turning: TurningRecord | None
+    aberration_arcsec: float | None
+    versions: dict[str, str]
+    timing_ms: dict[str, float]
+    notes: list[str]
+    rate: NotRequired[RateRecord | None]
+    truth: NotRequired[TruthRecord | None]
+
+
+def as_record(name: str, result: SolveResult) -> SolveRecord:
     """Return one result as a JSON object; missing values are null."""
-    record: dict[str, Any] = {
+    record: SolveRecord = {
         "file": name,
         "chain": result.chain,
         "outcome": str(result.outcome),
@@ -277,7 +317,7 @@ def as_record(name: str, result: SolveResult) -> dict[str, Any]:
     return record
 
 
-def turning_record(turning: Turning) -> dict[str, Any]:
+def turning_record(turning: Turning) -> TurningRecord:
     """Return the rate of a trailed frame in degrees per second about camera x, y, z."""
     return {
         "deg_s": [math.degrees(v) for v in turning.vector_rad_s],
@@ -292,14 +332,14 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def as_text(record: dict[str, Any]) -> str:
+def as_text(record: SolveRecord) -> str:
     """Return the result as a few lines of text."""
     total_ms = sum(record["timing_ms"].values())
     if record["outcome"] != str(Outcome.SOLVED):
         return (
             f"{record['file']}: no solution. {record['reason']}\n  {record['centroids']} stars found, {total_ms:.0f} ms"
         )
-    fov = " x ".join(f"{f:.3f}°" for f in record["fov_deg"])
+    fov = " x ".join(f"{f:.3f}°" for f in record["fov_deg"] or ())
     sigma = (
         ""
         if record["sigma_arcsec"] is None
@@ -313,11 +353,12 @@ def as_text(record: dict[str, Any]) -> str:
         f"field of view {fov}, false-match probability {chance}",
         f"  {record['chain']} chain, {total_ms:.0f} ms",
     ]
-    if record.get("rate"):
-        x, y, z = record["rate"]["deg_s"]
-        lines.append(f"  turns at {record['rate']['speed_deg_s']:.5f}°/s: {x:+.5f} {y:+.5f} {z:+.5f} about x, y, z")
-    if record.get("turning"):
-        turning = record["turning"]
+    rate = record.get("rate")
+    if rate is not None:
+        x, y, z = rate["deg_s"]
+        lines.append(f"  turns at {rate['speed_deg_s']:.5f}°/s: {x:+.5f} {y:+.5f} {z:+.5f} about x, y, z")
+    turning = record["turning"]
+    if turning is not None:
         x, y, z = turning["deg_s"]
         a, b, c = turning["sigma_deg_s"]
         sign = "" if turning["sign_known"] else " (or the opposite: a trail has no direction)"
@@ -325,7 +366,7 @@ def as_text(record: dict[str, Any]) -> str:
             f"  {turning['stars']} trails: turned at {turning['speed_deg_s']:.4f}°/s during the exposure: {x:+.4f} ± {a:.4f}, "
             f"{y:+.4f} ± {b:.4f}, {z:+.4f} ± {c:.4f} about x, y, z{sign}"
         )
-    if record.get("truth"):
-        truth = record["truth"]
+    truth = record.get("truth")
+    if truth is not None:
         lines.append(f"  {truth['verdict']}: {truth['error_arcsec']:.1f}″ off, roll {truth['error_roll_arcsec']:+.0f}″")
     return "\n".join(lines + [f"  {note}" for note in record["notes"]])

@@ -22,6 +22,7 @@ from gss.device.session_events import (
     DirectionCounters,
     HelloReceived,
     LinkCounters,
+    ReportFacts,
     SessionEvent,
     Stage,
     Telemetry,
@@ -271,7 +272,7 @@ class ExchangeSession:
         if answer.stage is None:
             return
         if request.request_id:
-            facts = {"reason": answer.reason, "detail": answer.detail, "values": answer.values}
+            facts: ReportFacts = {"reason": answer.reason, "detail": answer.detail, "values": answer.values}
             self._events += self._queue.report(request.request_id, answer.stage, now_s, facts)
         if answer.stage in FINAL_STAGES:
             self._orders.pop(request.request_id, None)  # one whose outcome is unknown may be sent again

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Unpack
 
 from gss.device.protocol.codec import EncodedCommand
-from gss.device.session_events import FINAL_STAGES, CommandUpdate, Stage
+from gss.device.session_events import FINAL_STAGES, CommandUpdate, ReportFacts, Stage
 from gss.domain.errors import Conflict, NotFound
 from gss.instruments.dictionary.definitions import CommandDefinition
 
@@ -33,15 +33,17 @@ class CommandRecord:
     deadline_s: float | None = None
     was_unknown: bool = field(default=False)
 
-    def event(self, **facts: Any) -> CommandUpdate:
+    def event(self, *, late: bool = False, **facts: Unpack[ReportFacts]) -> CommandUpdate:
         """Return the current stage as an event."""
-        base = CommandUpdate(self.request_id, self.command.name, self.stage, attempt=self.attempt)
+        base = CommandUpdate(self.request_id, self.command.name, self.stage, attempt=self.attempt, late=late)
         return replace(base, **facts)
 
-    def to(self, stage: Stage, deadline_s: float | None = None, **facts: Any) -> CommandUpdate:
+    def to(
+        self, stage: Stage, deadline_s: float | None = None, late: bool = False, **facts: Unpack[ReportFacts]
+    ) -> CommandUpdate:
         """Change the stage and return it as an event."""
         self.stage, self.deadline_s = stage, deadline_s
-        return self.event(**facts)
+        return self.event(late=late, **facts)
 
 
 class CommandQueue:
@@ -168,7 +170,7 @@ class CommandQueue:
         if self._current is record:
             self._current = None
 
-    def report(self, request_id: int, stage: Stage, now_s: float, facts: dict[str, Any]) -> Sequence[CommandUpdate]:
+    def report(self, request_id: int, stage: Stage, now_s: float, facts: ReportFacts) -> Sequence[CommandUpdate]:
         """Process a report of the device. A repeated or out-of-order one returns no stages."""
         record = self._records.get(request_id)
         if record is None or record.stage in FINAL_STAGES:
@@ -184,7 +186,7 @@ class CommandQueue:
         if record.stage is Stage.QUEUED:
             return ()
         deadline_s = now_s + record.command.complete_s
-        return (record.to(stage, deadline_s=deadline_s, late=late, **facts),)
+        return (record.to(stage, deadline_s, late, **facts),)
 
     @property
     def idle(self) -> bool:

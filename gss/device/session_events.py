@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TypedDict
 
 from gss.device.protocol.packet import Arrival
 from gss.instruments.dictionary.definitions import Value
@@ -52,6 +53,17 @@ class Direction(StrEnum):
 
     UP = "up"
     DOWN = "down"
+
+
+class ReportFacts(TypedDict, total=False):
+    """What a report of the device adds to a :class:`CommandUpdate`."""
+
+    device_time_s: float
+    reason: str
+    detail: str
+    progress: int
+    replayed: bool
+    values: Mapping[str, Value]
 
 
 @dataclass(frozen=True)

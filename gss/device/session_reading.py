@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from gss.device.protocol.codec import decode
 from gss.device.protocol.packet import Packet
-from gss.device.session_events import DeviceEvent, HelloReceived, Stage
+from gss.device.session_events import DeviceEvent, HelloReceived, ReportFacts, Stage
 from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary, EventDefinition, Value
 
 COMPLETED = bytes([5])
 
 
-def read_report(packet: Packet, command: CommandDefinition, dictionary: Dictionary) -> tuple[Stage, dict[str, Any]]:
+def read_report(packet: Packet, command: CommandDefinition, dictionary: Dictionary) -> tuple[Stage, ReportFacts]:
     """Return a command's stage and its report's values; a completed report includes the returned values."""
     fields = dictionary.service("REPORT").fields
     completed = packet.payload[:1] == COMPLETED
     values = decode((*fields, *command.returns) if completed else fields, packet.payload).values
     common = {f.name for f in fields}
-    facts: dict[str, Any] = {
+    facts: ReportFacts = {
         "device_time_s": packet.time_s,
-        "reason": "" if values["reason"] == "none" else values["reason"],
-        "detail": values["detail"],
-        "progress": values["progress"],
-        "replayed": values["replayed"],
+        "reason": "" if values["reason"] == "none" else str(values["reason"]),
+        "detail": str(values["detail"]),
+        "progress": int(values["progress"]),
+        "replayed": bool(values["replayed"]),
         "values": {name: value for name, value in values.items() if name not in common},
     }
     return Stage(str(values["stage"])), facts

@@ -91,10 +91,9 @@ def calibrated(profile: CameraProfile, values: Mapping[str, Scalar]) -> CameraPr
             "the bright limit is not brighter than the faint limit", expected="bright_limit_mag below faint_limit_mag"
         )
     distortion = make({n: numbers[n] for n in coefficients if n in numbers})
-    geometry: dict[str, Any] = {n: whole.get(n, numbers[n]) for n in GEOMETRY}
-    camera = Camera(**geometry, distortion=distortion)
-    photometry: dict[str, Any] = {n: numbers[n] for n in sensor_names} | {"bits": whole["bits"]}
-    sensor = Sensor(**photometry)
+    geometry = {n: numbers[n] for n in GEOMETRY if n not in WHOLE}
+    camera = Camera(columns=whole["columns"], rows=whole["rows"], **geometry, distortion=distortion)
+    sensor = Sensor(bits=whole["bits"], **{n: numbers[n] for n in sensor_names if n not in WHOLE})
     return replace(profile, camera=camera, sensor=sensor)
 
 
@@ -169,7 +168,7 @@ def parameters_with(
 
 def _replaced(parameters: Any, values: Mapping[str, Scalar], protected: tuple[str, ...] | list[str]) -> Any:
     present = constants(parameters)
-    new: dict[str, Any] = {}
+    new: dict[str, object] = {}
     for name, value in values.items():
         if name == "chain" or name in RETIRED:
             continue

@@ -81,7 +81,7 @@ def xtce(
     instead of bytes. Raises BadInput for a dictionary that XTCE cannot express.
     """
     draft = _XtceWriter(dictionary, headers, little_endian, repeat_lists, {}).text()
-    facts: dict[str, Any] = {"layout": layout_of_document(draft).hex(), "hash": dictionary.hash_hex}
+    facts: dict[str, object] = {"layout": layout_of_document(draft).hex(), "hash": dictionary.hash_hex}
     if dictionary.same_layout_as:
         facts["same_layout_as"] = sorted(h.hex() for h in dictionary.same_layout_as)
     text = _XtceWriter(dictionary, headers, little_endian, repeat_lists, facts).text()
@@ -149,7 +149,7 @@ class _XtceWriter:
         self._container(GSS, "Secondary header", ROOT, ours, names, header, abstract=True)
 
     def _telemetry(self, packet: PacketDefinition) -> None:
-        facts: dict[str, Any] = {terms.ROLE: terms.TELEMETRY, "stale_after_s": packet.stale_after_s}
+        facts: dict[str, object] = {terms.ROLE: terms.TELEMETRY, "stale_after_s": packet.stale_after_s}
         if packet.simulator_only:
             facts["simulator_only"] = True
         self._leaf(packet.name, packet.purpose, PacketType.TELEMETRY, packet.code, packet.fields, facts)
@@ -169,7 +169,7 @@ class _XtceWriter:
             self._reports(service)
 
     def _event(self, event: EventDefinition, base: str) -> None:
-        facts: dict[str, Any] = {terms.ROLE: terms.EVENT, "severity": event.severity}
+        facts: dict[str, object] = {terms.ROLE: terms.EVENT, "severity": event.severity}
         if event.action:
             facts["action"] = event.action
         facts |= {} if base else {"code": event.code}
@@ -271,7 +271,7 @@ class _XtceWriter:
         count = f"{name}_count"
         self._types.unsigned(self._parameters, count, 8 if group.count == "u8" else 16, f"Rows of {name}", {})
         row = f"{name}_row"
-        facts: dict[str, Any] = {terms.ROLE: terms.ROW, "list": group.name}
+        facts: dict[str, object] = {terms.ROLE: terms.ROW, "list": group.name}
         facts |= {"slots": group.slots} if group.slots else {}
         facts |= {"purpose": group.purpose} if group.purpose else {}
         self._container(row, f"One row of {name}", "", [], self._entries(row, group.items), facts)

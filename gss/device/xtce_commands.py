@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from decimal import Decimal
-from typing import Any
 from xml.etree import ElementTree as ET
 
 from gss.device.protocol.packet import APID_BASE, SECONDARY_FLAG, TO_DEVICE, PacketType
@@ -93,9 +92,9 @@ class CommandWriter:
     def _verified(self) -> bool:
         return self._headers and any(s.name == "REPORT" for s in self._dictionary.services)
 
-    def _facts(self, command: CommandDefinition) -> dict[str, Any]:
+    def _facts(self, command: CommandDefinition) -> dict[str, object]:
         """Return what XTCE has no element for; values that the reader assumes anyway are left out."""
-        facts: dict[str, Any] = {"subsystem": command.subsystem}
+        facts: dict[str, object] = {"subsystem": command.subsystem}
         facts |= {} if self._headers else {"code": command.code}
         facts |= {} if self._verified else {"accept_s": command.accept_s, "complete_s": command.complete_s}
         facts |= {} if command.role == "operator" else {"role": command.role}

@@ -92,7 +92,7 @@ class TypeWriter:
             ET.SubElement(element, "LongDescription").text = purpose
         add_facts(element, facts)
 
-    def value(self, name: str, item: Item, around: int) -> dict[str, Any]:
+    def value(self, name: str, item: Item, around: int) -> dict[str, object]:
         """Add the type of a value and return what it cannot express.
 
         ``around``: size in bytes of the packet after the primary header, without this value.
@@ -121,14 +121,14 @@ class TypeWriter:
 
     # --- numbers ------------------------------------------------------------------------------------------------------
 
-    def _time(self, name: str, item: Item) -> dict[str, Any]:
+    def _time(self, name: str, item: Item) -> dict[str, object]:
         element = named(self._types, f"AbsoluteTime{self._kind}Type", name)
         encoding = ET.SubElement(element, "Encoding", units="seconds")
         self._float_encoding(encoding, item.type)
         ET.SubElement(ET.SubElement(element, "ReferenceTime"), "Epoch").text = "UNIX"
         return _limits_of(item) | _range_of(item)
 
-    def _number(self, name: str, item: Item) -> dict[str, Any]:
+    def _number(self, name: str, item: Item) -> dict[str, object]:
         bits = 8 * STRUCT[item.type].size
         coefficients = item.conversion.coefficients if isinstance(item, TelemetryField) else ()
         kind = {"bool": "Boolean", "enum": "Enumerated"}.get(item.type, "Integer")
@@ -171,13 +171,13 @@ class TypeWriter:
     def _order(self, bits: int) -> dict[str, str]:
         return {"byteOrder": terms.LITTLE_ENDIAN} if self._little and bits > 8 and bits % 8 == 0 else {}
 
-    def _ranges(self, element: ET.Element, item: Item, integer: bool) -> dict[str, Any]:
+    def _ranges(self, element: ET.Element, item: Item, integer: bool) -> dict[str, object]:
         """Add valid range and alarms of a number and return what has no place there."""
         if isinstance(item, Argument):
             return _argument_range(element, item)
         if not isinstance(item, TelemetryField):
             return {}
-        facts: dict[str, Any] = {}
+        facts: dict[str, object] = {}
         if item.valid is not None:
             low, high = item.valid
             whole = low.is_integer() and high.is_integer() and int(low) in terms.LONG and int(high) in terms.LONG
@@ -199,7 +199,7 @@ class TypeWriter:
         return facts
 
 
-def _argument_range(element: ET.Element, argument: Argument) -> dict[str, Any]:
+def _argument_range(element: ET.Element, argument: Argument) -> dict[str, object]:
     low, high = argument.minimum, argument.maximum
     if low is None or high is None:
         return _range_of(argument)
@@ -214,7 +214,7 @@ def _argument_range(element: ET.Element, argument: Argument) -> dict[str, Any]:
     return {}
 
 
-def _persistence(item: TelemetryField) -> dict[str, Any]:
+def _persistence(item: TelemetryField) -> dict[str, object]:
     return {"persistence": item.persistence} if item.persistence != 1 else {}
 
 
@@ -224,7 +224,7 @@ def limit_rows(limits: Limits) -> dict[str, list[float | None]]:
     return {level: pair for level, pair in rows.items() if any(bound is not None for bound in pair)}
 
 
-def _limits_of(item: Item) -> dict[str, Any]:
+def _limits_of(item: Item) -> dict[str, object]:
     """Return limits and valid range of a value whose type has no place for them."""
     if not isinstance(item, TelemetryField):
         return {}
@@ -232,13 +232,13 @@ def _limits_of(item: Item) -> dict[str, Any]:
     return limit_rows(item.limits) | valid | _persistence(item)
 
 
-def _range_of(item: Item) -> dict[str, Any]:
+def _range_of(item: Item) -> dict[str, object]:
     if not isinstance(item, Argument):
         return {}
     return {k: v for k, v in (("min", item.minimum), ("max", item.maximum)) if v is not None}
 
 
-def _hazards_of(item: Item) -> dict[str, Any]:
+def _hazards_of(item: Item) -> dict[str, object]:
     hazards = {c.name: str(c.hazard) for c in item.choices if c.hazard is not Hazard.NONE}
     return {"choice_hazards": hazards} if hazards else {}
 

@@ -8,11 +8,12 @@ from typing import Any
 
 from gss.domain.camera import Brown, BrownUndistort, Camera, Pinhole, RadialTilt
 from gss.domain.errors import CorruptData
+from gss.domain.json_object import JsonObject
 
 MODELS = {model.__name__: model for model in (Pinhole, Brown, BrownUndistort, RadialTilt)}
 
 
-def record_of(camera: Camera) -> dict[str, Any]:
+def record_of(camera: Camera) -> JsonObject:
     """Return a camera as plain values."""
     values = asdict(camera)
     values["distortion"] = {"model": type(camera.distortion).__name__, **values["distortion"]}
@@ -24,7 +25,7 @@ def camera_from(record: Mapping[str, Any]) -> Camera:
     try:
         lens = dict(record["distortion"])
         model = MODELS[lens.pop("model")]
-        values: dict[str, Any] = {name: tuple(v) if isinstance(v, list) else v for name, v in lens.items()}
+        values: JsonObject = {name: tuple(v) if isinstance(v, list) else v for name, v in lens.items()}
         return Camera(**{**record, "distortion": model(**values)})
     except (KeyError, TypeError, ValueError) as error:
         got = f"{type(error).__name__}: {error}"

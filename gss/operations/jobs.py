@@ -20,6 +20,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from gss.domain.errors import BadInput, Conflict, GssError, StoreDown
+from gss.domain.json_object import JsonObject
 from gss.operations.clock import Now, stopwatch_s
 from gss.operations.events import EventBus
 from gss.operations.requests import as_stored
@@ -68,14 +69,14 @@ Progress = Callable[[int, int, str], None]
 class Keep(Protocol):
     """Stores a checkpoint; with a ``session``, in the same transaction as the data it refers to."""
 
-    def __call__(self, checkpoint: dict[str, Any], session: Any = None) -> None: ...
+    def __call__(self, checkpoint: JsonObject, session: Any = None) -> None: ...
 
 
 @dataclass(frozen=True)
 class JobRun:
     """Context of a job's work. ``checkpoint``: what the last ``keep`` stored, None on the first run."""
 
-    checkpoint: dict[str, Any] | None
+    checkpoint: JsonObject | None
     progress: Progress
     keep: Keep
 
@@ -95,7 +96,7 @@ class JobRequest:
 R = TypeVar("R", bound=JobRequest)
 
 
-def nested_request(stored: dict[str, Any]) -> dict[str, Any]:
+def nested_request(stored: JsonObject) -> JsonObject:
     """Convert a request that version 0.4 stored without its user to {"asked": request}."""
     return stored if "asked" in stored else {"asked": stored}
 
@@ -111,9 +112,9 @@ class JobKind(Generic[R]):
     work: Callable[[R, JobRun], JobResult]
     renewed: Callable[[R], R] | None = None
     repeated: Callable[[R], R] | None = None
-    older: Callable[[dict[str, Any]], dict[str, Any]] | None = None
+    older: Callable[[JsonObject], JsonObject] | None = None
 
-    def read(self, stored: dict[str, Any]) -> R:
+    def read(self, stored: JsonObject) -> R:
         """Return the request of a stored job. Raises BadInput if another version stored one that this version cannot use."""
         try:
             return TypeAdapter(self.request).validate_python(self.older(stored) if self.older else stored)
@@ -246,7 +247,7 @@ class JobService:
 
     # --- running ------------------------------------------------------------------------------------------------
 
-    def _add(self, kind: str, title: str, request: dict[str, Any]) -> Job:
+    def _add(self, kind: str, title: str, request: JsonObject) -> Job:
         if kind not in ALWAYS:
             self._check_room("a new job")
         row = Job(
@@ -279,7 +280,7 @@ class JobService:
                     published_s = now_s
                     self._update(job_id, state="running", done=done, total=total, text=text)
 
-        def keep(checkpoint: dict[str, Any], session: Any = None) -> None:
+        def keep(checkpoint: JsonObject, session: Any = None) -> None:
             if session is None:
                 with self._database.unit_of_work() as unit_session:
                     store.keep(unit_session, job_id, checkpoint)

@@ -7,6 +7,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 
 LARGEST_ID = 2**31 - 1
 """Row ids in the database are 32-bit."""
@@ -54,7 +55,7 @@ def _check_text(value: Any) -> None:
 R = TypeVar("R", bound=Request)
 
 
-def request_from(model: type[R], values: dict[str, Any]) -> R:
+def request_from(model: type[R], values: JsonObject) -> R:
     """Return the request with these values, for the command line. Raises BadInput naming the first wrong one."""
     try:
         return model.model_validate(values)
@@ -70,7 +71,7 @@ def request_from(model: type[R], values: dict[str, Any]) -> R:
         ) from None
 
 
-def as_stored(request: Any) -> dict[str, Any]:
+def as_stored(request: Any) -> JsonObject:
     """Return a request (a model or a dataclass) as JSON values."""
-    stored: dict[str, Any] = TypeAdapter(type(request)).dump_python(request, mode="json")
+    stored: JsonObject = TypeAdapter(type(request)).dump_python(request, mode="json")
     return stored

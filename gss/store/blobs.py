@@ -12,7 +12,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
@@ -208,7 +208,7 @@ def _missing(key: str) -> NotFound:
     return NotFound("stored bytes are missing", expected=f"a file for {key[:12]}…", hint="restore it from a backup")
 
 
-def _options(url: str, timeout_s: float) -> dict[str, Any]:
+def _options(url: str, timeout_s: float) -> dict[str, object]:
     """Return the fsspec options: no listing cache, because other processes write too; short timeouts, so that an
     unresponsive store does not block a request for minutes."""
     if not url.startswith(("s3://", "s3a://")):

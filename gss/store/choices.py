@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from gss.domain.json_object import JsonObject
 from gss.store.models import Choice
 
 TRUSTED_TIME = "upkeep.trusted-time"
@@ -33,7 +33,7 @@ def read(session: Session, prefix: str) -> list[Choice]:
     )
 
 
-def write(session: Session, name: str, value: dict[str, Any], now: datetime, user: str) -> Choice:
+def write(session: Session, name: str, value: JsonObject, now: datetime, user: str) -> Choice:
     """Store a choice, replacing an earlier one."""
     return session.merge(Choice(name=name, value=value, changed=now, user=user))
 

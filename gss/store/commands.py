@@ -11,6 +11,7 @@ from sqlalchemy import Select, String, cast, func, or_, select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
+from gss.domain.json_object import JsonObject
 from gss.store import paging
 from gss.store.models import Choice, Command, CommandStage
 
@@ -67,7 +68,7 @@ def add(
     contact_id: int | None,
     request_id: int,
     name: str,
-    arguments: dict[str, Any],
+    arguments: JsonObject,
     user: str,
     source: str,
     run_id: int | None = None,

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from gss.domain.json_object import JsonObject
 from gss.store.models import Event
 
 
-def add(session: Session, at: datetime, kind: str, severity: str, text: str, data: dict[str, Any]) -> Event:
+def add(session: Session, at: datetime, kind: str, severity: str, text: str, data: JsonObject) -> Event:
     """Append one event."""
     row = Event(at=at, kind=kind, severity=severity, text=text, data=data)
     session.add(row)

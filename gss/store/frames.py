@@ -130,7 +130,7 @@ def add_solution(session: Session, solution: Solution) -> Solution:
     return solution
 
 
-def add_solutions(session: Session, rows: list[dict[str, Any]]) -> None:
+def add_solutions(session: Session, rows: list[dict[str, object]]) -> None:
     """Store many solutions, given as column values."""
     session.execute(insert(Solution), rows)
 
@@ -248,7 +248,7 @@ class SolutionOutcome(NamedTuple):
     verdict: str | None
     error_axis_rad: float | None
     rms_px: float | None
-    timing_s: dict[str, Any]
+    timing_s: dict[str, float]
 
 
 def newest_by_chain(session: Session) -> list[SolutionOutcome]:
@@ -281,7 +281,7 @@ class FrameRun(NamedTuple):
     quaternion: list[Any] | None
     error_axis_rad: float | None
     rms_px: float | None
-    timing_s: dict[str, Any]
+    timing_s: dict[str, float]
 
     @property
     def solved(self) -> bool:

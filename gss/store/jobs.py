@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from gss.domain.errors import NotFound
+from gss.domain.json_object import JsonObject
 from gss.store.models import Job
 
 
@@ -31,7 +30,7 @@ def newest(session: Session, limit: int) -> list[Job]:
     return list(session.scalars(select(Job).order_by(Job.id.desc()).limit(limit)))
 
 
-def keep(session: Session, job_id: int, checkpoint: dict[str, Any]) -> None:
+def keep(session: Session, job_id: int, checkpoint: JsonObject) -> None:
     """Store a job's checkpoint. It has made progress, so earlier crashes no longer count."""
     row = get(session, job_id)
     row.checkpoint, row.attempts = checkpoint, 0

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any
 
 from sqlalchemy import delete, func, insert, select
 from sqlalchemy.orm import Session
 
+from gss.domain.json_object import JsonObject
 from gss.store.models import TelemetryPacket, TelemetryRollup
 
 HOUR_S = 3600
@@ -55,7 +55,7 @@ def next_received(session: Session, packet: str, at: datetime) -> datetime | Non
     return session.scalar(select(func.min(row.received)).where(row.packet == packet, row.received >= at))
 
 
-def packets_of(session: Session, packet: str, hour: int) -> list[tuple[datetime, dict[str, Any]]]:
+def packets_of(session: Session, packet: str, hour: int) -> list[tuple[datetime, JsonObject]]:
     """Return (received, values) of an hour, oldest first."""
     row = TelemetryPacket
     query = (

@@ -15,7 +15,8 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from PIL import Image
 
-from gss.operations.parsing.parse_processes import ParseLimits, ParsingQueue
+from gss.operations.parsing.parse_processes import ParsingQueue
+from gss.operations.parsing.parse_worker import ParseLimits
 
 LISTS = [
     "unit.ecsv",

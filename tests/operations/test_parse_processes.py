@@ -22,7 +22,8 @@ import pytest
 
 from gss.domain.errors import BadInput, Busy, CorruptData, TooCostly
 from gss.operations.frames.frame_files import ImportedFrame
-from gss.operations.parsing.parse_processes import ParseLimits, ParseProcesses, ParsingQueue
+from gss.operations.parsing.parse_processes import ParseProcesses, ParsingQueue
+from gss.operations.parsing.parse_worker import ParseLimits
 from gss.operations.parsing.plain_data import decode, encode, padding
 
 SOURCE = """

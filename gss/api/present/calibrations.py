@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from gss.api.schemas.calibrations import CalibrationDetailOut, CalibrationDiffOut, CalibrationOut, ChangeOut
-from gss.api.schemas.reports import ReportViewOut
 from gss.domain.angles import ARCSEC_RAD
 from gss.operations.studies.calibration_sheet import calibration_sheet
 from gss.operations.studies.calibrations import Comparison
@@ -18,17 +16,30 @@ NAMES = "id profile kind name created author tool note table_id"
 
 def calibration(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> CalibrationOut:
     """Return a calibration as a list entry."""
-    return CalibrationOut(**_facts(row, in_use, reports))
+    geometry = row.result.get("geometry", {})
+    on_board = [r for r in reports if row.table_id is not None and r.table_id == row.table_id]
+    return CalibrationOut(
+        **{name: getattr(row, name) for name in NAMES.split()},
+        frames=len(row.request.get("frame_ids") or row.request.get("dark_ids") or []),
+        in_use=in_use,
+        sendable=bool(row.values),
+        places=[f"{r.bank}, {'active' if r.active else r.state}" for r in on_board],
+        warnings=len(row.result.get("warnings", [])),
+        model=geometry.get("model"),
+        rms_px=geometry.get("residuals", {}).get("rms_px"),
+        rms_before_px=geometry.get("before", {}).get("rms_px"),
+        focal_px=row.values.get("focal_col_px") or geometry.get("camera", {}).get("focal_col_px"),
+    )
 
 
 def detail(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> CalibrationDetailOut:
     """Return a calibration with all its results and its report."""
     return CalibrationDetailOut(
-        **_facts(row, in_use, reports),
+        **dict(calibration(row, in_use, reports)),
         request=row.request,
         values=row.values,
         result=row.result,
-        report=ReportViewOut.model_validate(calibration_sheet(row).as_dict()),
+        report=calibration_sheet(row),
     )
 
 
@@ -42,19 +53,3 @@ def difference(comparison: Comparison) -> CalibrationDiffOut:
         rotation_arcsec=[float(a) / ARCSEC_RAD for a in comparison.geometry.rotation_rad],
         changed=[ChangeOut(name=n, older=pair[0], newer=pair[1]) for n, pair in comparison.changed.items()],
     )
-
-
-def _facts(row: Calibration, in_use: bool, reports: Sequence[TableReport]) -> dict[str, Any]:
-    geometry = row.result.get("geometry", {})
-    on_board = [r for r in reports if row.table_id is not None and r.table_id == row.table_id]
-    return {name: getattr(row, name) for name in NAMES.split()} | {
-        "frames": len(row.request.get("frame_ids") or row.request.get("dark_ids") or []),
-        "in_use": in_use,
-        "sendable": bool(row.values),
-        "places": [f"{r.bank}, {'active' if r.active else r.state}" for r in on_board],
-        "warnings": len(row.result.get("warnings", [])),
-        "model": geometry.get("model"),
-        "rms_px": geometry.get("residuals", {}).get("rms_px"),
-        "rms_before_px": geometry.get("before", {}).get("rms_px"),
-        "focal_px": row.values.get("focal_col_px") or geometry.get("camera", {}).get("focal_col_px"),
-    }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from gss.api.schemas.catalogues import CatalogueDetailOut, CatalogueOut
 from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.stars import Ids, StarTable
 from gss.operations.catalogues.build_catalogue import StoredDiff
+from gss.operations.catalogues.catalogue_report import stored_report
 from gss.operations.transfers.bank_history import BankPeriod, Timeline
 from gss.operations.transfers.bank_plans import cover
 from gss.operations.transfers.banks import BankView, days_left
@@ -36,33 +36,22 @@ NEED = 3
 
 def catalogue(row: Catalogue, banks: Sequence[BankView]) -> CatalogueOut:
     """Return a catalogue as a list entry."""
-    return CatalogueOut(**_catalogue_values(row, banks))
-
-
-def _catalogue_values(row: Catalogue, banks: Sequence[BankView]) -> dict[str, Any]:
     names = "id name profile format created author stars pairs sha256 valid_from valid_to"
-    values = {name: getattr(row, name) for name in names.split()}
-    return values | {"bytes": row.size, "banks": [b.bank for b in banks if b.sha256 == row.sha256]}
+    return CatalogueOut(
+        **{name: getattr(row, name) for name in names.split()},
+        bytes=row.size,
+        banks=[b.bank for b in banks if b.sha256 == row.sha256],
+    )
 
 
 def catalogue_detail(row: Catalogue, banks: Sequence[BankView]) -> CatalogueDetailOut:
     """Return a catalogue with maps and quality. Catalogues read back from the device have neither; older ones have only some."""
-    report = row.report
     return CatalogueDetailOut(
-        **_catalogue_values(row, banks),
+        **dict(catalogue(row, banks)),
+        **stored_report(row.report),
         instrument_version=row.instrument_version,
         request=row.request,
         manifest=row.manifest,
-        funnel=report.get("funnel", []),
-        sky=report.get("sky", []),
-        envelope=report.get("envelope"),
-        quality=report.get("quality"),
-        ambiguity=report.get("ambiguity"),
-        lifetime=report.get("lifetime"),
-        sizes=report.get("sizes"),
-        blinded=report.get("blinded", {}),
-        wanderers=report.get("wanderers", []),
-        screening=report.get("screening"),
         reduced_stars=(row.manifest.get("counts") or {}).get("reduced catalogue"),
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from gss.domain.frames import attitudes_agree, pointing_difference_rad, ra_dec_r
 from gss.domain.rotation import matrix_from_quaternion
 from gss.operations.frames.frames import FrameDetail
 from gss.operations.frames.replay_stages import ReplayStage, first_difference
+from gss.operations.frames.solution_rows import TurningValues
 from gss.store.models import Frame, Solution
 
 
@@ -54,32 +54,28 @@ def attitude(quaternion: Sequence[float] | None, sigma_rad: Sequence[float | Non
 
 def frame(row: Frame, best: Solution | None) -> FrameOut:
     """Return a frame with a summary of its operational ground solution."""
-    return FrameOut(**_frame_values(row, best))
-
-
-def _frame_values(row: Frame, best: Solution | None) -> dict[str, Any]:
     names = (
         "id number slot source name taken received columns rows bits "
         "exposure_s profile mode sha256 complete rows_held contact_id pixels_removed favourite"
     )
-    values = {name: getattr(row, name) for name in names.split()}
-    return values | {
-        "part": row.parameters.get("part", ""),
-        "held": row.parameters.get("held", []),
-        "verdict": best.verdict if best else None,
-        "outcome": best.outcome if best else None,
-        "chain": best.chain if best else None,
-        "camera_name": best.camera_name if best else None,
-        "matched": best.matched if best else None,
-        "centroids": best.found if best else None,
-        "attitude": attitude(best.quaternion, best.sigma_rad) if best else None,
-    }
+    return FrameOut(
+        **{name: getattr(row, name) for name in names.split()},
+        part=row.parameters.get("part", ""),
+        held=row.parameters.get("held", []),
+        verdict=best.verdict if best else None,
+        outcome=best.outcome if best else None,
+        chain=best.chain if best else None,
+        camera_name=best.camera_name if best else None,
+        matched=best.matched if best else None,
+        centroids=best.found if best else None,
+        attitude=attitude(best.quaternion, best.sigma_rad) if best else None,
+    )
 
 
 def frame_detail(detail: FrameDetail) -> FrameDetailOut:
     """Return a frame with all its solutions and their comparison."""
     return FrameDetailOut(
-        **_frame_values(detail.frame, detail.ground),
+        **dict(frame(detail.frame, detail.ground)),
         solutions=[solution(s) for s in detail.solutions],
         on_board=solution_detail(detail.on_board) if detail.on_board else None,
         ground=solution_detail(detail.ground) if detail.ground else None,
@@ -91,27 +87,23 @@ def frame_detail(detail: FrameDetail) -> FrameDetailOut:
 
 def solution(row: Solution) -> SolutionOut:
     """Return a solution without its overlays."""
-    return SolutionOut(**_solution_values(row))
-
-
-def _solution_values(row: Solution) -> dict[str, Any]:
     names = (
         "id frame_id origin chain version created outcome reason found matched rejected rms_px "
         "false_match_probability verdict replay notes camera_name operational options"
     )
-    values = {name: getattr(row, name) for name in names.split()}
-    fov_deg = tuple(math.degrees(v) for v in row.fov_rad) if row.fov_rad else None
+    fov_deg = (math.degrees(row.fov_rad[0]), math.degrees(row.fov_rad[1])) if row.fov_rad else None
     used_stars = [s for s in row.detail.get("stars", ()) if s.get("dx_arcsec") is not None and s["weight"] > 0]
     weights = sum(s["weight"] for s in used_stars)
     square = sum(s["weight"] * (s["dx_arcsec"] ** 2 + s["dy_arcsec"] ** 2) / 2 for s in used_stars)
-    return values | {
-        "attitude": attitude(row.quaternion, row.sigma_rad),
-        "rms_arcsec": math.sqrt(square / weights) if weights else None,
-        "fov_deg": fov_deg,
-        "timing_ms": {name: 1000 * s for name, s in row.timing_s.items()},
-        "error_axis_arcsec": None if row.error_axis_rad is None else arcsec(row.error_axis_rad),
-        "error_roll_arcsec": None if row.error_roll_rad is None else arcsec(row.error_roll_rad),
-    }
+    return SolutionOut(
+        **{name: getattr(row, name) for name in names.split()},
+        attitude=attitude(row.quaternion, row.sigma_rad),
+        rms_arcsec=math.sqrt(square / weights) if weights else None,
+        fov_deg=fov_deg,
+        timing_ms={name: 1000 * s for name, s in row.timing_s.items()},
+        error_axis_arcsec=None if row.error_axis_rad is None else arcsec(row.error_axis_rad),
+        error_roll_arcsec=None if row.error_roll_rad is None else arcsec(row.error_roll_rad),
+    )
 
 
 def solution_detail(row: Solution) -> SolutionDetailOut:
@@ -119,7 +111,7 @@ def solution_detail(row: Solution) -> SolutionDetailOut:
     detail = row.detail
     optional = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
     return SolutionDetailOut(
-        **_solution_values(row),
+        **dict(solution(row)),
         turning=_turning(detail.get("turning")),
         aberration_arcsec=arcsec(math.hypot(*detail["velocity_c"])) if detail.get("velocity_c") else None,
         versions=detail.get("versions", {}),
@@ -133,7 +125,7 @@ def solution_detail(row: Solution) -> SolutionDetailOut:
     )
 
 
-def _turning(record: dict[str, Any] | None) -> TurningOut | None:
+def _turning(record: TurningValues | None) -> TurningOut | None:
     if record is None:
         return None
     x, y, z = (math.degrees(v) for v in record["rad_s"])

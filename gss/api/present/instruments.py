@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -34,23 +33,19 @@ def instruments(service: InstrumentService) -> InstrumentsOut:
 
 def instrument(installed: Installed) -> InstrumentOut:
     """Return an instrument as a list entry."""
-    return InstrumentOut(**_values(installed))
-
-
-def _values(installed: Installed) -> dict[str, Any]:
     about, i = installed.instrument.about, installed.instrument
-    return {
-        "name": i.name,
-        "title": about.title,
-        "maker": about.maker,
-        "release": about.version,
-        "version": i.version,
-        "origin": "shipped" if i.shipped else "own",
-        "configured": installed.configured,
-        "connected": installed.connected,
-        "in_use": installed.in_use,
-        "use": UseOut.model_validate(installed.total),
-    }
+    return InstrumentOut(
+        name=i.name,
+        title=about.title,
+        maker=about.maker,
+        release=about.version,
+        version=i.version,
+        origin="shipped" if i.shipped else "own",
+        configured=installed.configured,
+        connected=installed.connected,
+        in_use=installed.in_use,
+        use=UseOut.model_validate(installed.total),
+    )
 
 
 def instrument_detail(installed: Installed, versions: Sequence[str]) -> InstrumentDetailOut:
@@ -58,7 +53,7 @@ def instrument_detail(installed: Installed, versions: Sequence[str]) -> Instrume
     i = installed.instrument
     camera, definitions = i.profile.camera, i.dictionary
     return InstrumentDetailOut(
-        **_values(installed),
+        **dict(instrument(installed)),
         versions=list(versions),
         uses=[UseOut.model_validate(use) for use in installed.uses],
         references=list(i.about.references),

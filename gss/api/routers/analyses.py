@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import Query, Response
 
@@ -12,11 +12,11 @@ from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.schemas.analyses import AnalysisDetailOut, AnalysisOut
 from gss.api.schemas.calibrations import CalibrationDetailOut
 from gss.api.schemas.jobs import JobOut
-from gss.api.schemas.reports import ReportViewOut
-from gss.api.schemas.sheets import SheetOut
 from gss.domain.errors import NotFound
+from gss.operations.report.parts import report_from
 from gss.operations.studies.analyses import EXPORTS
 from gss.operations.studies.analysis_requests import AnalysisRequest
+from gss.operations.studies.sheet_record import SheetValues
 from gss.store.models import Analysis
 
 router = api_router("analyses", "/analyses")
@@ -27,7 +27,7 @@ def list_analyses(
     app: App, kind: Annotated[str, Query(max_length=30)] = "", limit: Annotated[int, Query(ge=1, le=500)] = 50
 ) -> list[AnalysisOut]:
     """Analyses, newest first. ``kind``: only this kind."""
-    return [AnalysisOut(**_facts(row)) for row in app.studies.analyses.newest(limit, kind)]
+    return [_analysis(row) for row in app.studies.analyses.newest(limit, kind)]
 
 
 @router.post("", status_code=202, dependencies=[need("analyse")])
@@ -40,17 +40,18 @@ def analyse(app: App, user: User, body: AnalysisRequest) -> JobOut:
 def read_analysis(app: App, analysis_id: RowId) -> AnalysisDetailOut:
     """Analysis with its report."""
     row = app.studies.analyses.get(analysis_id)
-    report = ReportViewOut.model_validate(row.result["report"])
-    return AnalysisDetailOut(**_facts(row), request=row.request, figures=row.result["figures"], report=report)
+    report = report_from(row.result["report"])
+    return AnalysisDetailOut(**dict(_analysis(row)), request=row.request, figures=row.result["figures"], report=report)
 
 
 @router.get("/{analysis_id}/sheet")
-def read_sheet(app: App, analysis_id: RowId) -> SheetOut:
+def read_sheet(app: App, analysis_id: RowId) -> SheetValues:
     """Performance sheet as one document; only for an analysis of the kind sheet."""
     row = app.studies.analyses.get(analysis_id)
     if row.kind != "sheet":
         raise NotFound("this analysis is not a performance sheet", expected="kind sheet", got=row.kind)
-    return SheetOut.model_validate(row.result["figures"])
+    sheet: SheetValues = row.result["figures"]
+    return sheet
 
 
 @router.post("/{analysis_id}/calibration", status_code=201, dependencies=[need("calibrate")])
@@ -68,8 +69,8 @@ def export(app: App, analysis_id: RowId, kind: Literal["json", "html", "pdf", "t
     return Response(app.studies.analyses.export(analysis_id, kind), media_type=EXPORTS[kind], headers=headers)
 
 
-def _facts(row: Analysis) -> dict[str, Any]:
+def _analysis(row: Analysis) -> AnalysisOut:
     notes = row.result["report"]["notes"]
     names = ["id", "kind", "title", "created", "author", "tool"]
     severe = sum(1 for n in notes if n["severe"])
-    return {name: getattr(row, name) for name in names} | {"doubts": len(notes), "severe": severe}
+    return AnalysisOut(**{name: getattr(row, name) for name in names}, doubts=len(notes), severe=severe)

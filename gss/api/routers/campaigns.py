@@ -12,7 +12,6 @@ from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, User, need
 from gss.api.schemas.campaigns import ChainFailureOut, ChainPairIn, ChainRecordOut, ChainReportOut, ExperimentOut
 from gss.api.schemas.jobs import JobOut
-from gss.api.schemas.reports import ReportViewOut
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.experiment import share_interval
 from gss.operations.clock import utc_now
@@ -57,7 +56,7 @@ def chain_report(app: App, pair: Annotated[ChainPairIn, Query()]) -> ChainReport
     without ``against_chain`` with each frame's operational result."""
     report = _report(app, pair)
     return ChainReportOut(
-        report=ReportViewOut.model_validate(report.report.as_dict()),
+        report=report.report,
         failures=[ChainFailureOut.model_validate(f) for f in report.failures],
         failed=report.failed,
     )

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from typing import Annotated, Any, Literal
+from collections.abc import Sequence
+from typing import Annotated, Literal
 from urllib.parse import quote
 
 from fastapi import Form, Query, Response, UploadFile
@@ -17,7 +18,7 @@ from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.list_runs import ListResultOut, ListResultsOut, ListRunOut, ListRunStartedOut
 from gss.operations.frames.measured_lists import SIGMA_PX
 from gss.operations.requests import request_from
-from gss.operations.studies.list_runs import ListRunRequest
+from gss.operations.studies.list_runs import ListRow, ListRunRequest
 from gss.store.models import ListRun
 
 router = api_router("frames", "/lists")
@@ -79,12 +80,12 @@ def export_results(app: App, run_id: RowId, format: Literal["json", "csv"] = "js
     return Response(content, media_type=kind, headers=headers)
 
 
-def _json(run: ListRun, rows: list[dict[str, Any]]) -> str:
+def _json(run: ListRun, rows: list[ListRow]) -> str:
     about = ListRunOut.model_validate(run).model_dump(mode="json")
     return json.dumps(about | {"results": rows}, allow_nan=False, ensure_ascii=False)
 
 
-def _csv(rows: list[dict[str, Any]]) -> str:
+def _csv(rows: list[ListRow]) -> str:
     text = io.StringIO()
     names = [*ListResultOut.model_fields]
     places = names.index("quaternion")
@@ -92,7 +93,8 @@ def _csv(rows: list[dict[str, Any]]) -> str:
     writer = csv.writer(text)
     writer.writerow(columns)
     for row in rows:
-        parts = dict(zip(("qx", "qy", "qz", "qw"), row["quaternion"] or [None] * 4, strict=True))
-        values = row | parts | {"notes": "; ".join(row["notes"])}
+        quaternion: Sequence[float | str] = row["quaternion"] or ("", "", "", "")
+        parts = dict(zip(("qx", "qy", "qz", "qw"), quaternion, strict=True))
+        values = {**row, **parts, "notes": "; ".join(row["notes"])}
         writer.writerow([values[column] for column in columns])
     return text.getvalue()

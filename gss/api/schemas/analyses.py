@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from gss.api.schemas.base import Out, Utc
-from gss.api.schemas.reports import ReportViewOut
+from gss.domain.json_object import JsonObject
+from gss.operations.report.parts import Report
 
 
 class AnalysisOut(Out):
@@ -24,6 +23,6 @@ class AnalysisOut(Out):
 class AnalysisDetailOut(AnalysisOut):
     """Analysis with its report. ``figures``: results in radians, seconds and pixels."""
 
-    request: dict[str, Any]
-    figures: dict[str, Any]
-    report: ReportViewOut
+    request: JsonObject
+    figures: JsonObject
+    report: Report

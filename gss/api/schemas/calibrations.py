@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
-from gss.api.schemas.reports import ReportViewOut
+from gss.domain.json_object import JsonObject
+from gss.operations.report.parts import Report
 
 
 class CalibrationOut(Out):
@@ -36,10 +35,10 @@ class CalibrationOut(Out):
 class CalibrationDetailOut(CalibrationOut):
     """Calibration with all its results."""
 
-    request: dict[str, Any]
-    values: dict[str, Any]
-    result: dict[str, Any]
-    report: ReportViewOut
+    request: JsonObject
+    values: JsonObject
+    result: JsonObject
+    report: Report
 
 
 class DocumentedIn(In):

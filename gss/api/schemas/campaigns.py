@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out
-from gss.api.schemas.reports import ReportViewOut
+from gss.operations.report.parts import Report
 
 
 class ExperimentOut(Out):
@@ -57,6 +57,6 @@ class ChainFailureOut(Out):
 class ChainReportOut(Out):
     """Report on a chain. ``failures``: the first of the ``failed`` frames."""
 
-    report: ReportViewOut
+    report: Report
     failures: list[ChainFailureOut]
     failed: int

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from gss.api.schemas.base import Out, Utc
+from gss.domain.json_object import JsonObject
 
 
 class ChangedStarOut(Out):
@@ -151,4 +152,4 @@ class StarListOut(Out):
     dropped: int
     size: int
     sha256: str
-    report: dict[str, Any]
+    report: JsonObject

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
+from gss.domain.json_object import JsonObject
 
 StageName = Literal["queued", "released", "sent", "accepted", "started", "progress", "completed"]
 HazardName = Literal["none", "watch", "warning", "critical"]
@@ -163,7 +164,7 @@ class CommandOut(Out):
     contact_id: int | None
     request_id: int
     name: str
-    arguments: dict[str, Any]
+    arguments: JsonObject
     text: str
     user: str
     source: str
@@ -176,7 +177,7 @@ class CommandOut(Out):
     late: bool
     attempts: int
     resolved_note: str
-    values: dict[str, Any]
+    values: JsonObject
     run_id: int | None
     idempotent: bool
     needs_operator: bool

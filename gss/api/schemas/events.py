@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from gss.api.schemas.base import Out, Utc
+from gss.domain.json_object import JsonObject
 
 
 class EventOut(Out):
@@ -15,4 +14,4 @@ class EventOut(Out):
     kind: str
     severity: str
     text: str
-    data: dict[str, Any]
+    data: JsonObject

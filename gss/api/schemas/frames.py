@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from gss.api.schemas.base import LARGEST_ID, In, Out, Utc
+from gss.domain.json_object import JsonObject
 from gss.operations.frames.overlay import GridLine, PredictedStar, RegionOverlay
 from gss.operations.requests import ChainOptions
 
@@ -126,7 +127,7 @@ class CameraOut(Out):
     focal_row_px: float
     centre_col_px: float
     centre_row_px: float
-    distortion: dict[str, Any]
+    distortion: JsonObject
 
 
 class TurningOut(Out):

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from gss.api.schemas.base import Out, Utc
+from gss.domain.json_object import JsonObject
 
 
 class JobOut(Out):
@@ -23,6 +22,6 @@ class JobOut(Out):
     text: str
     created: Utc
     finished: Utc | None
-    result: dict[str, Any]
+    result: JsonObject
     attempts: int
     can_start_again: bool

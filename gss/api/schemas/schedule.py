@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
 from gss.api.schemas.commands import ByteGroupOut, HazardName
+from gss.domain.json_object import JsonObject
 
 
 class EntryOut(Out):
@@ -20,7 +21,7 @@ class EntryOut(Out):
     at: Utc | None
     uncertainty_s: float | None
     command: str | None
-    arguments: dict[str, Any]
+    arguments: JsonObject
     text: str
     hazard: HazardName
     state: Literal["waiting", "done", "failed", "cancelled", "missed"]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
 from gss.api.schemas.commands import ByteGroupOut, HazardName, PreconditionOut
+from gss.domain.json_object import JsonObject
 
 Operator = Literal["eq", "ne", "lt", "le", "gt", "ge"]
 Plain = float | int | str | bool
@@ -82,7 +83,7 @@ class StepOut(Out):
     """Stored step, with all arguments."""
 
     command: str
-    arguments: dict[str, Any]
+    arguments: JsonObject
     delay_s: float
     condition: ConditionOut | None
     note: str

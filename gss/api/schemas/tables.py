@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
+from gss.domain.json_object import JsonObject
 
 Scalar = bool | int | float | str
 
@@ -37,7 +38,7 @@ class TableOut(Out):
 class TableDetailOut(TableOut):
     """Stored table with its values."""
 
-    content: dict[str, Any]
+    content: JsonObject
 
 
 class OnBoardTableOut(Out):
@@ -61,7 +62,7 @@ class TableDefaultsOut(Out):
 
     kind: str
     profile: str
-    content: dict[str, Any]
+    content: JsonObject
 
 
 class TableIn(In):

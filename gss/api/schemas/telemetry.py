@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import AwareDatetime, Field
 
 from gss.api.schemas.base import In, Out, Utc
+from gss.domain.json_object import JsonObject
 from gss.operations.telemetry.telemetry import FieldValue
 from gss.operations.telemetry.value_format import Kind
 
@@ -59,7 +60,7 @@ class PacketOut(Out):
     device_time_s: float
     contact_id: int | None
     request_id: int
-    values: dict[str, Any]
+    values: JsonObject
 
 
 class CycleOut(Out):

@@ -6,7 +6,7 @@ misspells, or a field that it does not have, does not compile.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, get_type_hints
 
 from pydantic import BaseModel, Field, create_model
@@ -40,8 +40,8 @@ def _frame(frame: Frame) -> FrameOut:
     return present.frames.frame(frame, None)
 
 
-def _limits(change: dict[str, Any]) -> LimitsChangedOut:
-    return LimitsChangedOut(**change)
+def _limits(change: Mapping[str, object]) -> LimitsChangedOut:
+    return LimitsChangedOut.model_validate(change)
 
 
 PRESENT: dict[str, Callable[[Any], Any]] = {

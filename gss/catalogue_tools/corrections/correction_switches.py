@@ -10,6 +10,7 @@ import numpy as np
 from gss.catalogue_tools.corrections.doubles import Doubles
 from gss.catalogue_tools.corrections.instrument_magnitude import B_V_RANGE, ROLL_OFFS
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 
 FRAMES = ("icrs", "of_date", "b1950")
 FASTEST_ORBIT_KM_S = 20.0
@@ -118,7 +119,7 @@ class Corrections:
             or (self.doubles is not None and self.doubles.separation_rad is None)
         )
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Plain values for a manifest; ``corrections_of`` reads them."""
         content = asdict(self)
         for name in ("orbital_aberration", "doubles"):
@@ -127,7 +128,7 @@ class Corrections:
         return content
 
 
-def corrections_of(values: dict[str, Any]) -> Corrections:
+def corrections_of(values: JsonObject) -> Corrections:
     """Return the corrections of plain values, as written by ``Corrections.as_dict``; BadInput if they are not valid."""
     content = dict(values)
     orbit, double = content.get("orbital_aberration"), content.get("doubles")
@@ -158,7 +159,7 @@ def _check_speed(speed_km_s: float) -> None:
         )
 
 
-def _made(kind: Any, content: dict[str, Any]) -> Any:
+def _made(kind: Any, content: JsonObject) -> Any:
     names = {f.name for f in fields(kind)}
     if unknown := set(content) - names:
         raise BadInput("unknown correction", expected=" | ".join(sorted(names)), got=", ".join(sorted(unknown)))

@@ -19,6 +19,7 @@ from gss.catalogue_tools.corrections.ephemeris import AU_KM, DAY_S, PLANETS, TT_
 from gss.catalogue_tools.envelope.orbits import jyear_of
 from gss.domain.angles import Array, ra_dec_from_unit
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 
 PLANET_RADIUS_KM = (2440.5, 6051.8, 3396.2, 71492.0, 60268.0, 25559.0, 24764.0)
 LOW_ORBIT_KM = 7000.0
@@ -68,7 +69,7 @@ class Exclusions:
         """Return the track of a body; None if it stays too faint."""
         return next((track for track in self.tracks if track.name == name), None)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Plain values, angles in radians."""
         return {
             "jyear": self.jyear.tolist(),
@@ -146,7 +147,7 @@ def _apparent(icrs: Array, bodies: Bodies) -> Array:
     return np.asarray(aberrate(icrs, bodies.earth_velocity_c))
 
 
-def _plain(track: Track) -> dict[str, Any]:
+def _plain(track: Track) -> JsonObject:
     ra, dec = ra_dec_from_unit(track.icrs)
     return {
         "name": track.name,

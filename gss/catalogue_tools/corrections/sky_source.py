@@ -6,8 +6,9 @@ centres of light, the observer's position and velocity, the axes. With the defau
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -30,6 +31,20 @@ from gss.domain.errors import BadInput
 from gss.domain.response import response_of
 from gss.domain.stars import FLAG_VARIABLE, StarTable
 
+CorrectionFact = Mapping[str, object]
+"""One applied correction: ``name``, ``stars``, usually ``largest`` with its ``unit``, and values that only it has."""
+
+
+class SkyFacts(TypedDict):
+    """The corrections as the manifest records them."""
+
+    frame: str
+    epoch_jyear: float
+    date_jyear: float
+    stars_in: int
+    stars_out: int
+    applied: list[CorrectionFact]
+
 
 @dataclass(frozen=True)
 class CorrectedSky:
@@ -44,7 +59,7 @@ class CorrectedSky:
     icrs_stars: StarTable
     rejected: StarTable
     frame: str
-    facts: dict[str, Any]
+    facts: SkyFacts
     corrections: Corrections
     date_jyear: float
 
@@ -74,7 +89,7 @@ def corrected(
         )
     if corrections.needs_profile and profile is None:
         raise BadInput("a correction needs the camera", expected="a camera profile", got="none")
-    facts: list[dict[str, Any]] = []
+    facts: list[CorrectionFact] = []
     now = _magnitudes_of_date(stars, corrections, date, facts)
     if corrections.proper_motion:
         moved = propagate(now, epoch_jyear)
@@ -88,7 +103,7 @@ def corrected(
     name = frame_name(corrections, date)
     if corrections.frame != "icrs":
         facts.append({"name": "frame", "frame": name, "stars": len(framed)})
-    summary = {
+    summary: SkyFacts = {
         "frame": name,
         "epoch_jyear": now.epoch_jyear,
         "date_jyear": float(date),
@@ -99,13 +114,13 @@ def corrected(
     return CorrectedSky(framed, now, rejected, name, summary, corrections, float(date))
 
 
-def _shift_fact(name: str, before: StarTable, after: StarTable, **details: Any) -> dict[str, Any]:
+def _shift_fact(name: str, before: StarTable, after: StarTable, **details: object) -> CorrectionFact:
     shift = separation_rad(before.icrs, after.icrs) if len(before) else np.zeros(1)
     moved = int(np.count_nonzero(shift > 0))
     return {"name": name, "stars": moved, "largest": float(shift.max()), "unit": "rad", **details}
 
 
-def _light_fact(name: str, before: StarTable, after: StarTable, **details: Any) -> dict[str, Any]:
+def _light_fact(name: str, before: StarTable, after: StarTable, **details: object) -> CorrectionFact:
     change = np.abs(after.v_mag - before.v_mag) if len(before) else np.zeros(1)
     return {
         "name": name,
@@ -116,7 +131,7 @@ def _light_fact(name: str, before: StarTable, after: StarTable, **details: Any) 
     }
 
 
-def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: list[dict[str, Any]]) -> StarTable:
+def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: list[CorrectionFact]) -> StarTable:
     now = stars
     if c.flag_variables:
         flagged = variables.flagged(now)
@@ -134,7 +149,7 @@ def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: li
 
 
 def _camera_magnitudes(
-    stars: StarTable, c: Corrections, profile: CameraProfile, facts: list[dict[str, Any]]
+    stars: StarTable, c: Corrections, profile: CameraProfile, facts: list[CorrectionFact]
 ) -> StarTable:
     now = stars
     if c.instrument_magnitude:
@@ -160,7 +175,7 @@ def _camera_magnitudes(
 
 
 def _merged(
-    stars: StarTable, c: Corrections, profile: CameraProfile | None, facts: list[dict[str, Any]]
+    stars: StarTable, c: Corrections, profile: CameraProfile | None, facts: list[CorrectionFact]
 ) -> tuple[StarTable, StarTable]:
     if c.doubles is None:
         return stars, stars.take(np.zeros(len(stars), bool))
@@ -180,7 +195,7 @@ def _merged(
     return merged.stars, merged.rejected
 
 
-def _seen_from_earth(stars: StarTable, c: Corrections, date: float, facts: list[dict[str, Any]]) -> StarTable:
+def _seen_from_earth(stars: StarTable, c: Corrections, date: float, facts: list[CorrectionFact]) -> StarTable:
     now = stars
     if c.parallax:
         near = replace(now, icrs=parallactic(now.icrs, now.parallax_rad, earth_motion(date)[0]))

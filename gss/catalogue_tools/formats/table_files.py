@@ -14,7 +14,7 @@ import itertools
 import json
 import zipfile
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -68,7 +68,7 @@ def _check(kind: str) -> str:
     return kind
 
 
-def _facts(image: bytes) -> dict[str, Any]:
+def _facts(image: bytes) -> dict[str, object]:
     h = read_header(image)
     return {
         "format": h.format_name,
@@ -79,10 +79,21 @@ def _facts(image: bytes) -> dict[str, Any]:
     }
 
 
-def _tables(image: bytes) -> tuple[Tables, list[dict[str, Any]]]:
+class BlockEntry(TypedDict):
+    """A block of the image as the files list it. ``type``: of numpy; ``bits``: widths of packed fields."""
+
+    table: str
+    name: str
+    type: str | list[Any]
+    shape: list[int]
+    bits: list[int]
+    rows: int
+
+
+def _tables(image: bytes) -> tuple[Tables, list[BlockEntry]]:
     """Columns by table, and for each block: table, names, type, shape, bits, count."""
     tables: Tables = {}
-    layout = []
+    layout: list[BlockEntry] = []
     for block, data in blocks_of(image):
         if not block.size:
             continue
@@ -149,7 +160,7 @@ def _require_whole(quantity: str, values: np.ndarray[Any, Any], low: int, high: 
 # --- FITS -----------------------------------------------------------------------------------------------------------
 
 
-def _write_fits(tables: Tables, layout: list[dict[str, Any]], facts: Mapping[str, Any]) -> bytes:
+def _write_fits(tables: Tables, layout: list[BlockEntry], facts: Mapping[str, Any]) -> bytes:
     from astropy.io import fits
     from astropy.table import Table  # imported here because it takes a second
 
@@ -196,7 +207,7 @@ def _held(tables: Tables, name: str) -> Columns:
 # --- one file per table, in a ZIP ------------------------------------------------------------------------------------
 
 
-def _zipped(files: Mapping[str, bytes], layout: list[dict[str, Any]], facts: Mapping[str, Any]) -> bytes:
+def _zipped(files: Mapping[str, bytes], layout: list[BlockEntry], facts: Mapping[str, Any]) -> bytes:
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         content = {

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +56,7 @@ class AmbiguityMap:
         figure = float(self.rivals[inside[order[0]]])
         return float(np.arctan2(y, x) % (2 * np.pi)), float(np.arcsin(z)), figure
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """Medians and the fraction of the envelope with fewer than three stars, for the manifest."""
         inside = self.stars >= 0
         finite = np.isfinite(self.wrong_triangles) & inside

@@ -63,7 +63,7 @@ class Assessment:
     blinded: dict[str, float]
     wanderers: tuple[MovingBody, ...]
 
-    def facts(self) -> dict[str, Any]:
+    def facts(self) -> dict[str, object]:
         """Plain values for the manifest."""
         return {
             "lifetime_days": _finite(self.lifetime.days),
@@ -141,6 +141,6 @@ def _finite(value: float | np.floating[Any]) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def plain(values: dict[str, Any]) -> dict[str, Any]:
+def plain(values: dict[str, object]) -> dict[str, object]:
     """Replace NaN and infinity by None, because JSON has neither."""
     return {name: _finite(value) if isinstance(value, float | np.floating) else value for name, value in values.items()}

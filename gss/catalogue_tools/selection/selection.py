@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
 
 from gss.catalogue_tools.envelope.envelope import Envelope
 from gss.catalogue_tools.envelope.field import FieldShape

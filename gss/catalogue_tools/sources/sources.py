@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from typing import Any
 
 import numpy as np
 
@@ -42,7 +42,7 @@ class StarSource:
     count: int
     sha256: str
     faintest_v_mag: float
-    facts: dict[str, Any]
+    facts: Mapping[str, object]
 
 
 def load_source(name: str, v_max: float | None = None) -> StarSource:

@@ -8,6 +8,7 @@ import io
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gss.catalogue_tools.sources.hipparcos import MAS_RAD, tangent_basis
 from gss.catalogue_tools.sources.star_list_mapping import KINDS
@@ -68,7 +69,7 @@ def write_star_list(stars: StarTable, kind: str) -> bytes:
     return writers[kind](stars)
 
 
-def columns(stars: StarTable) -> dict[str, Any]:
+def columns(stars: StarTable) -> dict[str, NDArray[Any]]:
     """Columns to write, by name."""
     ra, dec = ra_dec_from_unit(stars.icrs)
     east, north = tangent_basis(ra, dec)
@@ -87,7 +88,7 @@ def columns(stars: StarTable) -> dict[str, Any]:
     }
 
 
-def _facts(stars: StarTable) -> dict[str, Any]:
+def _facts(stars: StarTable) -> dict[str, object]:
     return {"epoch_jyear": float(stars.epoch_jyear), "frame": "icrs"}
 
 

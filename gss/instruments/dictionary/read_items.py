@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict
 
 from gss.domain.errors import BadInput
 from gss.instruments.dictionary.definitions import (
@@ -52,7 +52,18 @@ def known_keys(where: str, row: Row, keys: str) -> None:
         raise BadInput(f"{where}: unknown keys", expected=keys, got=", ".join(map(str, sorted(unknown, key=str))))
 
 
-def read_item(where: str, row: Row, enums: Enums) -> dict[str, Any]:
+class ItemFields(TypedDict):
+    """The constructor arguments that all kinds of Item share."""
+
+    name: str
+    type: str
+    size: int
+    unit: str
+    purpose: str
+    choices: tuple[EnumChoice, ...]
+
+
+def read_item(where: str, row: Row, enums: Enums) -> ItemFields:
     """Return the constructor arguments that all kinds of Item share."""
     name, kind = str(row["name"]), str(row["type"])
     sized = SIZED.fullmatch(kind)
@@ -64,7 +75,7 @@ def read_item(where: str, row: Row, enums: Enums) -> dict[str, Any]:
         )
     return {
         "name": name,
-        "type": sized[1] if sized else kind,
+        "type": str(sized[1]) if sized else kind,
         "size": int(sized[2]) if sized else 0,
         "unit": str(row.get("unit", "")),
         "purpose": str(row.get("purpose", "")),

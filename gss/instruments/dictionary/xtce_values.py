@@ -7,11 +7,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from gss.domain.json_object import JsonObject
 from gss.instruments.dictionary.definitions import INTEGER_RANGES
 from gss.instruments.dictionary.xml_lines import Element
 from gss.instruments.dictionary.xtce_terms import ALARMS, ANCILLARY, BIG_ENDIAN, LITTLE_ENDIAN
 
-Row = dict[str, Any]
+Row = JsonObject
 NAMED = "LongDescription AliasSet AncillaryDataSet"
 NAME = "name shortDescription"
 INTEGERS = {("unsigned", 8): "u8", ("unsigned", 16): "u16", ("unsigned", 32): "u32", ("unsigned", 64): "u64"}

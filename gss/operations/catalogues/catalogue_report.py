@@ -3,9 +3,10 @@ displayed."""
 
 from __future__ import annotations
 
-from typing import Any, TypedDict
+from typing import Any, Literal
 
 import numpy as np
+from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
 
 from gss.catalogue_tools.build import BuiltCatalogue, Preview, build
 from gss.catalogue_tools.envelope.lifetime import Lifetime
@@ -22,6 +23,7 @@ from gss.domain.angles import ARCSEC_RAD, ra_dec_from_unit
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import CorruptData
 from gss.domain.frames import cam_from_icrs
+from gss.domain.json_object import JsonObject
 from gss.domain.stars import StarTable
 
 MOST_ON_MAP = 4000
@@ -38,11 +40,11 @@ class FunnelValues(TypedDict):
 
     label: str
     stars: int
-    kind: str
+    kind: Literal["keep", "drop"]
 
 
 class MapStar(TypedDict):
-    """A candidate star. ``state``: what the selection did with it."""
+    """A candidate star. ``state``: kept, thinned, rejected or outside."""
 
     hip: int
     ra_deg: float
@@ -52,7 +54,9 @@ class MapStar(TypedDict):
 
 
 class EnvelopeValues(TypedDict):
-    """Share of the time in the field of each pixel of the sky, and how the field moves."""
+    """Envelope: share of the time in the field of view of each pixel of the sky, HEALPix ring order, 0 where never. ``sweep``:
+    outlines of the field along the orbit with their ``boresights``, over one orbit or the validity; [] for the whole sky and
+    for catalogues of older versions."""
 
     nside: int
     fraction: list[float]
@@ -72,7 +76,8 @@ class ChoiceValues(TypedDict):
 
 
 class QualityValues(TypedDict):
-    """Number of pointings by stars in the field, and figures of the search."""
+    """How well the stars fill the fields. ``searched``: number of fields examined to find the worst one. ``worst_roll_deg``
+    None: built by an older version."""
 
     pointings: int
     histogram: list[int]
@@ -82,7 +87,7 @@ class QualityValues(TypedDict):
     worst_stars: int
     worst_ra_deg: float
     worst_dec_deg: float
-    worst_roll_deg: float
+    worst_roll_deg: float | None
     candidates_per_query: float | None
     candidates_per_star: float | None
     blinded_share: float
@@ -96,7 +101,8 @@ class QualityReport(QualityValues):
 
 
 class AmbiguityValues(TypedDict):
-    """Wrong triangles and pairs by pixel of the sky."""
+    """Ambiguity in HEALPix ring order: other triangles per triangle of a field's brightest stars (``value``), other pairs per
+    pair (``pairs``); None outside the envelope."""
 
     nside: int
     tolerance_arcsec: float
@@ -108,7 +114,7 @@ class AmbiguityValues(TypedDict):
 
 
 class LifetimeValues(TypedDict):
-    """Share of stars within the tolerance over time. ``until`` None: beyond the curve."""
+    """Share of stars within the tolerance by days after the end of validity. ``days`` and ``until`` None: beyond the curve."""
 
     threshold: float
     days: float | None
@@ -125,7 +131,8 @@ class SizeValues(TypedDict):
 
 
 class WandererValues(TypedDict):
-    """A planet in the field. ``way``: its path in degrees."""
+    """The Sun, or a body that enters the envelope on ``share`` of the days. ``way``: its path in degrees, from first to last
+    day."""
 
     name: str
     brightest_mag: float
@@ -148,6 +155,49 @@ class CatalogueReport(PreviewReport):
     blinded: dict[str, float]
     wanderers: list[WandererValues]
     screening: ScreeningFacts | None
+
+
+class StoredReport(TypedDict):
+    """Report of a stored catalogue. One that was read back from the device has none; older ones lack parts."""
+
+    funnel: list[FunnelValues]
+    sky: list[MapStar]
+    envelope: EnvelopeValues | None
+    quality: QualityReport | None
+    ambiguity: AmbiguityValues | None
+    lifetime: LifetimeValues | None
+    sizes: SizeValues | None
+    blinded: dict[str, float]
+    wanderers: list[WandererValues]
+    screening: ScreeningFacts | None
+
+
+ADDED_TO_ENVELOPE: JsonObject = {"sweep_over": "", "sweep": [], "boresights": []}
+ADDED_TO_QUALITY: JsonObject = {
+    "worst_roll_deg": None,
+    "worst_outline": [],
+    "candidates_per_star": None,
+    "blinded_share": 0.0,
+    "searched": 0,
+}
+"""Values that older versions did not store."""
+
+
+def stored_report(stored: JsonObject) -> StoredReport:
+    """Return a stored report; parts that it lacks are empty."""
+    envelope, quality = stored.get("envelope"), stored.get("quality")
+    return {
+        "funnel": stored.get("funnel", []),
+        "sky": stored.get("sky", []),
+        "envelope": envelope and ADDED_TO_ENVELOPE | envelope,
+        "quality": quality and ADDED_TO_QUALITY | quality,
+        "ambiguity": stored.get("ambiguity"),
+        "lifetime": stored.get("lifetime"),
+        "sizes": stored.get("sizes"),
+        "blinded": stored.get("blinded", {}),
+        "wanderers": stored.get("wanderers", []),
+        "screening": stored.get("screening"),
+    }
 
 
 def preview_report(quick: Preview) -> PreviewReport:

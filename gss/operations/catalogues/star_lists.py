@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 from dataclasses import asdict
-from typing import Any
 
 from gss.catalogue_tools.sources.sources import StarSource, load_source, of_list
 from gss.catalogue_tools.sources.star_list_mapping import KINDS, ListMapping
 from gss.catalogue_tools.sources.star_list_values import DroppedRow
 from gss.catalogue_tools.sources.star_lists import ImportedList, for_known_cameras, read_star_list, require_camera
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now
@@ -123,7 +123,7 @@ def parse_star_list(parsing: ParseProcesses, data: bytes, kind: str, mapping: Li
     return parsing.parse(read_with_mapping, data, kind, asdict(mapping), classes=classes, subject="the star list")
 
 
-def read_with_mapping(data: bytes, kind: str, mapping: dict[str, Any]) -> ImportedList:
+def read_with_mapping(data: bytes, kind: str, mapping: JsonObject) -> ImportedList:
     """Run :func:`read_star_list` with a mapping in plain values."""
     return read_star_list(data, kind, ListMapping(**mapping))
 
@@ -141,7 +141,7 @@ def kind_of(filename: str) -> str:
     return SUFFIXES[suffix]
 
 
-def report_of(read: ImportedList) -> dict[str, Any]:
+def report_of(read: ImportedList) -> dict[str, object]:
     """Return what was read and dropped, as plain values."""
     return {
         "columns": dict(read.columns),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypedDict
 
 from gss.device.clauses import CLAUSES, Clause, clause
 from gss.device.session_events import HelloReceived
@@ -27,6 +27,48 @@ class Case:
     subject: str
     passed: bool | None
     detail: str = ""
+
+
+class CaseRecord(TypedDict):
+    """A case as JSON values."""
+
+    subject: str
+    passed: bool | None
+    detail: str
+
+
+class ClauseRecord(TypedDict):
+    """A clause with its result and cases."""
+
+    number: str
+    text: str
+    result: str
+    cases: list[CaseRecord]
+
+
+class DeviceRecord(TypedDict):
+    """Identity of the checked device."""
+
+    device_model: str
+    profile: str
+    firmware: str
+    serial: str
+    simulated: bool
+    dictionary_hash: str
+
+
+class FindingsRecord(TypedDict):
+    """All findings as JSON values. ``dictionary_hash``: of the host's dictionary; ``passed``, ``failed`` and ``not_checked``:
+    number of clauses."""
+
+    device: DeviceRecord
+    dictionary_hash: str
+    passed: int
+    failed: int
+    not_checked: int
+    left: list[str]
+    damaged: int
+    clauses: list[ClauseRecord]
 
 
 @dataclass
@@ -67,12 +109,18 @@ class Findings:
         """Clauses that failed."""
         return [c for c in CLAUSES if self.result(c) == FAIL]
 
-    def plain(self, hello: HelloReceived, dictionary_hash: str) -> dict[str, Any]:
+    def plain(self, hello: HelloReceived, dictionary_hash: str) -> FindingsRecord:
         """Return plain values for JSON."""
         results = [self.result(c) for c in CLAUSES]
-        names = ("device_model", "profile", "firmware", "serial", "simulated", "dictionary_hash")
         return {
-            "device": {name: getattr(hello, name) for name in names},
+            "device": {
+                "device_model": hello.device_model,
+                "profile": hello.profile,
+                "firmware": hello.firmware,
+                "serial": hello.serial,
+                "simulated": hello.simulated,
+                "dictionary_hash": hello.dictionary_hash,
+            },
             "dictionary_hash": dictionary_hash,
             "passed": results.count(PASS),
             "failed": results.count(FAIL),
@@ -84,12 +132,13 @@ class Findings:
                     "number": clause.number,
                     "text": clause.text,
                     "result": result,
-                    "cases": [vars(c) for c in self.cases.get(clause.number, [])] or self._why_not(clause),
+                    "cases": self._cases(clause),
                 }
                 for clause, result in zip(CLAUSES, results, strict=True)
             ],
         }
 
-    @staticmethod
-    def _why_not(clause: Clause) -> list[dict[str, Any]]:
-        return [{"subject": "", "passed": None, "detail": clause.unchecked or "the check ended before"}]
+    def _cases(self, clause: Clause) -> list[CaseRecord]:
+        """Return the cases of a clause; without one, the reason."""
+        cases = self.cases.get(clause.number) or [Case("", None, clause.unchecked or "the check ended before")]
+        return [{"subject": c.subject, "passed": c.passed, "detail": c.detail} for c in cases]

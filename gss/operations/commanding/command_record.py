@@ -166,7 +166,7 @@ class CommandRecorder:
             self._announce("warning", f"{command.name} was not sent: {event.detail}", command.id)
             return
         stage = self._stage(str(event.stage), detail, at)
-        values: dict[str, Any] = {"result": stage.stage, "attempts": max(command.attempts, event.attempt)}
+        values: dict[str, object] = {"result": stage.stage, "attempts": max(command.attempts, event.attempt)}
         if command.result == "resolved":
             values.pop("result")  # the operator's resolution is kept; the late stage is recorded beside it
         if detail or event.stage in FINAL_STAGES:

@@ -12,6 +12,7 @@ from typing import Any, TypedDict
 
 from gss.device.protocol.codec import check_arguments
 from gss.domain.errors import BadInput, Conflict, GssError
+from gss.domain.json_object import JsonObject
 from gss.instruments.dictionary.definitions import Precondition, TelemetryField
 from gss.instruments.operations import Operation
 from gss.instruments.roles import Roles
@@ -117,7 +118,7 @@ class StackService:
 
     # --- files --------------------------------------------------------------------------------------------------
 
-    def exported(self, stack_id: int) -> dict[str, Any]:
+    def exported(self, stack_id: int) -> JsonObject:
         """Return a stack in the file format for another installation."""
         row = self.get(stack_id)
         head = {"format": FORMAT, "version": VERSION, "dictionary": self._link.dictionary.hash_hex}

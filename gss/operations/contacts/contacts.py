@@ -116,7 +116,7 @@ class ContactService:
     ) -> None:
         self._link, self._alarms, self._database, self._bus = link, alarms, database, bus
         self.captures, self._now = captures, now
-        self._stored_counters: tuple[int | None, float, dict[str, Any]] = (None, 0.0, {})
+        self._stored_counters: tuple[int | None, float, dict[str, object]] = (None, 0.0, {})
         self._removed_before = removed_before
 
     def handle(self, batch: LineBatch) -> None:
@@ -127,7 +127,7 @@ class ContactService:
             return
         counters = self._link.contact.counters_of(counted[-1])
         now, now_s = batch.at, batch.at_s
-        values: dict[str, Any] = {
+        values: dict[str, object] = {
             **asdict(counters.received),
             "sent_good": counters.sent.good,
             "sent_bytes": counters.sent.bytes,

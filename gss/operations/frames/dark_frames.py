@@ -7,12 +7,13 @@ import io
 import threading
 import zipfile
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.errors import CorruptData
+from gss.domain.json_object import JsonObject
 from gss.operations.frames.pictures import DisplayRange, apply, png
 from gss.pipeline.calibration.dark import DarkCalibration, Response
 from gss.pipeline.fixed_pattern import DarkPattern
@@ -42,11 +43,11 @@ class DarkFrames:
         self._lock = threading.Lock()
         self._read: dict[str, DarkPattern] = {}
 
-    def keep(self, dark: DarkCalibration, even: Response | None) -> dict[str, Any]:
+    def keep(self, dark: DarkCalibration, even: Response | None) -> JsonObject:
         """Store the map and its bad pixels. Return its entry for the calibration's result: key, counts, picture."""
         return self.keep_pattern(pattern_of(dark, even))
 
-    def keep_pattern(self, pattern: DarkPattern) -> dict[str, Any]:
+    def keep_pattern(self, pattern: DarkPattern) -> JsonObject:
         """Store a map. Return its entry for the calibration's result; the picture is None if the map only has bad pixels."""
         return {
             "key": self._blobs.put(as_bytes(pattern)),
@@ -101,7 +102,7 @@ def from_bytes(data: bytes) -> DarkPattern:
         raise CorruptData("the file is not a dark frame", got=f"{type(error).__name__}: {error}") from None
 
 
-def picture_of(pattern_dn: NDArray[np.float32]) -> dict[str, Any]:
+def picture_of(pattern_dn: NDArray[np.float32]) -> JsonObject:
     """Return {"png": base64, "low_dn", "high_dn"}: black at the 0.1 % percentile, white at 99.9 %; hot pixels are white."""
     low, high = (float(v) for v in np.percentile(pattern_dn, [0.1, 99.9]))
     high = max(high, low + 1.0)

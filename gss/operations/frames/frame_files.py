@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.operations.frames.file_optics import check_not_raw, fits_optics, picture_optics
 
 MAX_BYTES = 512 * 1024 * 1024
@@ -86,7 +87,7 @@ def _first_bytes(data: bytes) -> str:
     )
 
 
-Meta = dict[str, Any]
+Meta = JsonObject
 
 
 def _check_size(columns: int, rows: int, name: str) -> None:

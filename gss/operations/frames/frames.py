@@ -152,7 +152,7 @@ class FrameService:
         bare = little.data.cast("B")  # avoids another copy of a large frame's bytes
         key = self._blobs.put(bare, little.itemsize)
         rows, columns = little.shape
-        row: dict[str, Any] = {
+        row: dict[str, object] = {
             "received": self._now(),
             "name": "",
             "complete": True,
@@ -161,7 +161,7 @@ class FrameService:
         }
         row |= {"columns": columns, "rows": rows, "dtype": little.dtype.str, "sha256": key} | values
         row["stored_bytes"] = self._blobs.size(key)
-        row["instrument_version"] = self._instruments.version_of(row.get("profile"))
+        row["instrument_version"] = self._instruments.version_of(values.get("profile"))
         with self._database.unit_of_work() as session:
             frame = store.add(session, Frame(**row))
         if not self._blobs.exists(key):  # retention may have removed the same bytes of an older frame in between

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from datetime import datetime
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,23 @@ FOLLOW_RAD = math.radians(5.0)
 """Maximum rotation of the camera between two images that are tracked."""
 
 
+class RateRecord(TypedDict):
+    """Rate between two images, in the camera frame: vector, its standard deviation per axis (None: unknown), and size."""
+
+    interval_s: float
+    deg_s: list[float]
+    sigma_deg_s: list[float | None]
+    speed_deg_s: float
+
+
+class TruthRecord(TypedDict):
+    """Verdict and errors of a solution against the true attitude."""
+
+    verdict: str
+    error_arcsec: float
+    error_roll_arcsec: float
+
+
 class Sequencer:
     """Solves one image after the other. ``follow`` False: each with the same hint, if there is one.
 
@@ -44,7 +61,7 @@ class Sequencer:
 
     def solve(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken_at: datetime | None
-    ) -> tuple[SolveResult, dict[str, Any] | None]:
+    ) -> tuple[SolveResult, RateRecord | None]:
         """Return the result, and the rate since the previous image if both were solved and the interval is known."""
         if self._follow and request.chain in SYSTEMS:
             return self._as_on_board(solver, pixels, request, taken_at)
@@ -64,7 +81,7 @@ class Sequencer:
 
     def _as_on_board(
         self, solver: Solver, pixels: NDArray[Any], request: SolveRequest, taken_at: datetime | None
-    ) -> tuple[SolveResult, dict[str, Any] | None]:
+    ) -> tuple[SolveResult, RateRecord | None]:
         """Solve an image of a sequence in the modes of a sensor's own chain."""
         if self._system is None:
             self._system = SystemSequencer(request.chain, self._hint)
@@ -73,7 +90,7 @@ class Sequencer:
         self._before = None if result.attitude is None else (result.attitude, taken_at)
         return result, rate
 
-    def _rate(self, attitude: Attitude | None, taken_at: datetime | None) -> dict[str, Any] | None:
+    def _rate(self, attitude: Attitude | None, taken_at: datetime | None) -> RateRecord | None:
         if attitude is None or self._before is None:
             return None
         before, then = self._before
@@ -90,7 +107,7 @@ class Sequencer:
         }
 
 
-def truth_record(result: SolveResult, cam_from_icrs: Array, stars: StarTable) -> dict[str, Any] | None:
+def truth_record(result: SolveResult, cam_from_icrs: Array, stars: StarTable) -> TruthRecord | None:
     """Return a result's score and errors against a known true attitude; None without a solution."""
     if result.attitude is None:
         return None

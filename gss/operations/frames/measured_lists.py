@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -207,6 +208,18 @@ def _check(lists: StarLists, name: str) -> None:
         )
 
 
+class ListRecord(TypedDict):
+    """Result of a list as a JSON object. ``ms``: processor time."""
+
+    outcome: str
+    reason: str
+    quaternion: list[float] | None
+    matched: int
+    false_match_probability: float | None
+    ms: float
+    notes: list[str]
+
+
 @dataclass(frozen=True)
 class ListResult:
     """Result of one list. ``quaternion``: cam_from_icrs, scalar last, None without a solution; ``processor_ms``: time of this
@@ -225,7 +238,7 @@ class ListResult:
         """Boresight right ascension, declination, and roll, of a solved list."""
         return ra_dec_roll_rad(matrix_from_quaternion(np.array(self.quaternion)))
 
-    def as_json(self) -> dict[str, object]:
+    def as_json(self) -> ListRecord:
         """Return the result as a JSON object."""
         return {
             "outcome": str(self.outcome),

@@ -20,7 +20,7 @@ OWN = ("number", "profile", "exposure_s", "bank_sha256", "parameters")
 """Columns of a frame that describe what the sensor used; for an uploaded frame its own row has other values."""
 
 
-def reported_of(record: OnboardRecord, frame: Frame) -> dict[str, Any]:
+def reported_of(record: OnboardRecord, frame: Frame) -> dict[str, object]:
     """Return a record as plain values."""
     return {
         "frame": {name: getattr(frame, name) for name in OWN},
@@ -54,11 +54,11 @@ def frame_as_used(frame: Frame, reported: Mapping[str, Any]) -> Frame:
     return Frame(**(values | dict(reported["frame"])))
 
 
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+def _plain(values: Mapping[str, Any]) -> dict[str, object]:
     return {name: plain(value) for name, value in values.items()}
 
 
-def _prior(prior: PriorState) -> dict[str, Any]:
+def _prior(prior: PriorState) -> dict[str, object]:
     return {
         "series": [
             {"quaternion": _listed(a.quaternion), "time_s": None if math.isnan(a.time_s) else a.time_s}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import math
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -75,9 +74,9 @@ def export_solutions(database: Database, file_format: str, chain: str = "") -> b
     return sink.getvalue()
 
 
-def as_row(frame: Frame, solution: Solution) -> dict[str, Any]:
+def as_row(frame: Frame, solution: Solution) -> dict[str, object]:
     """Return a result's columns as defined by SCHEMA."""
-    values: dict[str, Any] = {
+    values: dict[str, object] = {
         "solution_id": solution.id,
         "frame_id": frame.id,
         "frame_number": frame.number,

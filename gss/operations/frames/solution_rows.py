@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NotRequired, Required, TypedDict
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.camera_record import camera_from, record_of
 from gss.domain.frames import pointing_difference_rad
+from gss.domain.json_object import JsonObject
 from gss.domain.results import Centroids, SolveResult
 from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable
@@ -22,15 +23,57 @@ if TYPE_CHECKING:
     from gss.store.models import Frame, Solution
 
 
+class TurningValues(TypedDict):
+    """Rate from the trails of a frame, in the camera frame."""
+
+    rad_s: list[float]
+    covariance_rad2_s2: list[list[float | None]]
+    stars: int
+    sign_known: bool
+
+
+class SolutionDetail(overlay.MeasuredOverlay):
+    """Regions and stars, the rate from trails, the observer's velocity, and software versions."""
+
+    versions: dict[str, str]
+    velocity_c: NotRequired[list[float]]
+    turning: NotRequired[TurningValues]
+
+
+class SolutionValues(TypedDict, total=False):
+    """Columns of a solution. A frame that could not be run has the required ones only."""
+
+    chain: Required[str]
+    version: Required[str]
+    outcome: Required[str]
+    reason: Required[str]
+    found: int
+    matched: int
+    rejected: int
+    rms_px: float | None
+    false_match_probability: float | None
+    fov_rad: list[float]
+    camera: JsonObject
+    timing_s: dict[str, float]
+    notes: list[str]
+    options: str
+    detail: SolutionDetail
+    quaternion: list[float]
+    sigma_rad: list[float | None]
+    verdict: str
+    error_axis_rad: float
+    error_roll_rad: float
+
+
 def solution_values(
     result: SolveResult,
     stars: StarTable,
     profile: CameraProfile | None,
     truth: list[Any] | None,
-) -> dict[str, Any]:
+) -> SolutionValues:
     """Return the columns of a solution as plain values. ``profile``: the documented camera, if any; ``truth``: quaternion of a
     simulated frame, against which it is scored. Overlays that follow from the attitude are left to :func:`with_overlays`."""
-    values: dict[str, Any] = {
+    values: SolutionValues = {
         "chain": result.chain,
         "version": __version__,
         "outcome": str(result.outcome),
@@ -45,39 +88,37 @@ def solution_values(
         "timing_s": dict(result.timing_s),
         "notes": list(result.notes),
         "options": result.options,
-        "detail": overlay.measured(result.camera, stars, result.regions, result.centroids, result.matches)
-        | _beside(result),
+        "detail": _detail(result, stars),
     }
     if result.attitude is not None:
         values["quaternion"] = [float(v) for v in result.attitude.quaternion]
         values["sigma_rad"] = [finite(v) for v in result.attitude.sigma_rad]
     if truth is not None and profile is not None:
-        values |= _judged(result, np.array(truth, float), profile, stars)
+        attitude = np.array(truth, float)
+        values["verdict"] = str(judge(result, attitude, profile, stars))
+        if result.attitude is not None:
+            off = pointing_difference_rad(result.attitude.cam_from_icrs, matrix_from_quaternion(attitude))
+            values["error_axis_rad"], values["error_roll_rad"] = off
     return values
 
 
-def _beside(result: SolveResult) -> dict[str, Any]:
-    """Return the parts of a result other than its attitude: the rate from trails, the observer's velocity, software
-    versions."""
-    beside: dict[str, Any] = {"versions": dict(result.versions)}
+def _detail(result: SolveResult, stars: StarTable) -> SolutionDetail:
+    measured = overlay.measured(result.camera, stars, result.regions, result.centroids, result.matches)
+    detail: SolutionDetail = {
+        "regions": measured["regions"],
+        "stars": measured["stars"],
+        "versions": dict(result.versions),
+    }
     if result.velocity_c is not None:
-        beside["velocity_c"] = list(result.velocity_c)
+        detail["velocity_c"] = list(result.velocity_c)
     if result.turning is not None:
-        beside["turning"] = {
+        detail["turning"] = {
             "rad_s": [float(v) for v in result.turning.vector_rad_s],
             "covariance_rad2_s2": [[finite(v) for v in row] for row in result.turning.covariance_rad2_s2],
             "stars": result.turning.stars,
             "sign_known": result.turning.sign_known,
         }
-    return beside
-
-
-def _judged(result: SolveResult, truth: Any, profile: CameraProfile, stars: StarTable) -> dict[str, Any]:
-    values: dict[str, Any] = {"verdict": str(judge(result, truth, profile, stars))}
-    if result.attitude is not None:
-        off = pointing_difference_rad(result.attitude.cam_from_icrs, matrix_from_quaternion(truth))
-        values["error_axis_rad"], values["error_roll_rad"] = off
-    return values
+    return detail
 
 
 def solution_row(
@@ -96,7 +137,7 @@ def solution_row(
     return Solution(frame_id=frame.id, origin=origin, created=created, camera_name=camera_name, **values)
 
 
-def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None) -> dict[str, Any]:
+def with_overlays(row: Solution, stars: StarTable, profile: CameraProfile | None) -> JsonObject:
     """Return the overlays of a stored solution. Those that follow from its attitude and camera are computed; rows of older
     versions hold them."""
     if "grid" in row.detail:

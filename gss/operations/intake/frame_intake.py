@@ -9,6 +9,7 @@ from typing import Any
 from gss.device.session_events import Direction, HelloReceived, Telemetry, TransferState
 from gss.device.session_transfer import Part
 from gss.domain.errors import GssError
+from gss.domain.json_object import JsonObject
 from gss.instruments.operations import Operation
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
@@ -95,7 +96,7 @@ class FrameIntake:
             "number": number,
             "profile": hello.profile if hello else sent.profile,
             "exposure_s": float(info["exposure_ms"]) / 1000,
-            "bank_sha256": settings.pop("bank_sha256", None),
+            "bank_sha256": settings.get("bank_sha256"),
             "parameters": settings,
         }
         return Frame(**(values | on_board))
@@ -157,8 +158,8 @@ class FrameIntake:
             "bits": shape.bits,
             "complete": picture.complete,
             "rows_held": [list(rows) for rows in picture.rows_held],
+            "parameters": _parameters(facts) | _part_of(kind, picture),
         }
-        values["parameters"] |= _part_of(kind, picture)
         return self._later(kind, number, lambda: self._frames.add_from_device(picture.pixels, values))
 
     def _store_file(self, transfer: Transfer, data: bytes, number: int) -> Later:
@@ -172,9 +173,9 @@ class FrameIntake:
 
         return self._later(transfer.kind, number, work)
 
-    def _row_values(self, transfer: Transfer, number: int, facts: FrameFacts) -> dict[str, Any]:
+    def _row_values(self, transfer: Transfer, number: int, facts: FrameFacts) -> dict[str, object]:
         """Return the columns of a frame's row that do not depend on its pixels."""
-        hello, kind, info, settings = self._link.hello, transfer.kind, facts.info, dict(facts.settings)
+        hello, kind, info, settings = self._link.hello, transfer.kind, facts.info, facts.settings
         return {
             "contact_id": self._link.contact_id or transfer.contact_id,
             "number": number or None,
@@ -185,8 +186,8 @@ class FrameIntake:
             "profile": hello.profile if hello and kind != "thumbnail" else None,
             "mode": str(info["mode"]) if "mode" in info else None,
             "truth": facts.truth,
-            "bank_sha256": settings.pop("bank_sha256", None),
-            "parameters": settings,
+            "bank_sha256": settings.get("bank_sha256"),
+            "parameters": _parameters(facts),
         }
 
     def _later(self, kind: str, number: int, work: Callable[[], Frame]) -> Later:
@@ -234,6 +235,11 @@ def _stored_before(transfer: Transfer, sha256: str, frame_number: int) -> int | 
     return int(offered["frame_id"]) if same else None
 
 
-def _part_of(kind: str, picture: DeviceImage) -> dict[str, Any]:
+def _parameters(facts: FrameFacts) -> JsonObject:
+    """Return the settings without the bank, which has its own column."""
+    return {name: value for name, value in facts.settings.items() if name != "bank_sha256"}
+
+
+def _part_of(kind: str, picture: DeviceImage) -> dict[str, object]:
     """Return the kind of part of an image, and the received rectangles."""
     return {} if kind == "frame" else {"part": kind, "held": [list(box) for box in picture.boxes]}

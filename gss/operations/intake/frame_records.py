@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from gss.domain.json_object import JsonObject
 from gss.operations.frames.frames import FrameService
 from gss.operations.frames.onboard_results import OnboardRecord
 from gss.operations.frames.replay import ReplayService
@@ -26,7 +27,7 @@ class FrameFacts:
     settings: Mapping[str, Any] = field(default_factory=dict)
     truth: list[float] | None = None
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, object]:
         """Return JSON values for the row of a transfer."""
         info = {k: v.hex() if isinstance(v, bytes) else v for k, v in self.info.items()}
         return {"info": info, "settings": dict(self.settings), "truth": self.truth}
@@ -85,10 +86,10 @@ class FrameRecords:
             now.truth or stored_facts.get("truth"),
         )
 
-    def settings(self) -> dict[str, Any]:
-        """Return the detection settings, bank and tables that the device currently uses."""
+    def settings(self) -> JsonObject:
+        """Return the detection settings, bank and tables that the device currently uses, as they are stored with a frame."""
         status = self._link.status()
-        settings: dict[str, Any] = {name: status[name] for name in SETTINGS if name in status}
+        settings: JsonObject = {name: status[name] for name in SETTINGS if name in status}
         sha256 = status.get("catalogue_sha256")
         if sha256 is not None:
             settings["bank_sha256"] = sha256.hex() if isinstance(sha256, bytes) else str(sha256)

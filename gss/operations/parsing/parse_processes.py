@@ -25,7 +25,7 @@ from dataclasses import asdict, dataclass
 from typing import BinaryIO, Self, TypeVar
 
 from gss.domain.errors import BadInput, Busy, CorruptData, GssError, TooCostly
-from gss.operations.parsing.parse_worker import HEAD, REFUSED, read_into, write_message
+from gss.operations.parsing.parse_worker import HEAD, REFUSED, ParseJob, ParseLimits, read_into, write_message
 from gss.operations.parsing.plain_data import decode
 
 WORKER = "gss.operations.parsing.parse_worker"
@@ -38,21 +38,6 @@ EXIT_WITHIN_S = 5.0
 EXPECTED_ERRORS: dict[str, type[GssError]] = {"BadInput": BadInput, "CorruptData": CorruptData}
 Result = TypeVar("Result")
 log = logging.getLogger("gss.parsing")
-
-
-@dataclass(frozen=True)
-class ParseLimits:
-    """Limits for one file.
-
-    ``memory_bytes``: address space of the child, including libraries. ``result_bytes``: size of the returned content.
-    ``idle_s``: how long a child waits for its next file.
-    """
-
-    memory_bytes: int = 3 << 30
-    cpu_s: float = 30.0
-    wall_s: float = 60.0
-    result_bytes: int = 1 << 30
-    idle_s: float = 60.0
 
 
 @dataclass(frozen=True)
@@ -98,11 +83,9 @@ class ParseProcesses:
 
         Raises the BadInput or CorruptData of the function, TooCostly if a limit was reached, and Busy.
         """
-        job = json.dumps(
-            {"function": f"{function.__module__}:{function.__qualname__}", "arguments": arguments}
-        ).encode()
+        job: ParseJob = {"function": f"{function.__module__}:{function.__qualname__}", "arguments": arguments}
         with self._turn():
-            reply, body = self._ask(job, data, subject)
+            reply, body = self._ask(json.dumps(job).encode(), data, subject)
         if reply.startswith(REFUSED):
             raise self._error(json.loads(reply[1:]), subject)
         result: Result = decode(reply[1:], body, {kind.__name__: kind for kind in classes})

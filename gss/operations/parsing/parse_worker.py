@@ -18,8 +18,9 @@ import signal
 import struct
 import sys
 import traceback
-from collections.abc import Iterable
-from typing import Any, BinaryIO
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, BinaryIO, TypedDict
 
 from gss.domain.errors import BadInput, CorruptData
 from gss.operations.parsing.plain_data import encode, padding
@@ -33,6 +34,28 @@ NICE = 5
 """Lower priority, so that the line and ABORT get the processor first; not so low that a busy machine lets a small file
 reach the limit of wall time."""
 MOST_FILES = 64
+
+
+@dataclass(frozen=True)
+class ParseLimits:
+    """Limits for one file.
+
+    ``memory_bytes``: address space of the child, including libraries. ``result_bytes``: size of the returned content.
+    ``idle_s``: how long a child waits for its next file.
+    """
+
+    memory_bytes: int = 3 << 30
+    cpu_s: float = 30.0
+    wall_s: float = 60.0
+    result_bytes: int = 1 << 30
+    idle_s: float = 60.0
+
+
+class ParseJob(TypedDict):
+    """What a child is to do with a file. ``function``: ``module:name``, called with the content and ``arguments``."""
+
+    function: str
+    arguments: Sequence[Any]
 
 
 def write_message(to: BinaryIO, text: bytes, data: Iterable[bytes | memoryview]) -> None:
@@ -63,11 +86,11 @@ def read_into(source: BinaryIO, size: int) -> bytearray | None:
 
 def main() -> None:
     """Answer jobs until none arrives for ``idle_s``."""
-    limits = json.loads(sys.argv[1])
+    limits = ParseLimits(**json.loads(sys.argv[1]))
     source, answers = _own_streams()
     _limit(limits)
     for _ in range(MOST_FILES):
-        if not select.select([source], [], [], limits["idle_s"])[0]:
+        if not select.select([source], [], [], limits.idle_s)[0]:
             return
         head = read_into(source, HEAD.size)
         sizes = HEAD.unpack(head) if head else (0, 0)
@@ -92,22 +115,22 @@ def _own_streams() -> tuple[BinaryIO, BinaryIO]:
     return os.fdopen(os.dup(0), "rb", buffering=0), answers
 
 
-def _limit(limits: dict[str, Any]) -> None:
+def _limit(limits: ParseLimits) -> None:
     os.nice(NICE)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_AS, (limits["memory_bytes"],) * 2)
+    resource.setrlimit(resource.RLIMIT_AS, (limits.memory_bytes,) * 2)
     for number in (signal.SIGXCPU, signal.SIGALRM, signal.SIGIO):
         signal.signal(number, signal.SIG_DFL)
     fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
 
 
-def _begin(source: BinaryIO, limits: dict[str, Any]) -> None:
+def _begin(source: BinaryIO, limits: ParseLimits) -> None:
     """Start the limits: from here the process is killed if it takes too long or its parent ends."""
     used = resource.getrusage(resource.RUSAGE_SELF)
-    soft = math.ceil(used.ru_utime + used.ru_stime + limits["cpu_s"])
+    soft = math.ceil(used.ru_utime + used.ru_stime + limits.cpu_s)
     resource.setrlimit(resource.RLIMIT_CPU, (soft, resource.RLIM_INFINITY))
-    signal.setitimer(signal.ITIMER_REAL, limits["wall_s"])
+    signal.setitimer(signal.ITIMER_REAL, limits.wall_s)
     # Nothing more is sent before the answer, so SIGIO can only mean that the other end was closed.
     _signal_on_close(source, True)
 
@@ -122,7 +145,7 @@ def _signal_on_close(source: BinaryIO, on: bool) -> None:
     fcntl.fcntl(source, fcntl.F_SETFL, flags | os.O_ASYNC if on else flags & ~os.O_ASYNC)
 
 
-def _answer(job: dict[str, Any], data: bytearray) -> tuple[bytes, list[memoryview]]:
+def _answer(job: ParseJob, data: bytearray) -> tuple[bytes, list[memoryview]]:
     """Return the result, or the reason why there is none: an expected error, too little memory, or a defect with its
     traceback."""
     try:

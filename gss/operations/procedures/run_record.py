@@ -172,7 +172,7 @@ class ProcedureRecorder:
         return self.change(run_id, state=store.RUNNING, reason="", finished=None, sha256="")
 
     @staticmethod
-    def _ended(entry: dict[str, Any], at: datetime, reason: str) -> dict[str, Any]:
+    def _ended(entry: dict[str, object], at: datetime, reason: str) -> dict[str, object]:
         """Return an entry as it is at the end of the run."""
         if entry["state"] not in ("sending", "running"):
             return entry

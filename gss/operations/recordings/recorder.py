@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
@@ -18,6 +18,7 @@ from gss.domain.rotation import matrix_from_quaternion
 from gss.domain.stars import StarTable
 from gss.operations.frames import pictures
 from gss.operations.frames.frames import FrameDetail, Pixels
+from gss.operations.frames.overlay import PredictedStar, StarOverlay
 from gss.operations.frames.place import Place
 from gss.operations.frames.sky import bodies
 from gss.operations.recordings.blueprints import Use, blueprint
@@ -140,7 +141,9 @@ class Recorder:
         self._points("camera/image/matched", [s for s in detail["stars"] if s.get("hip")], GREEN, 6.0)
         self._points("camera/image/predicted", detail["predicted"], BLUE, 3.0)
 
-    def _points(self, path: str, rows: list[dict[str, Any]], colour: tuple[int, int, int], radius: float) -> None:
+    def _points(
+        self, path: str, rows: Sequence[StarOverlay | PredictedStar], colour: tuple[int, int, int], radius: float
+    ) -> None:
         # Rerun's origin is the corner of a pixel, ours its centre. An empty list removes the marks of the previous
         # frame.
         at = np.array([[row["col_px"] + 0.5, row["row_px"] + 0.5] for row in rows], float).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""The parts of a report. Plain values only: a report is stored as JSON and rendered later.
+"""The parts of a report. Plain values only: a report is stored as JSON, sent to pages and rendered later.
 
 Values are already in the unit that is given with them.
 """
@@ -6,14 +6,24 @@ Values are already in the unit that is given with them.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import ConfigDict, Field, TypeAdapter
+
+from gss.domain.json_object import JsonObject
 
 Number = float | None
 """None where there is nothing to draw."""
 
 
+class Part:
+    """Base of the parts; the API document states their fields as always present."""
+
+    __pydantic_config__: ClassVar = ConfigDict(json_schema_serialization_defaults_required=True)
+
+
 @dataclass(frozen=True)
-class Fact:
+class Fact(Part):
     """One value as text: label, value, unit, and a note."""
 
     label: str
@@ -23,17 +33,17 @@ class Fact:
 
 
 @dataclass(frozen=True)
-class Series:
+class Series(Part):
     """Data of a plot. ``style``: line, dots, or bars (x: left edges and one last right edge)."""
 
     label: str
     x: list[float]
     y: list[Number]
-    style: str = "line"
+    style: Literal["line", "dots", "bars"] = "line"
 
 
 @dataclass(frozen=True)
-class Level:
+class Level(Part):
     """A labelled horizontal line; ``vertical``: a vertical one."""
 
     value: float
@@ -42,7 +52,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Plot:
+class Plot(Part):
     """Axes with series. ``log_x``, ``log_y``: logarithmic axes. ``time``: x are Unix seconds."""
 
     title: str
@@ -53,11 +63,11 @@ class Plot:
     log_y: bool = False
     time: bool = False
     log_x: bool = False
-    kind: str = "plot"
+    kind: Literal["plot"] = "plot"
 
 
 @dataclass(frozen=True)
-class Arrows:
+class Arrows(Part):
     """Vectors over the detector: (col, row) and (d col, d row) in pixels, drawn ``scale`` times too long."""
 
     title: str
@@ -69,11 +79,11 @@ class Arrows:
     d_row: list[Number]
     scale: float
     note: str = ""
-    kind: str = "arrows"
+    kind: Literal["arrows"] = "arrows"
 
 
 @dataclass(frozen=True)
-class Cells:
+class Cells(Part):
     """A map over the detector: rows of values, None where there are no data; ``unit`` of the values."""
 
     title: str
@@ -81,17 +91,17 @@ class Cells:
     rows: int
     values: list[list[Number]]
     unit: str
-    kind: str = "cells"
+    kind: Literal["cells"] = "cells"
 
 
 @dataclass(frozen=True)
-class Picture:
+class Picture(Part):
     """A grey picture of the detector: a PNG file in base64. ``note``: meaning of black and white."""
 
     title: str
     png: str
     note: str = ""
-    kind: str = "picture"
+    kind: Literal["picture"] = "picture"
 
 
 Place = tuple[float, float]
@@ -99,7 +109,7 @@ Place = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class SkyMap:
+class SkyMap(Part):
     """The whole sky in Mollweide projection, ICRS, right ascension increasing to the left. ``values``: HEALPix ring pixels
     of ``nside``, white where None or 0. ``stars``: right ascension, declination in degrees and V. ``solid``, ``dashed``:
     lines. ``mark``: a position and its label."""
@@ -112,11 +122,11 @@ class SkyMap:
     solid: list[list[Place]] = field(default_factory=list)
     dashed: list[list[Place]] = field(default_factory=list)
     mark: tuple[float, float, str] | None = None
-    kind: str = "sky"
+    kind: Literal["sky"] = "sky"
 
 
 @dataclass(frozen=True)
-class WorldMap:
+class WorldMap(Part):
     """The Earth: rows of values from north to south and from 180° west to 180° east, None where there are no data; ``unit`` of
     the values. ``coasts``: lines of (east, north) in degrees."""
 
@@ -125,37 +135,37 @@ class WorldMap:
     unit: str
     coasts: list[list[tuple[float, float]]]
     note: str = ""
-    kind: str = "world"
+    kind: Literal["world"] = "world"
 
 
 @dataclass(frozen=True)
-class Shares:
+class Shares(Part):
     """Parts of a whole side by side, in ``unit``."""
 
     title: str
     parts: list[tuple[str, float]]
     whole: float
     unit: str
-    kind: str = "shares"
+    kind: Literal["shares"] = "shares"
 
 
 @dataclass(frozen=True)
-class Outline:
+class Outline(Part):
     """A scale drawing in millimetres, y upwards: the cross-section of an object. ``bold``: the aperture."""
 
     title: str
     lines: list[list[Place]]
     bold: list[list[Place]] = field(default_factory=list)
-    kind: str = "outline"
+    kind: Literal["outline"] = "outline"
 
 
 Drawn = Plot | Arrows | Cells | SkyMap | WorldMap | Shares | Outline
 """Drawings that a pen renders."""
-Drawing = Drawn | Picture
+Drawing = Annotated[Drawn | Picture, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True)
-class Table:
+class Table(Part):
     """Columns and rows of text."""
 
     title: str
@@ -164,7 +174,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Note:
+class Note(Part):
     """A warning and a hint. ``severe``: do not use the values until it is resolved."""
 
     text: str
@@ -174,7 +184,7 @@ class Note:
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(Part):
     """A heading with its content."""
 
     title: str
@@ -185,7 +195,7 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(Part):
     """The complete report. ``subtitle``: subject and time."""
 
     title: str
@@ -193,49 +203,14 @@ class Report:
     sections: list[Section]
     notes: list[Note] = field(default_factory=list)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> JsonObject:
         """Return plain values."""
         return asdict(self)
 
 
-def report_from(content: dict[str, Any]) -> Report:
+_REPORT = TypeAdapter(Report)
+
+
+def report_from(content: JsonObject) -> Report:
     """Restore a report from its plain values."""
-    return Report(
-        content["title"],
-        content["subtitle"],
-        [_section(s) for s in content["sections"]],
-        [Note(**n) for n in content["notes"]],
-    )
-
-
-def _section(stored: dict[str, Any]) -> Section:
-    return Section(
-        stored["title"],
-        stored["text"],
-        [Fact(**f) for f in stored["facts"]],
-        [_drawing(d) for d in stored["drawings"]],
-        [Table(**t) for t in stored["tables"]],
-    )
-
-
-KINDS: dict[str, type[Arrows | Cells | Picture | SkyMap | WorldMap | Shares | Outline]] = {
-    "arrows": Arrows,
-    "cells": Cells,
-    "picture": Picture,
-    "sky": SkyMap,
-    "world": WorldMap,
-    "shares": Shares,
-    "outline": Outline,
-}
-
-
-def _drawing(stored: dict[str, Any]) -> Drawing:
-    if stored["kind"] == "plot":
-        return Plot(
-            **{
-                **stored,
-                "series": [Series(**s) for s in stored["series"]],
-                "levels": [Level(**level) for level in stored["levels"]],
-            }
-        )
-    return KINDS[stored["kind"]](**stored)
+    return _REPORT.validate_python(content)

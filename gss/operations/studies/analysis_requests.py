@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.operations.frames.solve import CHAINS
 from gss.operations.jobs import JobRequest
 from gss.operations.requests import Id, Request
@@ -174,7 +175,7 @@ class AnalysisJob(JobRequest):
     wanted: AnalysisRequest
 
 
-def earlier_request(stored: dict[str, Any]) -> dict[str, Any]:
+def earlier_request(stored: JsonObject) -> JsonObject:
     """Convert a request that version 0.4 stored, with radians and the title beside it."""
     if "title" not in stored:
         return stored

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from gss.domain.angles import ARCSEC_RAD, Array
@@ -184,7 +182,7 @@ def nea(curve: NeaCurve, of: str) -> Report:
     )
 
 
-def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple[Report, dict[str, Any]]:
+def spatial(pixels: Array, residual_px: Array, camera: Camera, of: str) -> tuple[Report, dict[str, object]]:
     """Return the report, and its values, of systematic centroid errors over the detector and within a pixel."""
     size = (camera.columns, camera.rows)
     field = residual_map(pixels, residual_px, size)

@@ -13,6 +13,7 @@ from gss.device.table_use import calibration_values
 from gss.domain.camera import RadialTilt
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.operations.frames.solve import Solver
 from gss.operations.studies import calibration_report as report
 from gss.operations.studies.calibrate import CalibrationInput
@@ -99,7 +100,7 @@ def radial(
     pick = np.linspace(0, len(polynomial.r_mm) - 1, min(len(polynomial.r_mm), MOST_POINTS)).astype(int)
     thin = {n: getattr(polynomial, n)[pick] for n in ("r_mm", "delta_mm", "residual_mm", "used")}
     content = dict(as_record(replace(polynomial, warnings=(), **thin)))
-    values: dict[str, Any] = {}
+    values: JsonObject = {}
     lens = profile.camera.distortion
     if isinstance(lens, RadialTilt):
         fitted = replace(lens, radial=tuple(float(k) for k in polynomial.coefficients))
@@ -174,9 +175,7 @@ def focus_of_widths(rows: Rows, wished_sigma_px: float) -> CalibrationInput:
     return _focus_found(points[:, 0].tolist(), points[:, 1].tolist(), wished_sigma_px, [])
 
 
-def _focus_found(
-    at: list[float], widths: list[float], wished_px: float, skipped: list[dict[str, Any]]
-) -> CalibrationInput:
+def _focus_found(at: list[float], widths: list[float], wished_px: float, skipped: list[JsonObject]) -> CalibrationInput:
     if not wished_px > 0:
         raise BadInput("invalid star width", expected="σ above 0 px", got=f"{wished_px:g} px")
     best = best_focus(np.array(at), np.array(widths), wished_px)
@@ -185,7 +184,7 @@ def _focus_found(
     return _found("bench-focus", {"focus_run": content, "account": skipped}, ())
 
 
-def _found(kind: str, result: dict[str, Any], warnings: Sequence[Any]) -> CalibrationInput:
+def _found(kind: str, result: JsonObject, warnings: Sequence[Any]) -> CalibrationInput:
     return CalibrationInput(kind, {}, result | {"warnings": [as_record(w) for w in warnings]})
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gss.device.table_use import calibrated, calibration_values
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.domain.words import counted
 from gss.operations.frames.solve import Solver
 from gss.operations.studies import calibration_report as report
@@ -39,8 +40,8 @@ class CalibrationInput:
     profile."""
 
     kind: str
-    values: dict[str, Any]
-    result: dict[str, Any]
+    values: JsonObject
+    result: JsonObject
 
 
 def check_models(models: Sequence[str]) -> None:
@@ -89,7 +90,7 @@ def from_stars(
     if _matched(again) > _matched(solved):
         solved = replace(again, start=solved.start)
         geometry = fit(solved.stars, 0.75)
-    result: dict[str, Any] = {"geometry": report.geometry(geometry), "account": solved.account}
+    result: JsonObject = {"geometry": report.geometry(geometry), "account": solved.account}
     light = None
     gain_e_per_dn = profile.sensor.gain_e_per_dn if profile else math.nan
     if photometry:
@@ -155,7 +156,7 @@ def from_darks(
     flat_pairs: Sequence[Sequence[Shot]],
     profile: CameraProfile,
     progress: ProgressCallback,
-    keep: Callable[[DarkCalibration, Response | None], dict[str, Any]] | None = None,
+    keep: Callable[[DarkCalibration, Response | None], JsonObject] | None = None,
 ) -> CalibrationInput:
     """Determine pattern, hot and dead pixels, noise and gain from dark frames of one exposure and pairs of flat fields.
     ``keep`` stores the map for reruns and returns its entry for the result. Raises BadInput for different exposures."""
@@ -166,7 +167,7 @@ def from_darks(
         raise BadInput("the dark frames have different exposures", expected="one exposure", got=exposure_list)
     exposure_s = exposures.pop() or profile.sensor.exposure_s
     dark = calibrate_dark(stack(darks, profile), exposure_s)
-    result: dict[str, Any] = {"dark": report.dark(dark)}
+    result: JsonObject = {"dark": report.dark(dark)}
     parts: list[Any] = [dark]
     curve, even = None, None
     if flat_pairs:

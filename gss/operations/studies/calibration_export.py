@@ -4,7 +4,6 @@ report."""
 from __future__ import annotations
 
 import json
-from typing import Any
 
 from gss.operations.report.html import as_html
 from gss.operations.report.pdf import as_pdf
@@ -28,7 +27,7 @@ def export_calibration(row: Calibration, kind: str) -> bytes:
     return _json(row) if kind == "json" else _ecsv(row)
 
 
-def _head(row: Calibration) -> dict[str, Any]:
+def _head(row: Calibration) -> dict[str, object]:
     names = ["id", "profile", "kind", "name", "author", "tool", "note"]
     return {name: getattr(row, name) for name in names} | {"created": row.created.isoformat()}
 

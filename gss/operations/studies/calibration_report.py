@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gss.domain.json_object import JsonObject
 from gss.pipeline.calibration.dark import DarkCalibration, Response
 from gss.pipeline.calibration.focus import FocusAdvice
 from gss.pipeline.calibration.photometric import PhotometricCalibration
@@ -19,7 +20,7 @@ MOST_POINTS = 4000
 MOST_PIXELS = 5000
 
 
-def geometry(calibration: CameraCalibration) -> dict[str, Any]:
+def geometry(calibration: CameraCalibration) -> JsonObject:
     """Return camera, uncertainties, model comparison, maps before and after, and up to 4000 residuals for the plot."""
     thinned = replace(calibration, stars=_thinned(calibration.stars), warnings=())
     return dict(as_record(thinned))
@@ -41,19 +42,19 @@ def _thinned(stars: StarResiduals) -> StarResiduals:
     )
 
 
-def photometry(calibration: PhotometricCalibration) -> dict[str, Any]:
+def photometry(calibration: PhotometricCalibration) -> JsonObject:
     """Return constants, histogram, and up to 4000 stars."""
     pick = np.linspace(0, len(calibration.v_mag) - 1, min(len(calibration.v_mag), MOST_POINTS)).astype(int)
     per_star = {name: getattr(calibration, name)[pick] for name in ("frame", "hip", "v_mag", "error_mag", "used")}
     return dict(as_record(replace(calibration, warnings=(), **per_star)))
 
 
-def psf(psf_field: PsfField, advice: FocusAdvice) -> dict[str, Any]:
+def psf(psf_field: PsfField, advice: FocusAdvice) -> JsonObject:
     """Return spot widths over the field and the focus advice."""
     return {"field": as_record(replace(psf_field, warnings=())), "focus": as_record(advice)}
 
 
-def dark(dark: DarkCalibration) -> dict[str, Any]:
+def dark(dark: DarkCalibration) -> JsonObject:
     """Return statistics and the hot pixels, hottest first; the maps are stored as blobs."""
     order = np.argsort(dark.hot_excess_dn)[::-1][:MOST_PIXELS]
     maps = {"median_dn", "noise_map_dn", "warnings"}
@@ -62,7 +63,7 @@ def dark(dark: DarkCalibration) -> dict[str, Any]:
     return {**values, "hot_count": len(dark.hot), "noisy_count": len(dark.noisy)}
 
 
-def response(response_map: Response) -> dict[str, Any]:
+def response(response_map: Response) -> JsonObject:
     """Return dead pixels, and the spread in the response of the others."""
     return {
         "dead": as_record(response_map.dead[:MOST_PIXELS]),
@@ -71,11 +72,11 @@ def response(response_map: Response) -> dict[str, Any]:
     }
 
 
-def photon_transfer(transfer: PhotonTransfer) -> dict[str, Any]:
+def photon_transfer(transfer: PhotonTransfer) -> JsonObject:
     """Return gain, read noise and the points of the curve."""
     return dict(as_record(replace(transfer, warnings=())))
 
 
-def warnings(*parts: Any) -> list[dict[str, Any]]:
+def warnings(*parts: Any) -> list[JsonObject]:
     """Return the warnings of all parts of a calibration."""
     return [as_record(advice) for part in parts if part is not None for advice in part.warnings]

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.operations.jobs import JobRequest
 from gss.operations.requests import Id, Request
 from gss.operations.studies.calibrate import check_models
@@ -206,12 +207,12 @@ MEASURED = {"bench-centre": "dots_px", "bench-tilt": "pairs_px", "bench-dark-law
 """Field of a bench request that contains its measurements."""
 
 
-def earlier_request(stored: dict[str, Any]) -> dict[str, Any]:
+def earlier_request(stored: JsonObject) -> JsonObject:
     """Convert a request that version 0.4 stored, with radians and the name beside it."""
     if "name" not in stored:
         return stored
     old = dict(stored["wanted"])
-    new: dict[str, Any] = {"profile": old["profile"], "name": stored["name"], "note": stored["note"]}
+    new: JsonObject = {"profile": old["profile"], "name": stored["name"], "note": stored["note"]}
     if "dark_ids" in old:
         new |= {"kind": "detector", "dark_ids": old["dark_ids"], "flat_pairs": old["flat_pairs"]}
     elif "options" in old:

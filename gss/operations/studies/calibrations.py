@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from gss.domain.camera import Camera
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.camera_record import camera_from
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.domain.words import counted
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now
@@ -197,7 +197,7 @@ class CalibrationService:
         if analysis.kind != "health":
             raise BadInput("this analysis proposes no calibration", expected="kind health", got=analysis.kind)
         of, proposal = str(analysis.request["profile"]), analysis.result["figures"]["proposal"]
-        result: dict[str, Any] = {"health": {"changes": proposal["changes"]}, "warnings": []}
+        result: JsonObject = {"health": {"changes": proposal["changes"]}, "warnings": []}
         bad = np.array(proposal["bad"], np.intp).reshape(-1, 2)
         if len(bad) or self.book.dark_of(of):
             result["dark_frame"] = self._darks.keep_pattern(self._with_bad(of, bad))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
 
 from pydantic import Field
 
@@ -83,7 +82,7 @@ class CampaignService:
         return [_record(*key, group) for key, group in sorted(groups.items())]
 
 
-def _experiments(spec: ExperimentsRequest, run: JobRun, executor: Executor) -> dict[str, Any]:
+def _experiments(spec: ExperimentsRequest, run: JobRun, executor: Executor) -> JobResult:
     """Run all experiments. Each completed one is checkpointed; after a crash only those in progress are rerun."""
     names = spec.names
     done = list((run.checkpoint or {}).get("experiments", ()))

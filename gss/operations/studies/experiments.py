@@ -6,10 +6,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from gss.domain.errors import Conflict
 from gss.domain.experiment import ExperimentEntry, Progress
+from gss.domain.json_object import JsonObject
 from gss.operations.studies.executor import Executor
 
 
@@ -42,7 +42,7 @@ def check(name: str, trials: int | None, seed: int) -> int:
     return run.check(name, trials, seed)
 
 
-def run_item(request: tuple[str, int | None, int], report: Progress) -> dict[str, Any]:
+def run_item(request: tuple[str, int | None, int], report: Progress) -> JsonObject:
     """Run (name, trials, seed) for an executor and return the record of the run."""
     with _package():
         from validation import run

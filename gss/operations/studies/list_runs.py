@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 from pydantic import Field
 
@@ -24,6 +24,7 @@ from gss.domain.words import counted
 from gss.operations.clock import Now, processor_s
 from gss.operations.frames.measured_lists import (
     SIGMA_PX,
+    ListRecord,
     ListResult,
     StarLists,
     StarListSolver,
@@ -74,6 +75,19 @@ class ListBatch:
     faint_limit_mag: float
     sigma_px: float
     epoch_jyear: float
+
+
+class _Pointing(TypedDict):
+    """Number of the list in the file, and its pointing in degrees."""
+
+    list: int
+    ra_deg: float | None
+    dec_deg: float | None
+    roll_deg: float | None
+
+
+class ListRow(_Pointing, ListRecord):
+    """Result of a list, as the file of results holds it."""
 
 
 class ListRunService:
@@ -138,7 +152,7 @@ class ListRunService:
         with self._database.unit_of_work() as session:
             return store.get(session, run_id)
 
-    def results(self, run: ListRun) -> list[dict[str, Any]]:
+    def results(self, run: ListRun) -> list[ListRow]:
         """Return a row of values for each list. Raises NotFound if the run has not been solved."""
         if not run.results_sha256:
             raise NotFound(
@@ -146,7 +160,7 @@ class ListRunService:
                 got=run.name,
                 hint="wait for the job to end; after a cancelled or failed job, start it again",
             )
-        rows: list[dict[str, Any]] = json.loads(self._blobs.get(run.results_sha256))
+        rows: list[ListRow] = json.loads(self._blobs.get(run.results_sha256))
         return rows
 
     def _read(self, data: bytes, name: str) -> StarLists:
@@ -158,7 +172,7 @@ class ListRunService:
         camera = without_distortion(profile.camera) if row.no_distortion else profile.camera
         lists = self._read(self._blobs.get(row.sha256), row.name)
         settings = (camera, profile.sensor.faint_limit_mag, row.sigma_px, row.epoch_jyear)
-        rows: list[dict[str, Any]] = []
+        rows: list[ListRow] = []
         solved = 0
 
         def report(_share: float = 0.0) -> None:
@@ -195,7 +209,10 @@ def solve_batch(batch: ListBatch, _report_share: Callable[[float], None]) -> lis
     return [list_result(*answer) for answer in solver.solve(batch.lists, batch.sigma_px)]
 
 
-def result_row(index: int, result: ListResult) -> dict[str, Any]:
+def result_row(index: int, result: ListResult) -> ListRow:
     """Return the result of a list in the units of users, with its number in the file."""
-    angles = [math.degrees(a) for a in result.ra_dec_roll_rad] if result.quaternion is not None else [None] * 3
-    return {"list": index} | dict(zip(("ra_deg", "dec_deg", "roll_deg"), angles, strict=True)) | result.as_json()
+    pointing: _Pointing = {"list": index, "ra_deg": None, "dec_deg": None, "roll_deg": None}
+    if result.quaternion is not None:
+        ra, dec, roll = (math.degrees(a) for a in result.ra_dec_roll_rad)
+        pointing = {"list": index, "ra_deg": ra, "dec_deg": dec, "roll_deg": roll}
+    return {**pointing, **result.as_json()}

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 from gss.domain.errors import BadInput, Conflict
+from gss.domain.json_object import JsonObject
 from gss.domain.words import counted
 from gss.instruments.package import Instrument
 from gss.instruments.registry import Registry
@@ -114,7 +114,7 @@ def model_of(instruments: Registry, options: PhotographOptions) -> Instrument | 
     return instruments.get(options.model) if options.model else None
 
 
-def record_of(package: PhotographPackage) -> dict[str, Any]:
+def record_of(package: PhotographPackage) -> JsonObject:
     """Return the result as JSON values."""
     return {
         "name": package.instrument.name,

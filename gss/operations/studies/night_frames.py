@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import partial
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,14 @@ class Shot:
     observer: Observer | None = None
 
 
+class ShotAccount(TypedDict):
+    """Whether a shot was used; the reason if it was not."""
+
+    name: str
+    used: bool
+    reason: str
+
+
 @dataclass(frozen=True)
 class SolvedFrame:
     """The shots that were solved, with their results and stars, and an account of all of them.
@@ -55,7 +63,7 @@ class SolvedFrame:
     results: list[SolveResult]
     stars: list[FrameStars]
     start: Camera
-    account: list[dict[str, Any]]
+    account: list[ShotAccount]
 
 
 class StoredShots:
@@ -102,7 +110,7 @@ def solve_shots(
     """Solve shots of a known camera, of one with a known width of field, or blind. ``camera``: its geometry, if better known
     than the profile's. Raises BadInput if none is solved."""
     used: list[tuple[Shot, SolveResult, FrameStars]] = []
-    account: list[dict[str, Any]] = []
+    account: list[ShotAccount] = []
     for k, shot in enumerate(shots):
         progress(k / len(shots), f"{shot.name}, {k + 1} of {len(shots)}")
         try:

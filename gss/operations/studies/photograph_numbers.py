@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
@@ -40,24 +40,40 @@ class Stated:
     atmosphere: bool
 
 
+class FileNumber(TypedDict):
+    """A number of the file: measured (``source``) or chosen with the reason. ``sigma``: standard deviation."""
+
+    value: float
+    unit: str
+    sigma: NotRequired[float]
+    source: NotRequired[str]
+    chosen: NotRequired[str]
+
+
+FilePart = dict[str, FileNumber]
+"""A part of the file: its numbers by name."""
+
+
 class _Numbers:
     """Numbers of the file with the common part of their origin."""
 
     def __init__(self, origin: str) -> None:
         self.origin = origin
 
-    def measured(self, value: float, unit: str, sigma: float, detail: str = "") -> dict[str, Any]:
+    def measured(self, value: float, unit: str, sigma: float, detail: str = "") -> FileNumber:
         text = f"{self.origin}; {detail}" if detail else self.origin
         return {"value": rounded(value, sigma), "unit": unit, "sigma": significant(sigma), "source": text[:400]}
 
-    def exact(self, value: float, unit: str, detail: str = "") -> dict[str, Any]:
+    def exact(self, value: float, unit: str, detail: str = "") -> FileNumber:
         return {"value": value, "unit": unit, "source": f"{self.origin}; {detail}" if detail else self.origin}
 
 
-def chosen(value: float, unit: str, reason: str, sigma: float | None = None) -> dict[str, Any]:
+def chosen(value: float, unit: str, reason: str, sigma: float | None = None) -> FileNumber:
     """Return a number that was not measured, with the reason."""
-    number = {"value": value, "unit": unit, "chosen": reason[:400]}
-    return number if sigma is None else number | {"sigma": significant(sigma)}
+    number: FileNumber = {"value": value, "unit": unit, "chosen": reason[:400]}
+    if sigma is not None:
+        number["sigma"] = significant(sigma)
+    return number
 
 
 def significant(sigma: float) -> float:
@@ -93,7 +109,7 @@ def spread_factor(measured: PhotographCamera) -> float:
     return math.sqrt(len(measured.photographs.used)) if measured.same_field else 1.0
 
 
-def _geometry(measured: PhotographCamera, stated: Stated, numbers: _Numbers) -> dict[str, Any]:
+def _geometry(measured: PhotographCamera, stated: Stated, numbers: _Numbers) -> FilePart:
     camera, fit = measured.geometry.camera, measured.geometry
     covariance = dict.fromkeys(("focal_px", "aspect"), 0.0) | {
         p.name: p.sigma**2 for p in fit.parameters if p.name in ("focal_px", "aspect")
@@ -145,7 +161,7 @@ def _pitch(stated: Stated, focal_px: float) -> tuple[float, str]:
     )
 
 
-def _centre(measured: PhotographCamera, numbers: _Numbers, name: str, value: float) -> dict[str, Any]:
+def _centre(measured: PhotographCamera, numbers: _Numbers, name: str, value: float) -> FileNumber:
     most = CENTRE_SHARE * measured.geometry.camera.columns
     frozen = next((f for f in measured.geometry.frozen if f.name == name), None)
     if frozen is not None:
@@ -157,11 +173,11 @@ def _centre(measured: PhotographCamera, numbers: _Numbers, name: str, value: flo
     return numbers.measured(value, "px", min(sigma, most), f"for the lens model {measured.geometry.model}{one_field}")
 
 
-def _lens(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+def _lens(measured: PhotographCamera, numbers: _Numbers) -> Mapping[str, str | FileNumber]:
     fit, why = measured.geometry, model_reason(measured)
     if fit.model == "pinhole":
         return {"model": "pinhole", "source": f"{numbers.origin}; {why}"[:400]}
-    lens: dict[str, Any] = {"model": "brown"}
+    lens: dict[str, str | FileNumber] = {"model": "brown"}
     frozen = {f.name: f for f in fit.frozen}
     for name in BROWN:
         value = float(getattr(fit.camera.distortion, name))
@@ -182,7 +198,7 @@ def model_reason(measured: PhotographCamera) -> str:
     return f"{best.model} has the smallest BIC (others: {others}); residual of left-out photographs {best.held_out_px:.2f} px"
 
 
-def _gain(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+def _gain(measured: PhotographCamera, numbers: _Numbers) -> FileNumber:
     sky = measured.sky
     if math.isfinite(sky.gain_e_per_dn):
         detail = "variance of the sky's pixels against their level"
@@ -191,7 +207,7 @@ def _gain(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
     return chosen(1.0, "e/DN", f"{why}; pairs of flat fields would give it. All values in electrons refer to it")
 
 
-def _detector(measured: PhotographCamera, numbers: _Numbers, gain: Mapping[str, Any]) -> dict[str, Any]:
+def _detector(measured: PhotographCamera, numbers: _Numbers, gain: FileNumber) -> FilePart:
     sky, e_per_dn = measured.sky, float(gain["value"])
     exposure_s, _ = exposure(measured)
     bits, reason = converter_bits(measured)
@@ -200,9 +216,9 @@ def _detector(measured: PhotographCamera, numbers: _Numbers, gain: Mapping[str, 
     read_sigma, gain_share = sky.noise_sigma * e_per_dn, float(gain.get("sigma", 0.0)) / e_per_dn
     noise_e = math.sqrt(max(sky.noise_dn**2 - 1 / 12, 0.0)) * e_per_dn
     background = sky.excess_dn * e_per_dn / exposure_s
-    detector = {
+    detector: FilePart = {
         "bits": chosen(bits, "bit", reason),
-        "gain": dict(gain),
+        "gain": gain,
         "bias": numbers.measured(
             bias, "DN", sky.level_sigma, "sky in the darkest one; without dark frames an upper limit"
         ),
@@ -234,7 +250,7 @@ def _detector(measured: PhotographCamera, numbers: _Numbers, gain: Mapping[str, 
     return detector | {"zero_point": numbers.measured(zero, "e/s", zero * share, detail)}
 
 
-def _width(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+def _width(measured: PhotographCamera, numbers: _Numbers) -> FileNumber:
     if measured.spots is None:
         reason = next(m for m in measured.missing if m.startswith("width"))
         return chosen(1.0, "px", reason)
@@ -263,7 +279,7 @@ def exposure(measured: PhotographCamera) -> tuple[float, str]:
     return 1.0, "the files do not state it; values per second refer to it"
 
 
-def _limits(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
+def _limits(measured: PhotographCamera, numbers: _Numbers) -> FilePart:
     exposure_s, why = exposure(measured)
     times = [s.photograph.shot.exposure_s or exposure_s for s in measured.photographs.used]
     matched = np.concatenate([s.stars.v_mag for s in measured.photographs.used])
@@ -289,7 +305,7 @@ def _limits(measured: PhotographCamera, numbers: _Numbers) -> dict[str, Any]:
     }
 
 
-def _baffle() -> dict[str, Any]:
+def _baffle() -> FilePart:
     values = {
         "sun": (40, "deg"),
         "earth": (30, "deg"),

@@ -8,16 +8,17 @@ other than stars and regions follow from attitude and camera, and are computed o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import TypedDict
 
 from pydantic import Field
 
 from gss import __version__
 from gss.domain.errors import BadInput, Conflict
+from gss.domain.json_object import JsonObject
 from gss.domain.words import counted
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now, stopwatch_s
@@ -27,7 +28,7 @@ from gss.operations.jobs import JobKind, JobRequest, JobResult, JobRun, JobServi
 from gss.operations.requests import ChainOptions, Id, Request
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.executor import Executor
-from gss.operations.studies.reprocess_worker import BatchSettings, Task, run_item
+from gss.operations.studies.reprocess_worker import BatchSettings, Task, TaskResult, run_item
 from gss.pipeline.chains import reference
 from gss.pipeline.chains.options import as_text
 from gss.store import frames as store
@@ -67,7 +68,7 @@ class ReprocessJob(JobRequest):
     epoch_jyear: float
 
 
-def _of_version_0_4(stored: dict[str, Any]) -> dict[str, Any]:
+def _of_version_0_4(stored: JsonObject) -> JsonObject:
     """Convert a stored request of version 0.4, which was flat."""
     if "asked" in stored:
         return stored
@@ -86,7 +87,7 @@ class Done:
     elapsed_s: float = 0.0
     counts: dict[str, int] | None = None
 
-    def count(self, rows: Sequence[Mapping[str, Any]]) -> None:
+    def count(self, rows: Sequence[TaskResult]) -> None:
         """Add a batch."""
         self.counts = self.counts or {}
         for row in rows:
@@ -95,6 +96,14 @@ class Done:
                 if key:
                     self.counts[key] = self.counts.get(key, 0) + 1
         self.frames, self.last_id = self.frames + len(rows), rows[-1]["frame_id"]
+
+
+class ReprocessResult(TypedDict):
+    """Result of a job: frames, and numbers of outcomes and verdicts."""
+
+    frames: int
+    counts: dict[str, int]
+    elapsed_s: float
 
 
 class ReprocessService:
@@ -175,7 +184,7 @@ class ReprocessService:
         done: Done | None = None,
         keep: Keep | None = None,
         epoch_jyear: float | None = None,
-    ) -> dict[str, Any]:
+    ) -> ReprocessResult:
         """Run the tasks. Return the job's result: counts of outcomes and verdicts. ``done``: progress before a restart."""
         done = done or Done()
         total, before_s, started_s, reported_s = done.frames + len(tasks), done.elapsed_s, stopwatch_s(), 0.0
@@ -203,10 +212,10 @@ class ReprocessService:
                     report()
         return {"frames": done.frames, "counts": done.counts or {}, "elapsed_s": done.elapsed_s}
 
-    def _keep(self, rows: Sequence[dict[str, Any]], done: Done, keep: Keep | None) -> None:
-        common = {"origin": "ground", "created": self._now()}
+    def _keep(self, rows: Sequence[TaskResult], done: Done, keep: Keep | None) -> None:
+        common: dict[str, object] = {"origin": "ground", "created": self._now()}
         with self._database.unit_of_work() as session:
-            store.add_solutions(session, [common | row for row in rows])
+            store.add_solutions(session, [{**common, **row} for row in rows])
             store.pin_missing(session, [row["frame_id"] for row in rows], self._operational_chain)
             if keep is not None:
                 keep(vars(done) | {}, session)

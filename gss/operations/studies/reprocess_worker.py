@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NotRequired
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from gss.domain.stars import StarTable
 from gss.operations.clock import stopwatch_s
 from gss.operations.frames.dark_frames import DarkFrames
 from gss.operations.frames.observer import Observer
-from gss.operations.frames.solution_rows import solution_values
+from gss.operations.frames.solution_rows import SolutionValues, solution_values
 from gss.operations.frames.solve import Solver, SolveRequest
 from gss.operations.frames.solver_cache import SolverCache
 from gss.store.blobs import BlobStore
@@ -69,17 +69,22 @@ class _Kept:
         return self.profiles[name]
 
 
+class TaskResult(SolutionValues):
+    """Columns of a solution with its frame."""
+
+    frame_id: int
+    camera_name: NotRequired[str]
+
+
 _kept: dict[tuple[str, float], _Kept] = {}
 
 
-def run_item(
-    item: tuple[BatchSettings, Sequence[Task]], _report_share: Callable[[float], None]
-) -> list[dict[str, Any]]:
+def run_item(item: tuple[BatchSettings, Sequence[Task]], _report_share: Callable[[float], None]) -> list[TaskResult]:
     """Run a batch for an executor."""
     return run_batch(*item)
 
 
-def run_batch(order: BatchSettings, tasks: Sequence[Task]) -> list[dict[str, Any]]:
+def run_batch(order: BatchSettings, tasks: Sequence[Task]) -> list[TaskResult]:
     """Return one row of values per task; a frame that cannot be run has outcome "none" with the reason."""
     state = _ready(order)
     return [_run(state, order, task) for task in tasks]
@@ -96,7 +101,7 @@ def _ready(order: BatchSettings) -> _Kept:
     return _kept[key]
 
 
-def _run(state: _Kept, order: BatchSettings, task: Task) -> dict[str, Any]:
+def _run(state: _Kept, order: BatchSettings, task: Task) -> TaskResult:
     try:
         data = np.frombuffer(state.blobs.get(task.sha256), np.dtype(task.dtype))
         pixels = data.reshape(task.rows, task.columns)
@@ -112,9 +117,13 @@ def _run(state: _Kept, order: BatchSettings, task: Task) -> dict[str, Any]:
         result = state.solver.solve(pixels, request)
         result = replace(result, timing_s={k: v for k, v in result.timing_s.items() if math.isfinite(v)})
     except GssError as error:
-        return {"frame_id": task.frame_id, "chain": order.chain, "version": __version__, "outcome": "none"} | {
-            "reason": str(error)
+        return {
+            "frame_id": task.frame_id,
+            "chain": order.chain,
+            "version": __version__,
+            "outcome": "none",
+            "reason": str(error),
         }
     stars = state.stars if task.epoch_jyear is None else state.solver.cache.stars(task.epoch_jyear)
     values = solution_values(result, stars, order.documented.get(task.profile or ""), task.truth)
-    return {"frame_id": task.frame_id, "camera_name": request.camera_name} | values
+    return {"frame_id": task.frame_id, "camera_name": request.camera_name, **values}

@@ -11,6 +11,7 @@ import numpy as np
 
 from gss.device.table_use import calibration_values
 from gss.domain.angles import Array
+from gss.domain.json_object import JsonObject
 from gss.operations.frames.solve import Solver
 from gss.operations.studies.analyse import DEEPER_MAG, AnalysisResult, AnalysisRun, subject_of
 from gss.operations.studies.health_sheet import health_report
@@ -88,7 +89,7 @@ def health_frames(solver: Solver, run: AnalysisRun, beside: Surroundings) -> lis
     ]
 
 
-def proposal_record(proposal: Proposal) -> dict[str, Any]:
+def proposal_record(proposal: Proposal) -> JsonObject:
     """Return a proposed calibration in the form in which calibrations are stored: values of the sensor's table, and bad pixels."""
     return {
         "values": dict(calibration_values(proposal.profile)),

@@ -4,9 +4,10 @@ drawings."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import Final, Literal
 
 import numpy as np
+from typing_extensions import TypedDict  # pydantic needs this one before Python 3.12
 
 from gss.domain.angles import ARCSEC_RAD
 from gss.domain.camera import Camera
@@ -18,7 +19,7 @@ from gss.pipeline.sheet.rows import CONFIDENCE, SheetFigure, SheetRow
 from gss.pipeline.sheet.sheet import PerformanceSheet
 from gss.pipeline.sheet.spatial import SpatialErrors
 
-SCHEMA = "gss-performance-sheet-1"
+SCHEMA: Final = "gss-performance-sheet-1"
 STANDARD = "Terms after ECSS-E-ST-60-20C; the full text was not available, so conformity is not claimed."
 DEGREE_RAD = float(np.pi / 180)
 USER_UNITS: dict[str, tuple[str, float]] = {
@@ -45,13 +46,14 @@ class SheetSource:
     unit: str
     title: str
     chain: str
-    source: str
+    source: Literal["frames", "simulated"]
     subject: str
     seed: int
 
 
 class BoundedValue(TypedDict):
-    """A figure with its interval, in the units of users; None: no bound."""
+    """One figure with its interval, in ``unit``: arcsec, arcsec/K, arcsec/day, deg/s, deg/s², s, %, px, frames, or "" for a
+    number. None: without bound."""
 
     name: str
     value: float | None
@@ -61,7 +63,7 @@ class BoundedValue(TypedDict):
 
 
 class RowValues(TypedDict):
-    """A row of the sheet. ``needs``: what a row that was not measured needs."""
+    """One row. ``conditions``: under which the figures hold; ``needs``: the missing data, if it was not measured."""
 
     key: str
     title: str
@@ -74,14 +76,15 @@ class RowValues(TypedDict):
 
 
 class SheetValues(TypedDict):
-    """The sheet as written to JSON; a schema describes it."""
+    """Performance sheet of a unit. ``confidence``: of the intervals; ``subject``: frames, camera, time and chain; ``seed``: of the
+    bootstrap and of simulated frames."""
 
-    schema_name: str
+    schema_name: Literal["gss-performance-sheet-1"]
     standard: str
     unit: str
     title: str
     chain: str
-    source: str
+    source: Literal["frames", "simulated"]
     subject: str
     seed: int
     confidence: float

@@ -174,7 +174,7 @@ class AlarmService:
     def _again(self, row: Alarm, state: State, value: float, text: str, limit: str) -> None:
         """Raise the alarm again, because it is out of limits again or worse than before; this resets the acknowledgement."""
         peak = worst((state, State(row.worst)))
-        changes: dict[str, Any] = {"state": "raised", "cleared": None, "acknowledged": None, "acknowledged_by": ""}
+        changes: dict[str, object] = {"state": "raised", "cleared": None, "acknowledged": None, "acknowledged_by": ""}
         if peak is state:
             changes |= {"worst": state.value, "value": value, "limit_text": cut(limit)}
         self._change(row, state.value, text, **changes)
@@ -213,7 +213,7 @@ class AlarmService:
                 raise Conflict("the alarm is already acknowledged", got=f"by {row.acknowledged_by}")
             now = self._now()
             over = row.state == "cleared"
-            changes: dict[str, Any] = {"acknowledged": now, "acknowledged_by": user, "state": "acked"}
+            changes: dict[str, object] = {"acknowledged": now, "acknowledged_by": user, "state": "acked"}
             if over:
                 changes |= {"state": "closed", "closed": now}
             return self._by(row, user, "acknowledged" + (" and closed" if over else ""), note, **changes)
@@ -250,7 +250,7 @@ class AlarmService:
                     hint="acknowledge or shelve it",
                 )
             now = self._now()
-            changes: dict[str, Any] = {"state": "closed", "closed": now, "cleared": row.cleared or now}
+            changes: dict[str, object] = {"state": "closed", "closed": now, "cleared": row.cleared or now}
             if row.acknowledged is None:
                 changes |= {"acknowledged": now, "acknowledged_by": user}
             if row.packet not in UNMEASURED:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
@@ -31,6 +31,15 @@ class DeriveJob(JobRequest):
     name: str
     start: datetime
     end: datetime
+
+
+@dataclass(frozen=True)
+class Recomputed:
+    """Progress of a job, its checkpoint: time reached, and numbers of known and unknown values."""
+
+    at: str
+    values: int = 0
+    unknown: int = 0
 
 
 @dataclass(frozen=True)
@@ -64,24 +73,20 @@ class DerivedHistory:
 
     def _work(self, request: DeriveJob, run: JobRun) -> JobResult:
         parameter = self._derived.parameter(request.name)
-        done: dict[str, Any] = run.checkpoint or {"at": request.start.isoformat(), "values": 0, "unknown": 0}
-        at = datetime.fromisoformat(done["at"])
+        done = Recomputed(**run.checkpoint) if run.checkpoint else Recomputed(request.start.isoformat())
+        at = datetime.fromisoformat(done.at)
         total = int((request.end - request.start) / STEP) + 1
         while at < request.end:
             run.progress(int((at - request.start) / STEP), total, f"{at:%Y-%m-%d %H:%M} UTC")
             step = self._next_step(parameter, at, request.end)
             rows = list(self._computed(parameter, step))
             unknown = sum(row["values"][parameter.field.name] is None for row in rows)
-            done = {
-                "at": step.end.isoformat(),
-                "values": done["values"] + len(rows) - unknown,
-                "unknown": done["unknown"] + unknown,
-            }
+            done = Recomputed(step.end.isoformat(), done.values + len(rows) - unknown, done.unknown + unknown)
             with self._database.unit_of_work() as session:
                 store.replace(session, parameter.packet.name, step.start, step.end, rows)
-                run.keep(done, session)
+                run.keep(asdict(done), session)
             at = step.end
-        return {"values": done["values"], "unknown": done["unknown"]}
+        return {"values": done.values, "unknown": done.unknown}
 
     def _next_step(self, parameter: ComputedParameter, at: datetime, end: datetime) -> _TimeStep:
         """Return the next span with packets, at most ``STEP`` long; it starts where nothing has to be replaced."""

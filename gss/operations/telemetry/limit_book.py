@@ -9,6 +9,7 @@ from datetime import datetime
 from typing import Any
 
 from gss.domain.errors import BadInput, NotFound
+from gss.domain.json_object import JsonObject
 from gss.domain.limits import PERSISTENCE_MAX, Limits, Range
 from gss.instruments.dictionary.definitions import FLOATS, INTEGER_RANGES, TelemetryField
 from gss.operations.clock import Now
@@ -142,7 +143,7 @@ class LimitBook:
         """Return (packet, field) of every field that can have limits."""
         return [(p.name, f) for p in self._dictionary.telemetry for f in p.values if f.type in LIMITED_TYPES]
 
-    def _write(self, name: str, value: dict[str, Any], user: str) -> datetime:
+    def _write(self, name: str, value: JsonObject, user: str) -> datetime:
         now = self._now()
         with self._database.unit_of_work() as session:
             store.write(session, name, value, now, user)
@@ -155,7 +156,7 @@ class LimitBook:
         self._bus.publish("limits", {"set": self._set, "key": key})
 
 
-def _rule(value: dict[str, Any], user: str, changed: datetime) -> Rule:
+def _rule(value: JsonObject, user: str, changed: datetime) -> Rule:
     limits = Limits(*(_range(value.get(level)) for level in ("watch", "warning", "critical")))
     return Rule(limits, int(value.get("persistence", 1)), "operator", user, changed, str(value.get("note", "")))
 

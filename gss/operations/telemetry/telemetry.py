@@ -256,7 +256,7 @@ class TelemetryService:
         except StoreDown:
             log.exception("not recorded: %s", text)
 
-    def _row(self, packet: Telemetry, at: datetime) -> dict[str, Any]:
+    def _row(self, packet: Telemetry, at: datetime) -> dict[str, object]:
         return {
             "contact_id": self._contact_id(),
             "packet": packet.packet,
@@ -291,7 +291,7 @@ class TelemetryService:
             return [(row.received, row.values) for row in store.newest(session, "timing", limit)]
 
 
-def stored_values(packet: Telemetry) -> dict[str, Any]:
+def stored_values(packet: Telemetry) -> dict[str, object]:
     """Return a packet's values for its row: engineering values by name, each list under its name."""
     stored = plain_values(packet.values)
     for name, items in packet.lists.items():

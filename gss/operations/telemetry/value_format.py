@@ -32,7 +32,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
+def plain_values(values: Mapping[str, Any]) -> dict[str, object]:
     """Apply :func:`plain` to each value, with a fast path for the most common types."""
     return {
         name: value

@@ -12,6 +12,7 @@ from typing import Any
 
 from gss.device.session_events import TransferDone, TransferUpdate
 from gss.domain.errors import StoreDown
+from gss.domain.json_object import JsonObject
 from gss.operations.clock import Monotonic
 from gss.operations.events import EventBus
 from gss.operations.line.line_events import ServiceEvent
@@ -82,7 +83,7 @@ class Writer:
                 job.set_exception(error)
 
 
-Links = dict[str, Any]
+Links = JsonObject
 """Columns of the transfer's row that refer to rows created from its content, such as ``frame_id``."""
 
 

@@ -10,6 +10,7 @@ from gss.device.protocol.transfer import Compatibility
 from gss.device.session_events import TransferDone
 from gss.device.tables import Scalar
 from gss.domain.errors import BadInput, GssError, NotFound
+from gss.domain.json_object import JsonObject
 from gss.domain.stars import StarTable
 from gss.instruments.registry import Registry
 from gss.operations.clock import Now
@@ -80,7 +81,7 @@ class DeviceTableService:
         version = table_content.FORMATS[kind]
         return self._keep(kind, name or f"{profile_name} {kind}", profile_name, version, data, dict(values), user)
 
-    def _triplets(self, profile_name: str, content: Mapping[str, Any]) -> tuple[bytes, dict[str, Any], str]:
+    def _triplets(self, profile_name: str, content: Mapping[str, Any]) -> tuple[bytes, JsonObject, str]:
         catalogue_id = content.get("catalogue_id")
         if not isinstance(catalogue_id, int):
             raise BadInput("no catalogue given for the triplets", expected="catalogue_id", got=str(catalogue_id))
@@ -96,7 +97,7 @@ class DeviceTableService:
         return data, {**values, "catalogue_id": catalogue_id}, row.profile
 
     def _keep(
-        self, kind: str, name: str, profile_name: str, version: int, data: bytes, content: dict[str, Any], user: str
+        self, kind: str, name: str, profile_name: str, version: int, data: bytes, content: JsonObject, user: str
     ) -> DeviceTable:
         row = DeviceTable(
             kind=kind,
@@ -177,7 +178,7 @@ class DeviceTableService:
             row.kind, target, data, compatibility, name=bank, subject=subject, table_id=row.id
         )
 
-    def keep_read_back(self, transfer: Transfer, done: TransferDone) -> dict[str, Any]:
+    def keep_read_back(self, transfer: Transfer, done: TransferDone) -> JsonObject:
         """Store a table that was read back, unless it is already stored. Returns the link for the transfer's row."""
         with self._database.unit_of_work() as session:
             stored = store.by_sha256(session, done.kind, done.sha256)

@@ -183,7 +183,7 @@ class TransferProgress:
             self._bus.record("transfer", "watch", f"Received data could not be kept: {error}", transfer_id=row_id)
 
     def _store(self, row_id: int, update: TransferUpdate, changed: bool) -> Transfer:
-        values: dict[str, Any] = {
+        values: dict[str, object] = {
             "state": str(update.state),
             "reason": update.reason,
             "size": update.size,

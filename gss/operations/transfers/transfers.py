@@ -16,6 +16,7 @@ from gss.device.protocol.transfer import Compatibility, chunk_count
 from gss.device.session_events import Direction
 from gss.device.session_transfer import HeldPart, Part
 from gss.domain.errors import BadInput, Conflict, GssError
+from gss.domain.json_object import JsonObject
 from gss.instruments.operations import Operation
 from gss.operations.clock import Now
 from gss.operations.events import EventBus
@@ -242,7 +243,7 @@ class TransferService:
         kind: str,
         target: str,
         subject: str,
-        options: dict[str, Any],
+        options: JsonObject,
         links: Mapping[str, int | None],
         partial: HeldPart | None = None,
     ) -> TransferView:

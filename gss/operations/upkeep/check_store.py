@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 from gss.domain.callbacks import no_progress
 from gss.domain.errors import CorruptData, GssError, NotFound, StoreDown
@@ -53,7 +52,7 @@ class StoreReport:
         else:
             self.findings.append(Finding(name, "ok", text))
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> dict[str, object]:
         """Return JSON values."""
         return {"whole": self.whole, "rows": self.rows, "findings": [asdict(f) for f in self.findings]}
 

@@ -115,7 +115,7 @@ class _Table:
 
     folder: str
     schema: pa.Schema
-    blocks: Iterator[list[tuple[datetime, dict[str, Any]]]]
+    blocks: Iterator[list[tuple[datetime, dict[str, object]]]]
 
 
 def export_parquet(
@@ -221,26 +221,26 @@ def _type(item: Item) -> pa.DataType:
     return pa.bool_() if item.type == "bool" else pa.string()
 
 
-def _packet(row: Any, items: list[Item | Group] | None) -> tuple[datetime, dict[str, Any]]:
+def _packet(row: Any, items: list[Item | Group] | None) -> tuple[datetime, dict[str, object]]:
     received, row_id, contact_id, device_time_s, request_id, values = row
     columns = {"received": received, "id": row_id, "contact_id": contact_id, "device_time_s": device_time_s}
     named = {"values": _json(values)} if items is None else {item.name: values.get(item.name) for item in items}
     return received, columns | {"request_id": request_id} | named
 
 
-def _stars(created: datetime, solution: Any) -> Iterator[tuple[datetime, dict[str, Any]]]:
+def _stars(created: datetime, solution: Any) -> Iterator[tuple[datetime, dict[str, object]]]:
     common = {"created": created, "solution_id": solution.id, "frame_id": solution.frame_id, "chain": solution.chain}
     for star in solution.detail.get("stars", ()):
         yield created, common | {name: star.get(name) for name in STARS.names[4:]}
 
 
-def _command(row: Any) -> dict[str, Any]:
+def _command(row: Any) -> dict[str, object]:
     plain = {name: getattr(row, name) for name in COMMANDS.names if name not in ("arguments", "values", "stages")}
     stages = [{"stage": s.stage, "at": s.at, "detail": s.detail} for s in row.stages]
     return plain | {"arguments": _json(row.arguments), "values": _json(row.values), "stages": stages}
 
 
-def _event(row: Any) -> dict[str, Any]:
+def _event(row: Any) -> dict[str, object]:
     return {name: getattr(row, name) for name in EVENTS.names if name != "data"} | {"data": _json(row.data)}
 
 

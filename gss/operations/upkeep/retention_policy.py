@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from datetime import timedelta
-from typing import Any
 
 from gss.domain.errors import BadInput
+from gss.domain.json_object import JsonObject
 from gss.operations.jobs import JobRequest
 from gss.operations.upkeep.removal import Confirmed
 from gss.store import choices
@@ -67,7 +67,7 @@ def stored_policy(database: Database) -> Policy:
     return Policy(**{k: v for k, v in value.items() if k in names})
 
 
-def retention_choice(database: Database, name: str) -> dict[str, Any]:
+def retention_choice(database: Database, name: str) -> JsonObject:
     """Return the stored values of that name; empty without any."""
     with database.unit_of_work() as session:
         return next((dict(row.value) for row in choices.read(session, name) if row.name == name), {})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -80,8 +79,18 @@ def calibrated_profile(
 
 
 def _measured(sensor: Sensor, figures: DetectorFigures) -> Sensor:
-    measured: dict[str, Any] = {n: float(v) for n, v in vars(figures).items() if v is not None}
-    return replace(sensor, **measured)
+    def or_kept(measured: float | None, documented: float) -> float:
+        return documented if measured is None else float(measured)
+
+    return replace(
+        sensor,
+        gain_e_per_dn=or_kept(figures.gain_e_per_dn, sensor.gain_e_per_dn),
+        read_noise_e=or_kept(figures.read_noise_e, sensor.read_noise_e),
+        bias_dn=or_kept(figures.bias_dn, sensor.bias_dn),
+        full_well_e=or_kept(figures.full_well_e, sensor.full_well_e),
+        dark_current_e_s=or_kept(figures.dark_current_e_s, sensor.dark_current_e_s),
+        psf_sigma_px=or_kept(figures.psf_sigma_px, sensor.psf_sigma_px),
+    )
 
 
 @dataclass(frozen=True)

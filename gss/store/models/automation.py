@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import ForeignKey, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from gss.domain.json_object import JsonObject
 from gss.store.models.base import Base
 
 
@@ -21,7 +22,7 @@ class DerivedParameter(Base):
     expression: Mapped[str] = mapped_column(Text)
     unit: Mapped[str] = mapped_column(String(20), default="")
     decimals: Mapped[int]
-    limits: Mapped[dict[str, Any]]
+    limits: Mapped[JsonObject]
     persistence: Mapped[int]
     author: Mapped[str] = mapped_column(String(60))
     changed: Mapped[datetime]

@@ -8,6 +8,8 @@ from typing import Any, ClassVar
 from sqlalchemy import JSON, DateTime, Dialect, LargeBinary, MetaData, TypeDecorator
 from sqlalchemy.orm import DeclarativeBase
 
+from gss.domain.json_object import JsonObject
+
 
 class UtcDateTime(TypeDecorator[datetime]):
     """UTC time; rejects a datetime without a zone, so that local time is never stored."""
@@ -39,7 +41,8 @@ class Base(DeclarativeBase):
     )
     type_annotation_map: ClassVar[dict[Any, Any]] = {
         datetime: UtcDateTime,
-        dict[str, Any]: JSON,
+        JsonObject: JSON,
+        dict[str, float]: JSON,
         list[Any]: JSON,
         bytes: LargeBinary,
     }

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy import ForeignKey, Index, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from gss.domain.json_object import JsonObject
 from gss.store.models.base import Base
 
 
@@ -28,9 +28,9 @@ class Catalogue(Base):
     sha256: Mapped[str] = mapped_column(String(64), index=True)
     valid_from: Mapped[datetime | None]
     valid_to: Mapped[datetime | None]
-    request: Mapped[dict[str, Any]]
-    manifest: Mapped[dict[str, Any]]
-    report: Mapped[dict[str, Any]]
+    request: Mapped[JsonObject]
+    manifest: Mapped[JsonObject]
+    report: Mapped[JsonObject]
     instrument_version: Mapped[str | None] = mapped_column(String(64))
 
 
@@ -47,7 +47,7 @@ class DeviceTable(Base):
     sha256: Mapped[str] = mapped_column(String(64), index=True)
     created: Mapped[datetime]
     author: Mapped[str] = mapped_column(String(60))
-    content: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    content: Mapped[JsonObject] = mapped_column(default=dict)
 
 
 class BankHistory(Base):
@@ -87,5 +87,5 @@ class StarList(Base):
     dropped: Mapped[int]
     size: Mapped[int]
     sha256: Mapped[str] = mapped_column(String(64), index=True)
-    mapping: Mapped[dict[str, Any]] = mapped_column(default=dict)
-    report: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    mapping: Mapped[JsonObject] = mapped_column(default=dict)
+    report: Mapped[JsonObject] = mapped_column(default=dict)

@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import JSON, ForeignKey, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from gss.domain.json_object import JsonObject
 from gss.store.models.base import Base
 
 
@@ -38,7 +39,7 @@ class Choice(Base):
 
     __tablename__ = "choices"
     name: Mapped[str] = mapped_column(String(60), primary_key=True)
-    value: Mapped[dict[str, Any]]
+    value: Mapped[JsonObject]
     changed: Mapped[datetime]
     user: Mapped[str] = mapped_column(String(60))
 
@@ -102,7 +103,7 @@ class Job(Base):
     text: Mapped[str] = mapped_column(Text, default="")
     created: Mapped[datetime]
     finished: Mapped[datetime | None]
-    request: Mapped[dict[str, Any]] = mapped_column(default=dict)
-    result: Mapped[dict[str, Any]] = mapped_column(default=dict)
-    checkpoint: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
+    request: Mapped[JsonObject] = mapped_column(default=dict)
+    result: Mapped[JsonObject] = mapped_column(default=dict)
+    checkpoint: Mapped[JsonObject | None] = mapped_column(JSON(none_as_null=True))
     attempts: Mapped[int] = mapped_column(default=0)

@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import ForeignKey, Index, String, Text, false, text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from gss.domain.json_object import JsonObject
 from gss.store.models.base import Base
 from gss.store.models.packed_detail import PackedDetail
 
@@ -39,7 +40,7 @@ class Frame(Base):
     rows_held: Mapped[list[Any]] = mapped_column(default=list)
     truth: Mapped[list[Any] | None]
     bank_sha256: Mapped[str | None] = mapped_column(String(64))
-    parameters: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    parameters: Mapped[JsonObject] = mapped_column(default=dict)
     pixels_removed: Mapped[datetime | None]
     favourite: Mapped[bool] = mapped_column(default=False)
     instrument_version: Mapped[str | None] = mapped_column(String(64))
@@ -79,14 +80,14 @@ class Solution(Base):
     rms_px: Mapped[float | None]
     false_match_probability: Mapped[float | None]
     fov_rad: Mapped[list[Any] | None]
-    timing_s: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    timing_s: Mapped[dict[str, float]] = mapped_column(default=dict)
     verdict: Mapped[str | None] = mapped_column(String(10))
     error_axis_rad: Mapped[float | None]
     error_roll_rad: Mapped[float | None]
     replay: Mapped[str | None] = mapped_column(Text)
-    camera: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    camera: Mapped[JsonObject] = mapped_column(default=dict)
     notes: Mapped[list[Any]] = mapped_column(default=list)
     camera_name: Mapped[str] = mapped_column(String(40), default="", server_default="")
     operational: Mapped[bool] = mapped_column(default=False, server_default=false())
     options: Mapped[str] = mapped_column(Text, default="", server_default="")
-    detail: Mapped[dict[str, Any]] = mapped_column(PackedDetail, default=dict)
+    detail: Mapped[JsonObject] = mapped_column(PackedDetail, default=dict)

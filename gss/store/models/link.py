@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import BigInteger, ForeignKey, Index, String, Text
 from sqlalchemy.orm import Mapped, mapped_column, relationship
 
+from gss.domain.json_object import JsonObject
 from gss.store.models.base import Base
 
 
@@ -52,7 +53,7 @@ class Command(Base):
     contact_id: Mapped[int | None] = mapped_column(ForeignKey("contacts.id"), index=True)
     request_id: Mapped[int] = mapped_column(BigInteger, index=True)  # unsigned 32-bit on the wire
     name: Mapped[str] = mapped_column(String(60))
-    arguments: Mapped[dict[str, Any]]
+    arguments: Mapped[JsonObject]
     user: Mapped[str] = mapped_column(String(60))
     source: Mapped[str] = mapped_column(String(20))
     created: Mapped[datetime]
@@ -62,7 +63,7 @@ class Command(Base):
     late: Mapped[bool] = mapped_column(default=False)
     attempts: Mapped[int] = mapped_column(default=1)
     resolved_note: Mapped[str] = mapped_column(Text, default="")
-    values: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    values: Mapped[JsonObject] = mapped_column(default=dict)
     run_id: Mapped[int | None] = mapped_column(ForeignKey("stack_runs.id"), index=True)
     stages: Mapped[list[CommandStage]] = relationship(
         order_by="CommandStage.id", lazy="selectin", cascade="all, delete-orphan"
@@ -90,7 +91,7 @@ class TelemetryPacket(Base):
     received: Mapped[datetime]
     device_time_s: Mapped[float]
     request_id: Mapped[int] = mapped_column(BigInteger)
-    values: Mapped[dict[str, Any]]
+    values: Mapped[JsonObject]
     __table_args__ = (Index("ix_telemetry_packets_packet_received", "packet", "received"),)
 
 
@@ -127,7 +128,7 @@ class Transfer(Base):
     frame_id: Mapped[int | None] = mapped_column(ForeignKey("frames.id"))
     catalogue_id: Mapped[int | None] = mapped_column(ForeignKey("catalogues.id"))
     table_id: Mapped[int | None] = mapped_column(ForeignKey("device_tables.id"))
-    options: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    options: Mapped[JsonObject] = mapped_column(default=dict)
     log: Mapped[list[Any]] = mapped_column(default=list)
 
 
@@ -140,5 +141,5 @@ class Event(Base):
     kind: Mapped[str] = mapped_column(String(30))
     severity: Mapped[str] = mapped_column(String(10))
     text: Mapped[str] = mapped_column(Text)
-    data: Mapped[dict[str, Any]] = mapped_column(default=dict)
+    data: Mapped[JsonObject] = mapped_column(default=dict)
     __table_args__ = ({"sqlite_autoincrement": True},)

@@ -15,31 +15,33 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import JSON, Dialect, TypeDecorator
 
+from gss.domain.json_object import JsonObject
+
 POSITION_STEP_PX = 1e-5
 MAGNITUDE_STEP = 1e-4
 NO_MAGNITUDE = np.iinfo(np.int32).min
 LARGEST, LARGEST_FLOAT = float(1 << 31), 3e38
 PACKED = "packed"
-Rows = list[dict[str, Any]]
+Rows = list[JsonObject]
 BOUNDS = ("col_min", "row_min", "col_max", "row_max", "area_px")
 SEEN = ("index", "col_px", "row_px", "flux_dn", "peak_dn", "area_px")
 NAMED = ("hip", "name", "v_mag", "dx_px", "dy_px", "dx_arcsec", "dy_arcsec", "weight")
 
 
-class PackedDetail(TypeDecorator[dict[str, Any]]):
+class PackedDetail(TypeDecorator[JsonObject]):
     """JSON document whose lists ``regions`` and ``stars`` are packed in the database."""
 
     impl = JSON
     cache_ok = True
 
-    def process_bind_param(self, value: dict[str, Any] | None, dialect: Dialect) -> dict[str, Any] | None:
+    def process_bind_param(self, value: JsonObject | None, dialect: Dialect) -> JsonObject | None:
         return value if value is None else packed(value)
 
-    def process_result_value(self, value: dict[str, Any] | None, dialect: Dialect) -> dict[str, Any] | None:
+    def process_result_value(self, value: JsonObject | None, dialect: Dialect) -> JsonObject | None:
         return value if value is None else unpacked(value)
 
 
-def packed(detail: dict[str, Any]) -> dict[str, Any]:
+def packed(detail: JsonObject) -> JsonObject:
     """Return the document with packed lists, where they have the fields of regions and stars."""
     arrays = {}
     for name, pack in (("regions", _pack_regions), ("stars", _pack_stars)):
@@ -53,7 +55,7 @@ def packed(detail: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in detail.items() if name not in arrays} | {PACKED: arrays}
 
 
-def unpacked(detail: dict[str, Any]) -> dict[str, Any]:
+def unpacked(detail: JsonObject) -> JsonObject:
     """Return the document with plain lists."""
     if PACKED not in detail:
         return detail

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
 
 from sqlalchemy import ForeignKey, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from gss.domain.json_object import JsonObject
 from gss.store.models.base import Base
 
 
@@ -22,9 +22,9 @@ class Calibration(Base):
     created: Mapped[datetime]
     author: Mapped[str] = mapped_column(String(60))
     tool: Mapped[str] = mapped_column(String(40))
-    request: Mapped[dict[str, Any]]
-    values: Mapped[dict[str, Any]]
-    result: Mapped[dict[str, Any]]
+    request: Mapped[JsonObject]
+    values: Mapped[JsonObject]
+    result: Mapped[JsonObject]
     note: Mapped[str] = mapped_column(Text, default="")
     table_id: Mapped[int | None] = mapped_column(ForeignKey("device_tables.id"))
 
@@ -39,8 +39,8 @@ class Analysis(Base):
     created: Mapped[datetime]
     author: Mapped[str] = mapped_column(String(60))
     tool: Mapped[str] = mapped_column(String(40))
-    request: Mapped[dict[str, Any]]
-    result: Mapped[dict[str, Any]]
+    request: Mapped[JsonObject]
+    result: Mapped[JsonObject]
 
 
 class ListRun(Base):
