@@ -16,14 +16,14 @@ Number = float | None
 """None where there is nothing to draw."""
 
 
-class Part:
+class ReportPart:
     """Base of the parts; the API document states their fields as always present."""
 
     __pydantic_config__: ClassVar = ConfigDict(json_schema_serialization_defaults_required=True)
 
 
 @dataclass(frozen=True)
-class Fact(Part):
+class Fact(ReportPart):
     """One value as text: label, value, unit, and a note."""
 
     label: str
@@ -33,7 +33,7 @@ class Fact(Part):
 
 
 @dataclass(frozen=True)
-class Series(Part):
+class Series(ReportPart):
     """Data of a plot. ``style``: line, dots, or bars (x: left edges and one last right edge)."""
 
     label: str
@@ -43,7 +43,7 @@ class Series(Part):
 
 
 @dataclass(frozen=True)
-class Level(Part):
+class Level(ReportPart):
     """A labelled horizontal line; ``vertical``: a vertical one."""
 
     value: float
@@ -52,7 +52,7 @@ class Level(Part):
 
 
 @dataclass(frozen=True)
-class Plot(Part):
+class Plot(ReportPart):
     """Axes with series. ``log_x``, ``log_y``: logarithmic axes. ``time``: x are Unix seconds."""
 
     title: str
@@ -67,7 +67,7 @@ class Plot(Part):
 
 
 @dataclass(frozen=True)
-class Arrows(Part):
+class Arrows(ReportPart):
     """Vectors over the detector: (col, row) and (d col, d row) in pixels, drawn ``scale`` times too long."""
 
     title: str
@@ -83,7 +83,7 @@ class Arrows(Part):
 
 
 @dataclass(frozen=True)
-class Cells(Part):
+class Cells(ReportPart):
     """A map over the detector: rows of values, None where there are no data; ``unit`` of the values."""
 
     title: str
@@ -95,7 +95,7 @@ class Cells(Part):
 
 
 @dataclass(frozen=True)
-class Picture(Part):
+class Picture(ReportPart):
     """A grey picture of the detector: a PNG file in base64. ``note``: meaning of black and white."""
 
     title: str
@@ -109,7 +109,7 @@ Place = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class SkyMap(Part):
+class SkyMap(ReportPart):
     """The whole sky in Mollweide projection, ICRS, right ascension increasing to the left. ``values``: HEALPix ring pixels
     of ``nside``, white where None or 0. ``stars``: right ascension, declination in degrees and V. ``solid``, ``dashed``:
     lines. ``mark``: a position and its label."""
@@ -126,7 +126,7 @@ class SkyMap(Part):
 
 
 @dataclass(frozen=True)
-class WorldMap(Part):
+class WorldMap(ReportPart):
     """The Earth: rows of values from north to south and from 180° west to 180° east, None where there are no data; ``unit`` of
     the values. ``coasts``: lines of (east, north) in degrees."""
 
@@ -139,7 +139,7 @@ class WorldMap(Part):
 
 
 @dataclass(frozen=True)
-class Shares(Part):
+class Shares(ReportPart):
     """Parts of a whole side by side, in ``unit``."""
 
     title: str
@@ -150,7 +150,7 @@ class Shares(Part):
 
 
 @dataclass(frozen=True)
-class Outline(Part):
+class Outline(ReportPart):
     """A scale drawing in millimetres, y upwards: the cross-section of an object. ``bold``: the aperture."""
 
     title: str
@@ -165,7 +165,7 @@ Drawing = Annotated[Drawn | Picture, Field(discriminator="kind")]
 
 
 @dataclass(frozen=True)
-class Table(Part):
+class Table(ReportPart):
     """Columns and rows of text."""
 
     title: str
@@ -174,7 +174,7 @@ class Table(Part):
 
 
 @dataclass(frozen=True)
-class Note(Part):
+class Note(ReportPart):
     """A warning and a hint. ``severe``: do not use the values until it is resolved."""
 
     text: str
@@ -184,7 +184,7 @@ class Note(Part):
 
 
 @dataclass(frozen=True)
-class Section(Part):
+class Section(ReportPart):
     """A heading with its content."""
 
     title: str
@@ -195,7 +195,7 @@ class Section(Part):
 
 
 @dataclass(frozen=True)
-class Report(Part):
+class Report(ReportPart):
     """The complete report. ``subtitle``: subject and time."""
 
     title: str

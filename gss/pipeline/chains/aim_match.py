@@ -16,7 +16,7 @@ from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
 from gss.pipeline.attitude import svd
 from gss.pipeline.chains.aim_parameters import AimParameters, detectable_mag
-from gss.pipeline.chains.modes import AttitudePrior, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode, check_hint
 from gss.pipeline.identify.neighbour_pattern import (
     PairHypotheses,
     magnitude_fits,
@@ -144,7 +144,7 @@ def match_stars(
     hint: AttitudePrior | None = None,
 ) -> AimMatching:
     """Identify centroids: verify expected stars in tracking; use a blind search otherwise and after a guidance error."""
-    _check_hint(mode, hint)
+    check_hint(mode, hint)
     unit = camera.unproject(centroids.pixels)
     spots = _spots(centroids, unit, parameters)
     guidance_error, checks = False, 0
@@ -164,14 +164,6 @@ def match_stars(
             matching, reason=f"{matching.reason}; {len(pairs)} pairs of stars tried, {pairs.left_out} left out"
         )
     return matching
-
-
-def _check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
-    if mode is Mode.LOST_IN_SPACE:
-        return
-    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
-        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
-        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
 
 
 def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> _Spots:

@@ -13,7 +13,7 @@ from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion
 from gss.pipeline.chains.cubestar_parameters import CubestarParameters
-from gss.pipeline.chains.modes import AttitudePrior, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode, check_hint
 from gss.pipeline.identify.geometric_voting import (
     Mask,
     Rows,
@@ -87,7 +87,7 @@ def match_stars(
     hint: AttitudePrior | None = None,
 ) -> CubestarMatching:
     """Identify centroids (Erlank 2013 §4.3–4.5). Only the first ``max_centroids`` are used."""
-    _check_hint(mode, hint)
+    check_hint(mode, hint)
     used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
     unit = unit_vectors(used, camera, parameters.undistort)
     # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
@@ -110,14 +110,6 @@ def match_stars(
     reason = _too_few(len(unit), len(selected), parameters.min_verified(mode), mode)
     selected = selected if not reason else selected[:0]
     return CubestarMatching(mode, unit, row, first_votes, votes, selected, int(np.count_nonzero(allowed)), hits, reason)
-
-
-def _check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
-    if mode is Mode.LOST_IN_SPACE:
-        return
-    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
-        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
-        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
 
 
 def _allowed(

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion
 from gss.pipeline.chains.far_mst_catalogue import FarMstCatalogue
 from gss.pipeline.chains.far_mst_parameters import HINT_ERROR_RAD, FarMstParameters
 from gss.pipeline.chains.far_mst_verify import Identified, complete, pair_tolerance_rad, stars_in_view
-from gss.pipeline.chains.modes import AttitudePrior, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode, check_hint
 from gss.pipeline.chains.proof import hint_error_rad
 from gss.pipeline.identify.accidental import tracking_hypotheses
 from gss.pipeline.identify.baselines import Baselines, baselines
@@ -93,7 +92,7 @@ def match_stars(
     hint: AttitudePrior | None = None,
 ) -> FarMstMatching:
     """Identify centroids. Only the first ``max_centroids`` are used."""
-    _check_hint(mode, hint)
+    check_hint(mode, hint)
     used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
     unit = camera.unproject(used.pixels) if len(used) else np.empty((0, 3))
     # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
@@ -104,14 +103,6 @@ def match_stars(
     if not accepted and len(good) >= 3:
         accepted = _find_figures(search)
     return _matching(search, used, unit, good, accepted)
-
-
-def _check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
-    if mode is Mode.LOST_IN_SPACE:
-        return
-    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
-        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
-        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
 
 
 def _find_figures(s: _FrameSearch) -> bool:

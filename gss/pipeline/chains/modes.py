@@ -8,6 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from gss.domain.angles import Array
+from gss.domain.errors import BadInput
 from gss.domain.rotation import matrix_from_quaternion
 
 
@@ -63,3 +64,12 @@ class AttitudePrior:
     def steps(self) -> float:
         """Time from the last attitude to the frame, in units of the time between the last two; 1 without earlier ones."""
         return self.ages_s[0] / (self.ages_s[1] - self.ages_s[0]) if self.earlier else 1.0
+
+
+def check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
+    """Raise BadInput if the prior knowledge that a mode needs is missing."""
+    if mode is Mode.LOST_IN_SPACE:
+        return
+    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
+        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
+        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")

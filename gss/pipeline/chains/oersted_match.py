@@ -14,7 +14,7 @@ from gss.domain.errors import BadInput
 from gss.domain.results import Centroids
 from gss.domain.rotation import matrix_from_quaternion, rotation_angle_rad
 from gss.pipeline.attitude import svd
-from gss.pipeline.chains.modes import AttitudePrior, Mode
+from gss.pipeline.chains.modes import AttitudePrior, Mode, check_hint
 from gss.pipeline.chains.oersted_parameters import (
     ANGLE_CLASS_RAD,
     BLEND_PX,
@@ -132,7 +132,7 @@ def match_stars(
 
     The predicted image also completes the initial estimate, whose triplets omit the stars near the edge.
     """
-    _check_hint(mode, hint)
+    check_hint(mode, hint)
     unit = camera.unproject(centroids.pixels)
     # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
@@ -146,14 +146,6 @@ def match_stars(
     compared = ballot.comparisons + (0 if fit is None else fit.compared)
     figures = len(ballot.triplet), len(ballot.candidate), compared
     return _matching(mode, unit, good, fit, votes, figures, parameters)
-
-
-def _check_hint(mode: Mode, hint: AttitudePrior | None) -> None:
-    if mode is Mode.LOST_IN_SPACE:
-        return
-    if hint is None or (mode is Mode.TRACKING and hint.quaternion is None):
-        need = "a full attitude" if mode is Mode.TRACKING else "a boresight or an attitude"
-        raise BadInput(f"{mode.value} needs a hint", expected=need, got="none" if hint is None else "a boresight only")
 
 
 def _allowed(
