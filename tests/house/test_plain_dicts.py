@@ -17,7 +17,7 @@ MOST = {
 PASSED_ON = re.compile(r"\bJsonObject\b")
 MOST_PASSED_ON = {
     "gss/api": (18, "JSON columns of the store in responses"),
-    "gss/catalogue_tools": (17, "manifests and parameters as written to files of several versions"),
+    "gss/catalogue_tools": (18, "manifests and parameters as written to files of several versions"),
     "gss/instruments": (1, "XML before it is validated"),
     "gss/domain": (3, "its definition; a camera as stored"),
     "gss/operations": (62, "checkpoints, stored requests and results of jobs; header of an image file"),
