@@ -87,9 +87,6 @@ def _first_bytes(data: bytes) -> str:
     )
 
 
-Meta = JsonObject
-
-
 def _check_size(columns: int, rows: int, name: str) -> None:
     if columns * rows > MAX_PIXELS:
         raise BadInput(
@@ -112,7 +109,7 @@ def _check_size(columns: int, rows: int, name: str) -> None:
         )
 
 
-def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
+def _read_picture(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObject]:
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -163,8 +160,8 @@ def _check_all_there(data: bytes, image: Any, name: str) -> None:
         )
 
 
-def _picture_meta(image: Any) -> Meta:
-    meta: Meta = {"format": image.format, "mode": image.mode}
+def _picture_meta(image: Any) -> JsonObject:
+    meta: JsonObject = {"format": image.format, "mode": image.mode}
     try:
         exif = image.getexif()
         inner = exif.get_ifd(0x8769)
@@ -202,7 +199,7 @@ def _luminance(image: Any, name: str) -> NDArray[np.generic]:
     return grey
 
 
-def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], Meta]:
+def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObject]:
     from astropy.io import fits
 
     try:
@@ -274,8 +271,8 @@ def _read_bands(hdu: Any, name: str) -> NDArray[np.float32]:
     return pixels
 
 
-def _fits_meta(header: Any) -> Meta:
-    meta: Meta = {"format": "FITS", "bitpix": str(header.get("BITPIX"))}
+def _fits_meta(header: Any) -> JsonObject:
+    meta: JsonObject = {"format": "FITS", "bitpix": str(header.get("BITPIX"))}
     for key in ("EXPTIME", "EXPOSURE"):
         value = header.get(key)
         if isinstance(value, int | float) and _believable_s(value):
@@ -307,7 +304,7 @@ def _believable(moment: datetime) -> datetime:
     return moment
 
 
-def _finished(array: NDArray[np.generic], meta: Meta, name: str) -> ImportedFrame:
+def _finished(array: NDArray[np.generic], meta: JsonObject, name: str) -> ImportedFrame:
     """Check the values and convert them to one of the three types."""
     pixels, bits = _plain(array, name)
     exposure, taken_at = meta.pop("exposure_s", None), meta.pop("taken_at", None)

@@ -133,7 +133,16 @@ def faulty_line(database, bus, clock, tmp_path):
     def start(fault: Callable[[], object]):
         opened, now_s, events = [], [100.0], LineEventQueue(clock, lambda: now_s[0])
         link = LinkService(
-            *(load_dictionary(), shared_roles(), database, bus, tmp_path / "captures", clock, lambda: now_s[0], events),
+            *(
+                load_dictionary(),
+                default_roles(load_dictionary()),
+                database,
+                bus,
+                tmp_path / "captures",
+                clock,
+                lambda: now_s[0],
+                events,
+            ),
             session=FaultyDriver(fault),
             rules=LinkFile(stalled_after_s=STALLED_AFTER_S),
             open_line=lambda url, baud: opened.append(TalkingStream()) or opened[-1],
