@@ -1,5 +1,18 @@
 import { describe, expect, it } from 'vitest';
-import { bytes, clock, counted, daysLeft, degrees, fixed, pairs, scientific, shortHash, span, stored } from './format';
+import {
+  bytes,
+  clock,
+  counted,
+  daysLeft,
+  degrees,
+  fixed,
+  pairs,
+  scientific,
+  shortHash,
+  sigma,
+  span,
+  stored,
+} from './format';
 
 describe('numbers', () => {
   it('writes a true minus and a thin group space', () => {
@@ -11,6 +24,9 @@ describe('numbers', () => {
     expect(fixed(-0.04, 1)).toBe('0.0');
     expect(fixed(16.24, 1, true)).toBe('+16.2');
     expect(fixed(0, 1, true)).toBe('0.0');
+  });
+  it('calls a standard deviation of more than half a turn not determined', () => {
+    expect([sigma(2.06), sigma(648_001), sigma(null)]).toEqual(['2.1″', 'not determined', '–']);
   });
   it('shows a dash for a missing number', () => {
     expect([fixed(null), fixed(undefined, 2), fixed(NaN), degrees(null), scientific(null), span(null)]).toEqual([

@@ -17,6 +17,14 @@ export function fixed(value: number | null | undefined, decimals = 0, sign = fal
   return (value < 0 && !zero ? MINUS : sign && !zero ? '+' : '') + text;
 }
 
+const HALF_TURN_ARCSEC = 180 * 3600;
+
+/** "2.1″": a standard deviation of an angle. One of more than half a turn says nothing: "not determined". */
+export function sigma(arcsec: number | null | undefined): string {
+  if (arcsec === null || arcsec === undefined) return NONE;
+  return arcsec > HALF_TURN_ARCSEC ? 'not determined' : `${fixed(arcsec, 1)}″`;
+}
+
 /** "1 frame", "1 012 frames": a count with its noun. */
 export function counted(n: number, one: string, many = `${one}s`): string {
   return `${fixed(n)} ${n === 1 ? one : many}`;
