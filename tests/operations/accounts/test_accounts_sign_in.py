@@ -186,7 +186,7 @@ def test_a_lookup_that_overlaps_a_change_is_not_cached(accounts, monkeypatch):
         return who
 
     with monkeypatch.context() as patch:
-        patch.setattr(accounts.sessions, "who", overtaken)
+        patch.setattr(accounts.sessions, "caller_of", overtaken)
         assert accounts.session_caller(key).role == "operator"
     assert accounts.remembered("session", key) is None
     assert accounts.session_caller(key).role == "viewer"
