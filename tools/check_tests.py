@@ -1,7 +1,8 @@
 """Run the fast tests of what changed: ``python -m tools.check_tests [--base REV]``.
 
-A file has changed if it differs from the base (the last commit) or is not tracked by Git yet. Changed test files are run, and tests
-that name a changed module; tests that drive processes or browsers (``SLOW``) are left to ``make test``.
+A file has changed if it differs from the base (the last commit) or is not tracked by Git yet. Run are: changed test files, tests
+that name a changed module, and tests of the interface if the description of an instrument changed. Tests that drive processes
+or browsers (``SLOW``) are left to ``make test``.
 """
 
 from __future__ import annotations
@@ -14,6 +15,13 @@ from collections.abc import Iterable
 from pathlib import Path
 
 SLOW = ("tests/system", "tests/e2e", "tests/contract", "tests/fuzz")
+DESCRIBED = (
+    "tests/instruments/",
+    "tests/device/test_codec",
+    "tests/device/test_other_unit",
+    "tests/device/test_packet_bytes",
+)
+"""Tests that read the descriptions of instruments: run when a YAML file of ``gss/instruments`` changes."""
 MOST_FILES = 25
 """More changed tests than this do not fit into a minute: those nearest to the change run first."""
 
@@ -39,13 +47,14 @@ def tests_of(changed: Iterable[str], tests: Iterable[Path]) -> list[str]:
         if path.startswith(("gss/", "validation/", "tools/")) and path.endswith(".py")
     ]
     pattern = re.compile("|".join(rf"\b{re.escape(module)}\b" for module in modules)) if modules else None
+    described = any(path.startswith("gss/instruments/") and path.endswith(".yaml") for path in changed)
     ranked = []
     for test in tests:
         name = test.as_posix()
         if name.startswith(SLOW):
             continue
         named = len(set(pattern.findall(test.read_text()))) if pattern else 0
-        if name in changed or named:
+        if name in changed or named or (described and name.startswith(DESCRIBED)):
             ranked.append((name not in changed, -named, name))
     return [name for *_, name in sorted(ranked)]
 

@@ -112,11 +112,14 @@ def run_new(arguments: argparse.Namespace) -> int:
 
     files = dict(registry(arguments.data).get(arguments.model).files)
     text = files["instrument.yaml"].decode()
-    lines = [f"id: {arguments.name}" if line.startswith("id:") else line for line in text.splitlines()]
+    changed = {"id": arguments.name} | ({"title": json.dumps(arguments.title)} if arguments.title else {})
+    lines = [
+        f"{key}: {changed[key]}" if (key := line.partition(":")[0]) in changed else line for line in text.splitlines()
+    ]
     files["instrument.yaml"] = ("\n".join(lines) + "\n").encode()
-    name = load_instrument(files).name
+    load_instrument(files)
     folder = new_instrument.write_new(arguments.into / arguments.name, files)
-    print(f"{folder}: copy of {arguments.model}; edit it, then: gss instrument check {folder} ({name})")
+    print(f"{folder}: copy of {arguments.model}; edit it, then: gss instrument check {folder}")
     return 0
 
 

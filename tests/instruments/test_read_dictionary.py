@@ -17,9 +17,20 @@ TEXT = resources.files("gss.instruments.dictionary").joinpath("gss-common.yaml")
 
 
 def test_interface_document_is_up_to_date() -> None:
-    """docs/icd.md is generated from the dictionary; ``python -m gss.device.icd > docs/icd.md`` renews it."""
+    """docs/icd.md is generated from the dictionary; ``gss export icd --out docs/icd.md`` renews it."""
     path = Path(__file__).parents[2] / "docs" / "icd.md"
     assert path.read_text("utf-8") == icd_markdown(load_dictionary())
+
+
+LAYOUT = "e800eadc6c2cd92bcbc3252b6cd58d812db2b55ccd7e6bb538729fd711047e1b"
+"""Hash of the layout to which the hashes in ``same_layout_as`` are equal."""
+
+
+def test_a_changed_layout_does_not_claim_to_be_an_earlier_one() -> None:
+    """If this fails after you changed a field, range or code: empty ``same_layout_as``, raise ``version``, and enter the new
+    hash above. Otherwise a unit with the earlier layout would be read as if it had the new one."""
+    dictionary = load_dictionary()
+    assert dictionary.hash.hex() == LAYOUT or not dictionary.same_layout_as, dictionary.hash.hex()
 
 
 def test_hash_depends_on_the_layout_and_not_on_order_or_descriptions() -> None:

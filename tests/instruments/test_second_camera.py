@@ -25,13 +25,15 @@ def test_a_camera_is_added_by_its_package_alone(tmp_path: Path, capsys: pytest.C
     """A copy of cubestar with a focal length of 9 mm: check, add, list, simulate, solve."""
     data = tmp_path / "data"
     (data / "instruments").mkdir(parents=True)
-    assert main(["instrument", "new", "longer", "--from", "cubestar", "--into", str(tmp_path)]) == 0
+    new = ["instrument", "new", "longer", "--from", "cubestar", "--into", str(tmp_path), "--title", "CubeStar: 9 mm"]
+    assert main(new) == 0
     file = tmp_path / "longer" / "camera.yaml"
     file.write_text(file.read_text("utf-8").replace("value: 6.28", "value: 9.0"), "utf-8")
     assert main(["instrument", "check", str(tmp_path / "longer")]) == 0
     assert main(["instrument", "add", str(tmp_path / "longer"), "--data", str(data)]) == 0
     assert main(["instrument", "list", "--data", str(data)]) == 0
-    assert "longer" in capsys.readouterr().out
+    listed = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("longer "))
+    assert listed.endswith("CubeStar: 9 mm")
     assert main(["instrument", "diff", "cubestar", "longer", "--data", str(data)]) == 1
     assert "+  focal_length: {value: 9.0" in capsys.readouterr().out
 

@@ -238,7 +238,7 @@ def test_unusable_input_is_rejected_before_it_is_queued(night: Night) -> None:
         service.start(from_stars(night.frames, profile="hubble"), user="x")
     job = night.done(service.start(from_stars(night.darks), user="x"))
     assert job.state == "failed"
-    assert "no frame could be solved" in job.text
+    assert "No frame could be solved" in job.text
 
 
 def test_a_measured_centre_constrains_the_camera_where_stars_do_not(night: Night) -> None:

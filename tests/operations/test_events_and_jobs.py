@@ -161,7 +161,7 @@ def a_sum(run, upto=6):
     kept = dict(run.checkpoint or {"next": 0, "sum": 0, "steps": []})
     for k in range(kept["next"], upto):
         run.progress(k, upto, f"chunk {k}")
-        kept = {"next": k + 1, "sum": kept["sum"] + k * k, "steps": [*kept["steps"], run.job_id]}
+        kept = {"next": k + 1, "sum": kept["sum"] + k * k, "steps": [*kept["steps"], k]}
         run.keep(kept)
     return {"sum": kept["sum"], "chunks": len(kept["steps"])}
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from gss.domain.errors import GssError
 
 WAIT_S = 60.0
+BUSY_HINT = "the machine may be busy: start the server again later"
 AGAIN_S = (1.0, 2.0, 5.0, 15.0, 30.0)
 """Pauses before successive restarts. A process that ran for longer than the last of these resets the sequence."""
 log = logging.getLogger("gss.simulator")
@@ -67,7 +68,13 @@ class SimulatedSensor:
         process = self._process
         if process.stdout is None:
             raise GssError("the simulator has no output")
-        timer = threading.Timer(WAIT_S, process.kill)
+        late = threading.Event()
+
+        def give_up() -> None:
+            late.set()
+            process.kill()
+
+        timer = threading.Timer(WAIT_S, give_up)
         timer.start()
         try:
             for line in process.stdout:
@@ -75,7 +82,9 @@ class SimulatedSensor:
                     return line.split(maxsplit=1)[1].strip()
         finally:
             timer.cancel()
-        raise GssError("the simulator did not start", expected="a line READY …", hint=f"see {self._log_path}")
+        if late.is_set():
+            raise GssError("the simulator did not start in time", expected=f"ready within {WAIT_S:g} s", hint=BUSY_HINT)
+        raise GssError("the simulator ended before it was ready", hint=f"see {self._log_path}")
 
     def _keep_running(self, report: Callable[[str], object]) -> None:
         """Restart the process whenever it ends without ``stop``, after increasing pauses."""
