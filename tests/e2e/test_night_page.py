@@ -100,7 +100,7 @@ def test_a_night_becomes_a_report(page: Page, imported: str, picture: Callable[[
     picture("analyses")
     form.get_by_test_id("analyse-frames").fill(imported.split("-")[0])
     form.get_by_test_id("analyse-start").click()
-    expect(page.get_by_test_id("study-failed")).to_contain_text("too few attitudes")
+    expect(page.get_by_test_id("study-failed")).to_contain_text("Too few attitudes")
 
 
 def test_moving_objects_are_searched_for_and_offered_as_tdm(page: Page, imported: str) -> None:
