@@ -9,6 +9,7 @@ import pytest
 
 from gss.device.session_events import Telemetry
 from gss.instruments.telemetry_roles import AttitudeRole
+from gss.operations.line.clock_correlation import Correlation
 from gss.operations.line.line_events import LineBatch
 from gss.operations.telemetry.last_attitude import LastAttitude
 
@@ -60,3 +61,14 @@ def test_a_quaternion_that_is_none_gives_no_attitude(bad: dict[str, float]) -> N
     last = LastAttitude(ROLE, Seconds(), lambda: None)
     last.handle(batch(8.0, valid="solved", **{**AXIS, **bad}))
     assert last.report() is None
+
+
+@pytest.mark.parametrize("frame_time_s", [1e300, -1e13])
+def test_a_time_that_no_date_can_hold_is_replaced_by_that_of_reception(frame_time_s: float) -> None:
+    """A faulty sensor must not keep its attitude from being shown."""
+    role = ROLE.model_copy(update={"frame_time_s": "time"})
+    last = LastAttitude(role, Seconds(), lambda: Correlation(0.0, 0.0, None, 0.0, 0.1, 2, 1.0))
+    last.handle(batch(8.0, valid="solved", time=frame_time_s, **AXIS))
+    sample = last.sample()
+    assert sample is not None
+    assert sample.utc == datetime(2026, 11, 23, tzinfo=UTC)

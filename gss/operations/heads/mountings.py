@@ -23,7 +23,9 @@ HOUR_S = 3600.0
 Source = Literal["on board", "ground"]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Component = Annotated[float, Field(ge=-1.01, le=1.01)]
-Sigma = Annotated[float, Field(gt=0, le=36_000)]
+SMALLEST_ARCSEC, LARGEST_ARCSEC = 1e-3, 648_000.0
+"""Standard deviations of attitudes outside this range are invalid; matrices with them cannot be inverted reliably."""
+Sigma = Annotated[float, Field(ge=SMALLEST_ARCSEC, le=36_000)]
 UNIT_LENGTH = 1e-3
 
 
@@ -99,8 +101,9 @@ class HeadMounting:
         return turns_of(matrix_from_quaternion(self.body_from_cam))
 
     def covariance(self, cross_arcsec: float | None, roll_arcsec: float | None) -> Array | None:
-        """Return the (3, 3) covariance of an attitude in the camera frame: as reported, else as usual; None if unknown."""
-        if cross_arcsec is not None and roll_arcsec is not None and cross_arcsec > 0 and roll_arcsec > 0:
+        """Return the (3, 3) covariance of an attitude in the camera frame: as reported, else as usual; None if unknown. A reported
+        value that is out of range is treated as not reported."""
+        if cross_arcsec is not None and roll_arcsec is not None and _valid(cross_arcsec) and _valid(roll_arcsec):
             return head_covariance(cross_arcsec * ARCSEC_RAD, roll_arcsec * ARCSEC_RAD)
         return None if self.usual_rad is None else head_covariance(*self.usual_rad)
 
@@ -127,9 +130,13 @@ class SpacecraftSetup:
 
 
 def row_values(request: SpacecraftRequest) -> dict[str, object]:
-    """Return the columns of a request."""
+    """Return the columns of a request. Raises BadInput for a name that cannot be shown."""
+    name = " ".join(request.name.split())
+    for text in (name, *(head.unit for head in request.heads)):
+        if not text or not text.isprintable():
+            raise BadInput("A name cannot be shown", expected="printable characters", got=repr(text))
     return {
-        "name": " ".join(request.name.split()),
+        "name": name,
         "heads": [_head_values(head) for head in request.heads],
         "source": request.source,
         "tolerance_s": request.tolerance_s,
@@ -192,6 +199,10 @@ class _StoredHead(Request):
     body_from_cam: Annotated[list[float], Field(min_length=4, max_length=4)]
     sigma_rad: float
     usual_rad: tuple[float, float] | None = Field(default=None, strict=False)
+
+
+def _valid(sigma_arcsec: float) -> bool:
+    return SMALLEST_ARCSEC <= sigma_arcsec <= LARGEST_ARCSEC
 
 
 def _scaled(value: float | None, factor: float) -> float | None:

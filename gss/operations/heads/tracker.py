@@ -108,7 +108,7 @@ class HeadTracker:
         covariance = head.covariance(sample.sigma_cross_arcsec, sample.sigma_roll_arcsec)
         series.newest_s = time_s
         if covariance is None:
-            series.problem = "the sensor reports no standard deviations, and none are stated for this head"
+            series.problem = "the sensor reports no valid standard deviations, and none are stated for this head"
             return
         series.problem = ""
         attitude = in_body(np.array(sample.quaternion), covariance, head.body_from_cam)

@@ -111,7 +111,10 @@ class LastAttitude:
         if correlation is None or not isinstance(frame_time_s, int | float) or not math.isfinite(frame_time_s):
             return received, RECEPTION_SIGMA_S
         utc_s = correlation.utc_of(float(frame_time_s))
-        return datetime.fromtimestamp(utc_s, UTC), correlation.uncertainty_at(utc_s)
+        try:
+            return datetime.fromtimestamp(utc_s, UTC), correlation.uncertainty_at(utc_s)
+        except (ValueError, OverflowError):  # a faulty sensor can report a time that no date can hold
+            return received, RECEPTION_SIGMA_S
 
 
 def _number(value: Value | None) -> float | None:

@@ -170,8 +170,8 @@ def test_an_attitude_without_sigma_is_refused_with_its_reason(book, watch, body,
     clock.forward(4)
     watch.step()
     (state,) = watch.states()
-    assert "no standard deviations" in state.result.missing["B"]
-    assert "no standard deviations" in state.verdict.text
+    assert "no valid standard deviations" in state.result.missing["B"]
+    assert "no valid standard deviations" in state.verdict.text
     stated = HEAD_B | {"sigma_cross_arcsec": 6.0, "sigma_roll_arcsec": 50.0}
     book.change(state.setup.id, request(heads=[HEAD_A, stated]), user="kim")
     watch.refresh()
@@ -182,6 +182,35 @@ def test_an_attitude_without_sigma_is_refused_with_its_reason(book, watch, body,
     clock.forward(4)
     watch.step()
     assert set(watch.states()[0].result.attitudes) == {"A", "B"}
+
+
+@pytest.mark.parametrize("sigmas", [(1e-20, 1e20), (1e200, 1e200), (1e-300, 40.0), (float("nan"), 40.0)])
+def test_impossible_sigmas_of_a_faulty_sensor_do_not_stop_the_comparison(
+    book, watch, body, clock, sigmas: tuple[float, float]
+) -> None:
+    """Matrices of them cannot be inverted. The other head is followed, and the sentence names the faulty one."""
+    book.create(request(), user="kim")
+    watch.step()
+    faulty = {"sigma_cross_arcsec": sigmas[0], "sigma_roll_arcsec": sigmas[1]}
+    for k in range(3):
+        at_s = clock().timestamp() + k
+        watch.take("A", [body.sample("A", at_s)])
+        watch.take("B", [body.sample("B", at_s, **faulty)])
+    clock.forward(4)
+    watch.step()
+    (state,) = watch.states()
+    assert set(state.result.attitudes) == {"A"}
+    assert np.isfinite(state.result.fused.quaternion).all()
+    assert "B: the sensor reports no valid standard deviations" in state.verdict.text
+
+
+@pytest.mark.parametrize(
+    "values", [{"name": " \t "}, {"name": "SAT\x1b[2J"}, {"heads": [HEAD_A | {"unit": "A\u202e"}]}]
+)
+def test_names_that_cannot_be_shown_are_refused(book, values: dict[str, Any]) -> None:
+    """Control characters would reach the terminals of others."""
+    with pytest.raises(GssError, match="name cannot be shown"):
+        book.create(request(**values), user="kim")
 
 
 def test_why_attitudes_cannot_be_compared(book, watch, body, clock) -> None:
@@ -204,10 +233,10 @@ def test_why_attitudes_cannot_be_compared(book, watch, body, clock) -> None:
 
     unknown = {"sigma_cross_arcsec": None, "sigma_roll_arcsec": None}
     text = shown({}, ("A", 0, unknown), ("B", 0, unknown), ("A", 1, unknown), ("B", 1, unknown))
-    assert "cannot be compared. A: the sensor reports no standard deviations" in text
-    assert "; B: the sensor reports no standard deviations" in text
+    assert "cannot be compared. A: the sensor reports no valid standard deviations" in text
+    assert "; B: the sensor reports no valid standard deviations" in text
     text = shown({}, ("A", 0, unknown), ("B", 0, {}), ("A", 1, unknown), ("B", 1, {}))
-    assert "Only one head could be used. A: the sensor reports no standard deviations" in text
+    assert "Only one head could be used. A: the sensor reports no valid standard deviations" in text
     assert "B: its rate is unknown" in shown({}, ("A", 0, {}), ("A", 1, {}), ("A", 2, {}), ("B", 2.5, {}))
     text = shown({}, ("A", 0, {}), ("A", 1, {}), ("B", 5, {}), ("B", 6, {}))
     assert "B: its nearest attitude is 4.0 s from the other's, the tolerance is 2 s" in text
