@@ -52,10 +52,10 @@ def compare_attitudes(arguments: argparse.Namespace) -> int:
     """Print the mean rotation and the residuals."""
     from gss.api.present.attitudes import comparison
     from gss.cli.records import services_of
-    from gss.orbit.read_attitude import read_attitude
 
-    other = read_attitude(arguments.file.read_bytes().decode("utf-8", "replace"))
-    result = comparison(services_of(arguments).passes.attitudes.compare(other, arguments.origin))
+    services = services_of(arguments)
+    with services.base.parsing:
+        result = comparison(services.passes.attitudes.compare(arguments.file.read_bytes(), arguments.origin))
     if arguments.json:
         print(result.model_dump_json(indent=1))
         return 0

@@ -19,6 +19,7 @@ from gss.orbit.omm import omm_epoch
 from gss.orbit.trajectory import unix_s
 
 MOST_ATTITUDES = 200_000
+LONGEST_NAME = 80
 UNIT_LENGTH = 1e-3
 EARLIEST_S, LATEST_S = -6e10, 2.5e11
 """Unix seconds that a date can hold."""
@@ -33,6 +34,11 @@ class _Block:
     name: str
     keys: dict[str, str] = field(default_factory=dict)
     rows: list[tuple[int, list[str]]] = field(default_factory=list)
+
+
+def read_attitude_file(data: bytes) -> AttitudeHistory:
+    """Return the attitudes of a file; see ``read_attitude``."""
+    return read_attitude(data.decode("utf-8", "replace"))
 
 
 def read_attitude(text: str) -> AttitudeHistory:
@@ -103,6 +109,10 @@ def _history(segments: Iterator[Segment]) -> AttitudeHistory:
     for keys, rows in segments:
         frame, turned_back = _frame(keys)
         name = keys.get("OBJECT_NAME", "")
+        for shown in (name, frame):
+            if len(shown) > LONGEST_NAME or not shown.isprintable():
+                expected = f"at most {LONGEST_NAME} printable characters"
+                raise BadInput("A name in the message cannot be shown", expected=expected, got=repr(shown[:40]))
         if named is not None and named != (name, frame):
             raise BadInput("The message has several objects or frames", expected=" ".join(named), got=f"{name} {frame}")
         named = (name, frame)

@@ -118,6 +118,8 @@ def test_attitudes_are_interpolated_at_a_constant_rate_and_not_over_gaps() -> No
         (AEM.replace("0.", "0.9"), "not an attitude"),
         (ACM.replace("\n40.000000 ", "\n1e15 "), "not an attitude"),
         (AEM.replace("DATA_STOP", "META_STOP"), "Line"),
+        (AEM.replace("ZA-1", "ZA\x1b[2J"), "cannot be shown"),
+        (AEM.replace("ZA-1", 4_000_000 * "Z"), "cannot be shown"),
         (AEM + AEM.replace("ZA-1", "ZA-2"), "several objects"),
         (AEM.partition("META_START")[0] + AEM.partition("META_STOP\n")[2], "META block"),
     ],

@@ -13,7 +13,6 @@ from gss.api.present.attitudes import comparison
 from gss.api.schemas.attitudes import AttitudeComparisonOut
 from gss.domain.errors import BadInput
 from gss.operations.frames.attitude_exchange import AttitudeOrigin, MessageFormat
-from gss.orbit.read_attitude import read_attitude
 
 router = api_router("frames", "/attitudes")
 MOST_BYTES = 20 << 20
@@ -34,8 +33,7 @@ def compare_attitudes(
     app: App, file: UploadFile, origin: Annotated[AttitudeOrigin, Form()] = "ground"
 ) -> AttitudeComparisonOut:
     """Compare stored frames with the attitudes of a CCSDS AEM or ACM in KVN; nothing is stored."""
-    text = file.file.read(MOST_BYTES + 1)
-    if len(text) > MOST_BYTES:
+    data = file.file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
         raise BadInput("The file is too large", expected=f"at most {MOST_BYTES >> 20} MiB")
-    other = read_attitude(text.decode("utf-8", "replace"))
-    return comparison(app.passes.attitudes.compare(other, origin))
+    return comparison(app.passes.attitudes.compare(data, origin))

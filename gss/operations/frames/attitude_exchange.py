@@ -13,7 +13,9 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import quaternion_inverse, quaternion_product, turn_between
 from gss.operations.clock import Now
+from gss.operations.parsing.parse_processes import ParseProcesses
 from gss.orbit.attitude import AttitudeHistory
+from gss.orbit.read_attitude import read_attitude_file
 from gss.orbit.write_attitude import acm_of, aem_of
 from gss.store.engine import Database
 from gss.store.frame_attitudes import FrameAttitude, attitudes_between
@@ -52,8 +54,8 @@ class AttitudeComparison:
 class AttitudeExchange:
     """Exports and compares the attitudes of stored frames. ``name``: returns the name of the object in messages."""
 
-    def __init__(self, database: Database, name: Callable[[], str], now: Now) -> None:
-        self._database, self._name, self._now = database, name, now
+    def __init__(self, database: Database, parsing: ParseProcesses, name: Callable[[], str], now: Now) -> None:
+        self._database, self._parsing, self._name, self._now = database, parsing, name, now
 
     def history(self, origin: AttitudeOrigin, start: datetime, end: datetime) -> AttitudeHistory:
         """Return the attitudes of frames exposed in a span: the operational ground result of each, or the newest one of the sensor.
@@ -76,8 +78,9 @@ class AttitudeExchange:
             return aem_of(history, self._now())
         return acm_of(history, "DETERMINED_GND" if origin == "ground" else "DETERMINED_OBC", self._now())
 
-    def compare(self, other: AttitudeHistory, origin: AttitudeOrigin) -> AttitudeComparison:
-        """Compare every frame in the span of another system's attitudes. Raises BadInput if there is none."""
+    def compare(self, data: bytes, origin: AttitudeOrigin) -> AttitudeComparison:
+        """Compare every frame in the span of an AEM or ACM. Raises BadInput for a bad file, and if there is no frame."""
+        other = self._parsing.parse(read_attitude_file, data, classes=(AttitudeHistory,), subject="the message")
         first, last = (datetime.fromtimestamp(float(t), UTC) for t in (other.times_s[0], other.times_s[-1]))
         rows = self._rows(origin, first, last)
         theirs = other.at(np.array([row.at.timestamp() for row in rows], float))
