@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -32,6 +33,8 @@ from gss.store.models import Job
 KIND = "rehearsal"
 ORDER_FILE = "rehearsal.json"
 PER_MILLE = 1000
+LEFT_BEHIND_S = 86_400.0
+"""A folder that was not written to for so long is of a rehearsal whose server was killed."""
 Framing = Literal["", "cobs", "slip"]
 
 
@@ -101,9 +104,15 @@ class RehearsalService:
         """Rehearse a plan and return the report. ``progress``: called with the share done and the state of the plan; raises to
         cancel. Raises NotFound, and GssError with the reason if the plan cannot be armed or the rehearsal fails."""
         self._folder.mkdir(parents=True, exist_ok=True)
+        self._remove_left_behind()
         with tempfile.TemporaryDirectory(dir=self._folder, ignore_cleanup_errors=True) as name:
             self._prepare(Path(name), plan_id, options)
             return self._run(Path(name), progress)
+
+    def _remove_left_behind(self) -> None:
+        for folder in self._folder.iterdir():
+            if self._now().timestamp() - folder.stat().st_mtime > LEFT_BEHIND_S:
+                shutil.rmtree(folder, ignore_errors=True)
 
     def _prepare(self, folder: Path, plan_id: int, options: RehearsalOptions) -> None:
         """Copy the plan and what it needs into a new store."""
