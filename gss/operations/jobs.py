@@ -137,7 +137,7 @@ class JobService:
     """Runs jobs one at a time on a thread. ``check_room`` raises StoreDown if the disk has no room for a job's results."""
 
     def __init__(self, database: Database, bus: EventBus, now: Now, check_room: Callable[[str], None]) -> None:
-        self._database, self._bus, self._now, self._check_room = database, bus, now, check_room
+        self._database, self._bus, self._now, self.check_room = database, bus, now, check_room
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="job")
         self._cancel: dict[int, threading.Event] = {}
         self._kinds: dict[str, JobKind[Any]] = {}
@@ -249,7 +249,7 @@ class JobService:
 
     def _add(self, kind: str, title: str, request: JsonObject) -> Job:
         if kind not in ALWAYS:
-            self._check_room("a new job")
+            self.check_room("a new job")
         row = Job(
             kind=kind, title=title, state="queued", text="Waiting", created=self._now(), request=request, result={}
         )

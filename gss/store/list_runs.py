@@ -33,3 +33,11 @@ def finish(session: Session, run_id: int, *, solved: int, sha256: str, size: int
 def newest(session: Session, limit: int) -> list[ListRun]:
     """Return the newest runs first."""
     return list(session.scalars(select(ListRun).order_by(ListRun.id.desc()).limit(limit)))
+
+
+def remove(session: Session, run_id: int) -> list[str]:
+    """Delete a run and return the keys of its blobs, which other rows may need, too. Raises NotFound."""
+    row = get(session, run_id)
+    session.delete(row)
+    session.flush()
+    return [key for key in (row.sha256, row.results_sha256) if key]

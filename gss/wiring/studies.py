@@ -63,7 +63,7 @@ def open_studies(
             book,
             base.instruments,
         ),
-        ListRunService(database, blobs, jobs, base.parsing, book, executor, now, epoch_jyear),
+        ListRunService(database, blobs, jobs, base.parsing, book, executor, now, epoch_jyear, base.upkeep_lock),
         CalibrationService(
             database,
             jobs,

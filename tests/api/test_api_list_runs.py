@@ -5,12 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import time
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 from scipy.spatial.transform import Rotation
 
+from gss.domain.errors import StoreDown
+from gss.operations.studies.list_runs import ListRunRequest
+from gss.settings import Settings
+from gss.wiring.build import build
 from tools.bench_scenes import CAMERAS, CentroidList, star_lists, visible_stars
 
 OPTICS = CAMERAS[0]
@@ -88,3 +94,35 @@ def test_bad_input_is_refused(
     assert answer.status_code == status, answer.text
     assert said in answer.json()["message"]
     assert len(client.get("/api/jobs").json()) == before
+
+
+def test_a_run_is_deleted_with_its_blobs(tmp_path: Path, client_of: Callable[..., TestClient]) -> None:
+    """Content that another run has stays. A viewer may not delete. The job of a deleted run fails, and stores no results."""
+    services = build(Settings(data=tmp_path))
+    runs, spec = services.studies.list_runs, ListRunRequest(camera="cubestar")
+    data = b"list,col_px,row_px,flux\n0,1,2,3\n"
+    first, job = runs.start(data, "a.csv", spec, user="ann")
+    second, _ = runs.start(data, "b.csv", spec, user="ann")
+    with client_of(services) as admin:
+        viewer = client_of(services, "vic", "viewer")
+        assert viewer.delete(f"/api/lists/{first.id}").status_code == 403
+        assert admin.delete(f"/api/lists/{first.id}").status_code == 204
+        assert services.base.blobs.exists(first.sha256)
+        assert admin.delete(f"/api/lists/{second.id}").status_code == 204
+        assert not services.base.blobs.exists(second.sha256)
+        assert admin.get("/api/lists").json() == []
+        assert admin.delete(f"/api/lists/{first.id}").status_code == 404
+        services.base.jobs.finish()
+        assert admin.get(f"/api/jobs/{job.id}").json()["state"] == "failed"
+
+
+def test_a_full_disk_refuses_lists_before_they_are_stored(tmp_path: Path) -> None:
+    """No blob and no row is left behind."""
+    services = build(Settings(data=tmp_path, disk_stop_mb=10**9))
+    with pytest.raises(StoreDown, match="no room"):
+        services.studies.list_runs.start(
+            b"list,col_px,row_px,flux\n0,1,2,3\n", "a.csv", ListRunRequest(camera="cubestar"), user="ann"
+        )
+    assert services.studies.list_runs.newest(5) == []
+    assert not any(path.is_file() for path in (tmp_path / "blobs").rglob("*"))
+    services.stop()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Annotated, Literal
 from urllib.parse import quote
 
@@ -13,7 +13,7 @@ from fastapi import Form, Query, Response, UploadFile
 
 from gss.api import present
 from gss.api.api_router import api_router
-from gss.api.deps import EXPORT, App, RowId, User, need
+from gss.api.deps import EXPORT, App, AuditNote, RowId, User, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.schemas.list_runs import ListResultOut, ListResultsOut, ListRunOut, ListRunStartedOut
 from gss.operations.frames.measured_lists import SIGMA_PX
@@ -56,6 +56,13 @@ def read_run(app: App, run_id: RowId) -> ListRunOut:
     return ListRunOut.model_validate(app.studies.list_runs.get(run_id))
 
 
+@router.delete("/{run_id}", status_code=204, dependencies=[need("frames.import")])
+def delete_run(app: App, run_id: RowId, audit_note: AuditNote) -> None:
+    """Delete an uploaded file with its results."""
+    audit_note(app.studies.list_runs.get(run_id).name)
+    app.studies.list_runs.remove(run_id)
+
+
 @router.get("/{run_id}/results")
 def read_results(
     app: App,
@@ -64,9 +71,9 @@ def read_results(
     offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0,
 ) -> ListResultsOut:
     """Results in the order of the file. 404 until the job has ended."""
-    rows = app.studies.list_runs.results(app.studies.list_runs.get(run_id))
-    part = [ListResultOut.model_validate(row) for row in rows[offset : offset + limit]]
-    return ListResultsOut(total=len(rows), results=part)
+    run = app.studies.list_runs.get(run_id)
+    rows = app.studies.list_runs.results(run, offset, limit)
+    return ListResultsOut(total=run.lists, results=[ListResultOut.model_validate(row) for row in rows])
 
 
 @router.get("/{run_id}/export", response_class=Response, dependencies=[EXPORT])
@@ -80,12 +87,12 @@ def export_results(app: App, run_id: RowId, format: Literal["json", "csv"] = "js
     return Response(content, media_type=kind, headers=headers)
 
 
-def _json(run: ListRun, rows: list[ListRow]) -> str:
+def _json(run: ListRun, rows: Iterable[ListRow]) -> str:
     about = ListRunOut.model_validate(run).model_dump(mode="json")
-    return json.dumps(about | {"results": rows}, allow_nan=False, ensure_ascii=False)
+    return json.dumps(about | {"results": list(rows)}, allow_nan=False, ensure_ascii=False)
 
 
-def _csv(rows: list[ListRow]) -> str:
+def _csv(rows: Iterable[ListRow]) -> str:
     text = io.StringIO()
     names = [*ListResultOut.model_fields]
     places = names.index("quaternion")

@@ -6,11 +6,15 @@ its stored request. Workers receive batches of lists and return results, as in r
 
 from __future__ import annotations
 
+import io
 import json
 import math
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
 from typing import TypedDict
 
 from pydantic import Field
@@ -22,6 +26,7 @@ from gss.domain.errors import BadInput, NotFound
 from gss.domain.results import Outcome
 from gss.domain.words import counted
 from gss.operations.clock import Now, processor_s
+from gss.operations.folder_lock import named_lock
 from gss.operations.frames.measured_lists import (
     SIGMA_PX,
     ListRecord,
@@ -39,6 +44,7 @@ from gss.operations.requests import Id, Request
 from gss.operations.studies.camera_book import CameraBook
 from gss.operations.studies.executor import Executor
 from gss.store import list_runs as store
+from gss.store import upkeep
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 from gss.store.models import Job, ListRun
@@ -91,7 +97,8 @@ class ListRow(_Pointing, ListRecord):
 
 
 class ListRunService:
-    """Stores uploaded lists, solves them as a job and returns their results."""
+    """Stores uploaded lists, solves them as a job and returns their results. ``upkeep_lock``: held by a backup, which needs every
+    blob that its rows name."""
 
     def __init__(
         self,
@@ -103,9 +110,13 @@ class ListRunService:
         executor: Executor,
         now: Now,
         epoch_jyear: float,
+        upkeep_lock: Path,
     ) -> None:
         self._database, self._blobs, self._jobs, self._parsing = database, blobs, jobs, parsing
         self._book, self._executor, self._now, self._epoch_jyear = book, executor, now, epoch_jyear
+        self._upkeep_lock = upkeep_lock
+        self._storing = threading.Lock()
+        """Makes storing a blob and the row that names it one step for the deletion of equal content."""
         jobs.register(JobKind(KIND, ListRunJob, self._solve))
 
     def start(self, data: bytes, filename: str, spec: ListRunRequest, *, user: str) -> tuple[ListRun, Job]:
@@ -115,6 +126,7 @@ class ListRunService:
             raise BadInput(
                 f"{filename} is too large", expected=f"at most {LARGEST_BYTES >> 20} MiB", got=f"{len(data)} bytes"
             )
+        self._jobs.check_room("star lists")
         self._book.profile(spec.camera)
         lists = self._read(data, filename)
         if len(lists) > MOST_LISTS:
@@ -135,10 +147,11 @@ class ListRunService:
             epoch_jyear=self._epoch_jyear if spec.epoch_jyear is None else spec.epoch_jyear,
             lists=len(lists),
             size=len(data),
-            sha256=self._blobs.put(data),
         )
-        with self._database.unit_of_work() as session:
-            row = store.add(session, row)
+        with self._storing:
+            row.sha256 = self._blobs.put(data)
+            with self._database.unit_of_work() as session:
+                row = store.add(session, row)
         title = f"{counted(len(lists), 'star list')} of {row.name}"
         return row, self._jobs.begin(KIND, title, ListRunJob(row.id, user=user))
 
@@ -152,16 +165,30 @@ class ListRunService:
         with self._database.unit_of_work() as session:
             return store.get(session, run_id)
 
-    def results(self, run: ListRun) -> list[ListRow]:
-        """Return a row of values for each list. Raises NotFound if the run has not been solved."""
+    def remove(self, run_id: int) -> None:
+        """Delete a run with its file and its results. Its job, if it still runs, fails at its end. Raises NotFound, and Conflict
+        during a backup."""
+        with self._storing, named_lock(self._upkeep_lock, "a backup or a removal is running"):
+            with self._database.unit_of_work() as session:
+                keys = store.remove(session, run_id)
+            with self._database.unit_of_work() as session:
+                unused = set(keys) - upkeep.still_needed(session, keys)
+            for key in unused:
+                self._blobs.delete(key)
+
+    def results(self, run: ListRun, offset: int = 0, limit: int | None = None) -> Iterator[ListRow]:
+        """Return a row of values for each list from ``offset`` on; others are not decoded. Raises NotFound if the run has not been
+        solved."""
         if not run.results_sha256:
             raise NotFound(
                 "these star lists have no results",
                 got=run.name,
                 hint="wait for the job to end; after a cancelled or failed job, start it again",
             )
-        rows: list[ListRow] = json.loads(self._blobs.get(run.results_sha256))
-        return rows
+        lines = io.BytesIO(self._blobs.get(run.results_sha256))
+        next(lines)
+        end = run.lists if limit is None else min(run.lists, offset + limit)
+        return (json.loads(line.rstrip(b",\n")) for line in islice(lines, offset, end))
 
     def _read(self, data: bytes, name: str) -> StarLists:
         return self._parsing.parse(read_star_lists, data, name, classes=(StarLists,), subject=name)
@@ -185,11 +212,19 @@ class ListRunService:
                 rows += [result_row(len(rows) + k, result) for k, result in enumerate(results)]
                 solved += sum(result.outcome is Outcome.SOLVED for result in results)
                 report()
-        content = json.dumps(rows, allow_nan=False, ensure_ascii=False).encode()
-        key = self._blobs.put(content)
-        with self._database.unit_of_work() as session:
-            store.finish(session, row.id, solved=solved, sha256=key, size=len(content))
+        content = as_lines(rows)
+        with self._storing:
+            self.get(row.id)  # the run may have been deleted meanwhile
+            key = self._blobs.put(content)
+            with self._database.unit_of_work() as session:
+                store.finish(session, row.id, solved=solved, sha256=key, size=len(content))
         return {"list_run_id": row.id, "lists": len(rows), "solved": solved}
+
+
+def as_lines(rows: Sequence[ListRow]) -> bytes:
+    """Return a JSON array with a row per line, so that a page of it is read without decoding the others."""
+    lines = (json.dumps(row, allow_nan=False, ensure_ascii=False) for row in rows)
+    return ("[\n" + ",\n".join(lines) + "\n]").encode()
 
 
 def _batches(lists: StarLists) -> Iterator[StarLists]:
