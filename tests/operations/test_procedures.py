@@ -287,3 +287,11 @@ def test_a_stack_becomes_a_procedure_that_sends_the_same(console: Any, clock: An
     clock.forward(2)
     console.wait(lambda: console.procedure_runs.get(run.id).state == "completed")
     assert sorted(sent(console)) == ["GET_STATUS", "GET_STATUS", "SET_EXPOSURE"]
+
+
+def test_a_stack_that_a_procedure_cannot_hold_is_refused() -> None:
+    """A line break in an argument would end the block. A very short wait is written without an exponent."""
+    assert "0.00001 s" in procedure_of_stack("Short", "", [stack_step("GET_STATUS", {}, delay_s=1e-5)])
+    broken = stack_step("GET_STATUS", {"name": "a\n```\n## more: More"})
+    with pytest.raises(BadInput, match="Step 1 cannot be written"):
+        procedure_of_stack("Broken", "", [broken])
