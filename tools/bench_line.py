@@ -1,4 +1,4 @@
-"""The line: packets per second through codec, packet and frame, and transfer efficiency."""
+"""Benchmarks of the line: packet encoding and decoding rates, and transfer efficiency."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tools.bench_tables import BenchTable, Value, repeated_ms, timed_ms
 
 SEED = 1
 STEP_S = 0.01
-PATIENCE_S = 1500.0
+TIMEOUT_S = 1500.0
 BITS_PER_BYTE = 10
 BAUDS = (115_200, 921_600)
 ERROR_RATES = (0.0, 1e-6, 1e-5, 1e-4)
@@ -47,7 +47,7 @@ class Kind:
 
 
 def packets(quick: bool) -> list[BenchTable]:
-    """Return packets per second on one core, for encoding, decoding and the round trip."""
+    """Return packets per second on one core, for encoding, for decoding and for both in sequence."""
     dictionary, count = load_dictionary(), 50 if quick else 2000
     rng = np.random.default_rng(SEED)
     chunk, matches = dictionary.service("CHUNK"), dictionary.packet("matches")
@@ -66,7 +66,7 @@ def packets(quick: bool) -> list[BenchTable]:
     }
     rows = [(label, _packet_rates(kind, dictionary.prefix, count)) for label, kind in kinds.items()]
     conditions = f"{count} packets per batch, values to framed bytes and back, CRC-32 checked; median of five runs."
-    return [BenchTable("packets", "Packets through codec, packet and frame", conditions, SEED, rows)]
+    return [BenchTable("packets", "Packet encoding and decoding", conditions, SEED, rows)]
 
 
 def _packet_rates(kind: Kind, prefix: int, count: int) -> dict[str, Value]:
@@ -83,20 +83,21 @@ def _packet_rates(kind: Kind, prefix: int, count: int) -> dict[str, Value]:
         return sum(bool(decode(kind.layout, packet.payload).values) for packet in packets)
 
     stream = send()
-    assert receive() == count  # noqa: S101 - a figure of lost packets would be worthless
-    there_ms = float(np.median(repeated_ms(send, 5)))
-    back_ms = float(np.median(repeated_ms(receive, 5)))
+    assert receive() == count  # noqa: S101 - the rate is meaningless if packets are lost
+    encode_ms = float(np.median(repeated_ms(send, 5)))
+    decode_ms = float(np.median(repeated_ms(receive, 5)))
     return {
         "bytes": len(stream) // count,
-        "encode_per_s": round(1e3 * count / there_ms),
-        "decode_per_s": round(1e3 * count / back_ms),
-        "through_per_s": round(1e3 * count / (there_ms + back_ms)),
-        "through_MB_per_s": len(stream) / 1e3 / (there_ms + back_ms),
+        "encode_per_s": round(1e3 * count / encode_ms),
+        "decode_per_s": round(1e3 * count / decode_ms),
+        "through_per_s": round(1e3 * count / (encode_ms + decode_ms)),
+        "through_MB_per_s": len(stream) / 1e3 / (encode_ms + decode_ms),
     }
 
 
 class SimulatedLine:
-    """A ground and a device on a line with a given rate, in simulated time; both directions have bit errors."""
+    """A ground session and a simulated device on a line of a given baud rate, in simulated time, with bit errors in both
+    directions."""
 
     def __init__(self, dictionary: Dictionary, golden: Golden, baud: int, faults: FaultRates) -> None:
         profile = shipped_camera("cubestar")
@@ -114,29 +115,29 @@ class SimulatedLine:
     def step(self) -> None:
         """Advance by one time step."""
         self.now_s += STEP_S
-        share = int(self.baud / BITS_PER_BYTE * STEP_S)
+        step_bytes = int(self.baud / BITS_PER_BYTE * STEP_S)
         out, events = self.host.poll(self.now_s)
         self._up += out
-        going, self._up = bytes(self._up[:share]), self._up[share:]
+        uplink, self._up = bytes(self._up[:step_bytes]), self._up[step_bytes:]
         self.device.advance(self.now_s)
-        self.device.feed(self._faults[0].apply(going), self.now_s)
-        while len(self._down) < share:
+        self.device.feed(self._faults[0].apply(uplink), self.now_s)
+        while len(self._down) < step_bytes:
             frame = self.device.next_frame(self.now_s)
             if frame is None:
                 break
             self._down += frame
-        coming, self._down = bytes(self._down[:share]), self._down[share:]
-        self.events = events + self.host.feed(self._faults[1].apply(coming), self.now_s)
+        downlink, self._down = bytes(self._down[:step_bytes]), self._down[step_bytes:]
+        self.events = events + self.host.feed(self._faults[1].apply(downlink), self.now_s)
 
-    def greet(self) -> None:
+    def wait_for_hello(self) -> None:
         """Run until the device has identified itself."""
-        while self.host.hello is None and self.now_s < PATIENCE_S:
+        while self.host.hello is None and self.now_s < TIMEOUT_S:
             self.step()
 
-    def picture(self) -> bool:
-        """Take an image into slot 0; the command is resent until the device reports completion."""
+    def take_image(self) -> bool:
+        """Take an image into slot 0, resending the command until the device reports completion. Returns False on timeout."""
         request_id = self.host.submit(self.host.encode("TAKE_IMAGE", {}))
-        while self.now_s < PATIENCE_S:
+        while self.now_s < TIMEOUT_S:
             self.step()
             for event in self.events:
                 if not isinstance(event, CommandUpdate) or event.request_id != request_id:
@@ -168,13 +169,13 @@ class SimulatedLine:
 
     def _finish(self, transfer_id: int, end: str) -> tuple[float, TransferUpdate]:
         start_s = self.now_s
-        while self.host.transfer(transfer_id).state.value not in (end, "failed") and self.now_s < start_s + PATIENCE_S:
+        while self.host.transfer(transfer_id).state.value not in (end, "failed") and self.now_s < start_s + TIMEOUT_S:
             self.step()
         return self.now_s - start_s, self.host.transfer(transfer_id)
 
 
 def transfers(quick: bool) -> list[BenchTable]:
-    """Return results of downloading a frame and uploading a catalogue at several bit error rates."""
+    """Return the efficiency of a frame download and a catalogue upload at several bit error rates."""
     dictionary = load_dictionary()
     golden = build_golden(shipped_camera("cubestar"), Memory.in_ram().bank_bytes)
     cases = [(baud, rate) for baud in BAUDS for rate in ERROR_RATES]
@@ -183,16 +184,17 @@ def transfers(quick: bool) -> list[BenchTable]:
         label = f"{baud:,} Bd, bit error rate {rate:g}"
         for direction in ("frame down", "catalogue up"):
             line = SimulatedLine(dictionary, golden, baud, FaultRates(bit_error_rate=rate))
-            line.greet()
-            line.picture()
+            line.wait_for_hello()
+            line.take_image()
             rows.append(
                 (f"{label}, {direction}", _transfer(line, golden.image if direction == "catalogue up" else None))
             )
     conditions = (
         "Ground session and simulated device in one process, simulated time in steps of 10 ms, ten bits per byte; "
-        "bit errors in both directions. One frame of 512 KiB comes down, or the factory catalogue goes up, is read back and "
-        "committed; housekeeping shares the line; each is the first transfer of a contact. Share: content over what the line "
-        "could carry; chunk_bytes: at the end; resent: chunks that went twice; processor time of both ends."
+        "bit errors in both directions. A frame of 512 KiB is downloaded, or the factory catalogue is uploaded, read back "
+        "and committed, while housekeeping is sent on the same line. Each is the first transfer of a contact. share_percent: "
+        "content relative to the capacity of the line; chunk_bytes: chunk size at the end; resent: number of chunks sent again; "
+        "processor_ms: processor time of both ends."
     )
     return [BenchTable("transfer", "Transfers", conditions, SEED, rows)]
 

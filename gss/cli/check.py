@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from gss.instruments.package import Instrument
     from gss.operations.checks.check_findings import DeviceRecord, Findings
 
-DESCRIPTION = """Test a device on a port against each clause of docs/icd.md, or a sensor of another maker against the operations
-and telemetry that its package declares. The port must be free and the device idle: the
-cycle is stopped during the test, image memories are overwritten and the attitude hint is lost; settings, mode and cycle are
-restored. Hazardous commands are not executed. Exit code 0: no clause failed; 1: a clause failed."""
+DESCRIPTION = """Test a device on a port against each clause of docs/icd.md, or a third-party sensor against the operations and
+telemetry that its package declares. The port must be free and the device idle. During the test the cycle is stopped, image
+memories are overwritten and the attitude hint is cleared; settings, mode and cycle are restored afterwards. Hazardous
+commands are not executed. Exit code 0: no clause failed; 1: a clause failed."""
 
 
 def register(subparsers: Commands) -> None:
@@ -36,7 +36,7 @@ def register(subparsers: Commands) -> None:
         "--write",
         action="store_true",
         help="also upload into an inactive bank, which is restored afterwards, and send hazardous commands with "
-        "arguments that they must reject",
+        "invalid arguments to check that the device rejects them",
     )
     instruments.add_option(p)
     p.add_argument("--keys", type=Path, metavar="FILE", help="sign packets with these link keys")
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     instrument = instruments.chosen(arguments)
     dictionary = instrument.dictionary
     signer = packet_signer(arguments.keys, utc_us) if arguments.keys else None
-    if not dictionary.services:  # the interface document is about the shared protocol only
+    if not dictionary.services:  # the interface document covers only the shared protocol
         return _run_declared(arguments, instrument)
     with probing(arguments.device, dictionary, monotonic_s, signer) as probe:
         findings = check_device(probe, write=arguments.write, on_part=_show_part)
@@ -65,11 +65,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps(facts, ensure_ascii=False))
     else:
         _print(findings, facts["device"])
-    return 1 if findings.failed or findings.left else 0
+    return 1 if findings.failed or findings.not_restored else 0
 
 
 def _run_declared(arguments: argparse.Namespace, instrument: Instrument) -> int:
-    """Test what the package of a sensor of another maker declares."""
+    """Test the operations and telemetry that the package of a third-party sensor declares."""
     from dataclasses import asdict
 
     from gss.operations.checks.check_declared import check_declared
@@ -85,10 +85,10 @@ def _run_declared(arguments: argparse.Namespace, instrument: Instrument) -> int:
         return 1 if failed else 0
     print(f"{instrument.name}: {instrument.about.title}")
     for case in cases:
-        word = {True: "pass", False: "FAILED", None: "left out"}[case.passed]
-        print(f"{word:9} {case.subject}{': ' if case.detail else ''}{case.detail}")
-    tried = [case for case in cases if case.passed is not None]
-    print(f"{len(tried)} trials, {len(failed)} failed")
+        label = {True: "pass", False: "FAILED", None: "skipped"}[case.passed]
+        print(f"{label:9} {case.subject}{': ' if case.detail else ''}{case.detail}")
+    executed = [case for case in cases if case.passed is not None]
+    print(f"{len(executed)} test cases, {len(failed)} failed")
     return 1 if failed else 0
 
 
@@ -107,14 +107,18 @@ def _print(findings: Findings, device: DeviceRecord) -> None:
         result, cases = findings.result(clause), findings.cases.get(clause.number, [])
         print(f"{result:11} {clause.number:5} {clause.text}")
         if result == NOT_CHECKED and not cases:
-            print(f"{'':17} {clause.unchecked or 'the check ended before'}")
+            print(f"{'':17} {clause.unchecked or 'the check ended before this clause'}")
         for case in cases:
             if case.passed is not True:
-                word = "left out" if case.passed is None else "FAILED"
-                print(f"{'':17} {word}: {case.subject}: {case.detail}")
-    for text in findings.left:
+                label = "skipped" if case.passed is None else "FAILED"
+                print(f"{'':17} {label}: {case.subject}: {case.detail}")
+    for text in findings.not_restored:
         print(f"NOT RESTORED: {text}")
     if findings.damaged:
-        print(f"{findings.damaged} packets were damaged, so failures may be caused by the line. Repeat on a clean line")
-    tried = [c for cases in findings.cases.values() for c in cases if c.passed is not None]
-    print(f"{len(tried)} trials, {sum(not c.passed for c in tried)} failed; failed clauses: {len(findings.failed)}")
+        print(
+            f"{findings.damaged} packets were damaged, so the line may have caused the failures. Repeat on an error-free line"
+        )
+    executed = [c for cases in findings.cases.values() for c in cases if c.passed is not None]
+    print(
+        f"{len(executed)} test cases, {sum(not c.passed for c in executed)} failed; failed clauses: {len(findings.failed)}"
+    )

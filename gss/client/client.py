@@ -1,4 +1,4 @@
-"""The client: one object for one server."""
+"""Client of one GSS server."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from gss.client.records import (
 POLL_S = 0.25
 PAGE = 500
 EARLIEST, LATEST = "1970-01-01T00:00:00Z", "2200-01-01T00:00:00Z"
-"""A time range that holds every event; its newest one is requested."""
+"""A time range that contains every event; used to request the newest event."""
 Value = float | int | str | bool
 T = TypeVar("T")
 Ended = TypeVar("Ended", Command, Transfer, Job)
@@ -40,9 +40,10 @@ Ended = TypeVar("Ended", Command, Transfer, Job)
 class Client:
     """A signed-in user of one GSS server.
 
-    ``address``: as ``http://localhost:8181``; default: the environment variable GSS_ADDRESS. ``token``: an API token; default:
-    GSS_TOKEN. ``reconnect_s``: seconds for which reading is repeated while the server is away. Requests that change
-    something are sent once: they raise ServerAway if the answer is lost, because the server may have executed them.
+    ``address``: for example ``http://localhost:8181``; default: the environment variable GSS_ADDRESS. ``token``: an API token;
+    default: GSS_TOKEN. ``reconnect_s``: seconds for which read requests are retried while the server is unreachable. Requests
+    that change something are sent only once, because the server may already have executed a request whose response was lost;
+    they raise ServerAway.
     """
 
     def __init__(
@@ -64,19 +65,19 @@ class Client:
     # -- link and authority
 
     def link(self) -> Mapping[str, Json]:
-        """State of the line to the sensor, as ``GET /api/link`` describes it."""
+        """Return the state of the link to the sensor, in the format of ``GET /api/link``."""
         state: Mapping[str, Json] = self._server.get("/link")
         return state
 
     def wait_connected(self, timeout_s: float = 30.0) -> Mapping[str, Json]:
-        """Wait until the sensor answers. TimedOut if it does not."""
+        """Wait until the sensor responds. Raises TimedOut if it does not."""
         return self._wait(
-            "the sensor to answer", lambda: status if (status := self.link())["connected"] else None, timeout_s
+            "the sensor to respond", lambda: status if (status := self.link())["connected"] else None, timeout_s
         )
 
     @contextmanager
     def authority(self) -> Iterator[None]:
-        """Hold command authority inside the ``with`` block; authority that was held before is kept afterwards."""
+        """Hold command authority inside the ``with`` block. Release it afterwards unless it was already held before."""
         before = self._server.get("/authority")["mine"]
         if not before:
             self._server.post("/authority/take")
@@ -90,11 +91,11 @@ class Client:
 
     def send(self, name: str, *, confirm: str = "", timeout_s: float = 60.0, **arguments: Value) -> Command:
         """Send a command and wait until it is completed. ``confirm``: "yes" for a hazardous command, its name for a critical one.
-        CommandFailed if it ends otherwise, TimedOut if it does not end in time."""
+        Raises CommandFailed if it ends with another result, TimedOut if it does not end in time."""
         return self.wait_command(self.submit(name, confirm=confirm, **arguments), timeout_s)
 
     def submit(self, name: str, *, confirm: str = "", **arguments: Value) -> Command:
-        """Queue a command and return at once."""
+        """Queue a command and return it immediately."""
         body = {"name": name, "arguments": arguments, "confirm": confirm}
         return Command.of(self._server.post("/commands", body))
 
@@ -103,8 +104,8 @@ class Client:
         return Command.of(self._server.get(f"/commands/{command_id}"))
 
     def wait_command(self, command: Command, timeout_s: float = 60.0) -> Command:
-        """Wait until a command is completed. CommandFailed or TimedOut if not."""
-        ended = self._ended(command, self.command, f"{command.name} to end", timeout_s)
+        """Wait until a command is completed. Raises CommandFailed or TimedOut if it is not."""
+        ended = self._wait_ended(command, self.command, f"{command.name} to end", timeout_s)
         if ended.result != "completed":
             raise CommandFailed(ended)
         return ended
@@ -127,8 +128,8 @@ class Client:
     def wait_telemetry(
         self, field: str, accept: Callable[[TelemetryValue], bool], timeout_s: float = 30.0
     ) -> TelemetryValue:
-        """Wait until the newest value of ``packet.field`` is accepted. TimedOut with the last value if it is not; KeyError if the
-        instrument has no such field."""
+        """Wait until ``accept`` returns True for the newest value of ``packet.field``. Raises TimedOut, which states the last
+        value, or KeyError if the instrument has no such field."""
         last = self.telemetry()[field]
 
         def accepted() -> TelemetryValue | None:
@@ -144,11 +145,11 @@ class Client:
             ) from None
 
     def follow(self, packet: str = "", *, after_id: int | None = None, poll_s: float = POLL_S) -> Iterator[Packet]:
-        """Yield stored packets, oldest first, for ever. ``packet``: only this kind. ``after_id``: start behind this packet; None:
-        with the next one.
+        """Yield stored packets, oldest first, without end. ``packet``: only this kind. ``after_id``: start after this packet; None:
+        yield only new packets.
 
-        Packets are read from the store by number, so that none is missed and none comes twice, however often the server restarts;
-        remember the ``id`` of the last one to continue in another process.
+        Packets are read from the store in the order of their ids. No packet is lost or repeated, even if the server restarts. To
+        continue in another process, keep the ``id`` of the last packet.
         """
         path, query = "/telemetry/packets", {"packet": packet} if packet else {}
         if after_id is None:
@@ -163,8 +164,8 @@ class Client:
                 time.sleep(poll_s)
 
     def follow_events(self, *, after_seq: int | None = None, poll_s: float = POLL_S) -> Iterator[Event]:
-        """Yield recorded events, oldest first, for ever; none is missed and none comes twice. ``after_seq``: start behind this
-        event; None: with the next one."""
+        """Yield recorded events, oldest first, without end; no event is lost or repeated. ``after_seq``: start after this event;
+        None: yield only new events."""
         if after_seq is None:
             newest = self._server.get("/events", start=EARLIEST, end=LATEST, limit=1)
             after_seq = newest[-1]["seq"] if newest else 0
@@ -179,7 +180,8 @@ class Client:
     # -- transfers and frames
 
     def download_frame(self, slot: int, timeout_s: float = 600.0) -> Frame:
-        """Download the image in a slot of the sensor and return the stored frame. TransferFailed or TimedOut if it fails."""
+        """Download the image in a slot of the sensor and return the stored frame. Raises TransferFailed or
+        TimedOut."""
         started = Transfer.of(self._server.post("/frames/download", {"slot": slot, "kind": "frame"}))
         ended = self.wait_transfer(started, timeout_s)
         frame_id = self._wait("the frame to be stored", lambda: self.transfer(ended.id).frame_id, timeout_s)
@@ -190,14 +192,14 @@ class Client:
         return Transfer.of(self._server.get(f"/transfers/{transfer_id}"))
 
     def wait_transfer(self, transfer: Transfer, timeout_s: float = 600.0) -> Transfer:
-        """Wait until a transfer is complete. TransferFailed or TimedOut if not."""
-        ended = self._ended(transfer, self.transfer, f"transfer {transfer.id} to end", timeout_s)
+        """Wait until a transfer is complete. Raises TransferFailed or TimedOut if it is not."""
+        ended = self._wait_ended(transfer, self.transfer, f"transfer {transfer.id} to end", timeout_s)
         if not ended.complete:
             raise TransferFailed(ended)
         return ended
 
     def frames(self, limit: int = 100, **filters: Value) -> list[Frame]:
-        """Return the newest frames, newest first. ``filters``: as the query of ``GET /api/frames``, for example
+        """Return the newest frames, newest first. ``filters``: query parameters of ``GET /api/frames``, for example
         ``outcome="solved"``."""
         return [Frame.of(row) for row in self._server.get("/frames", limit=limit, **filters)["frames"]]
 
@@ -212,7 +214,7 @@ class Client:
         return np.frombuffer(reply.content, np.dtype(reply.headers["X-Dtype"])).reshape(shape)
 
     def import_frame(self, file: Path, instrument: str = "") -> Frame:
-        """Import a FITS, PNG, TIFF or JPEG file. Without ``instrument`` it is solved blind."""
+        """Import a FITS, PNG, TIFF or JPEG file. Without ``instrument`` it is solved in blind mode."""
         return Frame.of(self._server.upload("/frames/import", file, {"profile": instrument}))
 
     def solve(self, frame: Frame | int, **options: Value) -> Solution:
@@ -223,7 +225,7 @@ class Client:
     # -- procedures
 
     def procedures(self) -> list[Procedure]:
-        """Return the stored procedures, by name."""
+        """Return the stored procedures, sorted by name."""
         return [Procedure.of(row) for row in self._server.get("/procedures")["stored"]]
 
     def run_procedure(
@@ -234,10 +236,10 @@ class Client:
         confirm: Collection[str] = (),
         timeout_s: float = 600.0,
     ) -> ProcedureRun:
-        """Run a stored procedure to its end. ``answers``: to questions, by the name of the step; ``confirm``: steps whose hazardous
-        command is sent. ProcedureFailed, and the run stops, if it needs a person for another step or a step fails; a hold point
-        always needs a second person. KeyError if there is no such procedure."""
-        procedure = {one.name: one for one in self.procedures()}[name]
+        """Run a stored procedure to its end. ``answers``: responses to questions, by step name; ``confirm``: names of the steps
+        whose hazardous command may be sent. If a step fails or needs an operator, as every hold point does, the run is stopped
+        and ProcedureFailed is raised. Raises KeyError if there is no such procedure."""
+        procedure = {stored.name: stored for stored in self.procedures()}[name]
         run = ProcedureRun.of(self._server.post(f"/procedures/{procedure.id}/start", {"automatic": True}))
         deadline_s = time.monotonic() + timeout_s
         while not run.ended:
@@ -245,8 +247,8 @@ class Client:
                 raise self._stopped(run, f"not completed within {timeout_s:g} s")
             if run.entries and run.entries[-1]["state"] == "failed":
                 raise self._stopped(run, run.entries[-1]["detail"])
-            step = next(one for one in run.steps if one["id"] == run.current)
-            body = self._step_of(step, answers or {}, confirm)
+            step = next(step for step in run.steps if step["id"] == run.current)
+            body = self._step_request(step, answers or {}, confirm)
             if body is None:
                 raise self._stopped(run, f"a person must do this step ({step['kind']})")
             if body and not run.under_way:
@@ -258,10 +260,10 @@ class Client:
         return run
 
     @staticmethod
-    def _step_of(
+    def _step_request(
         step: Mapping[str, Json], answers: Mapping[str, str], confirm: Collection[str]
     ) -> dict[str, Json] | None:
-        """Return the request that runs a step; empty if the server runs it, None if it needs a person."""
+        """Return the body of the request that runs a step; empty if the server runs it, None if it needs an operator."""
         name = step["id"]
         if step["kind"] == "question":
             return {"step": name, "answer": answers[name]} if name in answers else None
@@ -271,20 +273,22 @@ class Client:
             return {"step": name, "confirm": step["confirm_name"]} if name in confirm else None
         return {}
 
-    def _stopped(self, run: ProcedureRun, why: str) -> ProcedureFailed:
+    def _stopped(self, run: ProcedureRun, reason: str) -> ProcedureFailed:
         """Stop a run and return the error for it."""
-        stopped = self._server.post(f"/procedure-runs/{run.id}/stop", {"reason": why[:500]})
-        return ProcedureFailed(ProcedureRun.of({**stopped, "current": run.current}), why)
+        stopped = self._server.post(f"/procedure-runs/{run.id}/stop", {"reason": reason[:500]})
+        return ProcedureFailed(ProcedureRun.of({**stopped, "current": run.current}), reason)
 
     # -- catalogues and jobs
 
     def build_catalogue(self, timeout_s: float = 600.0, **request: Json) -> int:
-        """Build a catalogue and return its id. ``request``: as the body of ``POST /api/catalogues``. JobFailed if it fails."""
+        """Build a catalogue and return its id. ``request``: body of ``POST /api/catalogues``. Raises JobFailed or
+        TimedOut."""
         job = self.wait_job(Job.of(self._server.post("/catalogues", request)), timeout_s)
         return int(job.result["catalogue_id"])
 
     def upload_catalogue(self, catalogue_id: int, bank: str, timeout_s: float = 600.0) -> Transfer:
-        """Upload a catalogue to an inactive bank and wait until it is read back and committed. Activating it is a command."""
+        """Upload a catalogue to an inactive bank and wait until it is read back and committed. To activate the bank, send the
+        command for it."""
         started = Transfer.of(self._server.post(f"/catalogues/{catalogue_id}/upload", {"bank": bank}))
         return self.wait_transfer(started, timeout_s)
 
@@ -293,15 +297,15 @@ class Client:
         return Job.of(self._server.get(f"/jobs/{job_id}"))
 
     def wait_job(self, job: Job, timeout_s: float = 600.0) -> Job:
-        """Wait until a job is done. JobFailed or TimedOut if not."""
-        ended = self._ended(job, self.job, f"job {job.id} to end", timeout_s)
+        """Wait until a job is done. Raises JobFailed or TimedOut if it is not."""
+        ended = self._wait_ended(job, self.job, f"job {job.id} to end", timeout_s)
         if ended.state != "done":
             raise JobFailed(ended)
         return ended
 
     # -- waiting
 
-    def _ended(self, record: Ended, read: Callable[[int], Ended], expected: str, timeout_s: float) -> Ended:
+    def _wait_ended(self, record: Ended, read: Callable[[int], Ended], expected: str, timeout_s: float) -> Ended:
         if record.ended:
             return record
         return self._wait(expected, lambda: newest if (newest := read(record.id)).ended else None, timeout_s)

@@ -1,4 +1,4 @@
-"""Host session with a sensor of another maker: one request at a time, each followed by its response. No I/O.
+"""Host session with a third-party sensor: one request at a time, each followed by its response. No I/O.
 
 The protocol is an :class:`ExchangeWire`: it makes frames of requests and reads responses. Everything else is here and the
 same for all of them: queue, timeouts, requests that the ground repeats, counters and the identity of the unit. Such sensors

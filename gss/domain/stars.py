@@ -12,7 +12,8 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 
 Ids = NDArray[np.int32]
-# Hipparcos numbers end at 120 404. Stars found only in Gaia are numbered from here, by row of the package's Gaia file.
+# Hipparcos numbers end at 120 404.
+# The number of a star that only Gaia contains is this value plus its row in the packaged Gaia file.
 GAIA_FIRST = 1_000_000
 
 
@@ -21,7 +22,7 @@ class StarTable:
     """n stars at one epoch. All arrays have n rows, in any order.
 
     ``icrs``: (n, 3) unit vectors. ``proper_motion_rad_yr``: (n, 3) velocity of that vector, tangent to the sphere.
-    ``v_mag``: Johnson V. ``b_v``: colour index, NaN where unknown. ``flags``: bit set of the FLAG_ constants.
+    ``v_mag``: Johnson V. ``b_v``: colour index, NaN where unknown. ``flags``: bitwise OR of the FLAG_ constants.
     """
 
     hip: Ids
@@ -71,7 +72,7 @@ class StarTable:
         return {int(hip): row for row, hip in enumerate(self.hip)}
 
     def name_of(self, hip: int) -> str:
-        """Proper or Bayer name if known, otherwise "HIP n", or "Gaia row n" for stars that are not in Hipparcos."""
+        """Return the proper or Bayer name if there is one, otherwise "HIP n", or "Gaia row n" for stars not in Hipparcos."""
         number = int(hip)
         return self.names.get(number, f"HIP {number}" if number < GAIA_FIRST else f"Gaia row {number - GAIA_FIRST}")
 

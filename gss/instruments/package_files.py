@@ -170,7 +170,7 @@ class PowerRow(Noted):
 
 
 class SimulatorFile(Strict):
-    """``simulator.yaml``: what the simulated unit does. ``program``: the simulator of another maker's unit, by its entry point
+    """``simulator.yaml``: what the simulated unit does. ``program``: the simulator of a third-party unit, by its entry point
     in the group ``gss.simulators``; the shared one by default. ``motion``: that of a simulation without another one; "inertial"
     for a camera whose long exposure needs a satellite at rest."""
 

@@ -1,4 +1,6 @@
-"""Standard quantities: where an instrument's telemetry has them. An empty name means that the instrument does not report it."""
+"""Standard quantities, mapped to an instrument's telemetry fields. An empty name means that the instrument does not report the
+quantity.
+"""
 
 from __future__ import annotations
 
@@ -21,29 +23,30 @@ AxisName = Literal["+x", "+y", "+z", "-x", "-y", "-z"]
 CAMERA_AXES = ("+x", "+y", "+z")
 NOT_A_FIELD = ("packet", "order", "rotation", "camera_axes")
 UNITS = {"_ms": "ms", "_deg": "deg", "_arcsec": "arcsec", "_dn": "DN", "_deg_s": "deg/s", "_s": "s"}
-"""Unit of a quantity by the end of its name. The dictionary's conversion gives it if the sensor uses another one."""
+"""Unit of a quantity by the suffix of its name. If the sensor uses another unit, the dictionary must define a conversion."""
 
 
 class PacketRole(Strict):
-    """A packet with a standard purpose. Its other keys are standard quantities with the name of the packet's field."""
+    """A packet with a standard purpose. Each attribute except ``packet`` is a standard quantity; its value is the
+    name of the packet's field."""
 
     packet: Name = ""
 
     def fields(self) -> dict[str, str]:
-        """Field names of the packet by quantity, without absent ones."""
-        units: dict[str, str] = {}
+        """Return the packet's field names by quantity, omitting quantities that are not reported."""
+        names: dict[str, str] = {}
         for name, value in self.model_dump(exclude=set(NOT_A_FIELD)).items():
             values = value if isinstance(value, tuple) else (value,)
-            units |= {name if len(values) == 1 else f"{name}.{k}": v for k, v in enumerate(values) if v}
-        return units
+            names |= {name if len(values) == 1 else f"{name}.{k}": v for k, v in enumerate(values) if v}
+        return names
 
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the values of a packet by standard quantity, without those that the instrument does not report."""
+        """Return the values of a packet by standard quantity, omitting quantities that the instrument does not report."""
         return {quantity: values[name] for quantity, name in self.fields().items() if name in values}
 
 
 def _axes_matrix(axes: tuple[str, str, str]) -> Array:
-    """Return the (3, 3) matrix from the sensor's own frame to the camera's."""
+    """Return the (3, 3) rotation matrix from the sensor frame to the camera frame."""
     rows = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
     return np.array([np.array(rows[axis[1]]) * (-1 if axis[0] == "-" else 1) for axis in axes])
 
@@ -94,9 +97,9 @@ class Status(PacketRole):
 
 
 class AttitudeRole(PacketRole):
-    """Attitude of one frame. ``quaternion``: names of its four components; ``order``: where the scalar is; ``rotation``:
-    sense of the rotation, target from source. ``camera_axes``: axes of the sensor's own frame that are x (to higher columns), y (to
-    higher rows) and z (boresight) of the camera."""
+    """Attitude of one frame. ``quaternion``: names of its four components; ``order``: position of the scalar;
+    ``rotation``: direction of the rotation, target from source. ``camera_axes``: axes of the sensor frame that correspond to the
+    camera axes x (towards higher columns), y (towards higher rows) and z (boresight)."""
 
     frame_number: Name = ""
     frame_time_s: Name = ""
@@ -120,12 +123,12 @@ class AttitudeRole(PacketRole):
         """Return the quaternion cam_from_icrs, scalar-last. Raises KeyError if the values lack a component."""
         a, b, c, d = (float(values[name]) for name in self.quaternion)
         x, y, z, w = (b, c, d, a) if self.order == "scalar_first" else (a, b, c, d)
-        turned = (x, y, z, w) if self.rotation == "cam_from_icrs" else (-x, -y, -z, w)
-        return turned if self.camera_axes == CAMERA_AXES else _product(self.cam_from_own, turned)
+        cam_or_sensor = (x, y, z, w) if self.rotation == "cam_from_icrs" else (-x, -y, -z, w)
+        return cam_or_sensor if self.camera_axes == CAMERA_AXES else _product(self.cam_from_own, cam_or_sensor)
 
     @property
     def cam_from_own(self) -> Quaternion:
-        """Rotation from the sensor's own frame to the camera's, scalar-last."""
+        """Quaternion of the rotation from the sensor frame to the camera frame, scalar-last."""
         return _axes_quaternion(self.camera_axes)
 
     @field_validator("camera_axes")
@@ -136,12 +139,12 @@ class AttitudeRole(PacketRole):
         return axes
 
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the values by standard quantity; the quaternion as ``quaternion_x`` to ``quaternion_w``, cam_from_icrs."""
-        read_values = {name: value for name, value in super().read(values).items() if not name.startswith("quaternion")}
+        """Return the values by standard quantity. ``quaternion_x`` to ``quaternion_w`` are the components of cam_from_icrs."""
+        by_quantity = {name: value for name, value in super().read(values).items() if not name.startswith("quaternion")}
         if all(name in values for name in self.quaternion):
             components = self.quaternion_of({name: float(values[name]) for name in self.quaternion})
-            read_values |= {f"quaternion_{axis}": value for axis, value in zip("xyzw", components, strict=True)}
-        return read_values
+            by_quantity |= {f"quaternion_{axis}": value for axis, value in zip("xyzw", components, strict=True)}
+        return by_quantity
 
 
 class ItemList(PacketRole):
@@ -166,7 +169,7 @@ class TimingRole(PacketRole):
 
 
 class FrameInfo(PacketRole):
-    """Content of one image memory. A sensor that does not count its frames has their time as number."""
+    """Content of one image memory. If the sensor does not number its frames, the frame number is the frame time."""
 
     frame_number: Name = ""
     slot: Name = ""
@@ -181,7 +184,7 @@ class FrameInfo(PacketRole):
 
     @property
     def number_is_time(self) -> bool:
-        """True if the number of a frame is its time, so that no other frame will have it."""
+        """True if the frame number is the frame time, so that each number is unique."""
         return bool(self.frame_number) and self.frame_number == self.frame_time_s
 
 
@@ -231,13 +234,13 @@ class Quantities(Strict):
     schedule_entry: ScheduleEntryRole = ScheduleEntryRole()
 
     def roles(self) -> dict[str, PacketRole]:
-        """The packets that the instrument has, by purpose."""
-        roles_by_name = {name: getattr(self, name) for name in type(self).model_fields}
-        return {name: role for name, role in roles_by_name.items() if role.packet}
+        """Return the roles whose packet the instrument has, by purpose."""
+        all_roles = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: role for name, role in all_roles.items() if role.packet}
 
     def names(self) -> tuple[str, ...]:
-        """Names of the quantities that the instrument reports: purpose and quantity."""
-        return tuple(f"{at}.{name}" for at, role in self.roles().items() for name in role.fields())
+        """Return the quantities that the instrument reports, each as ``purpose.quantity``."""
+        return tuple(f"{purpose}.{name}" for purpose, role in self.roles().items() for name in role.fields())
 
 
 class Events(Strict):
@@ -255,7 +258,7 @@ class Events(Strict):
 
 
 def check_packet(role: PacketRole, packets: Mapping[str, PacketDefinition]) -> tuple[tuple[str, ...], str] | None:
-    """Return the place in the role and the reason of its first mistake; None if it fits the dictionary."""
+    """Return the path in the role and the reason of the first error; None if the role matches the dictionary."""
     if role.packet not in packets:
         return ("packet",), f"the dictionary has no packet {role.packet or '(empty)'}"
     layout = {f.name: f for f in packets[role.packet].fields}
@@ -269,4 +272,4 @@ def check_packet(role: PacketRole, packets: Mapping[str, PacketDefinition]) -> t
 
 
 def _unit(quantity: str) -> str:
-    return next((unit for end, unit in UNITS.items() if quantity.endswith(end)), "")
+    return next((unit for suffix, unit in UNITS.items() if quantity.endswith(suffix)), "")

@@ -13,15 +13,15 @@ from gss.orbit.oem import read_oem
 from gss.orbit.omm import fields_of_json, fields_of_kvn, fields_of_xml, tle_of_omm
 from gss.orbit.trajectory import TleTrajectory, Trajectory
 
-LARGEST_CHARACTERS = 900_000
-LONGEST_NAME = 80
+MAX_CHARACTERS = 900_000
+MAX_NAME_LENGTH = 80
 OrbitKind = Literal["tle", "oem"]
 
 
 @dataclass(frozen=True)
 class ReadOrbit:
-    """Content of an orbit file. ``kind``: how ``text`` is stored; an OMM is stored as the TLE with the same elements.
-    ``source_format``: of the file. ``name``: of the object, "" if the file has none."""
+    """Content of an orbit file. ``kind``: format of ``text``; an OMM is stored as the TLE with the same elements.
+    ``source_format``: format of the file. ``name``: name of the object, "" if the file does not state it."""
 
     kind: OrbitKind
     source_format: str
@@ -32,12 +32,12 @@ class ReadOrbit:
 
 def read_orbit(text: str) -> ReadOrbit:
     """Read an orbit file. Raises BadInput naming the invalid part."""
-    if len(text) > LARGEST_CHARACTERS:
+    if len(text) > MAX_CHARACTERS:
         raise BadInput(
             "the orbit file is too large",
-            expected=f"at most {LARGEST_CHARACTERS} characters",
+            expected=f"at most {MAX_CHARACTERS} characters",
             got=str(len(text)),
-            hint="Import fewer days or larger steps.",
+            hint="Import fewer days or a larger step.",
         )
     content = text.lstrip("\ufeff").strip()
     if content.startswith("<"):
@@ -48,26 +48,26 @@ def read_orbit(text: str) -> ReadOrbit:
         return _omm("OMM KVN", fields_of_kvn(content))
     if content.startswith("CCSDS_OEM_VERS"):
         name, orbit = read_oem(content)
-        return ReadOrbit("oem", "OEM KVN", name[:LONGEST_NAME], content + "\n", orbit)
+        return ReadOrbit("oem", "OEM KVN", name[:MAX_NAME_LENGTH], content + "\n", orbit)
     return _tle("TLE", content)
 
 
 def read_orbits(text: str) -> list[Trajectory]:
-    """Read an orbit file, or several two-line element sets one after another. Raises BadInput."""
+    """Read an orbit file, or a file of several two-line element sets. Raises BadInput."""
     lines = [line.rstrip() for line in text.lstrip("\ufeff").splitlines() if line.strip()]
     ends = [k for k, line in enumerate(lines) if line.startswith("2 ")]
     if len(ends) < 2 or not lines[ends[0] - 1].startswith("1 "):
         return [read_orbit(text).orbit]
-    if len(text) > LARGEST_CHARACTERS:
-        raise BadInput("the file of element sets is too large", expected=f"at most {LARGEST_CHARACTERS} characters")
+    if len(text) > MAX_CHARACTERS:
+        raise BadInput("the file of element sets is too large", expected=f"at most {MAX_CHARACTERS} characters")
     starts = [0, *(k + 1 for k in ends[:-1])]
     return [TleTrajectory.of("\n".join(lines[a : b + 1])) for a, b in zip(starts, ends, strict=True)]
 
 
-def orbit_covering(orbits: Sequence[Trajectory], moment: datetime) -> Trajectory | None:
-    """Return the orbit that is defined at a time and whose epoch is nearest to it, None without any."""
-    covering = [o for o in orbits if o.start <= moment <= o.end]
-    return min(covering, key=lambda o: abs(o.epoch - moment), default=None)
+def orbit_covering(orbits: Sequence[Trajectory], time: datetime) -> Trajectory | None:
+    """Return the orbit that is defined at ``time`` and has the nearest epoch; None if there is none."""
+    covering = [o for o in orbits if o.start <= time <= o.end]
+    return min(covering, key=lambda o: abs(o.epoch - time), default=None)
 
 
 def stored_orbit(kind: OrbitKind, text: str) -> Trajectory:
@@ -79,12 +79,12 @@ def _tle(source_format: str, text: str) -> ReadOrbit:
     orbit = TleTrajectory.of(text)
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
     name = lines[0].removeprefix("0 ").strip() if len(lines) == 3 else ""
-    return ReadOrbit("tle", source_format, name[:LONGEST_NAME], "\n".join(lines[-2:]) + "\n", orbit)
+    return ReadOrbit("tle", source_format, name[:MAX_NAME_LENGTH], "\n".join(lines[-2:]) + "\n", orbit)
 
 
 def _omm(source_format: str, fields: dict[str, str]) -> ReadOrbit:
     tle = tle_of_omm(fields)
-    return ReadOrbit("tle", source_format, fields.get("OBJECT_NAME", "")[:LONGEST_NAME], tle, TleTrajectory.of(tle))
+    return ReadOrbit("tle", source_format, fields.get("OBJECT_NAME", "")[:MAX_NAME_LENGTH], tle, TleTrajectory.of(tle))
 
 
 def _json(text: str) -> object:

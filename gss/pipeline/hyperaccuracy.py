@@ -1,8 +1,8 @@
-"""Sub-pixel centroids in a window around each star's brightest pixel, with the sky measured on the window's border.
+"""Sub-pixel centroids in a window around each star's brightest pixel, with the sky background measured on the window's border.
 
-Liebe 1992 calls this hyperaccuracy and gives its result, a fifth of a pixel, but not the steps. Here the sky is the mean of
-the middle half of the border's values, and every pixel inside the border is used, whether above the threshold or not, so that
-the threshold cut adds no bias.
+Liebe 1992 calls this hyperaccuracy and gives its result, a fifth of a pixel, but not the steps. Here the sky background
+is the interquartile mean of the border pixels. Every pixel inside the border is used, whether above the threshold or not, so
+that the threshold adds no bias.
 """
 
 from __future__ import annotations
@@ -15,27 +15,29 @@ from gss.domain.results import Centroids
 from gss.pipeline.centroid import PixelNoise
 from gss.pipeline.regions import Blobs, Flags, Pixels
 
-# Noise of the mean of a sample's middle half, relative to that of the mean of the whole sample.
+# Standard error of the interquartile mean of a sample, relative to that of the mean of the whole sample.
 SKY_NOISE = 1.1
-# Centroid error added by a saturated star's flat top, measured on rendered frames.
+# Additional centroid error of a saturated star, whose peak is flat; measured on rendered frames.
 SATURATED_PX = 0.1
 
 
 def brightest_pixels(pixels: Pixels, blobs: Blobs) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Column and row of each blob's brightest pixel; the rounded mean of several equally bright (saturated) ones."""
+    """Column and row of each blob's brightest pixel; if several are equally bright (saturated), their rounded mean position."""
     row, col = np.divmod(blobs.index, blobs.columns)
     if not len(blobs):
         return col, row
     value = pixels.ravel()[blobs.index]
-    at, owner = blobs.start[:-1], blobs.owner
-    top = value == np.maximum.reduceat(value, at)[owner]
-    count = np.add.reduceat(top.astype(float), at)
-    centre = [np.rint(np.add.reduceat(np.where(top, axis, 0.0), at) / count).astype(np.intp) for axis in (col, row)]
+    starts, owner = blobs.start[:-1], blobs.owner
+    is_peak = value == np.maximum.reduceat(value, starts)[owner]
+    count = np.add.reduceat(is_peak.astype(float), starts)
+    centre = [
+        np.rint(np.add.reduceat(np.where(is_peak, axis, 0.0), starts) / count).astype(np.intp) for axis in (col, row)
+    ]
     return centre[0], centre[1]
 
 
 def inside_frame(col: NDArray[np.intp], row: NDArray[np.intp], shape: tuple[int, ...], half: int) -> Flags:
-    """True for each window of that half width that lies on the detector."""
+    """True for each window, from its centre and half width, that lies completely on the detector."""
     return np.asarray((col >= half) & (row >= half) & (col < shape[1] - half) & (row < shape[0] - half))
 
 
@@ -44,7 +46,7 @@ def hyperaccurate_centroids(
 ) -> Centroids:
     """Compute one centroid per blob, in the blobs' order; each window of ``window_px`` square must lie on the detector.
 
-    The outermost ring of the window gives the sky, the inner pixels the centre of gravity and the flux.
+    The outermost ring of the window determines the sky background; the inner pixels determine the centre of gravity and the flux.
     """
     n, half = len(blobs), window_px // 2
     if not n:
@@ -55,7 +57,7 @@ def hyperaccurate_centroids(
     ring = np.maximum(np.abs(step)[:, None], np.abs(step)) == half
     border = np.sort(stamp[:, ring], axis=1)
     quarter = border.shape[1] // 4
-    # The median of integers is off by up to 0.5, which would bias a faint star's 25 pixels.
+    # A median of integers can be wrong by 0.5 DN, which would bias the flux of a faint star, a sum over 25 pixels.
     sky_dn = border[:, quarter:-quarter].mean(axis=1)
     inner = step[1:-1].astype(float)
     light = stamp[:, 1:-1, 1:-1] - sky_dn[:, None, None]
@@ -74,6 +76,6 @@ def hyperaccurate_centroids(
 
 def _sigma_px(light: Array, inner: Array, off_col: Array, off_row: Array, flux: Array, noise: PixelNoise) -> Array:
     """(n,) standard deviation per axis of the centre of gravity, from pixel noise."""
-    arm2 = (inner[:, None] - off_row[:, None, None]) ** 2 + (inner - off_col[:, None, None]) ** 2
+    distance2 = (inner[:, None] - off_row[:, None, None]) ** 2 + (inner - off_col[:, None, None]) ** 2
     variance = noise.dark_sigma_dn**2 + np.maximum(light, 0.0) / noise.gain_e_per_dn
-    return np.asarray(np.sqrt((arm2 * variance).sum(axis=(1, 2)) / (2 * flux**2) + noise.floor_px**2))
+    return np.asarray(np.sqrt((distance2 * variance).sum(axis=(1, 2)) / (2 * flux**2) + noise.floor_px**2))

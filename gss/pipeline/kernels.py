@@ -31,7 +31,7 @@ Rows = NDArray[np.intp]
 @dataclass(frozen=True)
 class ListLoops:
     """The loops for lists of stars. ``camera_numbers``: a camera as an array. ``find``: see ``pyramid.identify_lost``.
-    ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.name_the_rest``."""
+    ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``."""
 
     camera_numbers: Callable[[Camera], Array]
     find: Callable[..., tuple[int, int, float, int, bool]]

@@ -10,17 +10,17 @@ from gss.store.models import ListRun
 
 
 def add(session: Session, row: ListRun) -> ListRun:
-    """Store a run and give it its id."""
+    """Store a run, assign its id and return it."""
     session.add(row)
     session.flush()
     return row
 
 
 def get(session: Session, run_id: int) -> ListRun:
-    """Return the run with that id; NotFound if there is none."""
+    """Return the run with that id. Raises NotFound."""
     row = session.get(ListRun, run_id)
     if row is None:
-        raise NotFound("no such run of star lists", got=str(run_id), hint="upload the file first")
+        raise NotFound("there is no star list run with this number", got=str(run_id), hint="upload the file first")
     return row
 
 
@@ -31,7 +31,7 @@ def finish(session: Session, run_id: int, *, solved: int, sha256: str, size: int
 
 
 def newest(session: Session, limit: int) -> list[ListRun]:
-    """Return the newest runs first."""
+    """Return the newest runs, newest first."""
     return list(session.scalars(select(ListRun).order_by(ListRun.id.desc()).limit(limit)))
 
 

@@ -10,7 +10,7 @@ from gss.operations.contacts.replay_capture import CaptureReplay
 from gss.operations.upkeep.retention import RetentionService
 from gss.wiring.base import BaseServices
 from gss.wiring.line import Line
-from gss.wiring.telemetry import TelemetryRoom
+from gss.wiring.telemetry import TelemetryServices
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,9 @@ class Contacts:
     replay: CaptureReplay
 
 
-def open_contacts(base: BaseServices, line: Line, telemetry: TelemetryRoom, retention: RetentionService) -> Contacts:
+def open_contacts(
+    base: BaseServices, line: Line, telemetry: TelemetryServices, retention: RetentionService
+) -> Contacts:
     """Create the services."""
     captures, limits = base.captures, telemetry.telemetry.limits
     return Contacts(

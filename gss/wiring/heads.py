@@ -8,7 +8,7 @@ from gss.operations.heads.head_watch import HeadWatch
 from gss.operations.heads.history import HeadHistory
 from gss.operations.heads.spacecraft_book import SpacecraftBook
 from gss.wiring.base import BaseServices
-from gss.wiring.telemetry import TelemetryRoom
+from gss.wiring.telemetry import TelemetryServices
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Heads:
     history: HeadHistory
 
 
-def open_heads(base: BaseServices, telemetry: TelemetryRoom) -> Heads:
+def open_heads(base: BaseServices, telemetry: TelemetryServices) -> Heads:
     """Create the services."""
     database, now = base.database, base.clock.now
     book = SpacecraftBook(database, base.bus, now)

@@ -14,7 +14,7 @@ from gss.wiring.base import BaseServices
 from gss.wiring.commanding import Commanding
 from gss.wiring.frames import Frames
 from gss.wiring.line import Line
-from gss.wiring.telemetry import TelemetryRoom
+from gss.wiring.telemetry import TelemetryServices
 from gss.wiring.transfers import Transfers
 
 
@@ -31,7 +31,7 @@ class Intake:
 def open_intake(
     base: BaseServices,
     line: Line,
-    telemetry: TelemetryRoom,
+    telemetry: TelemetryServices,
     commanding: Commanding,
     transfers: Transfers,
     frames: Frames,

@@ -10,7 +10,7 @@ from gss.operations.procedures.runs import ProcedureRunner
 from gss.wiring.base import BaseServices
 from gss.wiring.commanding import Commanding
 from gss.wiring.line import Line
-from gss.wiring.telemetry import TelemetryRoom
+from gss.wiring.telemetry import TelemetryServices
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Procedures:
     runs: ProcedureRunner
 
 
-def open_procedures(base: BaseServices, line: Line, commanding: Commanding, telemetry: TelemetryRoom) -> Procedures:
+def open_procedures(base: BaseServices, line: Line, commanding: Commanding, telemetry: TelemetryServices) -> Procedures:
     """Create the services."""
     database, now = base.database, base.clock.now
     procedures = ProcedureService(line.link, base.unit, telemetry.telemetry.derived, database, now)

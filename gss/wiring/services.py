@@ -21,7 +21,7 @@ from gss.wiring.passes import Passes
 from gss.wiring.procedures import Procedures
 from gss.wiring.recordings import RecordingsRoom
 from gss.wiring.studies import Studies
-from gss.wiring.telemetry import TelemetryRoom
+from gss.wiring.telemetry import TelemetryServices
 from gss.wiring.transfers import Transfers
 from gss.wiring.upkeep import Upkeep
 
@@ -34,7 +34,7 @@ class Services:
     base: BaseServices
     accounts: Accounts
     line: Line
-    telemetry: TelemetryRoom
+    telemetry: TelemetryServices
     commanding: Commanding
     procedures: Procedures
     transfers: Transfers

@@ -14,7 +14,7 @@ from gss.wiring.line import Line
 
 
 @dataclass(frozen=True)
-class TelemetryRoom:
+class TelemetryServices:
     """Telemetry, derived parameters, alarms, and the newest attitude of the sensor."""
 
     telemetry: TelemetryService
@@ -23,13 +23,13 @@ class TelemetryRoom:
     alarms: AlarmService
 
 
-def open_telemetry(base: BaseServices, line: Line, commanding: Commanding) -> TelemetryRoom:
+def open_telemetry(base: BaseServices, line: Line, commanding: Commanding) -> TelemetryServices:
     """Create the services."""
     database, bus, link = base.database, base.bus, line.link
     telemetry = TelemetryService(
         base.dictionary, database, bus, base.clock.now, lambda: link.contact_id, base.disk.has_room_for_rows
     )
-    return TelemetryRoom(
+    return TelemetryServices(
         telemetry,
         DerivedHistory(telemetry.derived, database, base.jobs, base.clock.now),
         LastAttitude(base.unit.roles.quantities.attitude, base.clock.monotonic_s, commanding.schedule.clock),

@@ -1,4 +1,4 @@
-"""Services of maintenance: retention, backups, health, and the work of every second."""
+"""Maintenance services: retention, backups, health, and the tasks that run once a second."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from gss.wiring.commanding import Commanding
 from gss.wiring.frames import Frames
 from gss.wiring.line import Line
 from gss.wiring.passes import Passes
-from gss.wiring.telemetry import TelemetryRoom
+from gss.wiring.telemetry import TelemetryServices
 from gss.wiring.transfers import Transfers
 
 
 @dataclass(frozen=True)
 class Upkeep:
-    """Services of maintenance. ``streams``: counts of the event streams. ``status``: runs once a second."""
+    """Maintenance services. ``streams``: counts of the event streams. ``status``: runs once a second."""
 
     retention: RetentionService
     backups: BackupService
@@ -50,7 +50,7 @@ class Upkeep:
 
 
 def open_retention(base: BaseServices, line: Line) -> RetentionService:
-    """Create the service that removes expired data, which the room of contacts needs, too."""
+    """Create the service that removes expired data. It is separate from ``open_upkeep`` because the contact services need it."""
     share = base.settings.retention_share_percent / 100
     return RetentionService(
         base.database, base.blobs, base.jobs, base.bus, line.link, base.upkeep_lock, utc_now, base.trust, share
@@ -61,7 +61,7 @@ def open_upkeep(
     base: BaseServices,
     line: Line,
     accounts: Accounts,
-    telemetry: TelemetryRoom,
+    telemetry: TelemetryServices,
     commanding: Commanding,
     transfers: Transfers,
     frames: Frames,
@@ -69,7 +69,7 @@ def open_upkeep(
     dispatcher: Dispatcher,
     passes: Passes,
 ) -> Upkeep:
-    """Create the services."""
+    """Create the maintenance services."""
     settings, database, blobs, bus, now = base.settings, base.database, base.blobs, base.bus, base.clock.now
     disk, jobs, captures, trust, link = base.disk, base.jobs, base.captures, base.trust, line.link
     alarms, folder, schedule = telemetry.alarms, settings.backups_folder, commanding.schedule

@@ -12,7 +12,7 @@ DEVICE: dict[str, object] = {"serial": "X-1", "device_model": "m", "profile": "c
 
 def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pytest.CaptureFixture[str]) -> None:
     """Passed clauses take one line; failed or skipped ones are listed below their clause."""
-    findings = Findings(left=["mode is tracking, was standby"], damaged=3)
+    findings = Findings(not_restored=["mode is tracking, was standby"], damaged=3)
     findings.check("4.5", "code 255", True)
     findings.check("4.6", "SET_EXPOSURE with 1 B", False, "accepted, completed")
     findings.skip("4.3", "RESET", "hazardous")
@@ -22,7 +22,7 @@ def test_a_failed_clause_is_shown_with_its_number_sentence_and_trial(capsys: pyt
     assert "pass        4.5   A code that no command has is rejected (`unknown_command`)." in lines
     at = lines.index("fail        4.6   Arguments of the wrong length are rejected (`bad_length`).")
     assert lines[at + 1].strip() == "FAILED: SET_EXPOSURE with 1 B: accepted, completed"
-    assert "left out: RESET: hazardous" in [line.strip() for line in lines]
+    assert "skipped: RESET: hazardous" in [line.strip() for line in lines]
     assert "NOT RESTORED: mode is tracking, was standby" in lines
     assert lines[-2].startswith("3 packets were damaged")
-    assert lines[-1] == "2 trials, 1 failed; failed clauses: 1"
+    assert lines[-1] == "2 test cases, 1 failed; failed clauses: 1"

@@ -95,7 +95,7 @@ def test_every_clause_that_can_be_tried_holds(probe_at: Place, where: str) -> No
     """``gss check device`` is green, whatever carries the bytes."""
     findings = check_device(probe_at(where), write=where in SIMULATED)
     assert [(c.number, [x for x in findings.cases[c.number] if x.passed is False]) for c in findings.failed] == []
-    assert findings.left == []
+    assert findings.not_restored == []
     results = [findings.result(c) for c in CLAUSES]
     assert FAIL not in results
     assert results.count(PASS) >= 35
@@ -106,7 +106,7 @@ def test_the_other_cameras_keep_the_contract_too(probe_at: Callable[..., Probe],
     """Another chain, another format, other frame sizes, the same promises."""
     findings = check_device(probe_at("memory", camera), write=True)
     assert [(c.number, [x for x in findings.cases[c.number] if x.passed is False]) for c in findings.failed] == []
-    assert findings.left == []
+    assert findings.not_restored == []
 
 
 def test_the_instructor_spoils_the_line_of_a_running_simulator(probe_at: Place) -> None:

@@ -86,10 +86,10 @@ def test_blocks_are_read_by_the_library_too(size: int) -> None:
     content = bytes(k * 7 % 251 for k in range(size))
     server = BlockServer(lambda *_: content)
     client = SdoClient()
-    assert run(client, client.start_read(INDEX, 5, block=True), server.obey).data == content
+    assert run(client, client.start_read(INDEX, 5, block=True), server.respond).data == content
 
     def deliver(can_id: int, data: bytes) -> None:
-        for answer in server.obey(data):
+        for answer in server.respond(data):
             library.on_response(0x5AC, bytearray(answer), 0.0)
 
     library = LibraryClient(0x62C, 0x5AC, canopen.ObjectDictionary())
@@ -104,7 +104,7 @@ def test_lost_segments_of_a_block_are_repeated(size: int, lose: set[int]) -> Non
     """The content is the same or the transfer fails: damaged content is never returned."""
     content = bytes(k * 11 % 253 for k in range(size))
     client = SdoClient()
-    result = run(client, client.start_read(INDEX, 5, block=True), BlockServer(lambda *_: content).obey, lose)
+    result = run(client, client.start_read(INDEX, 5, block=True), BlockServer(lambda *_: content).respond, lose)
     assert result.data == content if not result.abort else result.data == b""
 
 
@@ -113,13 +113,13 @@ def test_one_lost_segment_costs_no_transfer() -> None:
     content = bytes(range(256)) * 8
     for lost in (40, 127, -(-len(content) // 7)):
         client = SdoClient()
-        server = BlockServer(lambda *_: content).obey
+        server = BlockServer(lambda *_: content).respond
         assert run(client, client.start_read(INDEX, 5, block=True), server, {lost + 1}).data == content
 
 
 def test_damaged_content_is_rejected_by_its_checksum() -> None:
     """A segment whose bytes changed."""
-    server = BlockServer(lambda *_: bytes(100)).obey
+    server = BlockServer(lambda *_: bytes(100)).respond
 
     def damaging(message: bytes) -> list[bytes]:
         return [a[:3] + b"\7" + a[4:] if a[0] == 5 else a for a in server(message)]
@@ -130,7 +130,7 @@ def test_damaged_content_is_rejected_by_its_checksum() -> None:
 
 def test_an_interrupted_transfer_ends_with_a_reason() -> None:
     """The client requests a silent server to continue a few times, then gives up and sends the reason."""
-    client, server = SdoClient(), BlockServer(lambda *_: bytes(2000)).obey
+    client, server = SdoClient(), BlockServer(lambda *_: bytes(2000)).respond
     answer = client.feed(server(client.start_read(INDEX, 5, block=True))[0])
     for segment in server(answer)[:50]:
         client.feed(segment)
@@ -171,5 +171,5 @@ def test_no_messages_make_the_simulated_block_server_fail(messages: list[bytes])
     """Whatever they are."""
     server = BlockServer(lambda *_: bytes(20))
     for message in messages:
-        if BlockServer.wants(message):
-            server.obey(message)
+        if BlockServer.is_block_upload(message):
+            server.respond(message)

@@ -15,7 +15,7 @@ from gss.domain.results import SolveResult
 from gss.domain.rotation import rotation_from_vector
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.reference import KnownSky, known_sky, solve_known
-from gss.pipeline.identify.faint import Rows, Spots, name_the_rest
+from gss.pipeline.identify.faint import Rows, Spots, match_all
 from gss.pipeline.identify.flux_line import flux_line
 from gss.pipeline.identify.verify import SkyCatalogue
 from gss.pipeline.refine import Refined, refine
@@ -141,7 +141,7 @@ def name(pixels: Array, v_seen: Array, sky: SkyCatalogue, anchors: int) -> dict[
     def fit_to(r: Rows, s: Rows, sigma_px: Array) -> Refined:
         return refine(pixels[r], sky.icrs[s], sigma_px, CAMERA, rotation_from_vector(np.zeros(3)))
 
-    named = name_the_rest(spots, sky, fit_to(rows, of, np.full(anchors, 0.1)), rows, of, fit_to)
+    named = match_all(spots, sky, fit_to(rows, of, np.full(anchors, 0.1)), rows, of, fit_to)
     return {} if named is None else {int(r): int(sky.hip[s]) for r, s in zip(named.rows, named.stars, strict=True)}
 
 

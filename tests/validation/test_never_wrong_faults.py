@@ -11,7 +11,7 @@ from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.instruments.registry import shipped_camera
 from gss.pipeline.chains.modes import Mode
 from validation.never_wrong.faults import FAULTS, Fault, FieldLocation, attitude_at
-from validation.never_wrong.frames import FRAME_FAULTS, FrameCampaign, FrameShard, spoilt
+from validation.never_wrong.frames import FRAME_FAULTS, FrameCampaign, FrameShard, faulty_frame
 from validation.never_wrong.lists import CAMERAS, Campaign, Shard, setting_of, shards
 from validation.never_wrong.sky import SETTINGS, Subject, shown, subject
 from validation.never_wrong.table import judge, judge_with
@@ -109,7 +109,7 @@ def test_frames_are_spoilt_and_judged() -> None:
     assert by_fault["frame, no fault"] in ("correct", "imprecise")
     for fault in FRAME_FAULTS:
         rng = np.random.default_rng(5)
-        pixels, _ = spoilt(fault, known, STARS, attitude_at(fault.place, known.camera, rng), rng)
+        pixels, _ = faulty_frame(fault, known, STARS, attitude_at(fault.place, known.camera, rng), rng)
         assert pixels.shape == (known.camera.rows, known.camera.columns)
 
 

@@ -1,4 +1,4 @@
-""" "Never wrong" campaign on rendered frames with faults of sky and detector, for each camera's chain and the reference chain."""
+""" "Never wrong" campaign on rendered frames with sky and detector faults, for each camera's chain and the reference chain."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from gss.pipeline.score import assess
 from validation.never_wrong.faults import PLANET_MAG, FieldLocation, attitude_at
 from validation.never_wrong.lists import CAMERAS, CHAINS, OWN, Verdicts, setting_of
 from validation.never_wrong.sky import (
-    ANOTHER,
+    OTHER_CAMERA,
     Setting,
     hint_of,
     prior,
@@ -38,14 +38,15 @@ from validation.never_wrong.table import MODES
 Frames = NDArray[Any]
 FrameSolver = Callable[[Frames, Mode, Array | None], SolveResult]
 FRAME_SHARD = 13
-"""Number of frames per shard: one of each fault."""
+"""Number of frames per shard: one for each fault."""
 _STREAM = 911
 
 
 @dataclass(frozen=True)
 class FrameFault:
-    """One fault of a frame. ``exposure``: factor on the camera's exposure; ``rate_rad_s``: rotation about a random axis; ``flat``:
-    constant pixel value as a share of full scale, without stars; ``starless``: only noise; the others as in ``Fault``."""
+    """One fault of a frame. ``exposure``: factor by which the camera's exposure is multiplied; ``rate_rad_s``: rotation rate
+    about a random axis; ``flat``: constant pixel value as a fraction of full scale, without stars; ``starless``: only noise; the
+    other attributes are those of ``Fault``."""
 
     title: str
     false: int = 0
@@ -80,7 +81,7 @@ FRAME_FAULTS = (
 
 @dataclass(frozen=True)
 class FrameShard:
-    """One frame of each fault for one camera and one of its two chains."""
+    """One frame for each fault, for one camera and one of its two chains."""
 
     camera: str
     chain: str
@@ -91,7 +92,7 @@ class FrameShard:
 def frame_shards(
     frames: int, seed: int, cameras: tuple[str, ...] = CAMERAS, chains: tuple[str, ...] = CHAINS
 ) -> list[FrameShard]:
-    """Return all shards for at least ``frames`` frames per camera and chain."""
+    """Return the shards for at least ``frames`` frames per camera and chain."""
     numbers = range(-(-frames // FRAME_SHARD))
     return [FrameShard(camera, chain, seed, n) for n in numbers for camera in cameras for chain in chains]
 
@@ -101,19 +102,19 @@ class FrameCampaign:
 
     def __init__(self, stars: StarTable) -> None:
         self._stars = stars
-        self._made = lru_cache(maxsize=None)(lambda camera, chain: _solver(setting_of(camera, chain), stars))
+        self._solver_for = lru_cache(maxsize=None)(lambda camera, chain: _solver(setting_of(camera, chain), stars))
 
     def run(self, shard: FrameShard) -> Verdicts:
-        """Score one frame of each fault."""
+        """Score one frame for each fault."""
         counts: Counter[tuple[int, int, str]] = Counter()
         wrong = []
-        setting, solve = setting_of(shard.camera, shard.chain), self._made(shard.camera, shard.chain)
+        setting, solve = setting_of(shard.camera, shard.chain), self._solver_for(shard.camera, shard.chain)
         for j, fault in enumerate(FRAME_FAULTS):
             key, k = [shard.seed, _STREAM, CAMERAS.index(shard.camera), shard.number, j], shard.number % len(MODES)
             rng = np.random.default_rng(key)
             profile = shipped_camera(shard.camera)
             attitude = attitude_at(fault.place, profile.camera, rng)
-            pixels, truth = spoilt(fault, profile, self._stars, attitude, rng)
+            pixels, truth = faulty_frame(fault, profile, self._stars, attitude, rng)
             result = solve(pixels, MODES[k], prior(setting, MODES[k], attitude, rng))
             verdict = assess(result, truth, profile.camera).verdict
             if result.attitude is not None and (fault.mirrored or fault.starless or fault.flat is not None):
@@ -124,11 +125,11 @@ class FrameCampaign:
         return Verdicts(dict(counts), tuple(wrong))
 
 
-def spoilt(
+def faulty_frame(
     fault: FrameFault, profile: CameraProfile, stars: StarTable, attitude: Array, rng: np.random.Generator
 ) -> tuple[Frames, Truth]:
-    """Return a frame with the fault, in the size that the chain expects, and the truth for the camera that took it."""
-    taken_by = shipped_camera(ANOTHER[profile.name]) if fault.another else profile
+    """Return a frame with the fault, in the image size that the chain expects, and the truth for the camera that took it."""
+    taken_by = shipped_camera(OTHER_CAMERA[profile.name]) if fault.another else profile
     camera, sensor = taken_by.camera, taken_by.sensor
     camera = replace(
         camera, focal_col_px=fault.scale * camera.focal_col_px, focal_row_px=fault.scale * camera.focal_row_px
@@ -137,8 +138,8 @@ def spoilt(
     faint = sensor.faint_limit_mag
     places = rng.uniform((0, 0), size - 1, (fault.false, 2))
     axis = rng.normal(size=3)
-    near = attitude[2] + rng.normal(scale=np.tan(camera.half_diagonal_rad) / 2, size=(fault.planets, 3))
-    made = render(
+    planets = attitude[2] + rng.normal(scale=np.tan(camera.half_diagonal_rad) / 2, size=(fault.planets, 3))
+    rendered = render(
         stars.take(np.zeros(0, np.intp)) if fault.starless else stars,
         camera,
         sensor,
@@ -151,17 +152,17 @@ def spoilt(
             HotPixel(int(c), int(r), float(rng.uniform(1e3, 1e5)))
             for c, r in rng.integers((0, 0), size, (fault.hot, 2))
         ],
-        lights=Lights(near / np.linalg.norm(near, axis=1, keepdims=True), rng.uniform(*PLANET_MAG, fault.planets))
+        lights=Lights(planets / np.linalg.norm(planets, axis=1, keepdims=True), rng.uniform(*PLANET_MAG, fault.planets))
         if fault.planets
         else None,
     )
-    pixels = made.pixels[:, ::-1] if fault.mirrored else made.pixels
+    pixels = rendered.pixels[:, ::-1] if fault.mirrored else rendered.pixels
     if fault.flat is not None:
         pixels = np.full_like(pixels, int(fault.flat * sensor.saturation_dn))
-    return _fitted(pixels, profile), made.truth
+    return _crop_or_pad(pixels, profile), rendered.truth
 
 
-def _fitted(pixels: Frames, profile: CameraProfile) -> Frames:
+def _crop_or_pad(pixels: Frames, profile: CameraProfile) -> Frames:
     """Crop the frame, or pad it with its median, to the camera's size; pixel values are unchanged."""
     camera = profile.camera
     if pixels.shape == (camera.rows, camera.columns):
@@ -188,4 +189,4 @@ def _solver(setting: Setting, stars: StarTable) -> FrameSolver:
     return solve
 
 
-__all__ = ["FRAME_FAULTS", "FRAME_SHARD", "OWN", "FrameCampaign", "FrameShard", "frame_shards", "spoilt"]
+__all__ = ["FRAME_FAULTS", "FRAME_SHARD", "OWN", "FrameCampaign", "FrameShard", "faulty_frame", "frame_shards"]

@@ -12,7 +12,7 @@ from validation.never_wrong.campaign import CampaignSettings, keys, selected
 from validation.never_wrong.faults import FAULTS
 from validation.never_wrong.frames import FRAME_FAULTS
 from validation.never_wrong.lists import CAMERAS, OWN, setting_of
-from validation.never_wrong.sky import ANOTHER
+from validation.never_wrong.sky import OTHER_CAMERA
 from validation.never_wrong.table import MODES
 
 FIXED_CASES = "\n".join(
@@ -62,7 +62,7 @@ def _made_by(used: set[Any], done: dict[Any, dict[str, Any]]) -> str:
 def _head(settings: CampaignSettings, wrong: list[str], made_by: str, missing: int) -> str:
     conditions = "\n".join(
         f"- {s.camera}: bank to V {s.bank_mag}, sees to V {s.seen_mag}, errors {s.noise_px} px and {s.noise_mag} mag; frames of "
-        f"“another camera” are {ANOTHER[s.camera]}'s"
+        f"“another camera” are {OTHER_CAMERA[s.camera]}'s"
         for s in (setting_of(c, OWN) for c in CAMERAS)
     )
     summary = (

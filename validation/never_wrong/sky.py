@@ -32,7 +32,7 @@ Solver = Callable[[Centroids, Mode, Array | None], SolveResult]
 """Solver of centroids in a mode, with a prior attitude unless lost; in assisted mode a system's chain gets only its boresight."""
 REFERENCE_CAMERA = "far_mst"
 # Camera whose frames are given to each chain in the fault ``another``.
-ANOTHER = {"cubestar": "far_mst", "far_mst": "oersted", "oersted": "sunsat", "sunsat": "oersted", "aim": "sunsat"}
+OTHER_CAMERA = {"cubestar": "far_mst", "far_mst": "oersted", "oersted": "sunsat", "sunsat": "oersted", "aim": "sunsat"}
 # Magnitude range below the limit from which stars can be measured brighter than the limit.
 BEYOND_MAG = 1.5
 
@@ -165,7 +165,7 @@ def shown(subject: Subject, fault: Fault, attitude: Array, rng: np.random.Genera
     """Simulate the camera's centroid list at an attitude with that fault: every star measured brighter than its limit, including
     stars that are not in the bank."""
     setting, believed = subject.setting, subject.camera
-    taken_by = shipped_camera(ANOTHER[setting.camera]).camera if fault.another else believed
+    taken_by = shipped_camera(OTHER_CAMERA[setting.camera]).camera if fault.another else believed
     true = replace(
         taken_by, focal_col_px=fault.scale * taken_by.focal_col_px, focal_row_px=fault.scale * taken_by.focal_row_px
     )

@@ -11,14 +11,14 @@ from gss.api.schemas.base import Id, In, Out, Utc
 from gss.api.schemas.jobs import JobOut
 from gss.operations.passes.plan_items import LONGEST_ITEM_S, MOST_ITEMS, ItemKind, ItemState
 from gss.operations.rehearsals.rehearsal_report import RehearsalReport
-from gss.orbit.read_orbit import LARGEST_CHARACTERS
+from gss.orbit.read_orbit import MAX_CHARACTERS
 
 
 class OrbitIn(In):
     """Orbit to use from now on. ``text``: content of a TLE, OMM (JSON, KVN, XML) or OEM (KVN) file. ``name``: of the spacecraft,
     "" for that in the file. ``source``: where it was obtained."""
 
-    text: str = Field(min_length=1, max_length=LARGEST_CHARACTERS)
+    text: str = Field(min_length=1, max_length=MAX_CHARACTERS)
     name: str = Field(default="", max_length=80)
     source: str = Field(default="", max_length=200)
 

@@ -30,7 +30,7 @@ class EntryOut(Out):
 
 
 class DeviceClockOut(Out):
-    """Device clock at a UTC time, with its uncertainty and the number and span of samples behind it."""
+    """Device clock at a UTC time, with its uncertainty and the number and span of the clock samples used."""
 
     device_s: float
     utc: Utc
@@ -41,7 +41,8 @@ class DeviceClockOut(Out):
 
 
 class ScheduleOut(Out):
-    """Schedule ordered by time. ``told``: when the device last listed it; ``complete``: no part of that list was lost."""
+    """Schedule ordered by time. ``told``: when the device last reported it; ``complete``: true if
+    that report was received completely."""
 
     entries: list[EntryOut]
     told: Utc | None

@@ -1,11 +1,11 @@
 """oersted: star list and triplet database of Liebe 1992, with one section for each kind of uncertainty.
 
-The document's database has 185 000 references in about 1 Mbyte; it does not specify the bytes (chosen here). A
-reference is one of the classes that a constellation of three stars may be measured in, so about a dozen references
-describe the same constellation. The bank stores the constellations, 8 bytes each, and the processor expands them when
-it reads the bank. Sections: the classes; constellations of stars that are always detected; those with a neighbour that
-may be missed or blended; those that only a position error produces. A bank without the last two works, but identifies
-fewer stars. There is no distance table, because the chain does not use one.
+The database in the paper has 185 000 references in about 1 Mbyte. The paper does not specify the byte layout, so it is
+defined here. A reference is one quantised measurement (class) that a constellation of three stars can produce, and each
+constellation has about a dozen references. The bank stores only the constellations, 8 bytes each, and the processor derives
+the references when it reads the bank. Sections: the classes; constellations of stars that are always detected; constellations
+with a neighbour that may be missed or blended; constellations that arise only from a position error. A bank without the last
+two works, but identifies fewer stars. There is no distance table, because the chain does not use one.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
 
 
 def read(stars: Columns, pairs: Columns, header: BankHeader) -> Content:
-    """Return the catalogue of the columns."""
+    """Return the catalogue content that the columns store."""
     return Content(vector_list.directions(stars), vector_list.magnitudes(stars), no_distances(header))
 
 
 def no_distances(header: BankHeader) -> DistanceTable:
-    """Return an empty table with the header's limits."""
-    none = np.empty(0, np.int32)
-    return DistanceTable(none, none, np.empty(0, np.float32), header.min_rad, header.max_rad)
+    """Return an empty distance table with the angular limits of the header."""
+    no_rows = np.empty(0, np.int32)
+    return DistanceTable(no_rows, no_rows, np.empty(0, np.float32), header.min_rad, header.max_rad)
 
 
 FORMAT = BankFormat(

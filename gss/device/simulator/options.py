@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="copy a documented deviation of a unit of another maker; may be repeated (docs/instruments.md)",
+        help="reproduce a documented deviation of a third-party unit; may be repeated (docs/instruments.md)",
     )
     _add_sky(parser.add_argument_group("sky and motion"))
     _add_line(parser.add_argument_group("line"))

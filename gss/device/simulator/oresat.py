@@ -131,8 +131,8 @@ class OresatUnit:
                 self._network.notify(frame.id, bytearray(frame.data), now_s)
 
     def _service_data(self, message: bytes) -> None:
-        if BLOCK in self._world.dialects and BlockServer.wants(message):
-            for answer in self._blocks.obey(message):
+        if BLOCK in self._world.dialects and BlockServer.is_block_upload(message):
+            for answer in self._blocks.respond(message):
                 self._network.send_message(0x580 + NODE, answer)
             return
         self._blocks.stop()

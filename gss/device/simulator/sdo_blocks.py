@@ -1,4 +1,4 @@
-"""Server of block uploads (CiA 301 §7.2.4.2.10), which the library's server of the simulated card does not have. No I/O."""
+"""Server for SDO block uploads (CiA 301 §7.2.4.2.10), which the CANopen library of the simulated card does not support. No I/O."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ BAD_SIZE, BAD_NUMBER, NO_OBJECT, NO_DATA = 0x0504_0002, 0x0504_0003, 0x0602_0000
 
 
 class BlockServer:
-    """Answers messages of a client with the messages of the server. ``read``: content of an object; raises SdoAbortedError, or
-    KeyError if there is none."""
+    """Responds to the messages of an SDO client. ``read``: returns the content of an object, given its index and subindex; raises
+    SdoAbortedError, or KeyError if there is no such object."""
 
     def __init__(self, read: Callable[[int, int], bytes]) -> None:
         self._read = read
@@ -23,16 +23,16 @@ class BlockServer:
         self._data, self._at, self._size = b"", 0, 0
 
     @staticmethod
-    def wants(message: bytes) -> bool:
+    def is_block_upload(message: bytes) -> bool:
         """True if a message is part of a block upload."""
         return len(message) == 8 and message[0] & 0xE0 == 0xA0
 
     def stop(self) -> None:
-        """Forget the transfer: the client has aborted it, or begun another one."""
+        """Discard the transfer, because the client has aborted it or started another one."""
         self._object = None
 
-    def obey(self, message: bytes) -> list[bytes]:
-        """Return the answers to a message."""
+    def respond(self, message: bytes) -> list[bytes]:
+        """Return the responses to a message."""
         step = message[0] & 0x03
         if step == 0:
             return self._begin(message)

@@ -1,6 +1,6 @@
-"""Checks a sensor of another maker against its package: exactly the operations and the telemetry that the package declares.
+"""Checks a third-party sensor against its package: exactly the operations and the telemetry that the package declares.
 
-Hazardous commands are not sent unless ``write`` allows it, commands without values for all arguments are left out.
+Hazardous commands are not sent unless ``write`` allows it, commands without values for all arguments are skipped.
 """
 
 from __future__ import annotations

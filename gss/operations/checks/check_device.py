@@ -116,7 +116,7 @@ def _restore_settings(probe: Probe, before: Mapping[str, Value]) -> None:
 
 
 def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) -> None:
-    """Restore settings, mode and cycle; what could not be restored is noted in ``findings.left``."""
+    """Restore settings, mode and cycle; what could not be restored is noted in ``findings.not_restored``."""
     try:
         probe.order("ABORT")
         _restore_settings(probe, before)
@@ -125,11 +125,11 @@ def _give_back(probe: Probe, before: Mapping[str, Value], findings: Findings) ->
             probe.order("START_CYCLE")
         after = probe.status()
     except (Conflict, CorruptData) as error:
-        findings.left.append(f"settings: {error}")
+        findings.not_restored.append(f"settings: {error}")
         return
     for name in (*SETTINGS, "mode", "cycle_running", "active_bank"):
         if after[name] != before[name]:
-            findings.left.append(f"{name} is {shown(after[name])}, was {shown(before[name])}")
+            findings.not_restored.append(f"{name} is {shown(after[name])}, was {shown(before[name])}")
 
 
 def check_identity(probe: Probe, findings: Findings) -> None:

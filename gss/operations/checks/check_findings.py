@@ -73,11 +73,11 @@ class FindingsRecord(TypedDict):
 
 @dataclass
 class Findings:
-    """Cases by clause. ``left``: settings of the device that could not be restored. ``damaged``: packets received damaged:
+    """Cases by clause. ``not_restored``: settings of the device that could not be restored. ``damaged``: packets received damaged:
     the check needs a clean line, because a lost packet looks as if the device had not sent it."""
 
     cases: dict[str, list[Case]] = field(default_factory=dict)
-    left: list[str] = field(default_factory=list)
+    not_restored: list[str] = field(default_factory=list)
     damaged: int = 0
 
     def check(self, number: str, subject: str, passed: bool, detail: str = "") -> bool:
@@ -125,7 +125,7 @@ class Findings:
             "passed": results.count(PASS),
             "failed": results.count(FAIL),
             "not_checked": results.count(NOT_CHECKED),
-            "left": self.left,
+            "left": self.not_restored,
             "damaged": self.damaged,
             "clauses": [
                 {
@@ -140,5 +140,7 @@ class Findings:
 
     def _cases(self, clause: Clause) -> list[CaseRecord]:
         """Return the cases of a clause; without one, the reason."""
-        cases = self.cases.get(clause.number) or [Case("", None, clause.unchecked or "the check ended before")]
+        cases = self.cases.get(clause.number) or [
+            Case("", None, clause.unchecked or "the check ended before this clause")
+        ]
         return [{"subject": c.subject, "passed": c.passed, "detail": c.detail} for c in cases]

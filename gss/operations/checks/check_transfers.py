@@ -181,7 +181,7 @@ def _put_back(probe: Probe, findings: Findings, name: str, content: bytes) -> No
         else:
             probe.order("ERASE_BANK", {"bank": name})
     except (Conflict, CorruptData) as error:
-        findings.left.append(f"bank {name} does not hold what it held: {error}")
+        findings.not_restored.append(f"bank {name} does not hold what it held: {error}")
 
 
 def check_table_writing(probe: Probe, findings: Findings) -> None:

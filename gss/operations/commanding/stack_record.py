@@ -19,8 +19,8 @@ class RunRecord:
     def __init__(self, database: Database, bus: EventBus, now: Now) -> None:
         self._database, self._bus, self._now = database, bus, now
 
-    def end_left(self) -> None:
-        """Mark runs that a restart of the server interrupted as stopped."""
+    def end_interrupted(self) -> None:
+        """Set the state ``stopped`` for each run that a server restart interrupted."""
         with self._database.unit_of_work() as session:
             for row in store.left_under_way(session):
                 row.state, row.reason, row.finished = "stopped", RESTARTED, self._now()

@@ -17,7 +17,7 @@ from gss.operations.requests import Id, Request
 from gss.operations.studies.analyse import check_kind
 from gss.operations.studies.moving_objects import CameraPlace, place_of
 from gss.orbit.objects import MOST_CHARACTERS, read_objects
-from gss.orbit.read_orbit import LARGEST_CHARACTERS, read_orbits
+from gss.orbit.read_orbit import MAX_CHARACTERS, read_orbits
 from gss.orbit.trajectory import Trajectory
 
 MOST_FRAMES = 5000
@@ -115,7 +115,7 @@ class MovingRequest(Request):
     frame_ids: Annotated[list[Id], Field(min_length=1, max_length=MOST_FRAMES)]
     chain: str = Field(default="reference", max_length=30)
     objects: str = Field(default="", max_length=MOST_CHARACTERS)
-    orbit: str = Field(default="", max_length=LARGEST_CHARACTERS)
+    orbit: str = Field(default="", max_length=MAX_CHARACTERS)
     site: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     top_rate_deg_s: float = Field(default=2.0, gt=0, le=20)
     title: str = Field(default="", max_length=120)
@@ -147,7 +147,7 @@ class HealthRequest(Request):
     profile: str = Field(max_length=40)
     frame_ids: Annotated[list[Id], Field(min_length=1, max_length=MOST_FRAMES)]
     chain: str = Field(default="reference", max_length=30)
-    orbit: str = Field(default="", max_length=LARGEST_CHARACTERS)
+    orbit: str = Field(default="", max_length=MAX_CHARACTERS)
     title: str = Field(default="", max_length=120)
 
     @property

@@ -1,8 +1,8 @@
 """Backups of a running server: a consistent copy of the database and all blobs that it references.
 
-Each backup is a folder with the database's copy and a manifest; the bytes of frames, images and captures are stored beside them
-under their hashes, shared by all backups, so that each backup copies only new ones. A backup is atomic: it is written under
-another name and renamed when everything is on disk.
+Each backup is a folder with a copy of the database and a manifest. Frames, images and captures are stored as files named by
+their hashes in a folder that all backups share, so that each backup copies only new files. A backup is atomic: it is written
+under a temporary name and renamed when everything is on disk.
 """
 
 from __future__ import annotations
@@ -36,13 +36,14 @@ from gss.store.engine import Database
 from gss.store.models import Job
 
 POOL = "blobs"
+"""Folder of the files that all backups share."""
 UNFINISHED = ".unfinished"
 BUSY = "another backup or removal is running"
 
 
 @dataclass(frozen=True)
 class BackupJob(JobRequest):
-    """A backup. ``keep``: number of newest backups kept afterwards, 0: all."""
+    """Request for a backup. ``keep``: number of newest backups to keep afterwards, 0: all."""
 
     keep: int = 0
 
@@ -84,17 +85,18 @@ class BackupService:
         return replace(request, keep=stored_policy(self._database).backups_keep)
 
     def _job(self, request: BackupJob, run: JobRun) -> JobResult:
-        if run.checkpoint:  # it was finished before the server stopped
+        if run.checkpoint:  # the backup was complete before the server stopped
             return run.checkpoint
         backup = self.make(run.progress)
         result = {"name": backup.name, "bytes": backup.total_bytes, "blobs": len(backup.blobs)}
         run.keep(result)
         removed = self.prune(request.keep, backup.name) if request.keep else []
-        self._bus.record("upkeep", "ok", f"Backup {backup.name} made, by {request.user}", **result)
+        self._bus.record("upkeep", "ok", f"{request.user} made backup {backup.name}", **result)
         return result | {"removed": removed}
 
     def needed_bytes(self) -> int:
-        """Estimate of the bytes that the next backup will write: the size of the database. New blobs are not known before."""
+        """Estimate the bytes that the next backup will write: the size of the database. The size of new blobs is not known in
+        advance."""
         with self._database.unit_of_work() as session:
             return store.database_bytes(session)
 
@@ -122,11 +124,11 @@ class BackupService:
         progress(0, 0, "Copying the database")
         with self._database.unit_of_work() as session:
             schema = store.schema_version(session)
-            # Read before the copy is made. With the second read below, blobs added meanwhile are copied in any case.
-            first = {r.sha256 for r in store.references(session)}
+            # References are read before and after the dump, so that blobs added or released meanwhile are copied, too.
+            hashes_before = {r.sha256 for r in store.references(session)}
         dump(self._url, file)
         with self._database.unit_of_work() as session:
-            hashes = first | {r.sha256 for r in store.references(session)}
+            hashes = hashes_before | {r.sha256 for r in store.references(session)}
         pool, copied = BlobStore(str(self._folder / POOL)), {}
         captures = capture_files(self._captures)
         total = len(hashes) + len(captures)
@@ -141,25 +143,27 @@ class BackupService:
             try:
                 with open_capture(path) as capture:
                     data = capture.read()
-            except FileNotFoundError:  # the oldest are removed as new ones are written
+            except FileNotFoundError:  # the oldest captures are removed while new ones are written
                 continue
             key = stored[plain_name(path)] = pool.put(data)
             copied[key] = len(data)
-        progress(total, total, "Sealing")
+        progress(total, total, "Writing the manifest")
         self._sync_pool(copied)
         return Manifest(
             name, iso_z(at), __version__, schema, kind, file.stat().st_size, sha256_of(file), copied, stored
         )
 
     def _copy(self, pool: BlobStore, key: str) -> int | None:
-        """Copy a blob into the pool and return its size. None if it is missing or damaged at the source, which the store
-        check reports. StoreDown if the store does not answer, because its content is not lost. Blobs of earlier backups are
-        read again, to detect damage on the disk."""
+        """Copy a blob into the pool and return its size. Returns None if the source is missing or damaged; the store check reports
+        such blobs. Raises StoreDown if the blob store does not respond, because its blobs may be intact. Blobs that an earlier
+        backup copied are read and verified, to detect disk errors."""
         if pool.exists(key):
             try:
                 return len(pool.get(key))
             except CorruptData:
-                self._bus.record("upkeep", "warning", f"{key[:12]}… was damaged in the backups; copied again")
+                self._bus.record(
+                    "upkeep", "warning", f"{key[:12]}… was damaged in the backups and has been copied again"
+                )
         self._disk.check("a backup")
         try:
             data = self._blobs.get(key)
@@ -170,7 +174,7 @@ class BackupService:
         return len(data)
 
     def _sync_pool(self, keys: Iterable[str]) -> None:
-        """Flush the blobs named by a manifest to disk before the manifest itself."""
+        """Flush blobs to disk, before the manifest that names them is written."""
         pool = self._folder / POOL
         files = [pool / key[:2] / key[2:] for key in keys]
         for path in [*files, *{file.parent for file in files}, pool]:
@@ -196,7 +200,7 @@ class BackupService:
         return backups
 
     def newest_at(self) -> datetime | None:
-        """Return the time of the newest backup; None without one."""
+        """Return the time of the newest backup; None if there is no backup."""
         newest = next(iter(self.every()), None)
         return datetime.fromisoformat(newest.created) if newest else None
 
@@ -209,8 +213,9 @@ class BackupService:
         return read_manifest(self._folder / name)
 
     def prune(self, keep: int, just_made: str) -> list[str]:
-        """Remove all but the ``keep`` newest backups, including ``just_made``, and the blobs that no other backup needs.
-        Nothing is removed while the clock is in doubt; backups dated in the future are neither counted nor removed."""
+        """Keep the newest ``keep`` backups, one of which is ``just_made``. Remove the others, and the blobs that no remaining
+        backup needs. Nothing is removed while the clock is not trusted. Backups dated in the future are neither counted
+        nor removed."""
         doubt = self._trust.state().doubt
         if doubt:
             self._bus.record("upkeep", "warning", f"Old backups were not removed: the server's clock is {doubt}")
@@ -229,43 +234,43 @@ class BackupService:
         return old
 
     def archive(self, name: str) -> Iterator[bytes]:
-        """Yield one backup as a tar file, piece by piece, in the format that ``gss restore`` reads."""
+        """Yield one backup as a tar file in chunks, in the format that ``gss restore`` reads."""
         manifest, folder = self.get(name), self._folder / name
         pool, sink = BlobStore(str(self._folder / POOL)), _Sink()
         with tarfile.open(fileobj=sink, mode="w|", format=tarfile.PAX_FORMAT) as tar:
             for file in (MANIFEST, SEAL, manifest.database):
-                tar.add(folder / file, arcname=f"{name}/{file}", filter=_plain)
+                tar.add(folder / file, arcname=f"{name}/{file}", filter=_without_owner)
                 yield from sink.take()
             for key in sorted(manifest.blobs):
                 data = pool.get(key)
-                head = tarfile.TarInfo(f"{POOL}/{key[:2]}/{key[2:]}")
-                head.size, head.mode = len(data), 0o600
-                tar.addfile(head, io.BytesIO(data))
+                member = tarfile.TarInfo(f"{POOL}/{key[:2]}/{key[2:]}")
+                member.size, member.mode = len(data), 0o600
+                tar.addfile(member, io.BytesIO(data))
                 yield from sink.take()
         yield from sink.take()
 
 
 class _Sink(io.RawIOBase):
-    """Holds the bytes that a tar writer has written until they are taken."""
+    """Buffers the output of a tar writer until ``take`` returns it."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._pieces: list[bytes] = []
+        self._chunks: list[bytes] = []
 
     def writable(self) -> bool:
         return True
 
     def write(self, data: Any) -> int:
-        self._pieces.append(bytes(data))
+        self._chunks.append(bytes(data))
         return len(data)
 
     def take(self) -> list[bytes]:
-        pieces, self._pieces = self._pieces, []
-        return pieces
+        chunks, self._chunks = self._chunks, []
+        return chunks
 
 
-def _plain(member: tarfile.TarInfo) -> tarfile.TarInfo:
-    """Remove user, group and permissions from a tar member."""
+def _without_owner(member: tarfile.TarInfo) -> tarfile.TarInfo:
+    """Clear user and group of a tar member, and let only the owner read and write it."""
     member.uid = member.gid = 0
     member.uname = member.gname = ""
     member.mode = 0o600

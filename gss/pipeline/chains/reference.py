@@ -21,7 +21,7 @@ from gss.domain.results import Attitude, Centroids, Matches, Outcome, SolveResul
 from gss.domain.rotation import quaternion_from_matrix
 from gss.domain.sensor import Sensor
 from gss.pipeline.detect import Detections, find_stars
-from gss.pipeline.identify.faint import Named, Spots, name_the_rest
+from gss.pipeline.identify.faint import AllMatches, Spots, match_all
 from gss.pipeline.identify.focal_census import focal_objection, plenty
 from gss.pipeline.identify.near import BoundedPrior, identify_near
 from gss.pipeline.identify.pyramid import ACCEPT, PyramidMatch, identify_lost
@@ -218,7 +218,7 @@ def _name_all(
     detections: Detections | None,
     velocity_c: Array | None,
     fast: bool | None,
-) -> Named:
+) -> AllMatches:
     """Compute the attitude from the verified stars, then from every star that can be identified.
 
     Identification does not need aberration, which varies by at most a tenth of a pixel over a field, but the attitude does.
@@ -239,8 +239,8 @@ def _name_all(
     first = fit_to(evidence.rows, picked, sigma_px[evidence.rows])
     start = first.cam_from_icrs
     spots = Spots(view.pixels, sigma_px, view.magnitude, detections.psf_sigma_px if detections else 1.0)
-    named = name_the_rest(spots, deep, first, evidence.rows, picked, fit_to)
-    return named if named is not None else Named(evidence.rows, picked, first)
+    named = match_all(spots, deep, first, evidence.rows, picked, fit_to)
+    return named if named is not None else AllMatches(evidence.rows, picked, first)
 
 
 def _name_all_compiled(
@@ -252,7 +252,7 @@ def _name_all_compiled(
     detections: Detections | None,
     velocity_c: Array | None,
     loops: ListLoops,
-) -> Named:
+) -> AllMatches:
     """As :func:`_name_all`, with compiled loops."""
     turn = np.array(evidence.cam_from_icrs, float)
     rows, which, residual_px, weight, covariance, rms_px = loops.finish(
@@ -268,7 +268,7 @@ def _name_all_compiled(
         len(evidence.rows),
         turn,
     )
-    return Named(rows, which, Refined(camera, turn, residual_px, weight, rms_px, covariance=covariance))
+    return AllMatches(rows, which, Refined(camera, turn, residual_px, weight, rms_px, covariance=covariance))
 
 
 def _expected(stars: KnownSky, camera: Camera) -> float:

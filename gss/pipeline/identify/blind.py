@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.pipeline.identify.blind_candidates import Candidate, look_up
 from gss.pipeline.identify.blind_proof import BlindSolution, prove
-from gss.pipeline.identify.faint import Rows, Spots, name_the_rest
+from gss.pipeline.identify.faint import Rows, Spots, match_all
 from gss.pipeline.identify.patterns import PatternLevel, codes_of, radii_rad
 from gss.pipeline.identify.pyramid import counted
 from gss.pipeline.identify.verify import SkyCatalogue
@@ -241,7 +241,7 @@ class _BlindSearch:
         def fit_to(rows: Rows, of: Rows, sigma_px: Array) -> Refined:
             return fit_lens(spots.pixels[rows], self.sky.icrs[of], sigma_px, start.camera, start.cam_from_icrs, also)
 
-        named = name_the_rest(spots, self.sky, start, solved.rows, solved.stars, fit_to)
+        named = match_all(spots, self.sky, start, solved.rows, solved.stars, fit_to)
         return None if named is None else replace(solved, rows=named.rows, stars=named.stars, fit=named.fit)
 
     def _is_loose(self, settled: BlindSolution) -> bool:

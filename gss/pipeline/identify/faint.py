@@ -1,6 +1,6 @@
-"""Identification of the remaining detections: once the attitude is verified, each is compared with the whole catalogue.
+"""Matching of all detections: once the attitude is verified, each detection is compared with the whole catalogue.
 
-A detection is identified if exactly one star fits its position and brightness, no companion disturbs it, and the probability
+A detection is matched if exactly one star fits its position and brightness, no companion affects it, and the probability
 of a chance coincidence is about 1 % or less. This does not affect the verification of the attitude.
 """
 
@@ -23,31 +23,29 @@ Rows = NDArray[np.intp]
 Refit = Callable[[Rows, Rows, Array], Refined]
 
 ROUNDS = 2
-LEAST_NAMED = 3
+MIN_MATCHES = 3
 GATE_SIGMA = 3.5
-LEAST_FOR_EXCESS = 8
+MIN_FOR_EXCESS = 8
 MEDIAN_SQUARE = 1.386  # median of the squared length of a two-dimensional normal deviate
-CHANCE_EXCESS = 1.3
+ERROR_MARGIN = 1.3
 FLOOR_PX = 0.05  # errors of lens calibration and proper motion that are not in the error budget
 MAX_GATE_PX = 4.0
-MAX_EXCESS_PX = 1.0  # matches with more scatter beyond their errors result from wide gates, not from real stars
+MAX_EXCESS_PX = 1.0  # with more excess scatter, the matches are coincidences in wide gates, not real stars
 BRIGHTNESS_SIGMA = 3.5
-PROVED_WINDOW_MAG = (
-    1.8  # for stars of the verified identification, because saturation and colour change their brightness
-)
-CHANCE = 5e-4
-CROWDED = 0.05  # with more expected stars per gate, the position does not identify a star
+VERIFIED_WINDOW_MAG = 1.8  # for verified stars, because saturation and colour change their brightness
+MAX_CHANCE = 5e-4
+CROWDED = 0.05  # if more stars are expected in a gate, the position does not identify a star
 OWN_SHARE = 0.65  # minimum share of the light at a star's position that comes from the star
 BLEND_REACH_SIGMA = 4.0
-COMPARABLE = 0.5  # flux ratio from which a companion can blend with a star into one detection between the two
+COMPARABLE = 0.5  # minimum flux ratio at which a companion and a star can blend into one detection between them
 FEW_PAIRS = 20_000  # up to this number, computing all distances is faster than building a tree
 UNRESOLVED_SIGMA = 2.8
-RESOLVED = 0.28  # fraction of the distance to such a companion within which a detection is the star itself
+RESOLVED = 0.28  # a detection nearer to the star than this fraction of its distance to such a companion is the star
 
 
 @dataclass(frozen=True)
 class Spots:
-    """Detections to identify: (n, 2) pixels, their errors per axis, magnitudes with an arbitrary zero point, and the common
+    """Detections to match: (n, 2) pixels, their errors per axis, magnitudes with an arbitrary zero point, and the common
     width of the point-spread function."""
 
     pixels: Array
@@ -57,13 +55,14 @@ class Spots:
 
     @property
     def magnitude_sigma(self) -> Array:
-        """(n,) magnitude error from photon and sky noise, taking the relative flux error as the position error over the width."""
+        """(n,) magnitude error from photon and sky noise, on the assumption that the relative flux error equals the position error
+        divided by the PSF width."""
         return np.asarray(1.0857 * np.minimum(self.sigma_px / self.psf_sigma_px, 0.5))
 
 
 @dataclass(frozen=True)
-class Named:
-    """Rows of the detections and the matching rows of the sky, and the fit to all of them."""
+class AllMatches:
+    """Matched rows of the detections, their rows in the catalogue, and the fit to all matches."""
 
     rows: Rows
     stars: Rows
@@ -72,9 +71,9 @@ class Named:
 
 @dataclass(frozen=True)
 class _Expected:
-    """Stars that may be detected, with their expected appearance: rows of the sky, pixels and their errors, V magnitude including
-    companions, (m, 2) displacement by companions, the share of the light that comes from the star, and how far from the star a
-    detection may be before it could be a blend with a comparable companion."""
+    """m stars that may be detected, with their expected appearance. ``stars``: rows in the catalogue. ``v_mag``: V magnitude
+    including companions. ``shift_px``: (m, 2) displacement by companions. ``share``: fraction of the light that comes from the
+    star. ``reach_px``: a detection farther from the star than this could be a blend with a comparable companion."""
 
     stars: Rows
     pixels: Array
@@ -85,47 +84,50 @@ class _Expected:
     reach_px: Array
 
 
-def name_the_rest(spots: Spots, sky: SkyCatalogue, fit: Refined, rows: Rows, stars: Rows, refit: Refit) -> Named | None:
+def match_all(
+    spots: Spots, sky: SkyCatalogue, fit: Refined, rows: Rows, stars: Rows, refit: Refit
+) -> AllMatches | None:
     """Match all detections, given a verified ``fit`` and its matches (``rows`` of the spots are ``stars`` of the sky).
 
-    ``sky`` is the whole table, brightest first. ``refit(rows, stars, sigma_px)`` fits the attitude, and the camera if it is free,
-    to all matches. Verified matches are tested like the others, but with a wider brightness window. Returns None if there are
-    fewer matches than half of the verified ones, or the residuals are too large: then the pointing may be right, but the camera
-    geometry is not.
+    ``sky`` is the whole catalogue, brightest first. ``refit(rows, stars, sigma_px)`` fits the attitude, and the camera if it is
+    free, to all matches. Verified matches are tested like the others, but with a wider brightness window. Returns None if fewer
+    than half as many stars match as were verified, or if the residuals are too large. The pointing may then be correct, but the
+    camera geometry is wrong.
     """
-    proved = np.full(len(spots.pixels), -1, np.intp)
-    proved[rows] = stars
-    named = Named(rows, stars, fit)
+    verified = np.full(len(spots.pixels), -1, np.intp)
+    verified[rows] = stars
+    matched = AllMatches(rows, stars, fit)
     for _ in range(ROUNDS):
-        line = flux_line(spots.magnitude[named.rows], sky.v_mag[named.stars], spots.magnitude_sigma[named.rows])
-        expected = _expect(spots, sky, named.fit, line)
-        excess = _excess_px(spots, named)
-        spot_rows, which = _assign(spots, expected, line, max(excess, FLOOR_PX), proved, named.fit)
-        if len(spot_rows) < max(LEAST_NAMED, len(rows) // 2):
+        line = flux_line(spots.magnitude[matched.rows], sky.v_mag[matched.stars], spots.magnitude_sigma[matched.rows])
+        expected = _expect(spots, sky, matched.fit, line)
+        excess = _excess_px(spots, matched)
+        spot_rows, star_rows = _assign(spots, expected, line, max(excess, FLOOR_PX), verified, matched.fit)
+        if len(spot_rows) < max(MIN_MATCHES, len(rows) // 2):
             return None
-        shift2 = (expected.shift_px[which] ** 2).sum(1)
-        settled = _same(spot_rows, named.rows) and _same(expected.stars[which], named.stars)
-        if settled and not excess and not shift2.any():
+        shift2 = (expected.shift_px[star_rows] ** 2).sum(1)
+        converged = _same(spot_rows, matched.rows) and _same(expected.stars[star_rows], matched.stars)
+        if converged and not excess and not shift2.any():
             break  # the current fit already used these stars with these errors
         sigma = np.sqrt(spots.sigma_px[spot_rows] ** 2 + shift2 + excess**2)
-        named = Named(spot_rows, expected.stars[which], refit(spot_rows, expected.stars[which], sigma))
-        if settled:
+        matched = AllMatches(spot_rows, expected.stars[star_rows], refit(spot_rows, expected.stars[star_rows], sigma))
+        if converged:
             break
-    return named if named.fit.rms_px <= np.hypot(MAX_EXCESS_PX, float(np.median(spots.sigma_px))) else None
+    return matched if matched.fit.rms_px <= np.hypot(MAX_EXCESS_PX, float(np.median(spots.sigma_px))) else None
 
 
 def _same(a: Rows, b: Rows) -> bool:
     return len(a) == len(b) and bool((a == b).all())
 
 
-def _excess_px(spots: Spots, named: Named) -> float:
-    """Scatter of the current matches in excess of their errors, per axis, due to calibration errors. 0 if not significant."""
-    good = named.fit.weight > 0
-    if good.sum() < LEAST_FOR_EXCESS:
+def _excess_px(spots: Spots, matched: AllMatches) -> float:
+    """Return the scatter per axis that the errors of the matches do not explain, caused by calibration errors; 0 if it is not
+    significant."""
+    good = matched.fit.weight > 0
+    if good.sum() < MIN_FOR_EXCESS:
         return 0.0
-    squares = (named.fit.residual_px[good] ** 2).sum(1)
-    own2 = median(spots.sigma_px[named.rows[good]] ** 2)
-    return float(np.sqrt(max(median(squares) / MEDIAN_SQUARE - CHANCE_EXCESS * own2, 0.0)))
+    squares = (matched.fit.residual_px[good] ** 2).sum(1)
+    error2 = median(spots.sigma_px[matched.rows[good]] ** 2)
+    return float(np.sqrt(max(median(squares) / MEDIAN_SQUARE - ERROR_MARGIN * error2, 0.0)))
 
 
 def _expect(spots: Spots, sky: SkyCatalogue, fit: Refined, line: FluxLine) -> _Expected:
@@ -160,7 +162,7 @@ def _expect(spots: Spots, sky: SkyCatalogue, fit: Refined, line: FluxLine) -> _E
 
 
 def _assign(
-    spots: Spots, expected: _Expected, line: FluxLine, extra_px: float, proved: Rows, fit: Refined
+    spots: Spots, expected: _Expected, line: FluxLine, extra_px: float, verified: Rows, fit: Refined
 ) -> tuple[Rows, Rows]:
     """Return unambiguous (spot, expected star) pairs, spots in ascending order."""
     e, s = _close(expected.pixels, spots.pixels, MAX_GATE_PX)
@@ -175,19 +177,19 @@ def _assign(
     difference = np.abs(line.v_mag(spots.magnitude[s]) - expected.v_mag[e])
     window = BRIGHTNESS_SIGMA * noise
     bright = difference <= window
-    same_star = (proved[s] == expected.stars[e]) & (difference <= PROVED_WINDOW_MAG) & ~bright
-    window = np.where(same_star, PROVED_WINDOW_MAG, window)
+    same_star = (verified[s] == expected.stars[e]) & (difference <= VERIFIED_WINDOW_MAG) & ~bright
+    window = np.where(same_star, VERIFIED_WINDOW_MAG, window)
     fits = (bright | same_star) & (expected.share[e] >= OWN_SHARE)
     s, e, gate, window = s[fits], e[fits], gate[fits], window[fits]
     chance = _chance(s, e, gate, window, expected, len(spots.pixels), fit)
     rivals = np.bincount(s, minlength=len(spots.pixels))[s] + np.bincount(e, minlength=len(expected.stars))[e]
-    ok = np.flatnonzero((rivals == 2) & (chance <= CHANCE))
+    ok = np.flatnonzero((rivals == 2) & (chance <= MAX_CHANCE))
     order = ok[np.argsort(s[ok], kind="stable")]
     return s[order], e[order]
 
 
 def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:
-    """Rows of (n, 2) and (m, 2) pixels that are within ``within_px`` of each other."""
+    """Return the row pairs of (n, 2) and (m, 2) pixels that are within ``within_px`` of each other."""
     if len(first) * len(second) <= FEW_PAIRS:
         a, b = np.nonzero(distances2(first, second) <= within_px**2)
         return a, b
@@ -197,13 +199,13 @@ def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:
 
 
 def _chance(s: Rows, e: Rows, gate: Array, window: Array, expected: _Expected, spots: int, fit: Refined) -> Array:
-    """(pairs,) probability that a detection that is not a catalogue star fits one by chance: the estimated share of such
-    detections times the expected number of stars of that brightness in a gate of that size; 1 in crowded fields."""
+    """(pairs,) probability that a detection that is not a catalogue star fits the star by chance: estimated share of such
+    detections × expected number of stars of that brightness in the gate; 1 in crowded fields."""
     ranked = np.sort(expected.v_mag)
     v = expected.v_mag[e]
     among = np.searchsorted(ranked, v + window, side="right") - np.searchsorted(ranked, v - window)
-    meets = np.minimum(among * np.pi * gate**2 / (fit.camera.columns * fit.camera.rows), 1.0)
-    typical = median(meets) if len(meets) else 0.0
+    expected_stars = np.minimum(among * np.pi * gate**2 / (fit.camera.columns * fit.camera.rows), 1.0)
+    typical = median(expected_stars) if len(expected_stars) else 0.0
     unexplained = spots - len(np.unique(s)) + 1
-    strangers = min(1.0, unexplained / (spots + 1) / max(1 - typical, 0.1))
-    return np.asarray(np.where(meets <= CROWDED, strangers * meets, 1.0))
+    false_share = min(1.0, unexplained / (spots + 1) / max(1 - typical, 0.1))
+    return np.asarray(np.where(expected_stars <= CROWDED, false_share * expected_stars, 1.0))

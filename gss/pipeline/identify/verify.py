@@ -39,7 +39,7 @@ class SkyCatalogue:
     def arrays(self) -> SkyArrays:
         """What the compiled loops need: directions, magnitudes and the stars by cells of the sky."""
         cells = sky_cells(self.icrs)
-        by_cell = (cells.middle, cells.cos_extent, cells.sin_extent, cells.first, cells.star)
+        by_cell = (cells.centre, cells.cos_extent, cells.sin_extent, cells.first, cells.star)
         return np.ascontiguousarray(self.icrs, float), np.ascontiguousarray(self.v_mag, float), by_cell
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from gss.pipeline.identify.faint import (
     BRIGHTNESS_SIGMA,
     FLOOR_PX,
-    LEAST_NAMED,
     MAX_EXCESS_PX,
+    MIN_MATCHES,
     ROUNDS,
 )
 from gss.pipeline.loops import loop
@@ -54,7 +54,7 @@ def _line(magnitude, magnitude_sigma, v_mag, rows, stars, count):
 @loop
 def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, stars, count, turn):
     """Fit the attitude to the ``count`` verified matches, ``rows`` and ``stars``, then to all detections that can be identified, as
-    ``faint.name_the_rest``; only to the verified ones if that fails. ``turn``: start, replaced by the fit.
+    ``faint.match_all``; only to the verified ones if that fails. ``turn``: start, replaced by the fit.
 
     Returns rows, stars, residuals, weights, covariance and rms.
     """
@@ -63,9 +63,9 @@ def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, star
     magnitude_sigma = np.empty(n)
     for k in range(n):
         magnitude_sigma[k] = 1.0857 * min(sigma_px[k] / psf_px, 0.5)
-    proved = np.full(n, -1, np.int64)
+    verified = np.full(n, -1, np.int64)
     for k in range(count):
-        proved[rows[k]] = stars[k]
+        verified[rows[k]] = stars[k]
     no_extra = np.zeros(count)
     residual, weight, covariance, rms = _fitted(
         camera, spots, sigma_px, no_extra, icrs, velocity, rows, stars, count, turn
@@ -98,14 +98,14 @@ def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, star
             order,
             line,
             max(excess, FLOOR_PX),
-            proved,
+            verified,
             camera,
             name,
         )
         matched = 0
         for k in range(n):
             matched += name[k] >= 0
-        if matched < max(LEAST_NAMED, count // 2):
+        if matched < max(MIN_MATCHES, count // 2):
             turn[:] = first_turn
             return first
         new_rows, new_stars, extra2 = np.empty(matched, np.int64), np.empty(matched, np.int64), np.empty(matched)

@@ -23,11 +23,16 @@ from gss.pipeline.loops.fit import slopes, turned_vector
 from gss.pipeline.loops.geometry import COLUMNS, REACH, ROWS, contains, middle_of, project, room_near, stars_near
 
 GATE_SIGMA, MAX_GATE_PX, FLOOR_PX = faint.GATE_SIGMA, faint.MAX_GATE_PX, faint.FLOOR_PX
-BRIGHTNESS_SIGMA, PROVED_WINDOW_MAG = faint.BRIGHTNESS_SIGMA, faint.PROVED_WINDOW_MAG
+BRIGHTNESS_SIGMA, VERIFIED_WINDOW_MAG = faint.BRIGHTNESS_SIGMA, faint.VERIFIED_WINDOW_MAG
 BLEND_REACH_SIGMA, COMPARABLE, OWN_SHARE = faint.BLEND_REACH_SIGMA, faint.COMPARABLE, faint.OWN_SHARE
 UNRESOLVED_SIGMA, RESOLVED = faint.UNRESOLVED_SIGMA, faint.RESOLVED
-CHANCE, CROWDED, LEAST_NAMED, LEAST_FOR_EXCESS = faint.CHANCE, faint.CROWDED, faint.LEAST_NAMED, faint.LEAST_FOR_EXCESS
-MEDIAN_SQUARE, CHANCE_EXCESS, MAX_EXCESS_PX = faint.MEDIAN_SQUARE, faint.CHANCE_EXCESS, faint.MAX_EXCESS_PX
+MAX_CHANCE, CROWDED, MIN_MATCHES, MIN_FOR_EXCESS = (
+    faint.MAX_CHANCE,
+    faint.CROWDED,
+    faint.MIN_MATCHES,
+    faint.MIN_FOR_EXCESS,
+)
+MEDIAN_SQUARE, ERROR_MARGIN, MAX_EXCESS_PX = faint.MEDIAN_SQUARE, faint.ERROR_MARGIN, faint.MAX_EXCESS_PX
 
 
 @loop
@@ -146,7 +151,7 @@ def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, 
 
 
 @loop
-def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, line, extra_px, proved, camera, name):
+def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, line, extra_px, verified, camera, name):
     """Write the expected star of each spot to ``name``, -1 where none is unambiguous, as ``faint._assign``."""
     star, places, place_sigma, bright, shift, share, reach = expected
     n = len(spots)
@@ -156,7 +161,12 @@ def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, 
     ranked = np.sort(bright[:count])
     rivals_of_star = np.zeros(count, np.int64)
     most = 64
-    pair_spot, pair_star, pair_meets, pairs = np.empty(most, np.int64), np.empty(most, np.int64), np.empty(most), 0
+    pair_spot, pair_star, pair_expected_stars, pairs = (
+        np.empty(most, np.int64),
+        np.empty(most, np.int64),
+        np.empty(most),
+        0,
+    )
     rivals_of_spot, fitting_spots = np.zeros(n, np.int64), 0
     for s in range(n):
         v, sigma_v = line_mag(line, magnitude[s])
@@ -177,46 +187,46 @@ def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, 
                 continue
             difference, window = abs(v - bright[e]), BRIGHTNESS_SIGMA * noise
             if difference > window:
-                if proved[s] != star[e] or difference > PROVED_WINDOW_MAG:
+                if verified[s] != star[e] or difference > VERIFIED_WINDOW_MAG:
                     continue
-                window = PROVED_WINDOW_MAG
+                window = VERIFIED_WINDOW_MAG
             if share[e] < OWN_SHARE:
                 continue
             among = np.searchsorted(ranked, bright[e] + window, side="right") - np.searchsorted(
                 ranked, bright[e] - window
             )
-            meets = min(among * math.pi * gate * gate / (camera[COLUMNS] * camera[ROWS]), 1.0)
+            expected_stars = min(among * math.pi * gate * gate / (camera[COLUMNS] * camera[ROWS]), 1.0)
             if pairs == most:
                 most *= 2
-                pair_spot, pair_star, pair_meets = (
+                pair_spot, pair_star, pair_expected_stars = (
                     np.concatenate((pair_spot, pair_spot)),
                     np.concatenate((pair_star, pair_star)),
-                    np.concatenate((pair_meets, pair_meets)),
+                    np.concatenate((pair_expected_stars, pair_expected_stars)),
                 )
-            pair_spot[pairs], pair_star[pairs], pair_meets[pairs] = s, e, meets
+            pair_spot[pairs], pair_star[pairs], pair_expected_stars[pairs] = s, e, expected_stars
             pairs += 1
             fitting_spots += rivals_of_spot[s] == 0
             rivals_of_spot[s] += 1
             rivals_of_star[e] += 1
-    typical = middle_of(pair_meets, pairs) if pairs else 0.0
-    strangers = min(1.0, (n - fitting_spots + 1) / (n + 1) / max(1 - typical, 0.1))
+    typical = middle_of(pair_expected_stars, pairs) if pairs else 0.0
+    false_share = min(1.0, (n - fitting_spots + 1) / (n + 1) / max(1 - typical, 0.1))
     name[:] = -1
     for k in range(pairs):
         s, e = pair_spot[k], pair_star[k]
-        chance = strangers * pair_meets[k] if pair_meets[k] <= CROWDED else 1.0
-        if rivals_of_spot[s] == 1 and rivals_of_star[e] == 1 and chance <= CHANCE:
+        chance = false_share * pair_expected_stars[k] if pair_expected_stars[k] <= CROWDED else 1.0
+        if rivals_of_spot[s] == 1 and rivals_of_star[e] == 1 and chance <= MAX_CHANCE:
             name[s] = e
 
 
 @loop
 def excess_px(residual, weight, sigma_px, rows, count):
     """As ``faint._excess_px``."""
-    squares, own2, good = np.empty(count), np.empty(count), 0
+    squares, error2, good = np.empty(count), np.empty(count), 0
     for k in range(count):
         if weight[k] > 0:
             squares[good] = residual[k, 0] ** 2 + residual[k, 1] ** 2
-            own2[good] = sigma_px[rows[k]] ** 2
+            error2[good] = sigma_px[rows[k]] ** 2
             good += 1
-    if good < LEAST_FOR_EXCESS:
+    if good < MIN_FOR_EXCESS:
         return 0.0
-    return math.sqrt(max(middle_of(squares, good) / MEDIAN_SQUARE - CHANCE_EXCESS * middle_of(own2, good), 0.0))
+    return math.sqrt(max(middle_of(squares, good) / MEDIAN_SQUARE - ERROR_MARGIN * middle_of(error2, good), 0.0))

@@ -255,7 +255,7 @@ def test_a_backup_is_not_restored_among_the_backups(store, clock, tmp_path):
     assert sorted(p.name for p in backups.iterdir()) == sorted([made.name, "blobs"])
 
 
-@pytest.mark.parametrize("when", ["Copying", "0 of", "3 of", "Sealing"])
+@pytest.mark.parametrize("when", ["Copying", "0 of", "3 of", "Writing"])
 def test_a_backup_killed_while_it_is_made_is_absent_and_the_next_one_cleans_up(store, clock, tmp_path, when):
     """It gets its name only when it is complete."""
     store.fill()

@@ -1,5 +1,5 @@
 /** Times as users type them, always UTC: "2026-12-01", "2026-12-01 18:42", with optional T, seconds and Z. */
-export function readMoment(text: string): string | null {
+export function parseUtcTime(text: string): string | null {
   const m = /^\s*(\d{4}-\d\d-\d\d)(?:[T ]+(\d\d:\d\d)(:\d\d)?)?\s*Z?\s*$/i.exec(text);
   const iso = m ? `${m[1] ?? ''}T${m[2] ?? '00:00'}${m[3] ?? ':00'}Z` : '';
   const time = Date.parse(iso);

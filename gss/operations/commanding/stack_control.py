@@ -1,4 +1,4 @@
-"""Inputs of a running stack: the operator's orders, telemetry, and the results of its commands."""
+"""Inputs of a running stack: operator requests, telemetry and the results of its commands."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Stopped(Exception):
         self.state, self.reason = state, reason
 
 
-class Orders:
+class RunControl:
     """Requests and inputs for a run, checked between and within steps."""
 
     def __init__(self, aborts: int) -> None:
@@ -24,11 +24,11 @@ class Orders:
         """Number of ABORTs issued when the run began; a later ABORT stops every step."""
         self.pause = False
         self.stop_reason = ""
-        self.bell = threading.Condition()
+        self.changed = threading.Condition()
         self.results: dict[int, str] = {}
         self.packets: dict[str, tuple[float, Mapping[str, Value]]] = {}
 
-    def ring(self) -> None:
+    def notify(self) -> None:
         """Wake the run so that it checks its inputs at once."""
-        with self.bell:
-            self.bell.notify_all()
+        with self.changed:
+            self.changed.notify_all()
