@@ -22,7 +22,7 @@ DESCRIBED = (
     "tests/device/test_packet_bytes",
 )
 """Tests that read the descriptions of instruments: run when a YAML file of ``gss/instruments`` changes."""
-MOST_FILES = 25
+MAX_FILES = 25
 """More changed tests than this do not fit into a minute: those nearest to the change run first."""
 
 
@@ -67,9 +67,9 @@ def main() -> int:
     if not chosen:
         print("no fast test names what changed")
         return 0
-    for left_out in chosen[MOST_FILES:]:
+    for left_out in chosen[MAX_FILES:]:
         print(f"left to make test: {left_out}")
-    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", *chosen[:MOST_FILES]]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", *chosen[:MAX_FILES]]
     return subprocess.run(command, check=False).returncode
 
 

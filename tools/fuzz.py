@@ -22,8 +22,8 @@ from pathlib import Path
 from types import FrameType
 
 CORPUS = Path(__file__).parent.parent / "tests" / "fuzz" / "corpus"
-LONGEST_S = 10
-MOST_MEMORY_BYTES = 4 << 30
+MAX_S = 10
+MAX_MEMORY_BYTES = 4 << 30
 INTERESTING = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFF_FFFF, 0xFFFF_FFFF)
 WORDS = (
     *b'nan inf -1 0 1e999 99999999999999999999 null true {} [] "" " \' # *a , : [[[[[[[[ 1_000 0x10 2026-13-45'.split(),
@@ -110,7 +110,7 @@ def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseExce
     while time.monotonic() < end_s:
         data = mutated(rng, pool, target.most_bytes, target.text)
         began_s = time.monotonic()
-        signal.alarm(LONGEST_S)
+        signal.alarm(MAX_S)
         try:
             target.fuzz_one(data)
         except Exception as error:  # any exception other than our own errors is a finding
@@ -122,7 +122,7 @@ def search(name: str, seconds: float, seed: int, keep: Callable[[bytes, BaseExce
 
 
 def _too_long(_signal: int, _frame: FrameType | None) -> None:
-    raise TimeoutError(f"more than {LONGEST_S} s for one input")
+    raise TimeoutError(f"more than {MAX_S} s for one input")
 
 
 def keep_in_corpus(name: str, seen: set[str]) -> Callable[[bytes, BaseException], None]:
@@ -152,7 +152,7 @@ def _with_atheris(name: str, seconds: int) -> int:
             folder,
             str(CORPUS / name),
             f"-max_total_time={seconds}",
-            f"-timeout={LONGEST_S}",
+            f"-timeout={MAX_S}",
             "-rss_limit_mb=4096",
         ]
         options += [f"-artifact_prefix={CORPUS / name}/regression-", "-print_final_stats=1", "-verbosity=1"]
@@ -181,7 +181,7 @@ def main() -> int:
     parser.add_argument("--engine", choices=("auto", "atheris", "own"), default="auto")
     arguments = parser.parse_args()
     names = list(TARGETS) if arguments.target == "all" else [arguments.target]
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY_BYTES, MOST_MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     warnings.simplefilter("ignore")
     failed = False
     for name in names:

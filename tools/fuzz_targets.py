@@ -44,7 +44,7 @@ from gss.operations.frames.dark_frames import from_bytes
 from gss.operations.frames.frame_files import read_frame
 from gss.operations.line.raw_capture import read_capture
 
-MOST_RECORDS = 200
+MAX_RECORDS = 200
 RECORD = struct.Struct(">BBHH")
 
 
@@ -103,7 +103,7 @@ def _converted(packet: Any) -> bool:
 def _records(data: bytes) -> list[tuple[int, int, int, bytes]]:
     """Return packets before framing, so that checksums are valid: u8 type, u8 code, u16 request id, u16 length, payload."""
     records, at = [], 0
-    while at + RECORD.size <= len(data) and len(records) < MOST_RECORDS:
+    while at + RECORD.size <= len(data) and len(records) < MAX_RECORDS:
         kind, code, request_id, length = RECORD.unpack_from(data, at)
         at += RECORD.size
         payload = data[at : at + min(length, 1900)]

@@ -32,7 +32,7 @@ from tools.stream_client import StreamLog, listen
 KILL_EVERY_S = 600.0
 FRAME_EVERY_S = 6.0
 FILLED_S = 60.0
-MOST_FILLED_BYTES = 8 << 30
+MAX_FILLED_BYTES = 8 << 30
 """A larger file system is not filled: it is hardly one that nothing else uses."""
 MINUTE_S = 60.0
 LIVE = "[data-testid=link-state]"
@@ -106,7 +106,7 @@ def _gss() -> list[str]:
 def _fill(data: Path) -> Path:
     """Fill the file system of ``data``; returns the file to remove."""
     space = os.statvfs(data)
-    if space.f_blocks * space.f_frsize > MOST_FILLED_BYTES:
+    if space.f_blocks * space.f_frsize > MAX_FILLED_BYTES:
         raise SystemExit(f"{data} is on a file system of more than 8 GiB. Mount a small one there first.")
     filler = data.parent / f"{data.name}-filler" if data.parent.stat().st_dev == data.stat().st_dev else data / "filler"
     block = b"\0" * (1 << 20)

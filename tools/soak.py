@@ -26,7 +26,7 @@ from tools.served import Served, processor_s, resident_bytes, served
 from tools.soak_pages import LATEST_S, watch
 from tools.stream_client import StreamLog, listen
 
-LEAST_SHARE = 0.5
+MIN_SHARE = 0.5
 """Minimum share of the rate: on a loaded machine the simulated sensor itself skips packets, which are then not lost."""
 OWN_ROW_EVERY_S = 10.0
 """The ground's own line counters are stored as telemetry too, once in this interval."""
@@ -81,7 +81,7 @@ class SoakReport:
         first, last = self.looks[0], self.looks[-1]
         packets = (last.good - first.good) / (last.at_s - first.at_s)
         problems = []
-        if packets < LEAST_SHARE * self.rate:
+        if packets < MIN_SHARE * self.rate:
             problems.append(f"only {packets:.1f} packets/s of {self.rate:g} came")
         bad, gaps = last.bad - first.bad, last.gaps - first.gaps
         if bad or gaps:

@@ -12,7 +12,7 @@ from gss.domain.experiment import Curve, Experiment, ExperimentEntry, Progress
 from validation.entries import ENTRIES
 
 FAINTEST_MAG = 8.0
-MOST_TRIALS = 10_000_000
+MAX_TRIALS = 10_000_000
 DEFAULT_SEED = 1
 
 
@@ -27,8 +27,8 @@ def entry(name: str) -> ExperimentEntry:
 def check(name: str, trials: int | None, seed: int) -> int:
     """Return the number of trials that a run would take. Raises NotFound or BadInput if it cannot run."""
     count = entry(name).trials if trials is None else trials
-    if not 1 <= count <= MOST_TRIALS:
-        raise BadInput("number of trials is out of range", expected=f"1 – {MOST_TRIALS}", got=str(count))
+    if not 1 <= count <= MAX_TRIALS:
+        raise BadInput("number of trials is out of range", expected=f"1 – {MAX_TRIALS}", got=str(count))
     if seed < 0:
         raise BadInput("a seed is not negative", expected="0 or more", got=str(seed))
     return count

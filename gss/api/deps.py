@@ -11,7 +11,7 @@ from fastapi.routing import APIRoute
 from pydantic import AfterValidator
 from starlette.types import Scope
 
-from gss.api.schemas.base import LARGEST_ID
+from gss.api.schemas.base import MAX_ID
 from gss.domain.errors import NotSignedIn
 from gss.operations.accounts import identity
 from gss.operations.accounts.permissions import require
@@ -122,9 +122,9 @@ async def _services(request: Request) -> Services:
     return services
 
 
-RowId = Annotated[int, Path(ge=1, le=LARGEST_ID)]
+RowId = Annotated[int, Path(ge=1, le=MAX_ID)]
 """Row id in a path."""
-ContactId = Annotated[int | None, Query(ge=1, le=LARGEST_ID)]
+ContactId = Annotated[int | None, Query(ge=1, le=MAX_ID)]
 """Optional filter by contact."""
 
 App = Annotated[Services, Depends(_services)]

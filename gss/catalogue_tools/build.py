@@ -40,11 +40,11 @@ from gss.domain.stars import StarTable
 from gss.skytables.bank import ReducedCatalogue
 from gss.skytables.pairs import DistanceTable, distance_table
 
-FEWEST_STARS = 2
+MIN_STARS = 2
 # Coarser than the maps of a build, so that the page responds while the user changes parameters.
 MISTAKES_NSIDE = 8
 # Upper limits for a preview: fields of stepped blocks, and stars tested in frames.
-MOST_FIELDS, MOST_LOOKS = 2_000, 2_000_000
+MAX_FIELDS, MAX_LOOKS = 2_000, 2_000_000
 # Margin for the sampling error of the pair estimate: a build is refused before making the table only beyond it.
 SURE_OVERFLOW = 1.25
 
@@ -181,8 +181,8 @@ def too_heavy(p: BuildPlan, source: StarSource | StarTable) -> BadInput | None:
     stars = int(np.count_nonzero(_source(source).stars.v_mag <= p.request.rules.faint_mag))
     stars_looked_at = round(frame_looks(stars, p.request.rules, p.shape))
     for count, most, quantity in (
-        (fields, MOST_FIELDS, "fields of the blocks"),
-        (stars_looked_at, MOST_LOOKS, "stars in frames"),
+        (fields, MAX_FIELDS, "fields of the blocks"),
+        (stars_looked_at, MAX_LOOKS, "stars in frames"),
     ):
         if count > most:
             return BadInput(
@@ -222,10 +222,10 @@ def _check_kept(p: BuildPlan, selection: Selection) -> None:
             hint="use wider limits or a fainter magnitude limit",
         )
     count = selection.count(Fate.KEPT)
-    if count < FEWEST_STARS:
+    if count < MIN_STARS:
         raise BadInput(
             "too few stars are left",
-            expected=f"at least {FEWEST_STARS}",
+            expected=f"at least {MIN_STARS}",
             got=str(count),
             hint="relax the selection rules",
         )

@@ -37,7 +37,7 @@ EPOCH_WITHOUT_DATES_JYEAR = 2000.0
 # In ten years the fastest stars move by one pixel of a wide camera.
 EPOCH_TOLERANCE_YR = 10.0
 POINTINGS = 30_000
-MOST_HEADS = 8
+MAX_HEADS = 8
 SOURCES = ("hipparcos", "hipparcos_all", "gaia", "list")
 METHODS = ("exact", "blocks")
 
@@ -279,8 +279,8 @@ def _check_heads(request: BuildRequest) -> None:
             expected="limits of attitude, the exact method, and no occultation",
             got=conflicting,
         )
-    if len(request.heads) > MOST_HEADS:
-        raise BadInput("too many heads", expected=f"at most {MOST_HEADS}", got=str(len(request.heads)))
+    if len(request.heads) > MAX_HEADS:
+        raise BadInput("too many heads", expected=f"at most {MAX_HEADS}", got=str(len(request.heads)))
     _ = request.attitudes  # each mounting is checked
 
 

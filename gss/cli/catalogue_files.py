@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 NEED = 3
 SPAN = timedelta(days=60)
-MOST_DAYS = 36525
+MAX_DAYS = 36525
 WHICH = "bank image with its manifest in IMAGE.json, or the number of a stored catalogue"
 
 
@@ -190,8 +190,8 @@ def run_report(arguments: argparse.Namespace) -> int:
 
 def run_timeline(arguments: argparse.Namespace) -> int:
     """Print the bank timeline of a device in the store."""
-    if not 0 <= arguments.days <= MOST_DAYS:
-        raise BadInput("number of days out of range", expected=f"0 to {MOST_DAYS}", got=f"{arguments.days:g}")
+    if not 0 <= arguments.days <= MAX_DAYS:
+        raise BadInput("number of days out of range", expected=f"0 to {MAX_DAYS}", got=f"{arguments.days:g}")
     from gss.api.present.catalogues import timeline
     from gss.operations.clock import utc_now
 

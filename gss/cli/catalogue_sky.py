@@ -97,7 +97,7 @@ def source_of(arguments: argparse.Namespace, request: BuildRequest) -> StarSourc
         return load_stars()
     if request.source != "list":
         return load_source(request.source, request.depth_mag)
-    from gss.operations.catalogues.star_lists import LARGEST_BYTES, kind_of, parse_star_list
+    from gss.operations.catalogues.star_lists import MAX_BYTES, kind_of, parse_star_list
     from gss.operations.parsing.parse_processes import ParseProcesses
 
     mapping = ListMapping(
@@ -108,7 +108,7 @@ def source_of(arguments: argparse.Namespace, request: BuildRequest) -> StarSourc
         bad_rows="refuse" if arguments.refuse_bad_rows else "drop",
     )
     try:
-        data = read_limited(Path(arguments.list), LARGEST_BYTES)
+        data = read_limited(Path(arguments.list), MAX_BYTES)
     except OSError as error:
         raise BadInput("the star list cannot be read", got=str(error)) from None
     with ParseProcesses() as parsing:

@@ -122,7 +122,7 @@ def _one(
     name: str, arguments: argparse.Namespace, parsing: ParseProcesses, solver: Any, sequencer: Any, truth: Any
 ) -> int:
     from gss.operations.clock import utc_now
-    from gss.operations.frames.frame_files import LONGEST_EXPOSURE_S, MAX_BYTES, ImportedFrame, read_frame
+    from gss.operations.frames.frame_files import MAX_BYTES, MAX_EXPOSURE_S, ImportedFrame, read_frame
     from gss.operations.frames.image_sequence import truth_record
     from gss.operations.frames.observer import observer_at
     from gss.operations.frames.solve import SolveRequest
@@ -135,8 +135,8 @@ def _one(
     exposed_at = frame.seen_at if arguments.utc is None else taken
     epoch = arguments.epoch if arguments.epoch is not None else julian_year(taken or utc_now())
     exposure_s = frame.exposure_s if arguments.exposure is None else arguments.exposure
-    if exposure_s is not None and not 0 < exposure_s <= LONGEST_EXPOSURE_S:
-        expected = f"more than 0, at most {LONGEST_EXPOSURE_S:g} s"
+    if exposure_s is not None and not 0 < exposure_s <= MAX_EXPOSURE_S:
+        expected = f"more than 0, at most {MAX_EXPOSURE_S:g} s"
         raise BadInput("exposure is out of range", expected=expected, got=f"{exposure_s:g} s")
     request = SolveRequest(
         chain=arguments.chain,

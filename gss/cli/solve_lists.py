@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from gss.domain.camera import Camera
     from gss.operations.frames.measured_lists import ListResult
 
-LARGEST_SIGMA_PX = 20.0
+MAX_SIGMA_PX = 20.0
 
 
 def register(subparsers: Commands) -> None:
@@ -68,8 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
     from gss.operations.frames.solver_cache import SolverCache
     from gss.operations.parsing.parse_processes import ParseProcesses
 
-    if not 0 < arguments.sigma_px <= LARGEST_SIGMA_PX:
-        expected = f"more than 0, at most {LARGEST_SIGMA_PX:g}"
+    if not 0 < arguments.sigma_px <= MAX_SIGMA_PX:
+        expected = f"more than 0, at most {MAX_SIGMA_PX:g}"
         raise BadInput("--sigma-px is out of range", expected=expected, got=f"{arguments.sigma_px:g}")
     low, high = EPOCH_RANGE_JYEAR
     epoch = round(julian_year(utc_now()), 2) if arguments.epoch is None else arguments.epoch

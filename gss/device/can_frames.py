@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 RECORD = struct.Struct(">IB3x8s")
 EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29
-LARGEST_STANDARD, LARGEST_EXTENDED = 0x7FF, 0x1FFF_FFFF
-MOST_DATA = 8
+MAX_STANDARD, MAX_EXTENDED = 0x7FF, 0x1FFF_FFFF
+MAX_DATA = 8
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class CanReader:
                 self.errors += 1
                 continue
             frames.append(
-                CanFrame(flagged & LARGEST_EXTENDED, content[:length], bool(flagged & EXTENDED), bool(flagged & REMOTE))
+                CanFrame(flagged & MAX_EXTENDED, content[:length], bool(flagged & EXTENDED), bool(flagged & REMOTE))
             )
         self._buffer = buffer[at:]
         return frames
@@ -66,6 +66,6 @@ class CanReader:
 def _is_record(record: bytes) -> bool:
     """True if identifier, length and padding are possible."""
     flagged, length, content = RECORD.unpack(record)
-    if length > MOST_DATA or any(record[5:8]) or any(content[length:]):
+    if length > MAX_DATA or any(record[5:8]) or any(content[length:]):
         return False
-    return bool(flagged & (EXTENDED | ERROR)) or flagged & LARGEST_EXTENDED <= LARGEST_STANDARD
+    return bool(flagged & (EXTENDED | ERROR)) or flagged & MAX_EXTENDED <= MAX_STANDARD

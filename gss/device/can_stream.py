@@ -13,7 +13,7 @@ import time
 import can
 from can.interfaces.slcan import slcanBus
 
-from gss.device.can_frames import LARGEST_EXTENDED, RECORD, CanFrame, CanReader
+from gss.device.can_frames import MAX_EXTENDED, RECORD, CanFrame, CanReader
 from gss.device.line_address import SLCAN, SOCKETCAN, UDP_MULTICAST, LineAddress
 from gss.domain.errors import LinkDown
 
@@ -81,7 +81,7 @@ class CanStream:
         if message.is_fd or message.is_error_frame:
             return b""
         frame = CanFrame(
-            message.arbitration_id & LARGEST_EXTENDED,
+            message.arbitration_id & MAX_EXTENDED,
             bytes(message.data),
             message.is_extended_id,
             message.is_remote_frame,

@@ -18,7 +18,7 @@ EXPECTED = (
     "a device path, socket://host:port, rfc2217://host:port, udp://host:port, zmq://host:port, can://socketcan/can0, "
     "can://slcan/dev/ttyACM0 or can://udp_multicast/239.0.0.0 – 239.255.255.255:port"
 )
-LARGEST_PORT = 65_535
+MAX_PORT = 65_535
 NETWORK = re.compile(
     rf"(?P<scheme>{SOCKET}|{RFC2217}|{UDP}|{ZMQ})://"
     r"(?:(?P<name>[A-Za-z0-9._-]+)|\[(?P<ipv6>[0-9A-Fa-f:.]+(?:%[A-Za-z0-9._-]+)?)\])"
@@ -65,7 +65,7 @@ def parse_line_address(text: str) -> LineAddress:
             "invalid line address" if text else "no line address given",
             expected=EXPECTED,
             got=ascii(text)[:80] if text else "",
-            hint=f"leave out user name, path, query and fragment; ports are 1 – {LARGEST_PORT}",
+            hint=f"leave out user name, path, query and fragment; ports are 1 – {MAX_PORT}",
         )
     return address
 
@@ -91,7 +91,7 @@ def _can_bus(text: str) -> LineAddress | None:
 
 
 def _is_port(digits: str) -> bool:
-    return 0 < int(digits) <= LARGEST_PORT
+    return 0 < int(digits) <= MAX_PORT
 
 
 def _is_host(match: re.Match[str]) -> bool:

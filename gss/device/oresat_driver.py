@@ -49,7 +49,7 @@ PACKETS = {"READ_TIME": "clock", "READ_STATUS": HOUSEKEEPING, "READ_LAST_CAPTURE
 CARD, UPDATER, ATTITUDE, DEGREES = "card", "updater", "attitude", "attitude_degrees"
 DEGREES_BYTES = 7
 """Size of the third process data object in the older dictionary."""
-LONGEST_ERROR = 1e-3
+MAX_ERROR = 1e-3
 """Of the length of a quaternion from 1."""
 SILENT_S = 5.0
 EMERGENCY_LAYOUT = struct.Struct("<HB5s")
@@ -341,7 +341,7 @@ def _is_rotation(decoded: Decoded) -> bool:
     """True if the quaternion of an attitude that the sensor calls known has length 1."""
     values = decoded.values
     length = math.sqrt(sum(float(values[f"quaternion_{axis}"]) ** 2 for axis in ("real", "i", "j", "k")))
-    return values["known"] == "none" or abs(length - 1) <= LONGEST_ERROR
+    return values["known"] == "none" or abs(length - 1) <= MAX_ERROR
 
 
 def message(data: bytes) -> bytes:

@@ -18,7 +18,7 @@ ABORT = struct.Struct("<BHBI")
 NUMBER = struct.Struct("<I")
 SEGMENT = 7
 BLOCK_SEGMENTS = 127
-MOST_BYTES = 1 << 24
+MAX_BYTES = 1 << 24
 NUDGES = 4
 """Requests to continue a silent block transfer before it is given up."""
 TIMED_OUT, INVALID_COMMAND, WRONG_CRC, OUT_OF_MEMORY = 0x0504_0000, 0x0504_0001, 0x0504_0004, 0x0504_0005
@@ -161,7 +161,7 @@ class SdoClient:
     def _sized(self, stated: int, data: bytes) -> bool:
         """Note the size that the server states. Return False if it is too large."""
         self.size = NUMBER.unpack(data)[0] if stated else 0
-        return self.size <= MOST_BYTES
+        return self.size <= MAX_BYTES
 
     def _next_segment(self) -> bytes:
         return bytes([0x60 | self._toggle]) + bytes(7)
@@ -174,7 +174,7 @@ class SdoClient:
             self.repeated += 1
             return b""  # repeated on the bus
         self.received += message[1 : 8 - (command >> 1 & 7)]
-        if len(self.received) > MOST_BYTES:
+        if len(self.received) > MAX_BYTES:
             return self.give_up(OUT_OF_MEMORY)
         self._toggle ^= 0x10
         if not command & 0x01:
@@ -202,7 +202,7 @@ class SdoClient:
         if number == self._sequence + 1 and not self._ended:
             self._sequence, self._ended, self._nudges = number, last, 0
             self.received += message[1:]
-            if len(self.received) > MOST_BYTES + SEGMENT:
+            if len(self.received) > MAX_BYTES + SEGMENT:
                 return self.give_up(OUT_OF_MEMORY)
         else:
             self.repeated += 1

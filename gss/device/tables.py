@@ -35,7 +35,7 @@ WORDS = {"calibration": "distortion", "parameters": "chain"}
 HEADER = struct.Struct("<4sBBH16s16sHHI8sI")
 HEADER_BYTES = HEADER.size + 4
 NUMBER = struct.Struct("<d")
-LONGEST_NAME, MOST_PAIRS = 40, 200
+MAX_NAME_LENGTH, MAX_PAIRS = 40, 200
 TABLE_BYTES = 4096
 """Size of a calibration or a parameter set in flash: one sector."""
 
@@ -52,8 +52,8 @@ def encode_table(kind: str, profile_name: str, values: Mapping[str, Scalar]) -> 
     if not isinstance(word, str) or not word:
         raise BadInput(f"{kind}: {word_name} is missing", expected="a name", got=repr(word))
     numbers = {name: _number(kind, name, value) for name, value in values.items() if name != word_name}
-    if len(numbers) > MOST_PAIRS:
-        raise BadInput(f"{kind}: too many values", expected=f"at most {MOST_PAIRS}", got=str(len(numbers)))
+    if len(numbers) > MAX_PAIRS:
+        raise BadInput(f"{kind}: too many values", expected=f"at most {MAX_PAIRS}", got=str(len(numbers)))
     body = b"".join(
         bytes([len(name)]) + name.encode("ascii") + NUMBER.pack(number) for name, number in sorted(numbers.items())
     )
@@ -83,8 +83,8 @@ def _word_name(kind: str) -> str:
 
 
 def _number(kind: str, name: str, value: object) -> float:
-    if not name.isascii() or not name.isidentifier() or len(name) > LONGEST_NAME:
-        raise BadInput(f"{kind}: not a name", expected=f"letters, digits, _, at most {LONGEST_NAME}", got=repr(name))
+    if not name.isascii() or not name.isidentifier() or len(name) > MAX_NAME_LENGTH:
+        raise BadInput(f"{kind}: not a name", expected=f"letters, digits, _, at most {MAX_NAME_LENGTH}", got=repr(name))
     if not isinstance(value, int | float) or not math.isfinite(value):
         raise BadInput(f"{kind}: {name} is not a number", expected="a finite number", got=repr(value))
     return float(value)

@@ -12,7 +12,7 @@ import socket
 from gss.device.line_address import LineAddress
 from gss.domain.errors import LinkDown
 
-LARGEST_DATAGRAM = 65_507
+MAX_DATAGRAM = 65_507
 
 
 class UdpStream:
@@ -36,7 +36,7 @@ class UdpStream:
         """Return the next datagram; b"" if none is received within ``timeout_s``. Raises LinkDown if the socket is closed."""
         try:
             self._socket.settimeout(timeout_s)
-            return self._socket.recv(LARGEST_DATAGRAM)
+            return self._socket.recv(MAX_DATAGRAM)
         except (TimeoutError, ConnectionRefusedError, BlockingIOError):
             return b""
         except OSError as error:
@@ -44,9 +44,9 @@ class UdpStream:
 
     def write(self, data: bytes) -> None:
         """Send the data, as one datagram unless it is larger than one. Raises LinkDown on failure."""
-        for start in range(0, len(data), LARGEST_DATAGRAM):
+        for start in range(0, len(data), MAX_DATAGRAM):
             try:
-                self._socket.send(data[start : start + LARGEST_DATAGRAM])
+                self._socket.send(data[start : start + MAX_DATAGRAM])
             except ConnectionRefusedError:
                 continue  # reports an earlier datagram; the other end may start later
             except OSError as error:

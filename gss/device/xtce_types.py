@@ -23,7 +23,7 @@ from gss.instruments.dictionary.definitions import (
 )
 
 NAME = re.compile(r"[^./:\[\] \t\r\n]+")
-LONGEST_TEXT = 255
+MAX_TEXT_LENGTH = 255
 
 
 def checked_name(name: str) -> str:
@@ -111,7 +111,7 @@ class TypeWriter:
         else:
             encoding = ET.SubElement(self.make("String", name, item.unit), "StringDataEncoding", encoding="UTF-8")
             if item.type == "text":
-                variable = ET.SubElement(encoding, "Variable", maxSizeInBits=str(8 * LONGEST_TEXT))
+                variable = ET.SubElement(encoding, "Variable", maxSizeInBits=str(8 * MAX_TEXT_LENGTH))
                 dynamic(variable, f"{name}_length", 8, 0)
             else:
                 size = ET.SubElement(encoding, "SizeInBits")

@@ -21,7 +21,7 @@ from gss.domain.errors import LinkDown
 log = logging.getLogger("gss.link")
 
 WRITE_TIMEOUT_MS = 10_000
-LARGEST_MESSAGE = 1 << 20
+MAX_MESSAGE = 1 << 20
 QUEUED_MESSAGES = 64
 """In each direction: with the largest message, 64 MiB. A faster sender waits."""
 CLOSE_WITHIN_S = 11.0
@@ -49,7 +49,7 @@ class ZmqStream:
         for option, value in (
             (zmq.LINGER, 0),
             (zmq.SNDTIMEO, WRITE_TIMEOUT_MS),
-            (zmq.MAXMSGSIZE, LARGEST_MESSAGE),
+            (zmq.MAXMSGSIZE, MAX_MESSAGE),
             (zmq.RCVHWM, QUEUED_MESSAGES),
             (zmq.SNDHWM, QUEUED_MESSAGES),
             (zmq.RECONNECT_IVL, -1),  # the owner of the line opens it again
@@ -116,8 +116,8 @@ class ZmqStream:
         with self._lock:
             self._check_open()
             try:
-                for start in range(0, len(data), LARGEST_MESSAGE):
-                    self._socket.send(data[start : start + LARGEST_MESSAGE])
+                for start in range(0, len(data), MAX_MESSAGE):
+                    self._socket.send(data[start : start + MAX_MESSAGE])
             except zmq.ZMQError as error:
                 raise self._down(str(error)) from error
 

@@ -34,7 +34,7 @@ from gss.domain.expression_parser import (
 )
 
 ValueKind = Literal["number", "bool", "text"]
-MOST_CHARACTERS = 500
+MAX_CHARACTERS = 500
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,10 @@ class Expression:
 
 def parse(text: str) -> Expression:
     """Parse an expression. Raises BadInput with the character of the error."""
-    if not 0 < len(text.strip()) <= MOST_CHARACTERS:
+    if not 0 < len(text.strip()) <= MAX_CHARACTERS:
         raise BadInput(
             "The expression is empty or too long",
-            expected=f"1 – {MOST_CHARACTERS} characters",
+            expected=f"1 – {MAX_CHARACTERS} characters",
             got=str(len(text.strip())),
         )
     parser = ExpressionParser(text)

@@ -14,7 +14,7 @@ import yaml
 
 from gss.domain.errors import BadInput
 
-MOST_BYTES = 1 << 20
+MAX_BYTES = 1 << 20
 DEEPEST = 20
 BASE: type[yaml.SafeLoader] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 BOOL = "tag:yaml.org,2002:bool"
@@ -59,8 +59,8 @@ class MarkedYaml:
 
 def parse_yaml(name: str, data: bytes) -> MarkedYaml:
     """Parse one file. Raises BadInput with file and line."""
-    if len(data) > MOST_BYTES:
-        raise BadInput(f"{name} is too large", expected=f"at most {MOST_BYTES} bytes", got=str(len(data)))
+    if len(data) > MAX_BYTES:
+        raise BadInput(f"{name} is too large", expected=f"at most {MAX_BYTES} bytes", got=str(len(data)))
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:

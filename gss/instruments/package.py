@@ -24,7 +24,7 @@ from gss.instruments.quantities import Strict
 from gss.instruments.roles import Roles, default_roles, read_roles
 
 OWN_DICTIONARY, XTCE_DICTIONARY, OPERATIONS = "dictionary.yaml", "dictionary.xml", "operations.yaml"
-MOST_PROBLEMS = 20
+MAX_PROBLEMS = 20
 Model = TypeVar("Model", bound=Strict)
 
 
@@ -105,7 +105,7 @@ def _checked(file: MarkedYaml, model: type[Model]) -> Model:
     except ValidationError as error:
         places = [
             str(file.error(d["loc"], _reason(d["msg"]), _short(d["input"]) if d["type"] != "value_error" else ""))
-            for d in error.errors()[:MOST_PROBLEMS]
+            for d in error.errors()[:MAX_PROBLEMS]
         ]
     raise BadInput("\n".join(places))
 

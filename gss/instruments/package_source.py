@@ -21,10 +21,10 @@ PACKAGE_FILES = (
     "simulator.yaml",
 )
 PROCEDURE = re.compile(r"procedures/[A-Za-z0-9][A-Za-z0-9_.-]{0,80}\.md")
-MOST_FILES = 80
-MOST_FILE_BYTES = 1 << 20
-MOST_BYTES = 4 << 20
-MOST_ZIP_BYTES = MOST_BYTES
+MAX_FILES = 80
+MAX_FILE_BYTES = 1 << 20
+MAX_BYTES = 4 << 20
+MAX_ZIP_BYTES = MAX_BYTES
 DATE = (1980, 1, 1, 0, 0, 0)
 Files = Mapping[str, bytes]
 
@@ -50,7 +50,7 @@ def read_folder(folder: Path) -> dict[str, bytes]:
     files: dict[str, bytes] = {}
     for name in names:
         with (folder / name).open("rb") as file:
-            files[name] = file.read(MOST_FILE_BYTES + 1)
+            files[name] = file.read(MAX_FILE_BYTES + 1)
         _check_sizes(files, name)
     return files
 
@@ -60,15 +60,13 @@ def read_zip(data: bytes) -> dict[str, bytes]:
 
     Sizes are checked while the archive is read, so that one that expands to gigabytes is refused.
     """
-    if len(data) > MOST_ZIP_BYTES:
-        raise BadInput("the archive is too large", expected=f"at most {MOST_ZIP_BYTES} bytes", got=str(len(data)))
+    if len(data) > MAX_ZIP_BYTES:
+        raise BadInput("the archive is too large", expected=f"at most {MAX_ZIP_BYTES} bytes", got=str(len(data)))
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             entries = [e for e in archive.infolist() if not e.is_dir()]
-            if len(entries) > MOST_FILES:
-                raise BadInput(
-                    "the archive has too many files", expected=f"at most {MOST_FILES}", got=str(len(entries))
-                )
+            if len(entries) > MAX_FILES:
+                raise BadInput("the archive has too many files", expected=f"at most {MAX_FILES}", got=str(len(entries)))
             names = [e.filename for e in entries]
             prefix = _enclosing(names)
             _check_names([name[len(prefix) :] for name in names])
@@ -78,7 +76,7 @@ def read_zip(data: bytes) -> dict[str, bytes]:
                 if entry.flag_bits & 1:
                     raise BadInput(f"{name} is encrypted", expected="an archive without password")
                 with archive.open(entry) as file:
-                    files[name] = file.read(MOST_FILE_BYTES + 1)
+                    files[name] = file.read(MAX_FILE_BYTES + 1)
                 _check_sizes(files, name)
             return files
     except (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, EOFError, OSError, ValueError) as error:
@@ -97,7 +95,7 @@ def read_package_files(path: Path) -> dict[str, bytes]:
     if not path.is_file():
         raise NotFound("no such package", expected="a folder or a .zip file", got=str(path))
     with path.open("rb") as file:
-        return read_zip(file.read(MOST_ZIP_BYTES + 1))
+        return read_zip(file.read(MAX_ZIP_BYTES + 1))
 
 
 def write_zip(name: str, files: Files) -> bytes:
@@ -130,8 +128,8 @@ def _enclosing(names: Iterable[str]) -> str:
 def _check_names(names: Iterable[str]) -> None:
     """Raise BadInput for names that a package cannot contain, which includes absolute names and names with ``..``."""
     names = list(names)
-    if len(names) > MOST_FILES:
-        raise BadInput("the package has too many files", expected=f"at most {MOST_FILES}", got=str(len(names)))
+    if len(names) > MAX_FILES:
+        raise BadInput("the package has too many files", expected=f"at most {MAX_FILES}", got=str(len(names)))
     for name in names:
         if not is_package_file(name):
             raise BadInput(
@@ -142,7 +140,7 @@ def _check_names(names: Iterable[str]) -> None:
 
 
 def _check_sizes(files: Files, name: str) -> None:
-    if len(files[name]) > MOST_FILE_BYTES:
-        raise BadInput(f"{name} is too large", expected=f"at most {MOST_FILE_BYTES} bytes")
-    if sum(map(len, files.values())) > MOST_BYTES:
-        raise BadInput("the package is too large", expected=f"at most {MOST_BYTES} bytes in all files")
+    if len(files[name]) > MAX_FILE_BYTES:
+        raise BadInput(f"{name} is too large", expected=f"at most {MAX_FILE_BYTES} bytes")
+    if sum(map(len, files.values())) > MAX_BYTES:
+        raise BadInput("the package is too large", expected=f"at most {MAX_BYTES} bytes in all files")

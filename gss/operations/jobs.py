@@ -29,7 +29,7 @@ from gss.store.engine import Database
 from gss.store.models import Job
 
 PUBLISH_EVERY_S = 0.1
-MOST_DEATHS = 3
+MAX_DEATHS = 3
 ENDED = ("done", "failed", "cancelled")
 KINDS = (
     *("experiments", "campaign", "reprocess", "catalogue", "design", "calibration", "analysis", "lists", "instrument"),
@@ -157,7 +157,7 @@ class JobService:
             deaths = job.attempts + (job.state == "running")
             if job.kind not in self._kinds:
                 self._fail(job.id, "The server stopped before the job ended. Start it again.")
-            elif deaths >= MOST_DEATHS:
+            elif deaths >= MAX_DEATHS:
                 self._fail(
                     job.id, f"The server stopped {deaths} times during this job. It is not retried automatically."
                 )

@@ -9,11 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from gss.domain.errors import BadInput
 from gss.domain.json_object import JsonObject
 
-LARGEST_ID = 2**31 - 1
+MAX_ID = 2**31 - 1
 """Row ids in the database are 32-bit."""
 DEEPEST = 32
 """Maximum nesting depth of a request body."""
-Id = Annotated[int, Field(ge=1, le=LARGEST_ID)]
+Id = Annotated[int, Field(ge=1, le=MAX_ID)]
 """Row id in a request."""
 ChainOptions = Annotated[
     dict[Annotated[str, Field(min_length=1, max_length=40)], Annotated[str, Field(max_length=60)]], Field(max_length=30)

@@ -10,7 +10,7 @@ from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 from gss.domain.rotation import turn_between, turned
 
-LARGEST_GAP_S = 600.0
+MAX_GAP_S = 600.0
 """Attitudes are not interpolated over a longer time."""
 
 
@@ -34,7 +34,7 @@ class AttitudeHistory:
 
     def at(self, times_s: Array) -> Array:
         """Return (n, 4) quaternions at (n,) Unix seconds, interpolated at a constant rate; NaN outside the span, and between
-        attitudes that are more than ``LARGEST_GAP_S`` apart."""
+        attitudes that are more than ``MAX_GAP_S`` apart."""
         if len(self.times_s) == 1:
             same = np.abs(times_s - self.times_s[0]) < 1e-3
             return np.where(same[:, None], self.quaternions[0], np.nan)
@@ -43,5 +43,5 @@ class AttitudeHistory:
         share = (times_s - before) / (after - before)
         turn = turn_between(self.quaternions[k], self.quaternions[k + 1])
         between = turned(self.quaternions[k], turn * share[:, None])
-        valid = (times_s >= before) & (times_s <= after) & (after - before <= LARGEST_GAP_S)
+        valid = (times_s >= before) & (times_s <= after) & (after - before <= MAX_GAP_S)
         return np.where(valid[:, None], between, np.nan)

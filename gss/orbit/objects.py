@@ -16,10 +16,10 @@ from gss.catalogue_tools.envelope.orbits import jyear_of, read_tle
 from gss.domain.aberration import aberrate
 from gss.domain.angles import ARCSEC_RAD, Array, separation_rad
 from gss.domain.errors import BadInput
+from gss.orbit.read_orbit import MAX_CHARACTERS
 from gss.orbit.station import GroundStation
 from gss.orbit.trajectory import DAY_S, UNIX_EPOCH_JD, Trajectory, teme_from_fixed, unix_s
 
-MOST_CHARACTERS = 900_000
 OLDEST_DAYS = 30.0
 """Elements farther from their epoch are not used for names."""
 ERROR_KM, ERROR_KM_DAY = 2.0, 1.5
@@ -28,7 +28,7 @@ ERROR_KM, ERROR_KM_DAY = 2.0, 1.5
 PLANET_RAD = 60 * ARCSEC_RAD
 """Error of the planets' series."""
 GATE_SIGMA = 3.0
-LEAST_RAD = 5 * ARCSEC_RAD
+MIN_RAD = 5 * ARCSEC_RAD
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,10 @@ class TrackName:
 
 def read_objects(text: str) -> list[OrbitingObject]:
     """Read two-line elements, each with or without a name line. Raises BadInput naming the invalid element set."""
-    if len(text) > MOST_CHARACTERS:
+    if len(text) > MAX_CHARACTERS:
         raise BadInput(
             "the list of objects is too large",
-            expected=f"at most {MOST_CHARACTERS} characters",
+            expected=f"at most {MAX_CHARACTERS} characters",
             got=str(len(text)),
             hint="Leave out objects that cannot be in view.",
         )
@@ -160,7 +160,7 @@ def name_of(track: MeasuredTrack, catalogue: ObjectCatalogue, velocity_c: Array 
     off = separation_rad(directions, icrs[None])
     age_days = np.array([abs(unix_s(o.epoch) - float(times_s.mean())) for o in catalogue.objects]) / DAY_S
     error_rad = ((ERROR_KM + ERROR_KM_DAY * age_days)[:, None]) / distance_km
-    gate = np.maximum(GATE_SIGMA * np.hypot(sigma[None], error_rad), LEAST_RAD)
+    gate = np.maximum(GATE_SIGMA * np.hypot(sigma[None], error_rad), MIN_RAD)
     inside = np.flatnonzero((off < gate).all(axis=1))
     if not len(inside):
         return None

@@ -14,8 +14,8 @@ from gss.domain.errors import BadInput
 from gss.orbit.omm import omm_epoch
 from gss.orbit.trajectory import EphemerisTrajectory, Trajectory, teme_from_fixed, unix_s
 
-MOST_STATES = 50_000
-FEWEST_STATES = 4
+MAX_STATES = 50_000
+MIN_STATES = 4
 MATRIX_EVERY_S = 3600.0
 """The axes of date turn by 0.006″ in this time."""
 INERTIAL = ("ICRF", "GCRF", "EME2000")
@@ -44,10 +44,10 @@ def read_oem(text: str) -> tuple[str, EphemerisTrajectory]:
     if not blocks:
         raise BadInput("the OEM has no ephemeris", expected="META_START, META_STOP and states", got="no META block")
     times_s = np.array([state[0] for _, states in blocks for state in states])
-    if not FEWEST_STATES <= len(times_s) <= MOST_STATES:
+    if not MIN_STATES <= len(times_s) <= MAX_STATES:
         raise BadInput(
             "the OEM has an unusable number of states",
-            expected=f"{FEWEST_STATES} to {MOST_STATES}",
+            expected=f"{MIN_STATES} to {MAX_STATES}",
             got=str(len(times_s)),
         )
     if not (np.diff(times_s) > 0).all():

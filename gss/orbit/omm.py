@@ -40,8 +40,8 @@ ALLOWED = {
     "MEAN_ELEMENT_THEORY": ("SGP4", "SGP/SGP4"),
 }
 WHOLE = ("EPHEMERIS_TYPE", "ELEMENT_SET_NO", "REV_AT_EPOCH", "NORAD_CAT_ID")
-MOST_FIELDS = 200
-LARGEST_NUMBER = 339_999
+MAX_FIELDS = 200
+MAX_NUMBER = 339_999
 """Largest catalogue number that a TLE can hold (Alpha-5)."""
 
 
@@ -52,7 +52,7 @@ def fields_of_json(content: object) -> dict[str, str]:
             "the OMM has several objects", expected="one object", got=str(len(content)), hint="Import one satellite."
         )
     record = content[0] if isinstance(content, list) else content
-    if not isinstance(record, dict) or len(record) > MOST_FIELDS:
+    if not isinstance(record, dict) or len(record) > MAX_FIELDS:
         raise BadInput("the JSON is not an OMM", expected="an object of OMM fields", got=str(record)[:60])
     return {str(key): "" if value is None else str(value).strip() for key, value in record.items()}
 
@@ -102,10 +102,8 @@ def tle_of_omm(fields: Mapping[str, str]) -> str:
     for name in ("MEAN_MOTION_DOT", "MEAN_MOTION_DDOT", "BSTAR"):
         _number(name, complete[name])
     for name in WHOLE:
-        if not complete[name].isdecimal() or int(complete[name]) > LARGEST_NUMBER:
-            raise BadInput(
-                f"{name} of the OMM is out of range", expected=f"0 to {LARGEST_NUMBER}", got=complete[name][:40]
-            )
+        if not complete[name].isdecimal() or int(complete[name]) > MAX_NUMBER:
+            raise BadInput(f"{name} of the OMM is out of range", expected=f"0 to {MAX_NUMBER}", got=complete[name][:40])
     complete |= {
         "EPOCH": omm_epoch(complete.get("EPOCH", "")).strftime("%Y-%m-%dT%H:%M:%S.%f"),
         "CLASSIFICATION_TYPE": complete["CLASSIFICATION_TYPE"][:1],

@@ -18,8 +18,8 @@ from gss.orbit.oem import BEHIND_UTC_S, INERTIAL
 from gss.orbit.omm import omm_epoch
 from gss.orbit.trajectory import unix_s
 
-MOST_ATTITUDES = 200_000
-LONGEST_NAME = 80
+MAX_ATTITUDES = 200_000
+MAX_NAME_LENGTH = 80
 UNIT_LENGTH = 1e-3
 EARLIEST_S, LATEST_S = -6e10, 2.5e11
 """Unix seconds that a date can hold."""
@@ -110,14 +110,14 @@ def _history(segments: Iterator[Segment]) -> AttitudeHistory:
         frame, turned_back = _frame(keys)
         name = keys.get("OBJECT_NAME", "")
         for shown in (name, frame):
-            if len(shown) > LONGEST_NAME or not shown.isprintable():
-                expected = f"at most {LONGEST_NAME} printable characters"
+            if len(shown) > MAX_NAME_LENGTH or not shown.isprintable():
+                expected = f"at most {MAX_NAME_LENGTH} printable characters"
                 raise BadInput("A name in the message cannot be shown", expected=expected, got=repr(shown[:40]))
         if named is not None and named != (name, frame):
             raise BadInput("The message has several objects or frames", expected=" ".join(named), got=f"{name} {frame}")
         named = (name, frame)
-        if len(times) + len(rows) > MOST_ATTITUDES:
-            raise BadInput("The message has too many attitudes", expected=f"at most {MOST_ATTITUDES}")
+        if len(times) + len(rows) > MAX_ATTITUDES:
+            raise BadInput("The message has too many attitudes", expected=f"at most {MAX_ATTITUDES}")
         for line, parts in rows:
             t, quaternion = _row(line, parts, keys)
             if times and t == times[-1]:  # segments share the attitude at their edge

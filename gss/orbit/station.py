@@ -11,8 +11,8 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.domain.errors import BadInput
 
-MOST_MASK_POINTS = 360
-LOWEST_M, HIGHEST_M = -500.0, 9000.0
+MAX_MASK_POINTS = 360
+MIN_M, MAX_M = -500.0, 9000.0
 WGS84 = 1
 """Number of the ellipsoid in ERFA."""
 Mask = tuple[tuple[float, float], ...]
@@ -62,11 +62,11 @@ def checked_station(station: GroundStation) -> GroundStation:
     """Return the station if its numbers are valid. Raises BadInput naming the invalid one."""
     _within("latitude", math.degrees(station.latitude_rad), -90.0, 90.0, "°")
     _within("longitude", math.degrees(station.longitude_rad), -180.0, 180.0, "°")
-    _within("height", station.height_m, LOWEST_M, HIGHEST_M, " m")
+    _within("height", station.height_m, MIN_M, MAX_M, " m")
     _within("minimum elevation", math.degrees(station.min_elevation_rad), 0.0, 89.0, "°")
-    if len(station.mask) > MOST_MASK_POINTS:
+    if len(station.mask) > MAX_MASK_POINTS:
         raise BadInput(
-            "the horizon mask has too many points", expected=f"at most {MOST_MASK_POINTS}", got=str(len(station.mask))
+            "the horizon mask has too many points", expected=f"at most {MAX_MASK_POINTS}", got=str(len(station.mask))
         )
     before = -1.0
     for azimuth_rad, elevation_rad in station.mask:

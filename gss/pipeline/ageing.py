@@ -15,7 +15,7 @@ from gss.pipeline.readout import HotPixel
 ANOMALY_RAD = (float(np.radians(-26.0)), float(np.radians(-49.0)))
 """Latitude and longitude of the middle of the South Atlantic Anomaly at 500 km."""
 ANOMALY_WIDTH_RAD = (float(np.radians(11.0)), float(np.radians(23.0)))
-LONGEST_TRACK_PX = 6
+MAX_TRACK_PX = 6
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def particle_hits(
     hits = []
     for _ in range(count):
         col, row = rng.uniform(0, camera.columns), rng.uniform(0, camera.rows)
-        length, direction = min(rng.geometric(0.6), LONGEST_TRACK_PX), rng.uniform(0, 2 * np.pi)
+        length, direction = min(rng.geometric(0.6), MAX_TRACK_PX), rng.uniform(0, 2 * np.pi)
         charge_e = rng.exponential(radiation.hit_e)
         for step in range(length):
             c, r = int(col + step * np.cos(direction)), int(row + step * np.sin(direction))

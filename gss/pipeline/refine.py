@@ -22,7 +22,7 @@ ASPECT_SIGMA = 0.1  # prior sigma of the log aspect ratio of an unknown camera's
 CENTRE_SIGMA = 0.12  # prior sigma of the optical axis's offset from the middle, share of the frame's width
 STEP = 1e-6
 NOWHERE_PX = 1e9  # residual of a star that the camera cannot image
-MOST_RAD = 0.2  # largest rotation per axis in one step
+MAX_RAD = 0.2  # largest rotation per axis in one step
 BELIEF = 20.0  # degrees of freedom equivalent to the centroids' stated errors
 
 
@@ -167,7 +167,7 @@ def _turned(unit: Array, camera: Camera) -> tuple[Array, Array]:
 
 
 def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) -> tuple[Camera, Array]:
-    turn = step[:3] if np.abs(step[:3]).max() <= MOST_RAD else np.clip(step[:3], -MOST_RAD, MOST_RAD)
+    turn = step[:3] if np.abs(step[:3]).max() <= MAX_RAD else np.clip(step[:3], -MAX_RAD, MAX_RAD)
     turned = rotation_from_vector(turn) @ cam_from_icrs if turn.any() else cam_from_icrs
     for value, name in zip(step[3:], names[3:], strict=True):
         if name == "focal":

@@ -23,15 +23,15 @@ from gss.pipeline.trail_shape import drawn_out
 MAX_TRAILS = 24
 PROMISING = 2
 UNLIKE = 1.5
-MOST_ALIKE = 0.6
+MAX_ALIKE = 0.6
 MAX_EXCESS = 4.0
 BRIGHT_SIGMA = 3.0
-LEAST_TRAILS = 4
+MIN_TRAILS = 4
 MAX_HALF_PX = 40
 FIT_ROUNDS = 20
 DONE = 0.01  # of a standard deviation
 STEP_RAD = 1e-5
-LEAST_SIGNIFICANT = 25.0  # improvement in χ² of trails over untrailed stars required to report a rate
+MIN_SIGNIFICANT = 25.0  # improvement in χ² of trails over untrailed stars required to report a rate
 PIXEL_VARIANCE_PX2 = 1 / 12
 
 
@@ -86,7 +86,7 @@ def measure_turning(
     width2 = PIXEL_VARIANCE_PX2 + (psf_sigma_px**2 if psf_sigma_px else max(_narrow2(covariance_px2), 0.3))
     best = _best(trails, _starts(trails, width2), width2, e_per_dn)
     sound = _alike(trails, best, e_per_dn)
-    if int(sound.sum()) < max(LEAST_TRAILS, MOST_ALIKE * len(sound)):
+    if int(sound.sum()) < max(MIN_TRAILS, MAX_ALIKE * len(sound)):
         return None  # the elongated spots are not trails of one common rotation
     if not sound.all():
         trails = trails.take(sound)
@@ -97,7 +97,7 @@ def measure_turning(
     if freedom <= 0 or not np.isfinite(best.covariance).all() or longest_px > 2 * trails.dx.max():
         return None
     excess = max(best.chi2 / freedom, 1.0)
-    if excess > MAX_EXCESS or (still.chi2 - best.chi2) / excess < LEAST_SIGNIFICANT:
+    if excess > MAX_EXCESS or (still.chi2 - best.chi2) / excess < MIN_SIGNIFICANT:
         return None
     turned, covariance = best.turned_rad, best.covariance[:3, :3] * excess
     largest = int(np.argmax(np.abs(turned)))
@@ -144,7 +144,7 @@ def _cut(
     np.fill_diagonal(rivals, False)
     alone = ~rivals.any(axis=1)
     good = np.flatnonzero(whole & alone & (centroids.peak_dn > 0))[:MAX_TRAILS]
-    if len(good) < LEAST_TRAILS:
+    if len(good) < MIN_TRAILS:
         return None
     sky, noise = background.at(col[good], row[good])
     stamps = cut_stamps(image, col[good], row[good], sky, half, saturation_dn)
@@ -154,7 +154,7 @@ def _cut(
     good = good[keep]
     per_rad = trail_per_rad(camera, centroids.pixels[good])
     sound = np.isfinite(per_rad).all(axis=(1, 2))
-    if int(sound.sum()) < LEAST_TRAILS:
+    if int(sound.sum()) < MIN_TRAILS:
         return None
     rows = np.flatnonzero(keep)[sound]
     return Trails(

@@ -7,13 +7,13 @@ from scipy.special import erf
 
 from gss.domain.angles import Array
 
-SHORTEST_PX = 0.3  # a shorter trail in the middle of an iteration would have no direction
+MIN_PX = 0.3  # a shorter trail in the middle of an iteration would have no direction
 
 
 def drawn_out(ax: Array, ay: Array, trail: Array, width2: float) -> tuple[Array, Array]:
     """Return a unit-flux Gaussian of variance ``width2`` moved along ``trail`` (n, 2), at (n, k) offsets, and its derivatives
     (n, k, 5) by the offsets, the trail's two components and the variance."""
-    length = np.maximum(np.hypot(trail[:, 0], trail[:, 1]), SHORTEST_PX)
+    length = np.maximum(np.hypot(trail[:, 0], trail[:, 1]), MIN_PX)
     direction = np.where(
         (np.hypot(trail[:, 0], trail[:, 1]) > 1e-9)[:, None],
         trail / np.maximum(np.hypot(trail[:, 0], trail[:, 1]), 1e-9)[:, None],

@@ -16,7 +16,7 @@ from gss.domain.angles import Array, separation_rad
 from gss.skytables.pairs import DistanceTable
 
 Index = NDArray[np.intp]
-FEWEST_FOR_A_HULL = 5
+MIN_FOR_A_HULL = 5
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def neighbour_links(icrs: NDArray[np.floating]) -> NeighbourLinks:
     """
     unit = np.asarray(icrs, float)
     n = len(unit)
-    if n < FEWEST_FOR_A_HULL:
+    if n < MIN_FOR_A_HULL:
         return _net(n, *np.triu_indices(n, 1))
     try:
         face = ConvexHull(unit).simplices

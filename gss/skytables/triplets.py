@@ -23,7 +23,7 @@ Keys = NDArray[np.uint32]
 Rows = NDArray[np.int32]
 
 DISTANCE_BITS, ANGLE_BITS = 12, 6
-MOST_DISTANCE, MOST_ANGLE = (1 << DISTANCE_BITS) - 1, (1 << ANGLE_BITS) - 1
+MAX_DISTANCE, MAX_ANGLE = (1 << DISTANCE_BITS) - 1, (1 << ANGLE_BITS) - 1
 NEIGHBOURS = 24
 EXCHANGE_UNCERTAINTIES = 4.0
 
@@ -41,11 +41,11 @@ class TripletClasses:
     uncertainty_rad: float
 
     def __post_init__(self) -> None:
-        fits = self.angle_rad * MOST_ANGLE >= np.pi and self.distance_rad * MOST_DISTANCE >= np.pi / 4
+        fits = self.angle_rad * MAX_ANGLE >= np.pi and self.distance_rad * MAX_DISTANCE >= np.pi / 4
         if not (self.distance_rad > 0 and self.uncertainty_rad > 0 and fits):
             raise BadInput(
                 "triplet classes are impossible",
-                expected=f"at most {MOST_DISTANCE} distances over 45° and {MOST_ANGLE} angles over 180°",
+                expected=f"at most {MAX_DISTANCE} distances over 45° and {MAX_ANGLE} angles over 180°",
                 got=f"{np.degrees(self.distance_rad):g}° and {np.degrees(self.angle_rad):g}°",
             )
 
@@ -56,7 +56,7 @@ class TripletClasses:
 
     def key(self, first_rad: Array, second_rad: Array, angle_rad: Array) -> Keys:
         """Pack the classes of n measured features into (n,) keys, first distance in the highest bits."""
-        a, b = (np.minimum(np.floor(d / self.distance_rad), MOST_DISTANCE) for d in (first_rad, second_rad))
+        a, b = (np.minimum(np.floor(d / self.distance_rad), MAX_DISTANCE) for d in (first_rad, second_rad))
         return pack(a.astype(np.int64), b.astype(np.int64), np.floor(angle_rad / self.angle_rad).astype(np.int64))
 
     def angle_error_rad(self, first_rad: Array, second_rad: Array) -> Array:
@@ -212,7 +212,7 @@ def find_constellations(
         table = np.unique(np.column_stack([kind, rows[owner], *_classes(*measured, classes)]), axis=0)
         # A constellation one class beyond the last still expands into the last class; those further out have no
         # reference.
-        table = table[table[:, 3] <= MOST_DISTANCE + 1]
+        table = table[table[:, 3] <= MAX_DISTANCE + 1]
     star, first_class, second_class, low, high = (column.astype(np.int32) for column in table.T[1:])
     return Constellations(
         table[:, 0].astype(np.uint8),
@@ -313,5 +313,5 @@ def _spread(
         a[:, None, None] + step[:, None], b[:, None, None] + step, angle[:, None, None], which[:, None, None]
     )
     # Measured distances are always sorted, so the first class never exceeds the second.
-    possible = (a9 >= 0) & (a9 <= b9) & (b9 <= MOST_DISTANCE)
+    possible = (a9 >= 0) & (a9 <= b9) & (b9 <= MAX_DISTANCE)
     return which9[possible], pack(a9[possible], b9[possible], c9[possible])

@@ -27,7 +27,7 @@ TIMEOUT_S = 20.0
 more, and one second for each megabyte."""
 SLOWEST_BYTES_S = 1e6
 MARGIN_S = 5.0
-MOST_READ_S = 40.0
+MAX_READ_S = 40.0
 """Additional time of a read, whose size is not known beforehand."""
 ATTEMPTS = 2
 T = TypeVar("T")
@@ -118,7 +118,7 @@ class BlobStore:
         """Return the bytes of a key, verified against it. NotFound if missing, CorruptData if damaged."""
         try:
             with self._reached():
-                data: bytes = self._call(lambda: self._fs.cat_file(self._path(key)), MOST_READ_S)
+                data: bytes = self._call(lambda: self._fs.cat_file(self._path(key)), MAX_READ_S)
         except FileNotFoundError:
             raise _missing(key) from None
         plain = decompressed(data)

@@ -16,7 +16,7 @@ from gss.store import paging
 from gss.store.models import Choice, Command, CommandStage
 
 USED_IDS = "request_ids.used"
-LARGEST_ID = 0xFFFF_FFFE
+MAX_ID = 0xFFFF_FFFE
 OPEN_RESULTS = ("queued", "released", "sent", "accepted", "started", "progress")
 
 
@@ -140,7 +140,7 @@ def last_request_id(session: Session) -> int:
 def skip_request_ids(session: Session, number: int, now: datetime) -> None:
     """Mark the next ``number`` request ids as used. A restored database does not know what was sent after the backup,
     and the device answers an id it remembers with the old result."""
-    upto = min(last_request_id(session) + number, LARGEST_ID)
+    upto = min(last_request_id(session) + number, MAX_ID)
     session.merge(Choice(name=USED_IDS, value={"upto": upto}, changed=now, user="gss restore"))
 
 

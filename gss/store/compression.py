@@ -15,12 +15,12 @@ MAGIC = b"GSSPACK1"
 _HEADER = struct.Struct("<8sBQ")
 """Magic, bytes of an item, bytes before compression."""
 LEVEL = 1
-LEAST_BYTES = 512
+MIN_BYTES = 512
 """Shorter content is stored as it is."""
 WORTHWHILE = 0.95
 """Maximum ratio of compressed to plain size at which the compressed form is stored."""
-MOST_UNPACKED_BYTES = 1 << 32
-MOST_ITEM_BYTES = 16
+MAX_UNPACKED_BYTES = 1 << 32
+MAX_ITEM_BYTES = 16
 
 
 def compressed(data: bytes | memoryview, item_bytes: int = 1) -> bytes | None:
@@ -28,9 +28,9 @@ def compressed(data: bytes | memoryview, item_bytes: int = 1) -> bytes | None:
     Content that begins like a compressed form is always compressed, so that the two are never confused."""
     size = len(data)
     is_alike = bytes(data[: len(MAGIC)]) == MAGIC
-    if size < LEAST_BYTES and not is_alike:
+    if size < MIN_BYTES and not is_alike:
         return None
-    if 1 < item_bytes <= MOST_ITEM_BYTES and size % item_bytes == 0:
+    if 1 < item_bytes <= MAX_ITEM_BYTES and size % item_bytes == 0:
         planes: bytes | memoryview = np.frombuffer(data, np.uint8).reshape(-1, item_bytes).T.tobytes()
     else:
         item_bytes, planes = 1, data
@@ -43,7 +43,7 @@ def decompressed(data: bytes) -> bytes | None:
     if len(data) < _HEADER.size or not data.startswith(MAGIC):
         return None
     _, item_bytes, size = _HEADER.unpack_from(data)
-    if not 1 <= item_bytes <= MOST_ITEM_BYTES or size > MOST_UNPACKED_BYTES or size % item_bytes:
+    if not 1 <= item_bytes <= MAX_ITEM_BYTES or size > MAX_UNPACKED_BYTES or size % item_bytes:
         return None
     plain = zstd_plain(memoryview(data)[_HEADER.size :], size)
     if plain is None or item_bytes == 1:

@@ -12,7 +12,7 @@ import pytest
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
-from gss.operations.accounts.passwords import AT_ONCE, MOST_WAITING
+from gss.operations.accounts.passwords import AT_ONCE, MAX_WAITING
 from gss.store.audit import AuditFilter
 from gss.wiring.services import Services
 
@@ -58,7 +58,7 @@ def sign_in(client: TestClient, name: str, password: str) -> Any:
 def test_abort_does_not_wait_for_sign_ins_and_too_many_are_rejected(app: FastAPI, services: Services) -> None:
     """With every hashing slot in use, ABORT is answered and one more sign-in gets 429 at once."""
     go, turns = threading.Event(), services.accounts.accounts.passwords.turns
-    held = [turns.take(lambda: go.wait(30)) for _ in range(AT_ONCE + MOST_WAITING)]
+    held = [turns.take(lambda: go.wait(30)) for _ in range(AT_ONCE + MAX_WAITING)]
     try:
         client = program(app, services, "stop only", "viewer", ["stop"])
         reply = client.post("/api/commands/abort")

@@ -14,7 +14,7 @@ from gss.domain.angles import ra_dec_from_unit
 from gss.domain.errors import CorruptData
 from gss.domain.stars import StarTable
 
-LONGEST_RAD = np.radians(35.0)
+MAX_RAD = np.radians(35.0)
 SHARED = {("Aur", "Elnath"), ("Peg", "Alpheratz")}
 """Stars across the border that complete a figure."""
 
@@ -51,7 +51,7 @@ def test_no_segment_crosses_the_sky(bright: StarTable) -> None:
     first, second = (bright.icrs[[bright.row_of_hip[pair[k]] for pair in ends]] for k in (0, 1))
     angle_rad = np.arccos(np.clip(np.sum(first * second, axis=1), -1, 1))
     assert len(ends) > 200
-    assert np.all((angle_rad > 0) & (angle_rad < LONGEST_RAD))
+    assert np.all((angle_rad > 0) & (angle_rad < MAX_RAD))
 
 
 def test_a_table_without_a_joined_star_is_rejected(bright: StarTable) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING
 
-from gss.device.simulator.machine import MOST_OVERDUE
+from gss.device.simulator.machine import MAX_OVERDUE
 
 if TYPE_CHECKING:
     from conftest import Bench
@@ -28,5 +28,5 @@ def test_after_a_long_pause_the_number_of_late_packets_is_limited(bench: Bench) 
     bench.now_s += 86_400.0
     bench.run(3.0)
     times = [e.device_time_s for e in bench.telemetry("housekeeping")]
-    assert MOST_OVERDUE <= len(times) - before <= MOST_OVERDUE + 4
+    assert MAX_OVERDUE <= len(times) - before <= MAX_OVERDUE + 4
     assert all(abs(b - a - 1.0) < 0.1 for a, b in itertools.pairwise(times[-5:]))

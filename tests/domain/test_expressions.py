@@ -9,7 +9,7 @@ import pytest
 
 from gss.domain.errors import BadInput
 from gss.domain.expression_parser import DEEPEST, Quantity
-from gss.domain.expressions import MOST_CHARACTERS, Evaluation, ValueKind, parse
+from gss.domain.expressions import MAX_CHARACTERS, Evaluation, ValueKind, parse
 
 KINDS: dict[str, ValueKind] = {"hk.t": "number", "hk.n": "number", "hk.on": "bool", "hk.mode": "text"}
 VALUES: dict[str, Quantity | None] = {"hk.t": 20.5, "hk.n": 4, "hk.on": True, "hk.mode": "idle"}
@@ -87,7 +87,7 @@ def test_one_operand_decides_if_it_suffices() -> None:
         ("(" * (DEEPEST + 5) + "1", "at most 30 nested"),
         ("-" * (DEEPEST + 5) + "1", "at most 30 signs"),
         ("not " * (DEEPEST + 5) + "1", "at most 30 signs"),
-        ("1 + " * MOST_CHARACTERS + "1", "too long"),
+        ("1 + " * MAX_CHARACTERS + "1", "too long"),
     ],
 )
 def test_invalid_text_is_rejected_with_its_position(text: str, words: str) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-MOST_FILES = {"telemetry": 14, "frame": 14, "command": 12, "catalogue": 12}
+MAX_FILES = {"telemetry": 14, "frame": 14, "command": 12, "catalogue": 12}
 STEP = re.compile(r"^\d+\. `([\w./-]+):([\w.]+)`", re.MULTILINE)
 
 
@@ -37,7 +37,7 @@ def _names(path: Path) -> set[str]:
     }
 
 
-@pytest.mark.parametrize("walk", sorted(MOST_FILES))
+@pytest.mark.parametrize("walk", sorted(MAX_FILES))
 def test_a_walk_is_drawn(walk):
     """Each of the four walks is on the page, with its steps numbered from 1."""
     assert WALKS.get(walk), f"ARCHITECTURE.md, Walks: no steps of {walk}"
@@ -54,4 +54,4 @@ def test_a_step_exists(path, name):
 def test_a_walk_is_short(walk):
     """The steps of a walk are in no more files than its limit."""
     files = {path for path, _ in WALKS[walk]}
-    assert len(files) <= MOST_FILES[walk], sorted(files)
+    assert len(files) <= MAX_FILES[walk], sorted(files)

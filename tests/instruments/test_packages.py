@@ -11,7 +11,7 @@ import pytest
 from gss.domain.errors import BadInput, Conflict, NotFound
 from gss.instruments.marked_yaml import parse_yaml
 from gss.instruments.package import load_instrument
-from gss.instruments.package_source import MOST_FILE_BYTES, read_package_files, read_zip, write_folder, write_zip
+from gss.instruments.package_source import MAX_FILE_BYTES, read_package_files, read_zip, write_folder, write_zip
 from gss.instruments.registry import SHIPPED, Registry
 
 CUBESTAR = read_package_files(SHIPPED / "cubestar")
@@ -167,8 +167,8 @@ def test_an_archive_cannot_name_files_elsewhere(name: str) -> None:
 
 def test_an_archive_that_expands_without_end_is_refused() -> None:
     """A file of 300 MB of zeros is cut off at the limit, however small the archive; so are many files."""
-    bomb = archive({**CUBESTAR, "procedures/big.md": b"\0" * (300 * MOST_FILE_BYTES)})
-    assert len(bomb) < MOST_FILE_BYTES
+    bomb = archive({**CUBESTAR, "procedures/big.md": b"\0" * (300 * MAX_FILE_BYTES)})
+    assert len(bomb) < MAX_FILE_BYTES
     with pytest.raises(BadInput, match="too large"):
         read_zip(bomb)
     with pytest.raises(BadInput, match="too many files"):

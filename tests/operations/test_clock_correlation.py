@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gss.operations.line.clock_correlation import JUMPED_AFTER, LEAST_SAMPLES, ClockTracker
+from gss.operations.line.clock_correlation import JUMPED_AFTER, MIN_SAMPLES, ClockTracker
 
 START_S = 1_796_000_000.0
 """A time in 2026 as Unix time."""
@@ -26,9 +26,9 @@ def device_of(utc_s: float, drift: float) -> float:
 
 def test_nothing_is_estimated_from_too_few_packets():
     """Two packets are not a correlation."""
-    for k in range(LEAST_SAMPLES):
+    for k in range(MIN_SAMPLES):
         assert fed(k).estimate() is None
-    assert fed(LEAST_SAMPLES).estimate() is not None
+    assert fed(MIN_SAMPLES).estimate() is not None
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -11,7 +11,7 @@ import pytest
 
 from gss.domain.errors import BadInput, Conflict
 from gss.operations.events import MAILBOX, EventBus
-from gss.operations.jobs import MOST_DEATHS, JobKind, JobRequest, JobService
+from gss.operations.jobs import MAX_DEATHS, JobKind, JobRequest, JobService
 from gss.settings import Settings
 from gss.store import jobs as store
 from gss.store.engine import Database, open_engine
@@ -208,7 +208,7 @@ def test_a_job_that_kills_the_server_is_not_restarted_without_limit(jobs, databa
         row = store.add(
             session, Job(kind="design", title="t", state="running", created=clock(), request={"numbers": [3]})
         )
-        row.attempts = MOST_DEATHS - 1
+        row.attempts = MAX_DEATHS - 1
     jobs.register(JobKind("design", Sum, lambda request, run: {"sum": sum(request.numbers)}))
     jobs.start()
     job = jobs.get(row.id)

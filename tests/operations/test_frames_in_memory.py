@@ -64,7 +64,7 @@ def test_pixels_beyond_the_memory_limit_are_read_back(
     services: Services, reads: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A frame that arrives while the queue is full is solved too, from the store."""
-    monkeypatch.setattr(solve_queue, "MOST_PIXEL_BYTES", 0)
+    monkeypatch.setattr(solve_queue, "MAX_PIXEL_BYTES", 0)
     frame = arrived(services)
     assert services.frames.frames.detail(frame.id).ground is not None
     assert reads == [frame.sha256]

@@ -21,7 +21,7 @@ from gss.instruments.dictionary.read_dictionary import load_dictionary
 from gss.instruments.roles import default_roles
 from gss.operations.line.dispatcher import LineEventQueue
 from gss.operations.line.link import LinkService
-from gss.operations.notifications.notifications import MOST_TRIES, NotificationService
+from gss.operations.notifications.notifications import MAX_TRIES, NotificationService
 from gss.operations.notifications.rules_file import read_rules
 from gss.operations.notifications.senders import OutgoingMessage, Sender, is_public
 from gss.operations.telemetry.alarms import AlarmService
@@ -235,11 +235,11 @@ def test_a_failed_message_is_tried_again_and_then_given_up(harness, receiver):
     """Each attempt has the same key; the end is recorded as an event with the reason."""
     receiver.status = 503
     harness.raise_alarm()
-    for _ in range(MOST_TRIES + 2):
+    for _ in range(MAX_TRIES + 2):
         states = harness.look(901)
     assert "failed" in states.values()
     hook = [h for h, b in zip(receiver.headers, receiver.bodies, strict=True) if "not acknowledged" not in b["text"]]
-    assert len(hook) == MOST_TRIES
+    assert len(hook) == MAX_TRIES
     assert len({h["Idempotency-Key"] for h in hook}) == 1
     assert any(e.kind == "notification" and "503" in e.text for e in harness.bus.after(0, 1000))
 

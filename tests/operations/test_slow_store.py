@@ -14,7 +14,7 @@ import pytest
 
 from gss.domain.errors import StoreDown
 from gss.operations.events import EventBus
-from gss.operations.transfers.arrivals import MOST_WAITING, Writer
+from gss.operations.transfers.arrivals import MAX_WAITING, Writer
 from gss.settings import Settings
 from gss.store.blobs import BlobStore
 from gss.wiring.build import build
@@ -115,13 +115,13 @@ def test_telemetry_is_stored_while_a_frame_waits_for_its_store(ground: Ground) -
 
 def test_frame_downloads_wait_for_room_in_the_queue(ground: Ground) -> None:
     """One frame is being stored and a few wait; the next stays on board until there is room for it."""
-    begun = MOST_WAITING + 1
+    begun = MAX_WAITING + 1
     for k in range(begun):
         ground.image()
         ground.wait(lambda k=k: len(ground.services.transfers.transfers._progress._storing) == k + 1)
     ground.wait(lambda: ground.services.transfers.writer.full)
     figures = ground.services.upkeep.metrics.text()
-    assert f'gss_queue_depth{{queue="store"}} {MOST_WAITING}.0\n' in figures
+    assert f'gss_queue_depth{{queue="store"}} {MAX_WAITING}.0\n' in figures
     assert "gss_line_waits_total 0.0\n" in figures
     ground.image()
     before = ground.housekeeping()

@@ -21,7 +21,7 @@ PLAIN = HOST + b"Connection: close\r\n\r\n"
 STATUS = re.compile(rb"HTTP/1\.[01] (\d{3}) ")
 SECRETS = (b"root:", b"SQLite format", b"[project]", b"PRIVATE KEY")
 """Starts of files outside of what the server publishes."""
-MOST_ANSWER_BYTES = 1 << 20
+MAX_ANSWER_BYTES = 1 << 20
 QUIET_S = 20.0
 
 
@@ -153,7 +153,7 @@ def answers(server: Served, request: bytes) -> bytes:
         with contextlib.suppress(OSError):  # the server may close the connection before it has read everything
             line.sendall(request)
             line.shutdown(socket.SHUT_WR)
-        while len(received) < MOST_ANSWER_BYTES and (data := line.recv(65536)):
+        while len(received) < MAX_ANSWER_BYTES and (data := line.recv(65536)):
             received += data
     return received
 

@@ -34,7 +34,7 @@ PAPER = {
 ACROSS, ABOUT = "across", "about"
 FRAMES, FRAME_S, EXPOSURE_S = 20, 1.0, 0.5
 # Minimum number of stars in the paper (§6.1), whose fields were selected too.
-FEWEST_STARS = 8
+MIN_STARS = 8
 SKY_MAG = 6.5
 
 
@@ -85,7 +85,7 @@ def erlank_6_2(
         tuple(rows),
         (
             f"{trials} runs of {FRAMES} frames at 1 Hz per rate and axis, {EXPOSURE_S} s of exposure with the smear "
-            f"drawn, stars to V {SKY_MAG}, noise and distortion; random attitudes that show at least {FEWEST_STARS} stars of the "
+            f"drawn, stars to V {SKY_MAG}, noise and distortion; random attitudes that show at least {MIN_STARS} stars of the "
             "bank at the start",
             "across: about any axis across the boresight; about: round it. Lost in space first, then tracking round the last "
             "attitude without a prediction (§4.5), one mode back when that fails",
@@ -149,7 +149,7 @@ def _rich_field(sky: StarTable, camera: Camera, rng: np.random.Generator) -> Arr
     """Return a random attitude with at least eight stars of the bank in the field of view."""
     while True:
         attitude = random_attitude(rng)
-        if np.count_nonzero(in_view(sky, camera, attitude).v_mag <= BANK_MAG) >= FEWEST_STARS:
+        if np.count_nonzero(in_view(sky, camera, attitude).v_mag <= BANK_MAG) >= MIN_STARS:
             return attitude
 
 

@@ -39,7 +39,7 @@ DOCUMENT_PIXEL_RAD = 230e-6
 BAR_RAD = 10e-6
 LIMITS_MAG = (2.5, 6.0)
 SKY_MAG = 8.0
-FEWEST_STARS = 17  # a densely populated section: 354 stars in 20 images
+MIN_STARS = 17  # a densely populated section: 354 stars in 20 images
 TURNS, PLAY_PX, DOT_PX = 36, 2.2, 0.05
 OUTER_TANGENT = 0.065
 BENCH_CENTRE_PX = 3.0
@@ -139,7 +139,7 @@ def _rich(stars: StarTable, camera: Camera, rng: np.random.Generator) -> Array:
     bright = stars.brighter_than(LIMITS_MAG[1])
     while True:
         attitude = matrix_from_quaternion(random_quaternion(rng))
-        if len(truth_of(stars_near(bright, camera, attitude), camera, attitude).hip) >= FEWEST_STARS:
+        if len(truth_of(stars_near(bright, camera, attitude), camera, attitude).hip) >= MIN_STARS:
             return attitude
 
 

@@ -23,8 +23,8 @@ USED_STARS = 1107
 OPENING_RAD = float(np.radians(30.0))
 # A mean accuracy of 14.6″ with 18.9 stars implies a star error of 62″, well below the maximum of 3′.
 STAR_SIGMA_RAD = 62.0 * ARCSEC_RAD
-LARGEST_RAD = float(np.radians(0.05))
-OUTSIDE_RAD = (2 * LARGEST_RAD, 10 * LARGEST_RAD)
+MAX_RAD = float(np.radians(0.05))
+OUTSIDE_RAD = (2 * MAX_RAD, 10 * MAX_RAD)
 BRIGHTNESS_SIGMA_MAG = 0.1
 
 
@@ -85,7 +85,7 @@ def image(
     if situation.missing and len(row):
         stay = np.sort(rng.permutation(len(row))[situation.missing :])
         row, mag = row[stay], mag[stay]
-    off_rad = np.minimum(STAR_SIGMA_RAD * np.sqrt(rng.exponential(size=len(row))), LARGEST_RAD)
+    off_rad = np.minimum(STAR_SIGMA_RAD * np.sqrt(rng.exponential(size=len(row))), MAX_RAD)
     outside = rng.permutation(len(row))[: situation.outside]
     off_rad[outside] = rng.uniform(*OUTSIDE_RAD, len(outside))
     bearing = rng.uniform(0, 2 * np.pi, len(row))

@@ -28,7 +28,7 @@ OBJECTS = 400
 MAGNITUDES = (2.5, 8.5)
 NEAR_PX, NEAR_SHARE = 3.0, 0.1
 """A track is an object if the median of their distances is less than this many pixels, or than this share of the trail."""
-FEWEST_FRAMES = 3
+MIN_FRAMES = 3
 SNR_EDGES = (0.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 25.0, 50.0, 1e4)
 TRAIL_EDGES = (0.0, 2.0, 5.0, 10.0, 20.0, 1e4)
 
@@ -88,7 +88,7 @@ def _searched(profile: CameraProfile, stars: StarTable, sky: KnownSky, of: Popul
         for tracks, streak in ((linked.moving, False), (linked.streaks, True))
         for t in tracks
     ]
-    true = [t for t in made.tracks if np.count_nonzero(t.on) >= FEWEST_FRAMES]
+    true = [t for t in made.tracks if np.count_nonzero(t.on) >= MIN_FRAMES]
     rows = {f.row for f in detected}
     return _Result(
         detected,
@@ -175,7 +175,7 @@ def _experiment(profile: CameraProfile, results: list[_Result], trials: int, see
         tuple(rows),
         (
             f"{trials} sequences of 10 frames, one per second, of the {profile.title} in a low orbit; {len(snr)} objects in at "
-            f"least {FEWEST_FRAMES} frames, of a population of {OBJECTS}, a fifth of them near the geostationary ring",
+            f"least {MIN_FRAMES} frames, of a population of {OBJECTS}, a fifth of them near the geostationary ring",
             f"V {MAGNITUDES[0]:g} to {MAGNITUDES[1]:g}, rates to {np.degrees(TOP_RATE_RAD_S):g}°/s, the camera turns by 0.01 "
             "or 0.05°/s (1 σ per axis)",
             "in each sequence 8 hot pixels and 2 stars that the catalogue lacks, in each frame on average 3 pixels hit, 0.3 "

@@ -19,7 +19,7 @@ from validation.never_wrong.lists import CAMERAS, CHAINS, SHARD, Campaign, Shard
 
 FAINTEST_MAG = 8.0
 EPOCH_JYEAR = 2000.0
-MOST_ATTITUDES = 1_000_000
+MAX_ATTITUDES = 1_000_000
 ProgressReport = Callable[[int, int], None]
 
 
@@ -47,8 +47,8 @@ class CampaignSettings:
 
     def __post_init__(self) -> None:
         for text, value in (("attitudes", self.attitudes), ("frames", self.frames)):
-            if not 0 <= value <= MOST_ATTITUDES:
-                raise BadInput(f"number of {text} is out of range", expected=f"0 – {MOST_ATTITUDES}", got=str(value))
+            if not 0 <= value <= MAX_ATTITUDES:
+                raise BadInput(f"number of {text} is out of range", expected=f"0 – {MAX_ATTITUDES}", got=str(value))
         for dimension, choices, selected in (("camera", CAMERAS, self.cameras), ("chain", CHAINS, self.chains)):
             unknown = [name for name in selected if name not in choices]
             if unknown:

@@ -16,7 +16,7 @@ from validation.never_wrong.faults import FAULTS, Fault, attitude_at
 from validation.never_wrong.sky import SETTINGS, Subject, prior, shown, subject
 
 MODES = tuple(Mode)
-MOST_NAMED = 12
+MAX_NAMED = 12
 Key = tuple[int, int, int, int]
 
 
@@ -85,13 +85,13 @@ def _sum(cells: list[_Cell], trials: int) -> str:
 
 def _notes(cells: list[_Cell]) -> tuple[str, ...]:
     named = [text for c in cells for text in c.named]
-    more = len(named) - MOST_NAMED
+    more = len(named) - MAX_NAMED
     return (
         "Correct: cross-boresight error within three of its standard deviations, all matches right. Wrong: a false "
         "match in the attitude, or an error of more than five pixels; for a mirrored list, any solution.",
         "A list taken with another focal length and matched by a few stars in a corner has the right matches, but a "
         "boresight error of the scale error times their distance from the centre, 1 % of 600 px. This counts as wrong.",
-        *(named[:MOST_NAMED] or ["No wrong answer in this run."]),
+        *(named[:MAX_NAMED] or ["No wrong answer in this run."]),
         *([f"and {more} more wrong answers"] if more > 0 else []),
     )
 

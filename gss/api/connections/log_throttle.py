@@ -11,7 +11,7 @@ LOGGERS = ("asyncio", "uvicorn.error", "gss.connections")
 """Loggers whose messages a client without an account can cause."""
 PER_MINUTE = 5
 WINDOW_S = 60.0
-MOST_KINDS = 500
+MAX_KINDS = 500
 
 
 class LogThrottle(logging.Filter):
@@ -32,7 +32,7 @@ class LogThrottle(logging.Filter):
             if left_out > 0:
                 record.msg = f"{record.msg} ({left_out} similar messages were omitted)"
         self._kinds[kind] = (begun_s, count + 1)
-        while len(self._kinds) > MOST_KINDS:
+        while len(self._kinds) > MAX_KINDS:
             self._kinds.popitem(last=False)
         return count < PER_MINUTE
 

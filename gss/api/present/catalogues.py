@@ -30,7 +30,7 @@ from gss.operations.transfers.banks import BankView, days_left
 from gss.skytables.bank import OnboardCatalogue
 from gss.store.models import Catalogue
 
-MOST_LISTED = 500
+MAX_LISTED = 500
 NEED = 3
 
 
@@ -108,7 +108,7 @@ def _stars(
         place = {"ra_deg": round(float(ra[row]), 4), "dec_deg": round(float(dec[row]), 4)}
         mag_or_none = round(mag, 2) if np.isfinite(mag) else None
         stars.append(ChangedStarOut(hip=hip, name=star_table.name_of(hip), v_mag=mag_or_none, **place, **extra_values))
-    return sorted(stars, key=lambda s: (s.v_mag is None, s.v_mag))[:MOST_LISTED]
+    return sorted(stars, key=lambda s: (s.v_mag is None, s.v_mag))[:MAX_LISTED]
 
 
 def timeline(bank_timeline: Timeline, now: datetime, watch_days: float) -> TimelineOut:

@@ -15,7 +15,7 @@ from gss.domain.errors import BadInput
 from gss.operations.frames.attitude_exchange import AttitudeOrigin, MessageFormat
 
 router = api_router("frames", "/attitudes")
-MOST_BYTES = 20 << 20
+MAX_BYTES = 20 << 20
 
 
 @router.get("/message", dependencies=[EXPORT], response_class=Response)
@@ -33,7 +33,7 @@ def compare_attitudes(
     app: App, file: UploadFile, origin: Annotated[AttitudeOrigin, Form()] = "ground"
 ) -> AttitudeComparisonOut:
     """Compare stored frames with the attitudes of a CCSDS AEM or ACM in KVN; nothing is stored."""
-    data = file.file.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
-        raise BadInput("The file is too large", expected=f"at most {MOST_BYTES >> 20} MiB")
+    data = file.file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise BadInput("The file is too large", expected=f"at most {MAX_BYTES >> 20} MiB")
     return comparison(app.passes.attitudes.compare(data, origin))

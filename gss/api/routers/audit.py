@@ -13,7 +13,7 @@ from pydantic import BeforeValidator
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, Moment, need
 from gss.api.schemas.accounts import AuditRowOut, AuditVerdictOut
-from gss.api.schemas.base import LARGEST_ID
+from gss.api.schemas.base import MAX_ID
 from gss.operations.accounts.audit import FORMATS
 from gss.store.audit import AuditFilter
 
@@ -49,7 +49,7 @@ Wanted = Annotated[AuditFilter, Depends(_filter)]
 def read_audit(
     app: App,
     filters: Wanted,
-    before: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
+    before: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
 ) -> list[AuditRowOut]:
     """Audit rows, newest first. ``before``: rows with a smaller number, for the next page. ``action``: prefix."""

@@ -15,7 +15,7 @@ from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, Moment, RowId, User, need
 from gss.api.guard.bodies import MAX_BODY_BYTES
 from gss.api.present.catalogue_sheet import catalogue_sheet
-from gss.api.schemas.base import LARGEST_ID
+from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.catalogue_history import CatalogueDiffOut, StarListOut, TimelineOut
 from gss.api.schemas.catalogues import (
     CatalogueDetailOut,
@@ -49,7 +49,7 @@ Kind = Literal[
     "tables-ecsv",
     "tables-parquet",
 ]
-Id = Annotated[int, Query(ge=1, le=LARGEST_ID)]
+Id = Annotated[int, Query(ge=1, le=MAX_ID)]
 
 
 @router.get("")
@@ -83,7 +83,7 @@ def diff(app: App, old: Id, new: Id) -> CatalogueDiffOut:
 @router.get("/timeline")
 def timeline(
     app: App,
-    device: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
+    device: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
     start: Moment | None = None,
     end: Moment | None = None,
 ) -> TimelineOut:

@@ -13,7 +13,7 @@ from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, RowId, User, need
 from gss.api.files.cached import BLOCK_BYTES, file_of_now
 from gss.api.present.contact_sheet import contact_sheet
-from gss.api.schemas.base import LARGEST_ID
+from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.contacts import (
     ContactDetailOut,
     ContactNoteIn,
@@ -30,7 +30,7 @@ from gss.operations.report.html import as_html
 from gss.operations.report.pdf import as_pdf
 
 router = api_router("contacts")
-Offset = Annotated[int, Query(ge=0, le=LARGEST_ID)]
+Offset = Annotated[int, Query(ge=0, le=MAX_ID)]
 
 
 @router.get("/contacts")

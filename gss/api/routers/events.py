@@ -9,7 +9,7 @@ from fastapi import Query
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import App, Moment
-from gss.api.schemas.base import LARGEST_ID
+from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.events import EventOut
 
 router = api_router("events")
@@ -18,7 +18,7 @@ router = api_router("events")
 @router.get("/events")
 def list_events(
     app: App,
-    after: Annotated[int, Query(ge=0, le=LARGEST_ID)] = 0,
+    after: Annotated[int, Query(ge=0, le=MAX_ID)] = 0,
     limit: Annotated[int, Query(ge=1, le=1000)] = 200,
     start: Moment | None = None,
     end: Moment | None = None,

@@ -13,7 +13,7 @@ from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, ContactId, CurrentUser, Moment, RowId, User, need
 from gss.api.files.cached import revalidated
 from gss.api.guard.bodies import MAX_BODY_BYTES
-from gss.api.schemas.base import LARGEST_ID
+from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.frames import (
     DifferenceOut,
     DownloadIn,
@@ -157,8 +157,8 @@ def raw(app: App, request: Request, frame_id: RowId) -> Response:
 def pixel_values(
     app: App,
     frame_id: RowId,
-    col: Annotated[int, Query(ge=-LARGEST_ID, le=LARGEST_ID)],
-    row: Annotated[int, Query(ge=-LARGEST_ID, le=LARGEST_ID)],
+    col: Annotated[int, Query(ge=-MAX_ID, le=MAX_ID)],
+    row: Annotated[int, Query(ge=-MAX_ID, le=MAX_ID)],
     columns: Annotated[int, Query(ge=1, le=64)] = 15,
     rows: Annotated[int, Query(ge=1, le=64)] = 9,
 ) -> PixelsOut:

@@ -20,7 +20,7 @@ from gss.api.schemas.instruments import (
 )
 from gss.api.schemas.jobs import JobOut
 from gss.domain.errors import NotFound
-from gss.instruments.package_source import MOST_ZIP_BYTES
+from gss.instruments.package_source import MAX_ZIP_BYTES
 from gss.operations.studies.new_instrument_requests import PhotographsRequest
 
 router = api_router("instruments", "/instruments")
@@ -88,4 +88,4 @@ def read_procedure(app: App, name: Name, file: Annotated[str, Path(max_length=10
 
 
 def _read(file: UploadFile) -> bytes:
-    return file.file.read(MOST_ZIP_BYTES + 1)
+    return file.file.read(MAX_ZIP_BYTES + 1)

@@ -12,14 +12,14 @@ from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, AuditNote, ContactId, RowId, User, need
 from gss.api.schemas.passes import OrbitIn, PassesOut, SpacecraftOut, StationIn, StationOut
-from gss.operations.passes.orbit_export import LONGEST_DAYS, oem_file, omm_fields
+from gss.operations.passes.orbit_export import MAX_OEM_DAYS, oem_file, omm_fields
 from gss.operations.passes.pass_calendar import calendar
-from gss.operations.passes.pass_table import MOST_DAYS
+from gss.operations.passes.pass_table import MAX_DAYS
 from gss.orbit.station import GroundStation
 
 router = api_router("passes")
-Days = Annotated[float, Query(gt=0, le=MOST_DAYS, allow_inf_nan=False)]
-OemDays = Annotated[float, Query(gt=0, le=LONGEST_DAYS, allow_inf_nan=False)]
+Days = Annotated[float, Query(gt=0, le=MAX_DAYS, allow_inf_nan=False)]
+OemDays = Annotated[float, Query(gt=0, le=MAX_OEM_DAYS, allow_inf_nan=False)]
 
 
 @router.get("/spacecraft")

@@ -14,7 +14,7 @@ from starlette import types as asgi
 
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, CurrentUser, identity_still_valid
-from gss.api.schemas.base import LARGEST_ID
+from gss.api.schemas.base import MAX_ID
 from gss.domain.errors import BadInput
 from gss.operations.recordings.ranges import ids_of
 from gss.operations.recordings.scope import Scope
@@ -28,7 +28,7 @@ SIDE = 12
 """Frames before and after the frame that a page shows."""
 GATHER_S = 0.25
 PING_S = 5.0
-Id = Annotated[int | None, Query(ge=1, le=LARGEST_ID)]
+Id = Annotated[int | None, Query(ge=1, le=MAX_ID)]
 
 
 @router.get("/recording.rrd", response_class=Response, dependencies=[EXPORT])

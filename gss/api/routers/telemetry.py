@@ -10,7 +10,7 @@ from fastapi.responses import StreamingResponse
 from gss.api import present
 from gss.api.api_router import api_router
 from gss.api.deps import EXPORT, App, ContactId, Moment
-from gss.api.schemas.base import LARGEST_ID
+from gss.api.schemas.base import MAX_ID
 from gss.api.schemas.telemetry import CycleOut, HistoryOut, LatestOut, PacketOut
 from gss.operations.telemetry.telemetry_export import FORMATS, export
 
@@ -48,8 +48,8 @@ def packets(
     end: Moment | None = None,
     contact: ContactId = None,
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
-    before_id: Annotated[int | None, Query(ge=1, le=LARGEST_ID)] = None,
-    after_id: Annotated[int | None, Query(ge=0, le=LARGEST_ID)] = None,
+    before_id: Annotated[int | None, Query(ge=1, le=MAX_ID)] = None,
+    after_id: Annotated[int | None, Query(ge=0, le=MAX_ID)] = None,
 ) -> list[PacketOut]:
     """Stored packets, newest first, in pages. With ``after_id`` they are those behind it, oldest first: a program that remembers
     the last id misses none."""

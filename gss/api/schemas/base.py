@@ -7,10 +7,10 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, PlainSerializer
 
-from gss.operations.requests import LARGEST_ID, Id
+from gss.operations.requests import MAX_ID, Id
 from gss.operations.requests import Request as In
 
-__all__ = ["LARGEST_ID", "Id", "In", "Out", "ProblemOut", "Utc"]
+__all__ = ["MAX_ID", "Id", "In", "Out", "ProblemOut", "Utc"]
 
 
 class Out(BaseModel):

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from gss.api.schemas.base import LARGEST_ID, In, Out, Utc
+from gss.api.schemas.base import MAX_ID, In, Out, Utc
 from gss.domain.json_object import JsonObject
 from gss.operations.frames.overlay import GridLine, PredictedStar, RegionOverlay
 from gss.operations.requests import ChainOptions
@@ -204,7 +204,7 @@ class SolveIn(In):
 class PinIn(In):
     """Stored solution that becomes the frame's operational ground result."""
 
-    solution_id: int = Field(ge=1, le=LARGEST_ID)
+    solution_id: int = Field(ge=1, le=MAX_ID)
 
 
 class DownloadIn(In):

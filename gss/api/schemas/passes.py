@@ -9,7 +9,7 @@ from pydantic import Field
 
 from gss.api.schemas.base import Id, In, Out, Utc
 from gss.api.schemas.jobs import JobOut
-from gss.operations.passes.plan_items import LONGEST_ITEM_S, MOST_ITEMS, ItemKind, ItemState
+from gss.operations.passes.plan_items import MAX_ITEM_S, MAX_ITEMS, ItemKind, ItemState
 from gss.operations.rehearsals.rehearsal_report import RehearsalReport
 from gss.orbit.read_orbit import MAX_CHARACTERS
 
@@ -151,7 +151,7 @@ class PlanItemIn(In):
     in a download request), or the upload of a catalogue (``catalogue_id`` and ``bank``)."""
 
     kind: ItemKind
-    estimated_s: float = Field(gt=0, le=LONGEST_ITEM_S)
+    estimated_s: float = Field(gt=0, le=MAX_ITEM_S)
     procedure_id: Id | None = None
     stack_id: Id | None = None
     content: Literal["", "frame", "thumbnail", "star_windows", "catalogue", "triplets", "calibration", "parameters"] = (
@@ -169,7 +169,7 @@ class PlanIn(In):
     station_id: Id
     at: datetime = Field(strict=False)
     resume: bool = False
-    items: list[PlanItemIn] = Field(min_length=1, max_length=MOST_ITEMS)
+    items: list[PlanItemIn] = Field(min_length=1, max_length=MAX_ITEMS)
 
 
 class ArmIn(In):

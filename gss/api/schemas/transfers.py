@@ -8,16 +8,16 @@ from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
 
-MOST_PX = 65535
+MAX_PX = 65535
 
 
 class RegionIn(In):
     """Rectangle of the detector."""
 
-    col_px: int = Field(ge=0, le=MOST_PX)
-    row_px: int = Field(ge=0, le=MOST_PX)
-    columns: int = Field(ge=1, le=MOST_PX)
-    rows: int = Field(ge=1, le=MOST_PX)
+    col_px: int = Field(ge=0, le=MAX_PX)
+    row_px: int = Field(ge=0, le=MAX_PX)
+    columns: int = Field(ge=1, le=MAX_PX)
+    rows: int = Field(ge=1, le=MAX_PX)
 
 
 class FrameRegionOut(Out):

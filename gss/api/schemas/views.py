@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from gss.api.schemas.base import In, Out, Utc
-from gss.operations.views.shared_views import LONGEST_PATH
+from gss.operations.views.shared_views import MAX_PATH_LENGTH
 
 
 class ViewIn(In):
@@ -13,7 +13,7 @@ class ViewIn(In):
     change it."""
 
     name: str = Field(min_length=1, max_length=80)
-    path: str = Field(min_length=1, max_length=LONGEST_PATH)
+    path: str = Field(min_length=1, max_length=MAX_PATH_LENGTH)
     note: str = Field(default="", max_length=500)
     open: bool = False
 

@@ -15,7 +15,7 @@ SIMULATOR = "simulator"
 """Address of a unit whose process starts a simulated sensor."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,23}")
 EXPECTED = "NAME=INSTRUMENT@ADDRESS, as FM1=cubestar@/dev/ttyUSB0"
-MOST_UNITS = 32
+MAX_UNITS = 32
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ def parse_units(text: str, instruments: Registry) -> tuple[UnitSpec, ...]:
     """Return the units of a comma-separated list; () for "". Raises BadInput for a wrong form, name or address, a name or
     an address that is used twice, and NotFound for an instrument that is not installed."""
     units = tuple(_unit(part.strip(), instruments) for part in text.split(",") if part.strip())
-    if len(units) > MOST_UNITS:
-        raise BadInput("too many units for one server", expected=f"at most {MOST_UNITS}", got=str(len(units)))
+    if len(units) > MAX_UNITS:
+        raise BadInput("too many units for one server", expected=f"at most {MAX_UNITS}", got=str(len(units)))
     _check_unique(
         "two units have the same name", [u.name.lower() for u in units], "names that differ, also in lower case"
     )

@@ -18,7 +18,7 @@ from gss.api.workers.private_app import PEER, STREAM
 
 HOP_BY_HOP = frozenset(b"connection keep-alive proxy-connection te trailer transfer-encoding upgrade expect".split())
 SET_BY_WORKER = HOP_BY_HOP | {b"date", b"server"}
-LARGEST_MESSAGE_BYTES = 64 << 20
+MAX_MESSAGE_BYTES = 64 << 20
 
 
 class LinkProcessClient:
@@ -56,7 +56,7 @@ class LinkProcessClient:
         response = await self._transport.handle_async_request(request)
         response.request = request
         try:
-            async for event in httpx2.EventSource(response, LARGEST_MESSAGE_BYTES):
+            async for event in httpx2.EventSource(response, MAX_MESSAGE_BYTES):
                 yield received(event.event, event.data, event.id)
         finally:
             await response.aclose()

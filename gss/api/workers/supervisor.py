@@ -10,7 +10,7 @@ from multiprocessing.context import SpawnProcess
 
 from gss.operations.clock import monotonic_s
 
-FIRST_WAIT_S, LONGEST_WAIT_S = 0.2, 10.0
+FIRST_WAIT_S, MAX_WAIT_S = 0.2, 10.0
 STEADY_S = 30.0
 STOP_WITHIN_S = 3.5
 """Shorter than the time in which the link process stops: gss.api.stopping."""
@@ -78,7 +78,7 @@ class Supervisor:
                 self._states[name] = ProcessState(None, self._states[name].restarts + 1, cause)
             self._report(f"{name} ended ({cause}); restarting it")
             steady = monotonic_s() - since_s > STEADY_S
-            wait_s = 0.0 if steady else min(LONGEST_WAIT_S, max(FIRST_WAIT_S, 2 * wait_s))
+            wait_s = 0.0 if steady else min(MAX_WAIT_S, max(FIRST_WAIT_S, 2 * wait_s))
 
     def _started(self, name: str) -> SpawnProcess | None:
         """Return a new process, or None if the supervisor is stopping."""

@@ -26,7 +26,7 @@ POLICIES = ("moniteq", "huffman", "erlank_combine", "erlank_keep", "drop")
 # Chosen: at 4σ the dip between two equal images is a quarter of their peaks, and thresholding begins to separate them.
 SEPARABLE_SIGMAS = 4.0
 # Chosen, because the document gives no number: at half a σ the blend is 12 % wider than one star.
-LARGEST_BROADENING = 0.5
+MAX_BROADENING = 0.5
 CONTAMINANT_MAG = 9.0
 # A neighbour this much fainter shifts the common centroid by less than a tenth of the separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
@@ -43,7 +43,7 @@ class Doubles:
     policy: str = "moniteq"
     separation_rad: float | None = None
     contaminant_mag: float = CONTAMINANT_MAG
-    largest_broadening: float = LARGEST_BROADENING
+    largest_broadening: float = MAX_BROADENING
 
     def __post_init__(self) -> None:
         if self.policy not in POLICIES:

@@ -23,8 +23,8 @@ from gss.domain.json_object import JsonObject
 
 PLANET_RADIUS_KM = (2440.5, 6051.8, 3396.2, 71492.0, 60268.0, 25559.0, 24764.0)
 LOW_ORBIT_KM = 7000.0
-MOST_SAMPLES = 20_000
-LONGEST_DAYS = 3660.0
+MAX_SAMPLES = 20_000
+MAX_DAYS = 3660.0
 # Moniteq 1983 §2.3: a "star" brighter than this and within this angle of the ecliptic may be a planet.
 
 
@@ -88,14 +88,14 @@ def exclusions(
     """
     if start.tzinfo is None:
         raise BadInput("the start has no time zone", expected="a time with its offset from UTC", got=str(start))
-    if not 0 < days <= LONGEST_DAYS:
+    if not 0 < days <= MAX_DAYS:
         raise BadInput(
-            "the date range is out of range", expected=f"more than 0, at most {LONGEST_DAYS:g} days", got=f"{days}"
+            "the date range is out of range", expected=f"more than 0, at most {MAX_DAYS:g} days", got=f"{days}"
         )
-    if not (step_days > 0 and days / step_days <= MOST_SAMPLES):
+    if not (step_days > 0 and days / step_days <= MAX_SAMPLES):
         raise BadInput(
             "the step is out of range for these dates",
-            expected=f"above 0, at most {MOST_SAMPLES} samples",
+            expected=f"above 0, at most {MAX_SAMPLES} samples",
             got=f"{step_days} days in {days}",
         )
     if not np.isfinite(limit_mag):

@@ -17,13 +17,13 @@ from gss.catalogue_tools.design.radiometry import limit_brightest_pixel_mag, lim
 from gss.domain.angles import Array
 from gss.domain.stars import StarTable
 
-LEAST_STARS = 3
+MIN_STARS = 3
 MAG_STEP = 0.05
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Standard deviations over pointings; the fraction ``share`` of them has at least :data:`LEAST_STARS` stars.
+    """Standard deviations over pointings; the fraction ``share`` of them has at least :data:`MIN_STARS` stars.
 
     ``cross_*``: one axis across the boresight, root mean square of the two. ``roll_*``: about the boresight.
     ``median``, ``p95``: over all pointings, where those with too few stars count as +inf. ``mean``, ``worst``: over
@@ -61,7 +61,7 @@ def sigma_rad(c: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tu
         for j in range(i, 3):
             part = np.bincount(field, wx * g[i] * g[j] + wy * h[i] * h[j], minlength=m)
             information[:, i, j] = information[:, j, i] = part
-    enough = np.bincount(field, minlength=m) >= LEAST_STARS
+    enough = np.bincount(field, minlength=m) >= MIN_STARS
     across, about = np.full(m, np.nan), np.full(m, np.nan)
     if enough.any():
         covariance = np.linalg.inv(information[enough])

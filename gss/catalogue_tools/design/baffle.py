@@ -15,10 +15,10 @@ from scipy.optimize import minimize_scalar
 from gss.domain.errors import BadInput
 
 VANE_DEPTH_SHARE = 0.15
-LOWEST_VANE_SHARE = 0.15
+MIN_VANE_SHARE = 0.15
 """No vane is placed closer to the lens than this fraction of the length: the spacing would tend to zero there, and
 the wall is black."""
-LONGEST_MM = 20_000.0
+MAX_MM = 20_000.0
 
 
 @dataclass(frozen=True)
@@ -108,10 +108,10 @@ def two_stage(lens_radius_mm: float, half_fov_rad: float, wanted_rad: float) -> 
     rise = (2 * a + inner_mm * phi) / inner_mm
     r1 = a + inner_mm * phi
     length, r2 = inner_mm + outer_mm, r1 + outer_mm * rise
-    if length > LONGEST_MM:
+    if length > MAX_MM:
         raise BadInput(
             "the baffle would be too long",
-            expected=f"at most {LONGEST_MM / 1e3:g} m",
+            expected=f"at most {MAX_MM / 1e3:g} m",
             got=f"{length / 1e3:.0f} m",
             hint="use a larger exclusion angle",
         )
@@ -131,7 +131,7 @@ def _vanes(a: float, slope: float, wall: float, length: float, angle_rad: float)
     front = a + slope * length
     deepest_lit = length - (front + wall) / np.tan(angle_rad)
     z = [length]
-    while z[-1] > max(deepest_lit, LOWEST_VANE_SHARE * length):
+    while z[-1] > max(deepest_lit, MIN_VANE_SHARE * length):
         z.append(2 * a * z[-1] / (wall + a - z[-1] * slope))
     return tuple((float(x), float(a + slope * x)) for x in reversed(z))
 

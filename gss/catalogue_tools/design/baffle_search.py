@@ -22,7 +22,7 @@ J2000_JD = 2451545.0
 # Motion of the Sun or of the node between sampled dates, and time between them for the Moon.
 EPOCH_RAD = float(np.radians(1.0))
 MOON_STEP_DAYS = 0.25
-MOST_EPOCHS, MOST_KNOTS = 180, 1500
+MAX_EPOCHS, MAX_KNOTS = 180, 1500
 NEAR_RAD, PATCH_NEAR_RAD = float(np.radians(0.25)), float(np.radians(0.75))
 VIEWS_PER_STAR = 256
 PATCH_ATTITUDES = 2048
@@ -55,7 +55,7 @@ class AvoidanceAngles:
     def _track(self) -> tuple[Array, Array, Array]:
         """Directions of Sun and Moon over the validity, dense enough for linear interpolation to one arcminute."""
         days = (self.end_jyear - self.start_jyear) * DAYS_PER_YEAR
-        knots = np.linspace(0, 1, int(np.clip(np.ceil(days / MOON_STEP_DAYS), 1, MOST_KNOTS)) + 1)
+        knots = np.linspace(0, 1, int(np.clip(np.ceil(days / MOON_STEP_DAYS), 1, MAX_KNOTS)) + 1)
         at = (self.start_jyear - J2000_JYEAR) * DAYS_PER_YEAR + days * knots
         sun = -np.asarray(erfa.epv00(J2000_JD, at)[0]["p"])
         moon = np.asarray(erfa.moon98(J2000_JD, at)["p"])
@@ -81,7 +81,7 @@ class AvoidanceAngles:
         steps = max(2 * np.pi * days / DAYS_PER_YEAR, node_way_rad) / self.epoch_rad * finer
         if self.moon_rad:
             steps = max(steps, days / self.moon_step_days)
-        return np.linspace(0, 1, int(np.clip(np.ceil(steps), 1, MOST_EPOCHS - 1)) + 1)
+        return np.linspace(0, 1, int(np.clip(np.ceil(steps), 1, MAX_EPOCHS - 1)) + 1)
 
 
 def free_of_baffle(

@@ -41,7 +41,7 @@ LIMITS: dict[str, tuple[float, float, str]] = {
     "threshold_snr": (0.5, 100.0, ""),
 }
 WHOLE = ("columns", "rows", "bits")
-WIDEST_RAD = float(np.radians(160.0))
+MAX_RAD = float(np.radians(160.0))
 
 
 @dataclass(frozen=True)
@@ -99,10 +99,10 @@ class DesignCamera:
                 expected=f"a bias below {(1 << self.bits) - 1} DN ({self.bits} bits)",
                 got=f"{self.bias_dn:g} DN",
             )
-        if 2 * self.half_diagonal_rad > WIDEST_RAD:
+        if 2 * self.half_diagonal_rad > MAX_RAD:
             raise BadInput(
                 "the field is too wide for a flat detector",
-                expected=f"a diagonal of at most {np.degrees(WIDEST_RAD):g}°",
+                expected=f"a diagonal of at most {np.degrees(MAX_RAD):g}°",
                 got=f"{np.degrees(2 * self.half_diagonal_rad):.1f}°",
                 hint="use a longer focal length or a smaller detector",
             )

@@ -41,7 +41,7 @@ from gss.domain.errors import BadInput
 from gss.domain.experiment import Progress
 from gss.domain.stars import StarTable
 
-MOST_COUNTED = 40.0
+MAX_COUNTED = 40.0
 """The histogram may process this many times as many stars as a curve, because it only counts them."""
 EXCLUSION_RAD = float(np.radians(40.0))
 
@@ -192,7 +192,7 @@ def camera_row(c: DesignCamera, stars: StarTable, looks: int, pairs: float, seed
 
 def _count(request: DesignRequest, unit: Array, effort: DesignEffort, each: Each, progress: Progress) -> InView:
     c = request.camera
-    pointings = affordable(c, len(unit), effort.pointings, effort.pairs * MOST_COUNTED)
+    pointings = affordable(c, len(unit), effort.pointings, effort.pairs * MAX_COUNTED)
 
     def portion(k: int, m: int) -> Array:
         # Seeds differ from those of all other portions and curves, whatever the size of the portions.

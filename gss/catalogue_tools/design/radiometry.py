@@ -14,7 +14,7 @@ from gss.domain.angles import Array
 
 PHASES = 9
 BLUR_LOSS_MAG = 0.5
-LONGEST_STREAK_PX = 1e4
+MAX_STREAK_PX = 1e4
 PSF_GRID_PX = np.round(np.geomspace(0.25, 4.0, 25), 4)
 
 
@@ -140,7 +140,7 @@ def motion_blur(c: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
     def excess(log_streak: float) -> float:
         return float(blur_loss_mag(c.psf_sigma_px, np.exp(np.array([log_streak])))[0]) - loss_mag
 
-    streak = float(np.exp(brentq(excess, np.log(1e-3), np.log(LONGEST_STREAK_PX))))
+    streak = float(np.exp(brentq(excess, np.log(1e-3), np.log(MAX_STREAK_PX))))
     per_px = c.camera.pixel_rad / c.exposure_s
     return Blur(streak, streak * per_px, TOLERABLE_SMEAR_PX * per_px)
 
@@ -162,7 +162,7 @@ class PsfAdvice:
     kind: str
 
 
-SHARPEST_PX, WIDEST_OVER_BEST = 0.4, 2.5
+SHARPEST_PX, MAX_OVER_BEST = 0.4, 2.5
 """Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) a mean locator is biased by the pixel. Above 2.5 times the
 best the light is spread without benefit, except for a detector with non-uniform response within its pixels."""
 
@@ -171,7 +171,7 @@ def psf_kind(sigma_px: float, best_px: float) -> str:
     """Classify the focus as sharp, good or wide."""
     if sigma_px < SHARPEST_PX:
         return "sharp"
-    return "wide" if sigma_px > WIDEST_OVER_BEST * max(best_px, SHARPEST_PX) else "good"
+    return "wide" if sigma_px > MAX_OVER_BEST * max(best_px, SHARPEST_PX) else "good"
 
 
 def with_psf(c: DesignCamera, sigma_px: float) -> DesignCamera:

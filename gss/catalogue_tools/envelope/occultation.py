@@ -30,7 +30,7 @@ from gss.catalogue_tools.envelope.attitude import AttitudeLimits, orbit_axes
 from gss.catalogue_tools.envelope.envelope import BandEnvelope, Envelope, Moments, polar_range
 from gss.catalogue_tools.envelope.field import FieldShape
 from gss.catalogue_tools.envelope.hidden_bands import ROUNDS, seen_bands
-from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, LOWEST_ORBIT_M, OrbitRanges, altitude_of_tle
+from gss.catalogue_tools.envelope.orbits import EARTH_RADIUS_M, MIN_ORBIT_M, OrbitRanges, altitude_of_tle
 from gss.catalogue_tools.envelope.reach import TOLERANCE_RAD
 from gss.catalogue_tools.envelope.views import Views, views_of
 from gss.catalogue_tools.selection.counting import Shadow, fields_per_star
@@ -60,10 +60,10 @@ class Occultation:
     moon_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.altitude_m is not None and not LOWEST_ORBIT_M <= self.altitude_m < np.inf:
+        if self.altitude_m is not None and not MIN_ORBIT_M <= self.altitude_m < np.inf:
             raise BadInput(
                 "the altitude is too low for an orbit",
-                expected=f"{LOWEST_ORBIT_M / 1e3:g} km or more",
+                expected=f"{MIN_ORBIT_M / 1e3:g} km or more",
                 got=f"{self.altitude_m / 1e3:g} km",
             )
         for name in ("earth_margin", "sun", "moon"):

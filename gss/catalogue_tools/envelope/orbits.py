@@ -18,7 +18,7 @@ EARTH_RADIUS_M = 6_378_137.0
 EARTH_MU_M3_S2 = 3.986004418e14
 J2 = 1.08262668e-3
 # Below this altitude a satellite does not complete an orbit.
-LOWEST_ORBIT_M = 100e3
+MIN_ORBIT_M = 100e3
 # In a low orbit, node prediction from mean elements is accurate to 0.1° for about this long.
 TLE_VALID_DAYS = 60.0
 TLE_VALID_BEFORE_DAYS = 7.0
@@ -104,10 +104,10 @@ def read_tle(text: str) -> Satrec:
             hint="copy the TLE again",
         )
     perigee_m = satellite.altp * EARTH_RADIUS_M
-    if perigee_m < LOWEST_ORBIT_M:
+    if perigee_m < MIN_ORBIT_M:
         raise BadInput(
             "the orbit has decayed",
-            expected=f"a perigee above {LOWEST_ORBIT_M / 1e3:g} km",
+            expected=f"a perigee above {MIN_ORBIT_M / 1e3:g} km",
             got=f"{perigee_m / 1e3:.0f} km",
             hint="use a newer TLE if the satellite is still in orbit",
         )

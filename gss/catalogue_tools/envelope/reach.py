@@ -12,7 +12,7 @@ from gss.domain.angles import Array
 # A direction closer than this to the edge of the visible sky counts as visible.
 TOLERANCE_RAD = 2e-6
 # Boxes processed together; beyond this the undecided directions count as visible, so that no star is ever missed.
-MOST_BOXES = 4_000_000
+MAX_BOXES = 4_000_000
 FIRST_GRID, ZOOM_GRID, ZOOMS, ZOOM = 25, 9, 9, 0.3
 
 
@@ -95,7 +95,7 @@ def reachable(
     owner, centres = np.arange(len(unit)), np.broadcast_to(centre, (len(unit), 4))
     off_axis = np.hypot(unit[:, 0], unit[:, 1])
     while len(owner):
-        if len(owner) > MOST_BOXES:
+        if len(owner) > MAX_BOXES:
             reached[owner] = True
             break
         body = _turned(_spun(unit[owner], centres[:, 0], base_from_pivot), centres[:, 1:])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 AnyArray = NDArray[Any]
 Columns = dict[str, AnyArray]
 NUMBER_TYPE = re.compile(r"[<|](?:[ui][124]|f[48])")
-MOST_IN_A_ROW = 64
+MAX_CONSECUTIVE = 64
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ def dtype_of(described: object, shape: Sequence[object]) -> np.dtype[Any]:
     ValueError for anything else: numpy's type descriptions are a small language, which an untrusted file must not use.
     """
     if isinstance(described, str) and NUMBER_TYPE.fullmatch(described):
-        sizes = [n for n in shape if type(n) is int and 0 < n <= MOST_IN_A_ROW]
+        sizes = [n for n in shape if type(n) is int and 0 < n <= MAX_CONSECUTIVE]
         if len(sizes) == len(shape) <= 1:
             return np.dtype((described, tuple(sizes)))
-    elif isinstance(described, list) and 0 < len(described) <= MOST_IN_A_ROW:
+    elif isinstance(described, list) and 0 < len(described) <= MAX_CONSECUTIVE:
         pairs = [(str(name), dtype_of(kind, ()).str) for name, kind in described]
         if all(name.isidentifier() for name, _ in pairs):
             return np.dtype(pairs)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gss.catalogue_tools.formats.blocks import Block, Columns, to_columns
 from gss.domain.errors import BadInput, CorruptData
-from gss.skytables.triplets import MOST_ANGLE, MOST_DISTANCE, Constellations, TripletClasses
+from gss.skytables.triplets import MAX_ANGLE, MAX_DISTANCE, Constellations, TripletClasses
 
 CONSTELLATION_KINDS = {"TCER": 0, "TMAY": 1, "TEXC": 2}
 NAMES = ("certain", "maybe", "exchanged")
@@ -81,8 +81,8 @@ def _check(c: Columns, stars: int) -> None:
         return
     if c["star"].max() >= stars:
         raise CorruptData("a triplet names a star that is not in the list", expected=f"below {stars}")
-    fits = (c["angle_low"] <= c["angle_high"]) & (c["angle_high"] <= MOST_ANGLE)
-    fits &= np.maximum(c["first"], c["second"]) <= MOST_DISTANCE + 1
+    fits = (c["angle_low"] <= c["angle_high"]) & (c["angle_high"] <= MAX_ANGLE)
+    fits &= np.maximum(c["first"], c["second"]) <= MAX_DISTANCE + 1
     if not fits.all():
         raise CorruptData(
             "the classes of a triplet are out of range", expected="at most 12 bits and 6 bits, angles in order"

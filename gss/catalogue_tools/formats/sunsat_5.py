@@ -23,7 +23,7 @@ from gss.skytables.pairs import DistanceTable
 
 STEP_RAD = 50e-6
 BITS = 13
-MOST_STEPS = (1 << BITS) - 1
+MAX_STEPS = (1 << BITS) - 1
 PAIRS = Rows(
     "pairs",
     (
@@ -38,7 +38,7 @@ PAIRS = Rows(
 
 def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]:
     """Return the columns of both tables; BadInput if a distance is out of range."""
-    steps = whole_numbers("a distance", distances.distance_rad, STEP_RAD, 0, MOST_STEPS)
+    steps = whole_numbers("a distance", distances.distance_rad, STEP_RAD, 0, MAX_STEPS)
     zero = np.zeros(len(distances), np.uint8)
     return sunsat.star_columns(stars), {
         "first": distances.first,
@@ -74,7 +74,7 @@ FORMAT = BankFormat(
     stars=sunsat.STARS,
     pairs=PAIRS,
     most_stars=1 << BITS,
-    largest_pair_rad=(MOST_STEPS + 0.5) * STEP_RAD,
+    largest_pair_rad=(MAX_STEPS + 0.5) * STEP_RAD,
     write=write,
     read=read,
     ascending=distances_rad,

@@ -25,7 +25,7 @@ from gss.domain.errors import BadInput, CorruptData
 
 LAYOUT = "layout"
 LAYOUT_FILE = "layout.json"
-MOST_BYTES = 1 << 28
+MAX_BYTES = 1 << 28
 DATE = (1980, 1, 1, 0, 0, 0)
 Tables = dict[str, Columns]
 
@@ -224,8 +224,8 @@ def _zipped(files: Mapping[str, bytes], layout: list[BlockEntry], facts: Mapping
 def _read_zip(data: bytes, kind: str) -> tuple[list[tuple[str, Block]], Callable[[str], Columns]]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if sum(member.file_size for member in archive.infolist()) > MOST_BYTES:
-                raise ValueError(f"more than {MOST_BYTES} bytes")
+            if sum(member.file_size for member in archive.infolist()) > MAX_BYTES:
+                raise ValueError(f"more than {MAX_BYTES} bytes")
             files = {name: archive.read(name) for name in archive.namelist()}
     except MemoryError:
         raise
@@ -308,8 +308,8 @@ def _read_parquet(data: bytes) -> Columns:
     file = pq.ParquetFile(io.BytesIO(data))
     groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
     values = sum(group.column(k).num_values for group in groups for k in range(group.num_columns))
-    if 8 * max(values, file.metadata.num_rows * file.metadata.num_columns) > MOST_BYTES:
-        raise ValueError(f"{values} values, more than {MOST_BYTES} bytes")
+    if 8 * max(values, file.metadata.num_rows * file.metadata.num_columns) > MAX_BYTES:
+        raise ValueError(f"{values} values, more than {MAX_BYTES} bytes")
     table = file.read()
     return {n: table[n].to_numpy() for n in table.column_names}
 

@@ -40,7 +40,7 @@ HEADER_VERSION = 1
 HEADER = struct.Struct("<4sBBHIIdddfffII")
 HEADER_BYTES = HEADER.size + 4
 REFERENCE_BYTES = 6
-MOST_STARS = 1 << 16
+MAX_STARS = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ def figures(table: TripletTable) -> TripletFigures:
 
 def encode_triplets(table: TripletTable, bank_crc32: int = 0) -> bytes:
     """Encode a table. ``bank_crc32``: CRC-32 of the body of the bank image that holds its star list."""
-    if table.stars > MOST_STARS:
-        raise BadInput("too many stars for the triplet table", expected=f"at most {MOST_STARS}", got=str(table.stars))
+    if table.stars > MAX_STARS:
+        raise BadInput("too many stars for the triplet table", expected=f"at most {MAX_STARS}", got=str(table.stars))
     body = table.key.astype("<u4").tobytes() + table.star.astype("<u2").tobytes()
     header = HEADER.pack(
         MAGIC,

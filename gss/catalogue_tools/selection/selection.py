@@ -24,7 +24,7 @@ from gss.domain.stars import FLAG_VARIABLE, StarTable
 
 # A neighbour this much fainter shifts the common centroid by less than a tenth of the separation.
 HARMLESS_DIFFERENCE_MAG = 2.5
-MOST_LISTED = 500
+MAX_LISTED = 500
 # Thinning methods, and the name of their fields in the funnel.
 THINNINGS = {"circles": "field", "frames": "upright frame"}
 # Step between frames: an eighth of the field's shorter side, within limits.
@@ -192,7 +192,7 @@ def screening_facts(selection: Selection) -> ScreeningFacts | None:
                 "companions": int(screened.companions[k]),
                 "kept": bool(selection.fate[k] == Fate.KEPT),
             }
-            for k in listed[:MOST_LISTED]
+            for k in listed[:MAX_LISTED]
         ],
     }
 

@@ -18,7 +18,7 @@ from gss.domain.stars import StarTable
 
 BLOCK = 2048
 # Largest number of (field, star) pairs held at one time; limits the memory, at about 200 bytes each.
-MOST_AT_ONCE = 1_000_000
+MAX_CONCURRENT = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _blocks(
     the number of fields."""
     tree = cKDTree(unit)
     reach = 2 * np.sin(_reach(shape) / 2)
-    size = int(np.clip(MOST_AT_ONCE / max(len(unit) * _reach_share(shape), 1), 1, BLOCK))
+    size = int(np.clip(MAX_CONCURRENT / max(len(unit) * _reach_share(shape), 1), 1, BLOCK))
     for start in range(0, len(attitudes), size):
         block = attitudes[start : start + size]
         near = cKDTree(block[:, 2]).sparse_distance_matrix(tree, reach * (1 + 1e-9), output_type="ndarray")

@@ -25,7 +25,7 @@ from gss.catalogue_tools.sources.star_list_guards import (
 )
 from gss.domain.errors import BadInput
 
-MOST_EXTENSIONS = 100
+MAX_EXTENSIONS = 100
 # The libraries would decompress these automatically, to any size.
 PACKED = (b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"PK\x03\x04", b"\x1f\x9d")
 EPOCH_KEYS = ("epoch_jyear", "epochjy", "epoch", "posepoch")
@@ -224,7 +224,7 @@ def _fits(data: bytes) -> RawList:
     from astropy.table import Table
 
     with fits.open(io.BytesIO(data), memmap=False) as files:
-        extensions = itertools.islice(files, MOST_EXTENSIONS)
+        extensions = itertools.islice(files, MAX_EXTENSIONS)
         first = next((hdu for hdu in extensions if isinstance(hdu, fits.BinTableHDU | fits.TableHDU)), None)
         if first is None:
             raise BadInput("the FITS file contains no table", expected="a binary table", got=f"{len(files)} extensions")

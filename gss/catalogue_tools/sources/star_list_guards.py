@@ -23,15 +23,15 @@ from gss.domain.errors import BadInput
 ECSV_HEADER_BYTES = 1 << 17
 """The longest list known to us, Gaia's source table, describes its 152 columns in a quarter of this."""
 DEEPEST_HEADER = 20
-MOST_COLUMNS = 1000
+MAX_COLUMNS = 1000
 """FITS allows 999."""
-MOST_ROWS = 5_000_000
-LONGEST_LINE = 1 << 16
-LONGEST_NAME = 200
-LONGEST_UNIT = 64
-LONGEST_TEXT = 1024
+MAX_ROWS = 5_000_000
+MAX_LINE_LENGTH = 1 << 16
+MAX_NAME_LENGTH = 200
+MAX_UNIT_LENGTH = 64
+MAX_TEXT_LENGTH = 1024
 """Largest number of characters of a fixed-length value."""
-LARGEST_TABLE_BYTES = 1 << 29
+MAX_TABLE_BYTES = 1 << 29
 """Limit on the size of the columns in memory."""
 DEEPEST_VOTABLE = 32
 WIDTHS = {"char": 1, "unicodeChar": 4, "floatComplex": 8, "doubleComplex": 16}
@@ -41,10 +41,10 @@ SHOWN = 60
 def check_unit(unit: str) -> None:
     """Raise BadInput for a unit that is long or has a number of more than four digits before its point: the parser
     computes 10**9999999."""
-    if len(unit) > LONGEST_UNIT or re.search(r"(?<![.\d])\d{5}", unit):
+    if len(unit) > MAX_UNIT_LENGTH or re.search(r"(?<![.\d])\d{5}", unit):
         raise BadInput(
             "a unit of the star list is too long",
-            expected=f"at most {LONGEST_UNIT} characters, and numbers of at most 4 digits",
+            expected=f"at most {MAX_UNIT_LENGTH} characters, and numbers of at most 4 digits",
             got=unit[:SHOWN],
             hint="write the unit as deg, mas/yr or mag",
         )
@@ -52,10 +52,10 @@ def check_unit(unit: str) -> None:
 
 def require_columns(count: int) -> None:
     """Raise BadInput for too many columns."""
-    if count > MOST_COLUMNS:
+    if count > MAX_COLUMNS:
         raise BadInput(
             "the star list has too many columns",
-            expected=f"at most {MOST_COLUMNS}",
+            expected=f"at most {MAX_COLUMNS}",
             got=str(count),
             hint="keep position, magnitude and names only",
         )
@@ -64,10 +64,10 @@ def require_columns(count: int) -> None:
 def check_column_names(names: Sequence[str]) -> None:
     """Raise BadInput for too many columns, a name that is too long or a repeated name."""
     require_columns(len(names))
-    if long := next((name for name in names if len(name) > LONGEST_NAME), None):
+    if long := next((name for name in names if len(name) > MAX_NAME_LENGTH), None):
         raise BadInput(
             "a column of the star list has too long a name",
-            expected=f"at most {LONGEST_NAME} characters",
+            expected=f"at most {MAX_NAME_LENGTH} characters",
             got=f"{len(long)} characters: {long[:SHOWN]}",
         )
     twice = sorted(name for name, count in Counter(names).items() if count > 1)
@@ -79,12 +79,12 @@ def check_column_names(names: Sequence[str]) -> None:
 
 def check_table_size(rows: int, row_bytes: int) -> None:
     """Raise BadInput for a table that is too large according to its header."""
-    if not 0 <= rows <= MOST_ROWS:
-        raise BadInput("the star list is too long", expected=f"at most {MOST_ROWS} rows", got=str(rows))
-    if rows * row_bytes > LARGEST_TABLE_BYTES:
+    if not 0 <= rows <= MAX_ROWS:
+        raise BadInput("the star list is too long", expected=f"at most {MAX_ROWS} rows", got=str(rows))
+    if rows * row_bytes > MAX_TABLE_BYTES:
         raise BadInput(
             "the star list is too large when it is unpacked",
-            expected=f"at most {LARGEST_TABLE_BYTES >> 20} MiB",
+            expected=f"at most {MAX_TABLE_BYTES >> 20} MiB",
             got=f"{rows} rows of {row_bytes} bytes",
             hint="keep position, magnitude and names only",
         )
@@ -94,10 +94,10 @@ def check_lines(data: bytes) -> None:
     """Raise BadInput for a line that is too long to be a row of a table."""
     ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord("\n"))
     lengths = np.diff(ends, prepend=-1, append=len(data))
-    if lengths.max() > LONGEST_LINE:
+    if lengths.max() > MAX_LINE_LENGTH:
         raise BadInput(
             f"line {int(lengths.argmax()) + 1} of the star list is too long",
-            expected=f"at most {LONGEST_LINE} bytes",
+            expected=f"at most {MAX_LINE_LENGTH} bytes",
             got=f"{int(lengths.max())} bytes",
         )
 
@@ -130,10 +130,10 @@ class _VotableSize:
 
     def _value(self, name: str, attributes: Mapping[str, str]) -> None:
         size = _elements(attributes.get("arraysize", ""))
-        if size > LONGEST_TEXT:
+        if size > MAX_TEXT_LENGTH:
             raise BadInput(
                 f"a {name.upper()} of the VOTable is too large",
-                expected=f'arraysize up to {LONGEST_TEXT}, or "*"',
+                expected=f'arraysize up to {MAX_TEXT_LENGTH}, or "*"',
                 got=attributes["arraysize"][:SHOWN],
             )
         if name == "field":

@@ -26,11 +26,11 @@ V_RANGE_MAG = (-2.0, 25.0)
 B_V_RANGE_MAG = (-1.0, 8.0)
 # Barnard's star moves 10.4″ per year; Proxima's parallax is 0.77″.
 FASTEST_RAD_YR = 20.0 * ARCSEC_RAD
-LARGEST_PARALLAX_RAD = 1.0 * ARCSEC_RAD
+MAX_PARALLAX_RAD = 1.0 * ARCSEC_RAD
 # Tolerance for positions at an end of their range.
 ROUNDING_RAD = 1e-9
-LARGEST_NUMBER = 2**31 - 1
-LONGEST_NUMBER = 100
+MAX_NUMBER = 2**31 - 1
+MAX_NUMBER_LENGTH = 100
 """Characters; the regular expression NUMBERS may backtrack on long blank text."""
 # With fewer rows than this the unit cannot be guessed.
 MIN_INFORMATIVE_ROWS = 20
@@ -108,7 +108,7 @@ def _is_text(values: NDArray[Any]) -> bool:
 
 def _looks_sexagesimal(values: NDArray[Any]) -> bool:
     first = next((str(v).strip() for v in values if str(v).strip()), "")
-    return bool(re.match(r"^[+-]?\d+[\s:hd°]+\d+", first[:LONGEST_NUMBER]))
+    return bool(re.match(r"^[+-]?\d+[\s:hd°]+\d+", first[:MAX_NUMBER_LENGTH]))
 
 
 def numbers_of(name: str, column: str, unit: str, raw: RawList, bad: BadRows) -> Array:
@@ -136,13 +136,13 @@ def number_of(value: object) -> float:
     """Parse the number in a text; NaN if there is none."""
     text = str(value)
     try:
-        return float(text) if len(text) <= LONGEST_NUMBER else np.nan
+        return float(text) if len(text) <= MAX_NUMBER_LENGTH else np.nan
     except ValueError:
         return np.nan
 
 
 def _degrees(text: str, scale: float) -> float:
-    match = NUMBERS.match(text) if len(text) <= LONGEST_NUMBER else None
+    match = NUMBERS.match(text) if len(text) <= MAX_NUMBER_LENGTH else None
     if not match:
         return np.nan
     whole, minutes, seconds = (float(part or 0) for part in match.groups()[1:])
@@ -189,7 +189,7 @@ def check_ranges(values: dict[str, Array], bad: BadRows) -> None:
         for name, limit, reason in (
             ("pm_ra", FASTEST_RAD_YR, "no star moves so fast"),
             ("pm_dec", FASTEST_RAD_YR, "no star moves so fast"),
-            ("parallax", LARGEST_PARALLAX_RAD, "no star is so near"),
+            ("parallax", MAX_PARALLAX_RAD, "no star is so near"),
         ):
             if name in values:
                 bad.mark(np.abs(values[name]) > limit, name, reason)
@@ -215,7 +215,7 @@ def numbering_of(
     column = raw.columns[columns["id"]]
     numbers = np.array([number_of(v) for v in column]) if _is_text(column) else column.astype(float)
     whole = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
-    if not whole.any() or np.nanmax(numbers) > LARGEST_NUMBER:
+    if not whole.any() or np.nanmax(numbers) > MAX_NUMBER:
         notes.append(
             f"{columns['id']} is not a number of at most ten digits: stars are numbered by row and named by it"
         )

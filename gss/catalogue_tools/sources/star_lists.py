@@ -30,8 +30,8 @@ from gss.domain.errors import BadInput
 from gss.domain.stars import FLAG_NO_PROPER_MOTION, StarTable
 
 REPORTED_ROWS = 100
-LONGEST_CAMERA = 40
-LONGEST_EPOCH = 100
+MAX_CAMERA = 40
+MAX_EPOCH = 100
 """Largest number of characters of a file's epoch or frame."""
 
 
@@ -127,7 +127,7 @@ def read_star_list(data: bytes, kind: str, mapping: ListMapping | None = None) -
         )
     if "pm_ra" not in values or "pm_dec" not in values:
         notes.append(f"no proper motions: positions stay those of J{epoch:g}")
-    camera = (raw.camera or "").strip()[:LONGEST_CAMERA]
+    camera = (raw.camera or "").strip()[:MAX_CAMERA]
     return ImportedList(
         stars, bad.report(REPORTED_ROWS), bad.count(), columns, units, epoch, frame, tuple(notes), camera
     )
@@ -137,9 +137,9 @@ def _epoch(raw: RawList, mapping: ListMapping) -> float:
     """Julian year of the positions; BadInput if it is missing, or if the file and the caller state different years."""
     stated = None
     if raw.epoch is not None:
-        match = re.search(r"(B?)\s{0,8}(\d{4}(?:\.\d*)?)", raw.epoch[:LONGEST_EPOCH])
-        if not match or len(raw.epoch) > LONGEST_EPOCH:
-            got = raw.epoch[:LONGEST_EPOCH]
+        match = re.search(r"(B?)\s{0,8}(\d{4}(?:\.\d*)?)", raw.epoch[:MAX_EPOCH])
+        if not match or len(raw.epoch) > MAX_EPOCH:
+            got = raw.epoch[:MAX_EPOCH]
             raise BadInput("the star list's epoch is not a year", expected="a Julian year, as 2016.0", got=got)
         stated = float(match[2])
         if match[1]:  # a Besselian year (Lieske 1979)
@@ -173,7 +173,7 @@ def _frame(raw: RawList, columns: dict[str, str], mapping: ListMapping) -> str:
             raise BadInput(
                 "the star list's frame is unknown",
                 expected="ICRS | FK5 | FK4",
-                got=raw.frame[:LONGEST_EPOCH],
+                got=raw.frame[:MAX_EPOCH],
                 hint="state it: option --list-frame in the shell, field Axes on the page",
             )
     if stated is None:

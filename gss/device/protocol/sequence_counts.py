@@ -5,7 +5,7 @@ from __future__ import annotations
 from gss.device.protocol.packet import SEQUENCE_MODULO, Arrival, Packet, PacketType
 
 HALF = SEQUENCE_MODULO // 2
-MOST_MISSING = 4096
+MAX_MISSING = 4096
 """Missing numbers remembered per packet type, to recognise packets that arrive late."""
 
 
@@ -61,9 +61,9 @@ class SequenceTracker:
             stream.missing.clear()  # numbers of the sender's previous run
         elif ahead:
             self.gaps += ahead
-            numbers = range(stream.expected, stream.expected + ahead)[-MOST_MISSING:]
+            numbers = range(stream.expected, stream.expected + ahead)[-MAX_MISSING:]
             stream.missing.update(dict.fromkeys(n % SEQUENCE_MODULO for n in numbers))
-            while len(stream.missing) > MOST_MISSING:
+            while len(stream.missing) > MAX_MISSING:
                 del stream.missing[next(iter(stream.missing))]
         stream.missing.pop(packet.sequence, None)  # the count has wrapped since that number was missed
         stream.expected = (packet.sequence + 1) % SEQUENCE_MODULO

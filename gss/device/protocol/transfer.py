@@ -17,7 +17,7 @@ from gss.instruments.dictionary.definitions import Value
 
 PAGE_RANGES = 16
 REQUEST_BACKOFF = 1.6
-LONGEST_REQUEST_S = 3.0
+MAX_REQUEST_S = 3.0
 ANSWER_S = 0.25
 STATUS_EVERY = 4
 """A receiver reports after a quarter of a window."""
@@ -224,7 +224,7 @@ class ChunkSender:
             # No further chunk follows that would trigger a report, so request one at once instead of waiting.
             self._requested_at_end = self.serial
         else:
-            longest_s = max(LONGEST_REQUEST_S, self._request_base_s)
+            longest_s = max(MAX_REQUEST_S, self._request_base_s)
             self._request_after_s = min(self._request_after_s * REQUEST_BACKOFF, longest_s)
             self.silent_requests += 1
         self._received_s = now_s

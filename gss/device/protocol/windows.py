@@ -20,7 +20,7 @@ from gss.domain.errors import BadInput, CorruptData
 HEAD = struct.Struct(">HHBB")
 WINDOW = struct.Struct(">HHBB")
 SIDE_RANGE_PX = (5, 31)
-MOST_WINDOWS = 255
+MAX_WINDOWS = 255
 DTYPES: dict[int, np.dtype[Any]] = {1: np.dtype(np.uint8), 2: np.dtype(">u2")}
 Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
@@ -45,7 +45,7 @@ def windows_round(centres: Sequence[tuple[float, float]], side_px: int, columns:
         raise BadInput("the side of star windows is out of range", expected=f"odd, {low} – {high}", got=str(side_px))
     half = side_px // 2
     windows: list[Window] = []
-    for col, row in centres[:MOST_WINDOWS]:
+    for col, row in centres[:MAX_WINDOWS]:
         first_col, first_row = max(0, round(col) - half), max(0, round(row) - half)
         past_col, past_row = min(columns, round(col) + half + 1), min(rows, round(row) + half + 1)
         if first_col < past_col and first_row < past_row:

@@ -13,13 +13,13 @@ from gss.domain.errors import BadInput, LinkDown
 GROUP = "239.74.163.2"
 """The group that python-can proposes."""
 PORT_FILE = "can-port"
-LARGEST_PORT = 65_535
+MAX_PORT = 65_535
 
 
 def bus_port(port: int, state_dir: Path | None) -> int:
     """Return the UDP port of the bus: ``port``, or for 0 that of the last run with this state, or a free one. Raises BadInput."""
-    if not 0 <= port <= LARGEST_PORT:
-        raise BadInput("UDP port is out of range", expected=f"0 – {LARGEST_PORT}", got=str(port))
+    if not 0 <= port <= MAX_PORT:
+        raise BadInput("UDP port is out of range", expected=f"0 – {MAX_PORT}", got=str(port))
     if port:
         return port
     file = state_dir / PORT_FILE if state_dir is not None else None

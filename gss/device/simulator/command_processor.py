@@ -19,7 +19,7 @@ from gss.device.simulator.rejection import Rejection
 from gss.domain.errors import BadInput, CorruptData
 from gss.instruments.dictionary.definitions import CommandDefinition, Dictionary, Value
 
-MOST_WAITING = 4
+MAX_WAITING = 4
 REPLAYED_AT = 3
 """Offset of the flag "replayed" in a report, after stage, reason and progress."""
 UNFINISHED = (b"\1", b"\3", b"\4")
@@ -158,8 +158,8 @@ class CommandProcessor:
                 raise Rejection("wrong_state", f"not met: {condition.text}")
         if command.name in self.guards:
             self.guards[command.name](arguments)
-        if len(self._waiting) >= MOST_WAITING:
-            raise Rejection("busy", f"{MOST_WAITING} commands are waiting")
+        if len(self._waiting) >= MAX_WAITING:
+            raise Rejection("busy", f"{MAX_WAITING} commands are waiting")
         return Running(packet.request_id, command, arguments)
 
     def run_scheduled(self, request_id: int, code: int, payload: bytes, on_end: Ended) -> None:

@@ -15,7 +15,7 @@ from gss.domain.errors import BadInput
 PIECE_BYTES = 64
 BURST_BYTES = 16
 LAST_WORDS_S = 0.2
-LONGEST_DISCONNECT_S = 3600.0
+MAX_DISCONNECT_S = 3600.0
 LIMITS = {
     "bit_error_rate": 0.5,
     "drop_rate": 1.0,
@@ -174,9 +174,9 @@ class LineControl:
 
     def disconnect(self, seconds: float) -> None:
         """Disconnect the line for ``seconds``, starting 0.2 s later so that the command's report is still sent."""
-        if not 0 < seconds <= LONGEST_DISCONNECT_S:
+        if not 0 < seconds <= MAX_DISCONNECT_S:
             raise BadInput(
-                "disconnection is out of range", expected=f"above 0 – {LONGEST_DISCONNECT_S:g} s", got=f"{seconds:g} s"
+                "disconnection is out of range", expected=f"above 0 – {MAX_DISCONNECT_S:g} s", got=f"{seconds:g} s"
             )
         self._wanted_s = seconds
 

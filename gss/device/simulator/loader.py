@@ -19,7 +19,7 @@ from gss.instruments.dictionary.definitions import Dictionary, Value
 SILENT_S = 15.0
 SILENT_REQUESTS = 8
 NO_SESSION_EVERY_S = 0.5
-MOST_SESSIONS = 8
+MAX_SESSIONS = 8
 
 
 class Loader:
@@ -161,7 +161,7 @@ class Loader:
                 del self._sessions[old.id]
 
     def _forget_oldest(self) -> None:
-        for session_id in sorted(self._sessions)[:-MOST_SESSIONS]:
+        for session_id in sorted(self._sessions)[:-MAX_SESSIONS]:
             del self._sessions[session_id]
 
     # --- up -----------------------------------------------------------------------------------------------------

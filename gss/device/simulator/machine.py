@@ -36,7 +36,7 @@ from gss.instruments.dictionary.definitions import Dictionary
 from gss.instruments.package_files import TYPICAL, PowerRow, UnitTiming
 
 LAST_WORDS_S = 0.2
-MOST_OVERDUE = 30
+MAX_OVERDUE = 30
 """Housekeeping packets that are sent late after the simulator's process did not run."""
 
 
@@ -238,13 +238,13 @@ class SimulatedDevice:
     def _send_overdue_housekeeping(self, now_s: float) -> None:
         """Send the housekeeping of periods in which this process did not run, with the time at which it was due.
 
-        A unit's processor never waits for others. At most ``MOST_OVERDUE`` packets; older periods are skipped.
+        A unit's processor never waits for others. At most ``MAX_OVERDUE`` packets; older periods are skipped.
         """
         if now_s < self._asleep_until_s:
             return
         overdue = int(max(0.0, now_s - self._housekeeping_due_s) // self._housekeeping_s)
-        self._housekeeping_due_s += self._housekeeping_s * max(0, overdue - MOST_OVERDUE)
-        for _ in range(min(overdue, MOST_OVERDUE)):
+        self._housekeeping_due_s += self._housekeeping_s * max(0, overdue - MAX_OVERDUE)
+        for _ in range(min(overdue, MAX_OVERDUE)):
             self._now_s = max(self._housekeeping_due_s, self._now_s)
             self._outbox.time_s = self.time_s
             self._send_housekeeping(0)

@@ -72,7 +72,7 @@ OBJECTS: tuple[tuple[int, int, str, int, str, int | None], ...] = (
     (0x2010, 0, "time", dt.UNSIGNED64, "rw", None),
 )
 """Index, subindex, name, type, access, default."""
-MOST_FILES = 255
+MAX_FILES = 255
 logging.getLogger("canopen").setLevel(logging.CRITICAL)  # it reports every message that it cannot read
 
 
@@ -227,7 +227,7 @@ class OresatUnit:
         count, delay_s = self._value(0x4001, 1), self._value(0x4001, 2) / 1e3
         self._work_s = self._now_s + EXPOSURE_S + delay_s
         if self._passes_filter() and self._value(0x4001, 8):
-            self._files = min(MOST_FILES, self._files + 1)
+            self._files = min(MAX_FILES, self._files + 1)
         if (count and self._taken >= count) or (self._now_s >= self._until_s and self._taken):
             self._enter(STANDBY)
 

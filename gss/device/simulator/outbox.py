@@ -11,13 +11,13 @@ from gss.device.simulator.reports import Report
 from gss.device.simulator.sessions import Outgoing
 from gss.instruments.dictionary.definitions import Dictionary
 
-MOST_WAITING = 400
-LONGEST_TEXT = 200
+MAX_WAITING = 400
+MAX_TEXT_LENGTH = 200
 
 
 def short_text(text: str) -> str:
     """Return the text cut to the length of a text field, never inside a character."""
-    return text.encode()[:LONGEST_TEXT].decode(errors="ignore")
+    return text.encode()[:MAX_TEXT_LENGTH].decode(errors="ignore")
 
 
 class Outbox:
@@ -60,7 +60,7 @@ class Outbox:
     def _add(self, frame: bytes) -> None:
         """Queue a frame. Drops the oldest if the line does not drain the queue, to bound memory."""
         self._frames.append(frame)
-        if len(self._frames) > MOST_WAITING:
+        if len(self._frames) > MAX_WAITING:
             self._frames.popleft()
 
     def take(self) -> bytes | None:

@@ -10,7 +10,7 @@ from gss.domain.camera import Brown, BrownUndistort, Camera, Distortion, RadialT
 from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 
-LARGEST_PERCENT = 10.0
+MAX_PERCENT = 10.0
 CENTRE_PX = 4.0
 """Shift per percent, in a direction determined by the seed."""
 DISTORTION_SHARE = 0.03
@@ -23,8 +23,8 @@ def own_lens(profile: CameraProfile, percent: float, seed: int) -> CameraProfile
     The focal length is off by ``percent``; for each percent the optical centre moves by 4 px and the distortion changes
     by 3 %. The same seed (unit) always gives the same lens. Raises BadInput beyond ±10 percent.
     """
-    if not abs(percent) <= LARGEST_PERCENT:
-        expected = f"at most {LARGEST_PERCENT:g} %"
+    if not abs(percent) <= MAX_PERCENT:
+        expected = f"at most {MAX_PERCENT:g} %"
         raise BadInput("the lens error is out of range", expected=expected, got=f"{percent:g} %")
     if percent == 0:
         return profile

@@ -16,8 +16,8 @@ from gss.device.simulator.reports import Report
 from gss.domain.errors import BadInput, CorruptData
 from gss.instruments.dictionary.definitions import Dictionary
 
-MOST_WAITING = 16
-MOST_ENDED = 16
+MAX_WAITING = 16
+MAX_ENDED = 16
 NEVER = ("HELLO", "SCHEDULE", "ABORT")
 """Commands that cannot be scheduled."""
 
@@ -58,8 +58,8 @@ class Schedule:
         self._check(int(arguments["command_code"]), payload[:length])
         if at_s <= self._time_s():
             raise Rejection("out_of_range", f"it is {self._time_s():.1f} s already, requested {at_s:.1f} s")
-        if len(self.waiting) >= MOST_WAITING:
-            raise Rejection("schedule_full", f"{MOST_WAITING} commands wait already")
+        if len(self.waiting) >= MAX_WAITING:
+            raise Rejection("schedule_full", f"{MAX_WAITING} commands wait already")
         record = self._memory.record
         entry = ScheduleEntry(
             record.next_schedule, at_s, int(arguments["command_code"]), payload[:length].hex(), request_id
@@ -136,11 +136,11 @@ class Schedule:
         return f"{command.name if command else entry.command_code} (schedule {entry.schedule_id})"
 
     def _put(self, entry: ScheduleEntry, request_id: int, *, report: bool = True) -> None:
-        """Replace an entry; only the last ``MOST_ENDED`` ended entries are kept."""
+        """Replace an entry; only the last ``MAX_ENDED`` ended entries are kept."""
         record = self._memory.record
         entries = [entry if e.schedule_id == entry.schedule_id else e for e in record.schedule]
         ended = [e.schedule_id for e in entries if e.state != "waiting"]
-        forgotten = set(ended[: max(0, len(ended) - MOST_ENDED)])
+        forgotten = set(ended[: max(0, len(ended) - MAX_ENDED)])
         record.schedule = [e for e in entries if e.schedule_id not in forgotten]
         self._memory.save()
         if report:

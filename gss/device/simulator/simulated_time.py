@@ -10,11 +10,11 @@ from gss.domain.callbacks import never
 from gss.domain.errors import BadInput
 
 FASTEST = 1000.0
-LONGEST_STEP_S = 86_400.0
-LONGEST_SKIP_S = 14 * 86_400.0
+MAX_STEP_S = 86_400.0
+MAX_SKIP_S = 14 * 86_400.0
 TICK_S = 0.01
 SETTLE_TURNS = 3
-LONGEST_ORDER_BYTES = 200
+MAX_ORDER_BYTES = 200
 
 
 class SimulatedClock:
@@ -74,7 +74,7 @@ class TimeControl:
     def feed(self, data: bytes) -> Iterator[str]:
         """Execute complete commands and yield their answers."""
         *lines, self._partial_line = (self._partial_line + data).split(b"\n")
-        self._partial_line = self._partial_line[-LONGEST_ORDER_BYTES:]
+        self._partial_line = self._partial_line[-MAX_ORDER_BYTES:]
         for line in lines:
             words = line.decode("utf-8", "replace").split()
             if words:
@@ -83,10 +83,10 @@ class TimeControl:
     def _obey(self, order: str, words: list[str]) -> str:
         try:
             if order == "step" and len(words) == 1:
-                self._step(_number(words[0], LONGEST_STEP_S))
+                self._step(_number(words[0], MAX_STEP_S))
                 return f"time {self._clock():.6f}"
             if order == "skip" and len(words) == 1:
-                self._clock.advance(_number(words[0], LONGEST_SKIP_S))
+                self._clock.advance(_number(words[0], MAX_SKIP_S))
                 self._terminal.turn(0.0)
                 return f"time {self._clock():.6f}"
             if order == "run" and len(words) <= 1:

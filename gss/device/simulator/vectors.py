@@ -16,7 +16,7 @@ from gss.pipeline.chains.sunsat_vectors import matched_vectors
 
 J2000_UTC_S, DAY_S = 946_728_000.0, 86_400.0
 """2000-01-01 12:00 in seconds since 1970; the difference of about a minute from UTC to TT does not affect a velocity."""
-MOST_VECTORS = 255
+MAX_VECTORS = 255
 
 
 def no_vectors(frame: StoredFrame) -> Report:
@@ -65,7 +65,7 @@ def vector_report(
             **dict(zip(("body_x", "body_y", "body_z"), map(float, vectors.observed_body[i]), strict=True)),
             **dict(zip(("orbit_x", "orbit_y", "orbit_z"), map(float, vectors.reference_orbit[i]), strict=True)),
         }
-        for i in range(min(len(vectors), MOST_VECTORS))
+        for i in range(min(len(vectors), MAX_VECTORS))
         if stars[i] >= 0
     ]
     roll, pitch, yaw = np.degrees(angles_rad)

@@ -20,7 +20,7 @@ from gss.instruments.dictionary.definitions import (
 
 SIZED = re.compile(r"(bytes|str)([1-9][0-9]{0,2})")
 PLAIN_TYPES = (*INTEGER_RANGES, *FLOATS, "bool", "enum", "text", "rest")
-COUNTS, MOST_SLOTS = ("u8", "u16"), 255
+COUNTS, MAX_SLOTS = ("u8", "u16"), 255
 Row = Mapping[str, Any]
 Enums = dict[str, tuple[EnumChoice, ...]]
 
@@ -135,8 +135,8 @@ def read_group(where: str, row: Row, enums: Enums) -> Group:
     where = f"{where}.{row['name']}"
     known_keys(where, row, "name list purpose count slots")
     count, slots = str(row.get("count", "u8")), int(row.get("slots", 0))
-    if count not in COUNTS or not 0 <= slots <= MOST_SLOTS:
-        expected = f"count {' or '.join(COUNTS)}, slots 0 – {MOST_SLOTS}"
+    if count not in COUNTS or not 0 <= slots <= MAX_SLOTS:
+        expected = f"count {' or '.join(COUNTS)}, slots 0 – {MAX_SLOTS}"
         raise BadInput(f"{where}: wrong count of a list", expected=expected, got=f"{count}, {slots}")
     return Group(str(row["name"]), read_items(where, row["list"], enums), str(row.get("purpose", "")), count, slots)
 

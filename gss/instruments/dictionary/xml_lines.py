@@ -9,8 +9,8 @@ from xml.parsers import expat
 
 from gss.domain.errors import BadInput
 
-MOST_BYTES = 4 << 20
-MOST_ELEMENTS = 200_000
+MAX_BYTES = 4 << 20
+MAX_ELEMENTS = 200_000
 DEEPEST = 40
 
 
@@ -97,8 +97,8 @@ class Element:
 
 def parse_xml(file: str, data: bytes, namespaces: str) -> Element:
     """Return the root. ``namespaces``: start of the namespace of every element. Raises BadInput with file and line."""
-    if len(data) > MOST_BYTES:
-        raise BadInput(f"{file} is too large", expected=f"at most {MOST_BYTES} bytes", got=str(len(data)))
+    if len(data) > MAX_BYTES:
+        raise BadInput(f"{file} is too large", expected=f"at most {MAX_BYTES} bytes", got=str(len(data)))
     parser = expat.ParserCreate(namespace_separator=" ")
     roots: list[Element] = []
     path: list[Element] = []
@@ -114,8 +114,8 @@ def parse_xml(file: str, data: bytes, namespaces: str) -> Element:
         nonlocal count
         count += 1
         namespace, _, tag = name.rpartition(" ")
-        if count > MOST_ELEMENTS or len(path) >= DEEPEST:
-            raise line("too many or too deep elements", expected=f"{MOST_ELEMENTS} elements, {DEEPEST} levels")
+        if count > MAX_ELEMENTS or len(path) >= DEEPEST:
+            raise line("too many or too deep elements", expected=f"{MAX_ELEMENTS} elements, {DEEPEST} levels")
         if not namespace.startswith(namespaces):
             raise line(
                 f"{tag} is not in a supported namespace", expected=f"{namespaces}… (1.2 or later)", got=namespace[:100]

@@ -19,7 +19,7 @@ INTEGERS = {("unsigned", 8): "u8", ("unsigned", 16): "u16", ("unsigned", 32): "u
 INTEGERS |= {("twosComplement", 8): "i8", ("twosComplement", 16): "i16", ("twosComplement", 32): "i32"}
 FLOATS = {"32": "f32", "64": "f64"}
 YES, NO = ("true", "1"), ("false", "0")
-MOST_JSON, MOST_BRACKETS = 50_000, 200
+MAX_JSON, MAX_BRACKETS = 50_000, 200
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ def facts_of(element: Element, allowed: str) -> Row:
     for entry in element.rows("AncillaryDataSet"):
         if entry.attributes.get("name") != ANCILLARY:
             continue
-        if len(entry.text) > MOST_JSON or entry.text.count("[") + entry.text.count("{") > MOST_BRACKETS:
-            raise entry.error("too long", expected=f"at most {MOST_JSON} characters and {MOST_BRACKETS} brackets")
+        if len(entry.text) > MAX_JSON or entry.text.count("[") + entry.text.count("{") > MAX_BRACKETS:
+            raise entry.error("too long", expected=f"at most {MAX_JSON} characters and {MAX_BRACKETS} brackets")
         try:
             facts = json.loads(entry.text, parse_constant=_refuse)
         except ValueError as error:

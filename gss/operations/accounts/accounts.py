@@ -25,7 +25,7 @@ REMEMBERED_S = 1.0
 """How long an identity is cached. Changes by this process apply at once, those by other processes within this time."""
 IN_NEED_S = 600.0
 """While the database cannot be read, identities verified within this time are still accepted, so that ABORT can be sent."""
-MOST_REMEMBERED = 1000
+MAX_REMEMBERED = 1000
 
 
 class Rules(Protocol):
@@ -142,6 +142,6 @@ class AccountService:
             self._remembered.pop(hashed, None)
             if caller is not None and changes == self._changes:  # otherwise it may have been read before the change
                 self._remembered[hashed] = (read_s, caller)
-            while len(self._remembered) > MOST_REMEMBERED:
+            while len(self._remembered) > MAX_REMEMBERED:
                 self._remembered.popitem(last=False)
         return caller

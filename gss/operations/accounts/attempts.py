@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from gss.domain.errors import RateLimited
 from gss.operations.clock import Monotonic
 
-MOST_KEYS = 10_000
+MAX_KEYS = 10_000
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Attempts:
                 count, _ = self._known(key, brake)
                 self._failures[key] = (count + 1, self._now_s())
                 self._failures.move_to_end(key)
-            while len(self._failures) > MOST_KEYS:
+            while len(self._failures) > MAX_KEYS:
                 self._failures.popitem(last=False)
 
     def passed(self, keys: Sequence[tuple[str, Brake]]) -> None:

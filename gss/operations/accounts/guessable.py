@@ -6,9 +6,9 @@ import unicodedata
 
 LONGEST = 200
 """Maximum length of a password, in characters."""
-FEWEST_LETTERS = 5
+MIN_LETTERS = 5
 """Minimum number of letters or digits besides a common word."""
-FEWEST_DIFFERENT = 5
+MIN_DIFFERENT = 5
 SEQUENCE_SHARE = 0.7
 """A password is a sequence if at least this share of its pairs are neighbours on a keyboard or in the alphabet."""
 SEQUENCES = (
@@ -41,7 +41,7 @@ def normalized(password: str) -> str:
 def why_guessable(password: str, name: str) -> str:
     """Return why a normalized password is easy to guess; "" if it is not. The text does not contain the password."""
     plain = password.lower()
-    if len(set(plain)) < FEWEST_DIFFERENT:
+    if len(set(plain)) < MIN_DIFFERENT:
         return "few different characters"
     if plain.isdigit():
         return "digits only"
@@ -52,7 +52,7 @@ def why_guessable(password: str, name: str) -> str:
     if name and plain in (name.lower(), name.lower()[::-1]):
         return "the user name"
     remaining = _without_words(plain, name)
-    if len(remaining) < FEWEST_LETTERS:
+    if len(remaining) < MIN_LETTERS:
         return "a common word or the user name with few other characters"
     return ""
 

@@ -9,7 +9,7 @@ from datetime import datetime
 from gss.domain.errors import BadInput
 from gss.operations.accounts.permissions import permissions_of, permitted, require
 
-LONGEST_NAME = 60
+MAX_NAME_LENGTH = 60
 TOKEN_PREFIX = "token:"  # noqa: S105 - the beginning of a name
 
 
@@ -50,6 +50,6 @@ class CallerIdentity:
 
 def checked_user(user: str) -> str:
     """Return the user name if it can be shown and stored; raise BadInput otherwise."""
-    if not 0 < len(user) <= LONGEST_NAME or not user.isprintable() or user.strip() != user:
-        raise BadInput("not a user name", expected=f"1 – {LONGEST_NAME} printable characters", got=repr(user[:80]))
+    if not 0 < len(user) <= MAX_NAME_LENGTH or not user.isprintable() or user.strip() != user:
+        raise BadInput("not a user name", expected=f"1 – {MAX_NAME_LENGTH} printable characters", got=repr(user[:80]))
     return user

@@ -16,7 +16,7 @@ SHORTEST = 10
 AT_ONCE = 2
 """Maximum number of concurrent hash computations; each needs tens of megabytes, so more would let anonymous clients exhaust
 the memory."""
-MOST_WAITING = 20
+MAX_WAITING = 20
 """Maximum number of waiting sign-ins; more are rejected at once, so that a flood does not delay others for minutes."""
 Done = TypeVar("Done")
 
@@ -24,7 +24,7 @@ Done = TypeVar("Done")
 class HashingPool:
     """Thread pool for password hashing, so that nothing else waits for a hash, least of all ABORT."""
 
-    def __init__(self, at_once: int = AT_ONCE, most_waiting: int = MOST_WAITING) -> None:
+    def __init__(self, at_once: int = AT_ONCE, most_waiting: int = MAX_WAITING) -> None:
         self._threads = ThreadPoolExecutor(at_once, thread_name_prefix="passwords")
         self._places = threading.BoundedSemaphore(at_once + most_waiting)
 

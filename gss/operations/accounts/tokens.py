@@ -17,8 +17,8 @@ from gss.store import accounts as store
 from gss.store.engine import Database, Transaction
 from gss.store.models import ApiToken, User
 
-LONGEST_NAME = 50
-LONGEST_DAYS = 366
+MAX_NAME_LENGTH = 50
+MAX_DAYS = 366
 SEEN_EVERY = timedelta(minutes=1)
 
 
@@ -63,10 +63,10 @@ class TokenService:
         """Create a token. ``scopes`` narrow the role. It becomes invalid with its owner's account; a token made in the shell
         has no owner. ``until``: expiry of the token that creates it, which it may not exceed. Raises BadInput or Conflict."""
         granted = permissions_of(checked_role(role))
-        if not 0 < len(name) <= LONGEST_NAME or not name.isprintable() or name.strip() != name:
-            raise BadInput("the token has no name", expected=f"1 – {LONGEST_NAME} printable characters")
-        if not 0 < days <= LONGEST_DAYS:
-            raise BadInput("invalid token lifetime", expected=f"up to {LONGEST_DAYS} days", got=f"{days:g}")
+        if not 0 < len(name) <= MAX_NAME_LENGTH or not name.isprintable() or name.strip() != name:
+            raise BadInput("the token has no name", expected=f"1 – {MAX_NAME_LENGTH} printable characters")
+        if not 0 < days <= MAX_DAYS:
+            raise BadInput("invalid token lifetime", expected=f"up to {MAX_DAYS} days", got=f"{days:g}")
         strange = sorted(set(scopes) - granted)
         if strange:
             had = ", ".join(sorted(granted))

@@ -13,7 +13,7 @@ from gss.store.models import ApiToken, User
 
 PASSWORD = "password"  # noqa: S105 - a kind of link
 """Kind of the links that set a password."""
-LONGEST_REASON = 200
+MAX_REASON_LENGTH = 200
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Voiding:
 
     def disable(self, user: User, reason: str) -> None:
         """Disable a user: end all sessions and make the links to its password invalid."""
-        user.enabled, user.disabled_reason = False, reason[:LONGEST_REASON]
+        user.enabled, user.disabled_reason = False, reason[:MAX_REASON_LENGTH]
         store.end_sign_ins(self._session, user.id, self._now, "the user was deactivated")
         store.void_links(self._session, PASSWORD, user.id, self._now)
         self._session.flush()

@@ -26,8 +26,8 @@ from gss.domain.frames import cam_from_icrs
 from gss.domain.json_object import JsonObject
 from gss.domain.stars import StarTable
 
-MOST_ON_MAP = 4000
-LARGEST_FIGURE = 1e6
+MAX_ON_MAP = 4000
+MAX_FIGURE = 1e6
 CURVE_POINTS = 60
 
 
@@ -314,7 +314,7 @@ def _sky(selection: Selection) -> list[MapStar]:
             "v_mag": round(float(stars.v_mag[k]), 2),
             "state": Fate(int(selection.fate[k])).map_state,
         }
-        for k in range(min(len(stars), MOST_ON_MAP))
+        for k in range(min(len(stars), MAX_ON_MAP))
     ]
 
 
@@ -338,4 +338,4 @@ def _finite(value: float) -> float | None:
 
 def _rounded(value: float) -> float | None:
     """Round to three digits, enough for a map; infinity becomes the largest value."""
-    return None if np.isnan(value) else float(f"{min(float(value), LARGEST_FIGURE):.3g}")
+    return None if np.isnan(value) else float(f"{min(float(value), MAX_FIGURE):.3g}")

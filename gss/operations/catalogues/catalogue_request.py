@@ -13,7 +13,7 @@ from gss.catalogue_tools.corrections.doubles import Doubles
 from gss.catalogue_tools.envelope.attitude import ORBIT_LAWS, AttitudeLimits, mounting_of
 from gss.catalogue_tools.envelope.occultation import Occultation
 from gss.catalogue_tools.plan import altitude_m, orbital_velocity, planes_of, pole_of
-from gss.catalogue_tools.request import MOST_HEADS, BuildRequest, ElementsOrbit, TleOrbit, own_format
+from gss.catalogue_tools.request import MAX_HEADS, BuildRequest, ElementsOrbit, TleOrbit, own_format
 from gss.catalogue_tools.selection.screening import ScreeningRules
 from gss.catalogue_tools.selection.selection import SelectionRules
 from gss.domain.camera_profile import CameraProfile
@@ -130,7 +130,7 @@ class CatalogueRequest(Request):
     off_nadir_deg: float = Field(default=0.0, ge=0, le=80)
     body_from_cam: Mounting | None = None
     mounting_deg: Turns | None = None
-    heads: list[CatalogueHead] = Field(default=[], max_length=MOST_HEADS)
+    heads: list[CatalogueHead] = Field(default=[], max_length=MAX_HEADS)
     margin_deg: float = Field(default=0.5, ge=0, le=20)
     method: Literal["exact", "blocks"] = "exact"
     source: Literal["hipparcos", "hipparcos_all", "gaia", "list"] = "hipparcos"

@@ -20,7 +20,7 @@ from gss.store.blobs import BlobStore
 from gss.store.engine import Database
 from gss.store.models import StarList
 
-LARGEST_BYTES = 64 << 20
+MAX_BYTES = 64 << 20
 SUFFIXES = {
     "csv": "csv",
     "txt": "csv",
@@ -50,9 +50,9 @@ class StarListService:
     ) -> StarList:
         """Parse and store a file; the row reports what was read and dropped. ``profile``: the camera it is intended for, if
         the file does not state it. Raises BadInput if the file names another camera."""
-        if len(data) > LARGEST_BYTES:
+        if len(data) > MAX_BYTES:
             raise BadInput(
-                "the star list is too large", expected=f"at most {LARGEST_BYTES} bytes", got=f"{len(data)} bytes"
+                "the star list is too large", expected=f"at most {MAX_BYTES} bytes", got=f"{len(data)} bytes"
             )
         if profile:
             self._instruments.get(profile)

@@ -25,7 +25,7 @@ from gss.store.engine import Database
 from gss.store.models import Authority
 
 HISTORY = 20
-LONGEST_REASON = 300
+MAX_REASON_LENGTH = 300
 REQUEST, OFFER = "request", "offer"
 TAKE = "authority.take"
 """Permission to hold authority."""
@@ -166,10 +166,10 @@ class AuthorityService:
         """Take authority from another user, with a reason that is recorded. Raises BadInput without a valid reason, Conflict
         if no other user holds it."""
         checked_reason = " ".join(reason.split())
-        if not 0 < len(checked_reason) <= LONGEST_REASON:
+        if not 0 < len(checked_reason) <= MAX_REASON_LENGTH:
             raise BadInput(
                 "breaking command authority needs a reason",
-                expected=f"1 – {LONGEST_REASON} characters",
+                expected=f"1 – {MAX_REASON_LENGTH} characters",
                 got=f"{len(checked_reason)}",
             )
         with self._lock, self._database.unit_of_work() as session:
@@ -232,8 +232,10 @@ def _waiting(row: Authority | None) -> str:
 
 def _note(note: str) -> str:
     checked = " ".join(note.split())
-    if len(checked) > LONGEST_REASON:
-        raise BadInput("the note is too long", expected=f"at most {LONGEST_REASON} characters", got=f"{len(checked)}")
+    if len(checked) > MAX_REASON_LENGTH:
+        raise BadInput(
+            "the note is too long", expected=f"at most {MAX_REASON_LENGTH} characters", got=f"{len(checked)}"
+        )
     return checked
 
 

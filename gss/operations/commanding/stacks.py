@@ -27,8 +27,8 @@ from gss.store.models import Stack
 Step = Mapping[str, Any]
 STEP = ("command", "arguments", "delay_s", "condition", "note")
 FORMAT, VERSION = "gss-stack", 1
-MOST_STEPS = 200
-LONGEST_WAIT_S = 86_400.0
+MAX_STEPS = 200
+MAX_WAIT_S = 86_400.0
 OPERATORS = ("eq", "ne", "lt", "le", "gt", "ge")
 
 
@@ -128,8 +128,8 @@ class StackService:
 
     def check(self, steps: Sequence[Step], *, user: str) -> StackCheck:
         """Return bytes, hazards, conditions and durations of every step. Nothing is sent."""
-        if not 1 <= len(steps) <= MOST_STEPS:
-            raise BadInput("invalid number of steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
+        if not 1 <= len(steps) <= MAX_STEPS:
+            raise BadInput("invalid number of steps", expected=f"1 – {MAX_STEPS}", got=str(len(steps)))
         checks = [self._check_step(step, user) for step in steps]
         problems = [f"step {k + 1}: {text}" for k, step in enumerate(checks) for text in step.problems]
         if not self._link.connected:
@@ -202,8 +202,8 @@ class CheckedStep(TypedDict):
 
 def checked_steps(roles: Roles, steps: Sequence[Step]) -> list[CheckedStep]:
     """Return the complete steps, with default arguments. Raises BadInput naming the first invalid step."""
-    if not 1 <= len(steps) <= MOST_STEPS:
-        raise BadInput("invalid number of steps", expected=f"1 – {MOST_STEPS}", got=str(len(steps)))
+    if not 1 <= len(steps) <= MAX_STEPS:
+        raise BadInput("invalid number of steps", expected=f"1 – {MAX_STEPS}", got=str(len(steps)))
     checked = []
     for number, step in enumerate(steps, 1):
         try:
@@ -265,8 +265,8 @@ def _check_value(field: TelemetryField, op: str, value: Any) -> None:
 
 
 def _seconds(name: str, value: Any, least_s: float) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least_s <= value <= LONGEST_WAIT_S:
-        raise BadInput(f"{name} is out of range", expected=f"{least_s:g} – {LONGEST_WAIT_S:g} s", got=str(value)[:40])
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least_s <= value <= MAX_WAIT_S:
+        raise BadInput(f"{name} is out of range", expected=f"{least_s:g} – {MAX_WAIT_S:g} s", got=str(value)[:40])
     return float(value)
 
 

@@ -42,7 +42,7 @@ GROUND = "ground_line"
 """Packet name of the ground's own line counters, which are archived like telemetry."""
 SILENT_AFTER_S = 3.0
 STORE_EVERY_S = 10.0
-MOST_LISTED = 500
+MAX_LISTED = 500
 """Frames, commands and transfers of a contact in one response; the others are on the pages of their kind."""
 JUMPS_WITHIN = timedelta(days=2)
 T = TypeVar("T")
@@ -177,9 +177,9 @@ class ContactService:
         with self._database.unit_of_work() as session:
             row, device = store.get_contact(session, contact_id)
             end = row.ended or self._now()
-            frames = Listed(*store.recorded(session, Frame, contact_id, MOST_LISTED))
-            commands = Listed(*store.recorded(session, Command, contact_id, MOST_LISTED))
-            transfers = Listed(*store.recorded(session, Transfer, contact_id, MOST_LISTED))
+            frames = Listed(*store.recorded(session, Frame, contact_id, MAX_LISTED))
+            commands = Listed(*store.recorded(session, Command, contact_id, MAX_LISTED))
+            transfers = Listed(*store.recorded(session, Transfer, contact_id, MAX_LISTED))
             frame_bytes = store.downloaded_bytes(session, contact_id, ("frame", "thumbnail"))
             events = store.count_events(session, row.started, end)
             packets = telemetry_store.counts(session, contact_id)

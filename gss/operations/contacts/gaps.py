@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 PERIOD_S = 1.0
 """Longest period of housekeeping (ICD). A device that sends more often has the period that its record shows."""
-LEAST_STEPS = 20
+MIN_STEPS = 20
 """Fewer steps of the device's clock do not show a period."""
 GAP_PERIODS = 1.5
 LATE_S = 3.0
@@ -174,7 +174,7 @@ def _period_s(samples: Sequence[HousekeepingSample]) -> float:
         for a, b in itertools.pairwise(samples)
         if a.contact_id == b.contact_id and b.device_time_s > a.device_time_s
     )
-    return min(PERIOD_S, steps[len(steps) // 2]) if len(steps) >= LEAST_STEPS else PERIOD_S
+    return min(PERIOD_S, steps[len(steps) // 2]) if len(steps) >= MIN_STEPS else PERIOD_S
 
 
 def _between(before: HousekeepingSample, after: HousekeepingSample, evidence: _Evidence, period_s: float) -> Gap | None:

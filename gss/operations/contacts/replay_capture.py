@@ -25,7 +25,7 @@ from gss.operations.telemetry.telemetry import TelemetryBoard
 
 SPEEDS = (0.1, 1000.0)
 PUBLISH_EVERY_S = 0.2
-LONGEST_NAP_S = 0.2
+MAX_NAP_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ class CaptureReplay:
                 left_s = player.left_s(at_s, self._orders.speed)
                 if left_s <= 0:
                     return True
-                self._changed.wait(min(left_s, LONGEST_NAP_S))
+                self._changed.wait(min(left_s, MAX_NAP_S))
             return False
 
     def _take(self, decoder: CaptureDecoder, record: Record, *, silent: bool) -> None:

@@ -23,7 +23,7 @@ from gss.store.frame_attitudes import FrameAttitude, attitudes_between
 AttitudeOrigin = Literal["ground", "on board"]
 MessageFormat = Literal["aem", "acm"]
 CAMERA_FRAME = "STARTRACKER_1"
-MOST_FRAMES = 100_000
+MAX_FRAMES = 100_000
 MEAN_STEPS = 20
 
 
@@ -107,9 +107,9 @@ class AttitudeExchange:
         if end < start:
             raise BadInput("The time span is empty", expected="a start before the end", got=f"{start} … {end}")
         with self._database.unit_of_work() as session:
-            rows = attitudes_between(session, origin, start, end, MOST_FRAMES + 1)
-        if len(rows) > MOST_FRAMES:
-            raise BadInput("There are too many frames in this time", expected=f"at most {MOST_FRAMES}")
+            rows = attitudes_between(session, origin, start, end, MAX_FRAMES + 1)
+        if len(rows) > MAX_FRAMES:
+            raise BadInput("There are too many frames in this time", expected=f"at most {MAX_FRAMES}")
         return rows
 
 

@@ -21,7 +21,7 @@ from gss.pipeline.fixed_pattern import DarkPattern
 DARK = "dark frame"
 """Key in a profile's ``sources`` that holds the blob key of the dark frame in use."""
 KEPT_IN_MEMORY = 4
-MOST_BYTES = 256 << 20
+MAX_BYTES = 256 << 20
 """Maximum size of an unpacked dark frame: twice a map of the largest detector in half precision."""
 GREYS = 16
 """Number of grey levels in the picture: noise does not compress, and more levels cannot be distinguished."""
@@ -92,8 +92,8 @@ def from_bytes(data: bytes) -> DarkPattern:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(member.file_size for member in archive.infolist())
-        if size > MOST_BYTES:
-            raise ValueError(f"{size} bytes when it is unpacked, more than {MOST_BYTES}")
+        if size > MAX_BYTES:
+            raise ValueError(f"{size} bytes when it is unpacked, more than {MAX_BYTES}")
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             return DarkPattern(
                 arrays["pattern_dn"].astype(np.float32), arrays["bad"].astype(np.intp), float(arrays["exposure_s"])

@@ -24,9 +24,9 @@ MAX_PIXELS = 64_000_000
 MAX_SIDE_PX = 20_000
 MAX_UNPACKED_BYTES = 4 * MAX_PIXELS
 """Limit for a tile-compressed FITS image."""
-MOST_TILES = 2 * MAX_SIDE_PX
-MOST_EXTENSIONS = 100
-LONGEST_EXPOSURE_S = 86_400.0
+MAX_TILES = 2 * MAX_SIDE_PX
+MAX_EXTENSIONS = 100
+MAX_EXPOSURE_S = 86_400.0
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 MIN_SIDE_PX, ABSURD = 8, 1e30
 WITHOUT_ABERRATION = "without_aberration"
@@ -206,7 +206,7 @@ def _read_fits(data: bytes, name: str) -> tuple[NDArray[np.generic], JsonObject]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # header oddities are common and harmless; the data are checked below
             with fits.open(io.BytesIO(data), memmap=False, lazy_load_hdus=True) as hdus:
-                for hdu in itertools.islice(hdus, MOST_EXTENSIONS):
+                for hdu in itertools.islice(hdus, MAX_EXTENSIONS):
                     if getattr(hdu, "is_image", False) and hdu.header.get("NAXIS", 0) >= 2:
                         return _first_plane(hdu, name), _fits_meta(hdu.header)
     except (BadInput, MemoryError):
@@ -246,10 +246,10 @@ def _check_tiles(hdu: Any, name: str) -> None:
     tile = [min(side, whole) for side, whole in zip(hdu.tile_shape, hdu.shape, strict=True)]
     tiles = math.prod(-(-whole // side) for side, whole in zip(tile[-2:], hdu.shape[-2:], strict=True))
     unpacked = tiles * math.prod(tile) * abs(int(hdu.header["BITPIX"])) // 8
-    if tiles > MOST_TILES or unpacked > MAX_UNPACKED_BYTES:
+    if tiles > MAX_TILES or unpacked > MAX_UNPACKED_BYTES:
         raise BadInput(
             f"{name} is too large when it is unpacked",
-            expected=f"at most {MOST_TILES} tiles and {MAX_UNPACKED_BYTES >> 20} MiB",
+            expected=f"at most {MAX_TILES} tiles and {MAX_UNPACKED_BYTES >> 20} MiB",
             got=f"{tiles} tiles, {unpacked >> 20} MiB",
             hint="save it without compression, or with one row per tile",
         )
@@ -294,7 +294,7 @@ def _fits_meta(header: Any) -> JsonObject:
 
 
 def _believable_s(exposure_s: float) -> bool:
-    return 0 < exposure_s <= LONGEST_EXPOSURE_S
+    return 0 < exposure_s <= MAX_EXPOSURE_S
 
 
 def _believable(moment: datetime) -> datetime:

@@ -27,9 +27,9 @@ ARRAYS = ("col_px", "row_px", "flux", "first")
 COLUMNS = ("list", "col_px", "row_px", "flux")
 EXPECTED = f"an .npz with the arrays {', '.join(ARRAYS)}, or a .csv with the columns {', '.join(COLUMNS)}"
 MAX_LIST_BYTES = 256 << 20
-MOST_LISTS, MOST_STARS = 2_000_000, 8_000_000
-MOST_STARS_IN_A_LIST = 20_000
-LARGEST_PX = 1e6
+MAX_LISTS, MAX_STARS = 2_000_000, 8_000_000
+MAX_STARS_PER_LIST = 20_000
+MAX_PX = 1e6
 SIGMA_PX = 0.2
 """Error of a star's position per axis if the file does not state another."""
 
@@ -102,10 +102,10 @@ def _read_csv(data: bytes, name: str) -> StarLists:
         raise BadInput(f"the first line of {name} does not name the columns", expected=EXPECTED, got=head.strip()[:200])
     table = _csv_numbers(body, name)
     number, col, row, flux = (table[:, names.index(column)] for column in COLUMNS)
-    whole = np.isfinite(number) & (number == np.floor(number)) & (number >= 0) & (number < MOST_LISTS)
+    whole = np.isfinite(number) & (number == np.floor(number)) & (number >= 0) & (number < MAX_LISTS)
     if not whole.all():
         bad = int(np.flatnonzero(~whole)[0])
-        expected = f"the number of the list, an integer from 0 to {MOST_LISTS - 1}"
+        expected = f"the number of the list, an integer from 0 to {MAX_LISTS - 1}"
         raise BadInput(f"line {_line_of(body, bad)} of {name} has no list", expected=expected, got=f"{number[bad]:g}")
     invalid = _first_invalid(col, row, flux)
     if invalid is not None:
@@ -166,12 +166,12 @@ class _InvalidValue:
 
 
 def _first_invalid(col_px: Array, row_px: Array, flux: Array) -> _InvalidValue | None:
-    for column, values, low in (("col_px", col_px, -LARGEST_PX), ("row_px", row_px, -LARGEST_PX), ("flux", flux, 0.0)):
-        high = LARGEST_PX if column != "flux" else np.finfo(float).max
+    for column, values, low in (("col_px", col_px, -MAX_PX), ("row_px", row_px, -MAX_PX), ("flux", flux, 0.0)):
+        high = MAX_PX if column != "flux" else np.finfo(float).max
         bad = np.flatnonzero(~((values >= low) & (values <= high)))
         if len(bad):
             star = int(bad[0])
-            expected = "0 or more" if column == "flux" else f"a position in pixels, within ±{LARGEST_PX:g}"
+            expected = "0 or more" if column == "flux" else f"a position in pixels, within ±{MAX_PX:g}"
             return _InvalidValue(column, star, float(values[star]), expected)
     return None
 
@@ -183,9 +183,9 @@ def _check(lists: StarLists, name: str) -> None:
         raise BadInput(
             f"col_px, row_px and flux in {name} differ in length", expected="one value each per star", got=got
         )
-    if n > MOST_STARS or len(first) - 1 > MOST_LISTS:
+    if n > MAX_STARS or len(first) - 1 > MAX_LISTS:
         got = f"{n} stars in {len(first) - 1} lists"
-        raise BadInput(f"{name} is too long", expected=f"at most {MOST_STARS} stars in {MOST_LISTS} lists", got=got)
+        raise BadInput(f"{name} is too long", expected=f"at most {MAX_STARS} stars in {MAX_LISTS} lists", got=got)
     if len(first) < 2:
         raise BadInput(
             f"{name} has no list", expected="an offset for each list in first, and the number of stars at its end"
@@ -195,8 +195,8 @@ def _check(lists: StarLists, name: str) -> None:
         expected = "ascending offsets that begin with 0 and end with the number of stars"
         raise BadInput(f"the array first in {name} does not divide the stars", expected=expected, got=got)
     longest = int(np.diff(first).max())
-    if longest > MOST_STARS_IN_A_LIST:
-        expected = f"at most {MOST_STARS_IN_A_LIST} stars in a list"
+    if longest > MAX_STARS_PER_LIST:
+        expected = f"at most {MAX_STARS_PER_LIST} stars in a list"
         raise BadInput(f"a list in {name} is too long", expected=expected, got=str(longest))
     invalid = _first_invalid(lists.col_px, lists.row_px, lists.flux)
     if invalid is not None:

@@ -20,7 +20,7 @@ from gss.domain.stars import StarTable
 DETECTED_WITHIN_PX = 3.0
 GRID_STEPS_DEG = (1, 2, 5, 10, 15, 30)
 GRID_LINES = 6
-MOST_PREDICTED = 120
+MAX_PREDICTED = 120
 
 
 class RegionOverlay(TypedDict):
@@ -180,7 +180,7 @@ def predicted(
     icrs = stars.icrs if velocity_c is None else aberrate(stars.icrs, np.array(velocity_c))
     pixels = camera.project(icrs @ cam_from_icrs.T)
     rows: list[PredictedStar] = []
-    for k in np.flatnonzero(camera.contains(pixels))[:MOST_PREDICTED]:
+    for k in np.flatnonzero(camera.contains(pixels))[:MAX_PREDICTED]:
         gap_px = np.hypot(centroids.col_px - pixels[k, 0], centroids.row_px - pixels[k, 1])
         rows.append(
             {

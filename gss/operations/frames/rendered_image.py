@@ -12,7 +12,7 @@ from gss.domain.camera_profile import CameraProfile
 from gss.domain.errors import BadInput
 from gss.pipeline.render import FalseStar, Rendered, render
 
-MOST_FALSE_STARS = 500
+MAX_FALSE_STARS = 500
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class RenderRequest:
 
 def draw(profile: CameraProfile, request: RenderRequest) -> Rendered:
     """Return the image and its truth; the same request gives the same image. Raises BadInput if the request is impossible."""
-    if not 0 <= request.false_stars <= MOST_FALSE_STARS:
+    if not 0 <= request.false_stars <= MAX_FALSE_STARS:
         got = str(request.false_stars)
-        raise BadInput("impossible number of false stars", expected=f"0 – {MOST_FALSE_STARS}", got=got)
+        raise BadInput("impossible number of false stars", expected=f"0 – {MAX_FALSE_STARS}", got=got)
     camera, sensor = profile.camera, profile.sensor
     rng = np.random.default_rng(request.seed)
     faintest = min(sensor.faint_limit_mag, FAINTEST_V_MAG)

@@ -34,10 +34,10 @@ TRACKING_RADIUS_RAD = float(np.radians(0.3))  # Erlank 2013 §4.5; a hint this a
 BLIND_FOV_RAD = (float(np.radians(4.0)), float(np.radians(60.0)))
 FOV_SLACK = 1.08  # margin for a field of view "known to 5 %", measured across the sky or as pixels × scale
 DEFAULT_EPOCH_JYEAR = 2026.5
-USUAL_PER_FRAME, MOST_PER_FRAME = 25, 100
+USUAL_PER_FRAME, MAX_PER_FRAME = 25, 100
 """Stars in an average frame with which a place is identified: of a camera without photometry, and at most. More take longer and
 identify nothing better; the rest are named afterwards."""
-MOST_PAIRS = 2_000_000
+MAX_PAIRS = 2_000_000
 """About the largest pair table; larger ones take minutes."""
 DEEPER_MAG = 1.0  # magnitudes that the second catalogue goes deeper if a frame shows more stars than the first
 
@@ -285,7 +285,7 @@ def _usual_limit(camera: Camera) -> float:
 def _deepest(camera: Camera) -> float:
     """Return the magnitude beyond which stars only make the search slower."""
     # Each of the sky's stars has a pair with about four times as many others as fall on the detector.
-    return _limit_for(camera, min(MOST_PER_FRAME, float(np.sqrt(MOST_PAIRS / 2 * _share_of_sky(camera)))))
+    return _limit_for(camera, min(MAX_PER_FRAME, float(np.sqrt(MAX_PAIRS / 2 * _share_of_sky(camera)))))
 
 
 def _limit_for(camera: Camera, stars: float) -> float:

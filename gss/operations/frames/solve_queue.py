@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from gss.operations.events import EventBus
 from gss.store.models import Frame
 
-MOST_WAITING = 200
-MOST_PIXEL_BYTES = 256 << 20
+MAX_WAITING = 200
+MAX_PIXEL_BYTES = 256 << 20
 """Maximum size of the pixels of waiting frames that are kept in memory; those of later frames are read back from the store."""
 REPORT_EVERY_SKIPPED = 100
 
@@ -44,9 +44,9 @@ class SolveQueue:
     def add(self, frame: Frame, pixels: NDArray[np.generic]) -> None:
         """Queue a frame. If too many wait, the oldest is dropped; dropped frames are counted and reported."""
         in_memory = sum(unsolved.pixels.nbytes for unsolved in list(self._unsolved) if unsolved.pixels is not None)
-        fits = in_memory + pixels.nbytes <= MOST_PIXEL_BYTES
+        fits = in_memory + pixels.nbytes <= MAX_PIXEL_BYTES
         self._unsolved.append(_Unsolved(frame, pixels if fits else None))
-        if len(self._unsolved) > MOST_WAITING:
+        if len(self._unsolved) > MAX_WAITING:
             self._unsolved.popleft()
             self.skipped += 1
             if self.skipped % REPORT_EVERY_SKIPPED == 1:

@@ -18,7 +18,7 @@ from gss.pipeline.chains.modes import Mode
 from gss.pipeline.chains.systems import system
 from gss.pipeline.identify import near
 
-MOST_CHAINED = 5
+MAX_CHAINED = 5
 """Maximum number of successive frames with an attitude chained by relative rotation; errors accumulate and no star is
 identified."""
 FRAME_STEP_S = 1.0
@@ -67,7 +67,7 @@ class SystemSequencer:
             parameters = solver.parameters(request)
             relative = relative_attitude(before[0], result.centroids, result.camera, parameters, expected=self._turn)
             turn = relative.quaternion
-            if result.attitude is None and turn is not None and self._chained < MOST_CHAINED:
+            if result.attitude is None and turn is not None and self._chained < MAX_CHAINED:
                 self._chained += 1
                 since = f"attitude chained over {self._chained} image{'s' if self._chained > 1 else ''}"
                 result = replace(

@@ -18,7 +18,7 @@ from gss.store import heads as store
 from gss.store.engine import Database
 from gss.store.models import FusedRow, HeadPairRow
 
-MOST_POINTS = 600
+MAX_POINTS = 600
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class HeadHistory:
         self._database, self._now = database, now
 
     def pairs(self, spacecraft_id: int, hours: float) -> list[StoredPair]:
-        """Return the comparisons of the last hours, oldest first, at most ``MOST_POINTS`` or a little more. Raises BadInput, and
+        """Return the comparisons of the last hours, oldest first, at most ``MAX_POINTS`` or a little more. Raises BadInput, and
         NotFound for an unknown spacecraft."""
         longest = KEPT / timedelta(hours=1)
         if not 0 < hours <= longest:
@@ -48,7 +48,7 @@ class HeadHistory:
         with self._database.unit_of_work() as session:
             store.get(session, spacecraft_id)
             start = end - timedelta(hours=hours)
-            rows = store.pairs_between(session, spacecraft_id, start, end + timedelta(minutes=1), MOST_POINTS)
+            rows = store.pairs_between(session, spacecraft_id, start, end + timedelta(minutes=1), MAX_POINTS)
         return [_stored(row) for row in rows]
 
     def newest(self, setup: SpacecraftSetup) -> tuple[FusedRow | None, list[StoredPair]]:

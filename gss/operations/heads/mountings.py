@@ -18,14 +18,14 @@ from gss.operations.requests import Request
 from gss.pipeline.heads.fusion import boresight_of, head_covariance
 from gss.store.models import Spacecraft
 
-MOST_HEADS = 8
+MAX_HEADS = 8
 HOUR_S = 3600.0
 Source = Literal["on board", "ground"]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Component = Annotated[float, Field(ge=-1.01, le=1.01)]
-SMALLEST_ARCSEC, LARGEST_ARCSEC = 1e-3, 648_000.0
+MIN_ARCSEC, MAX_ARCSEC = 1e-3, 648_000.0
 """Standard deviations of attitudes outside this range are invalid; matrices with them cannot be inverted reliably."""
-Sigma = Annotated[float, Field(ge=SMALLEST_ARCSEC, le=36_000)]
+Sigma = Annotated[float, Field(ge=MIN_ARCSEC, le=36_000)]
 UNIT_LENGTH = 1e-3
 
 
@@ -59,7 +59,7 @@ class SpacecraftRequest(Request):
     attitudes are not used. Limits raise alarms; null: no alarm."""
 
     name: str = Field(min_length=1, max_length=40)
-    heads: list[HeadRequest] = Field(min_length=1, max_length=MOST_HEADS)
+    heads: list[HeadRequest] = Field(min_length=1, max_length=MAX_HEADS)
     source: Source = "on board"
     tolerance_s: float = Field(default=1.0, gt=0, le=60)
     stale_s: float = Field(default=30.0, ge=2, le=3600)
@@ -202,7 +202,7 @@ class _StoredHead(Request):
 
 
 def _valid(sigma_arcsec: float) -> bool:
-    return SMALLEST_ARCSEC <= sigma_arcsec <= LARGEST_ARCSEC
+    return MIN_ARCSEC <= sigma_arcsec <= MAX_ARCSEC
 
 
 def _scaled(value: float | None, factor: float) -> float | None:

@@ -17,7 +17,7 @@ from gss.store import heads as store
 from gss.store.engine import Database
 from gss.store.models import Spacecraft
 
-MOST_SPACECRAFT = 16
+MAX_SPACECRAFT = 16
 
 
 class SpacecraftBook:
@@ -49,8 +49,8 @@ class SpacecraftBook:
         """Store a new spacecraft. Raises Conflict if name or a unit is in use."""
         with self._database.unit_of_work() as session:
             rows = store.every(session)
-            if len(rows) >= MOST_SPACECRAFT:
-                raise Conflict("too many spacecraft", expected=f"at most {MOST_SPACECRAFT}", hint="Delete one.")
+            if len(rows) >= MAX_SPACECRAFT:
+                raise Conflict("too many spacecraft", expected=f"at most {MAX_SPACECRAFT}", hint="Delete one.")
             row = Spacecraft(**row_values(request), user=user, changed=self._now())
             _check_free(row, rows)
             store.add(session, row)

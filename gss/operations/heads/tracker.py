@@ -18,11 +18,11 @@ from gss.operations.heads.mountings import HeadMounting, SpacecraftSetup
 from gss.operations.telemetry.last_attitude import AttitudeSample
 from gss.pipeline.heads.fusion import FusedAttitude, HeadDifference, difference, fuse, in_body
 from gss.pipeline.heads.misalignment import Misalignment, started, updated
-from gss.pipeline.heads.pairing import LONGEST_STEP_S, AttitudeAt, MeasuredAttitude, attitude_at
+from gss.pipeline.heads.pairing import MAX_STEP_S, AttitudeAt, MeasuredAttitude, attitude_at
 from gss.pipeline.track.cameras_together import BodyAttitude
 
 KEPT = 40
-MOST_WAITING = 200
+MAX_WAITING = 200
 PRIOR_RAD = float(np.radians(1.0))
 """Usual size of a misalignment before the first comparison; a larger one is found, too."""
 STEADY_SHARE = 0.6
@@ -93,7 +93,7 @@ class HeadTracker:
         self._missing: Mapping[str, str] = {}
         self._series = {head.unit: _Series() for head in setup.heads}
         self._filters = dict(resumed)
-        self._waiting: deque[float] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[float] = deque(maxlen=MAX_WAITING)
 
     def add(self, unit: str, sample: AttitudeSample, now_s: float) -> None:
         """Take an attitude of a unit, unless it is of another source or was taken before."""
@@ -180,7 +180,7 @@ class HeadTracker:
                 f"its nearest attitude is {off_s:.1f} s from the other's, the tolerance is {setup.tolerance_s:g} s",
             )
         return sample, (
-            f"its rate is unknown, because it has no two attitudes within {LONGEST_STEP_S:g} s and no largest rate of the body "
+            f"its rate is unknown, because it has no two attitudes within {MAX_STEP_S:g} s and no largest rate of the body "
             "is stated"
         )
 

@@ -12,15 +12,15 @@ from collections import deque
 from dataclasses import dataclass
 
 KEPT = 600
-LEAST_SAMPLES = 3
+MIN_SAMPLES = 3
 SPAN_FOR_DRIFT_S = 60.0
 JUMP_S = 1.0
 JUMPED_AFTER = 5
 """This number of late samples in a row means that the clock jumped; fewer mean that the line stalled."""
-LEAST_DELAY_S = 0.05
+MIN_DELAY_S = 0.05
 """Constant delay on the line and in the reader, which the differences cannot reveal."""
 UNKNOWN_DRIFT = 100e-6
-LEAST_DRIFT = 1e-6
+MIN_DRIFT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,8 @@ class ClockTracker:
         self._least.append(sample)
 
     def estimate(self) -> Correlation | None:
-        """Return the estimate; None with fewer than ``LEAST_SAMPLES`` samples."""
-        return self._fit() if len(self._samples) >= LEAST_SAMPLES else None
+        """Return the estimate; None with fewer than ``MIN_SAMPLES`` samples."""
+        return self._fit() if len(self._samples) >= MIN_SAMPLES else None
 
     def _line(self) -> tuple[tuple[float, float], float | None]:
         """Return the reference sample of the fit and the slope of the differences (None while the span is too short)."""
@@ -126,8 +126,8 @@ class ClockTracker:
             utc_s=at_s,
             device_s=device_s,
             drift=None if slope is None else -slope,
-            uncertainty_s=LEAST_DELAY_S + jitter_s,
-            drift_uncertainty=UNKNOWN_DRIFT if slope is None else max(LEAST_DRIFT, 2 * jitter_s / span_s),
+            uncertainty_s=MIN_DELAY_S + jitter_s,
+            drift_uncertainty=UNKNOWN_DRIFT if slope is None else max(MIN_DRIFT, 2 * jitter_s / span_s),
             samples=len(samples),
             span_s=span_s,
         )

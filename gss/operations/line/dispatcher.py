@@ -23,7 +23,7 @@ from gss.operations.metrics import MetricSample
 log = logging.getLogger("gss.link")
 T = TypeVar("T")
 
-MOST_WAITING = 20_000
+MAX_WAITING = 20_000
 """Maximum number of waiting events, about five minutes of a busy line; beyond it telemetry is kept only in the raw capture."""
 IDLE_S = 0.02
 """Interval of the periodic calls while no events arrive."""
@@ -38,7 +38,7 @@ Subscriber = Callable[[LineBatch], Sequence[ServiceEvent] | None]
 class LineEventQueue:
     """Queue of batches between the line and the services. ``publish`` never blocks."""
 
-    def __init__(self, now: Now, monotonic_s: Monotonic, most: int = MOST_WAITING) -> None:
+    def __init__(self, now: Now, monotonic_s: Monotonic, most: int = MAX_WAITING) -> None:
         self._now, self._monotonic_s, self._most = now, monotonic_s, most
         self._batches: deque[LineBatch] = deque()
         self._changed = threading.Condition()

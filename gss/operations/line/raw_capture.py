@@ -19,7 +19,7 @@ from gss.operations.line.capture_files import PackedReader, open_capture, plain_
 
 RECORD = struct.Struct("<dBI")
 RECEIVED, SENT = 0, 1
-LONGEST_RECORD = 1 << 24
+MAX_RECORD_LENGTH = 1 << 24
 """Far longer than any read or write of the line; a longer record means that the file is damaged."""
 Record = tuple[float, int, bytes]
 """(Unix seconds, direction, bytes)."""
@@ -42,7 +42,7 @@ def read_capture(file: BinaryIO | PackedReader) -> Iterator[Record]:
     """Yield each complete record of a file. Ends without an error at a truncated or invalid record, as a crash leaves one."""
     while len(head := file.read(RECORD.size)) == RECORD.size:
         unix_s, direction, length = RECORD.unpack(head)
-        if direction not in (RECEIVED, SENT) or length > LONGEST_RECORD:
+        if direction not in (RECEIVED, SENT) or length > MAX_RECORD_LENGTH:
             return
         data = file.read(length)
         if len(data) < length:
@@ -99,7 +99,7 @@ def _times(file: BinaryIO | PackedReader) -> Iterator[float]:
     """Yield the time of each complete record."""
     while len(head := file.read(RECORD.size)) == RECORD.size:
         unix_s, direction, length = RECORD.unpack(head)
-        if direction not in (RECEIVED, SENT) or length > LONGEST_RECORD:
+        if direction not in (RECEIVED, SENT) or length > MAX_RECORD_LENGTH:
             return
         end = position(file) + length
         if isinstance(file, PackedReader):

@@ -24,7 +24,7 @@ from gss.store.models import Alarm, Notification
 log = logging.getLogger("gss.notifications")
 EVERY_S = 1.0
 STOP_S = 1.0
-MOST_TRIES = 8
+MAX_TRIES = 8
 FIRST_RETRY = timedelta(seconds=30)
 LAST_RETRY = timedelta(minutes=15)
 LINES = 40
@@ -219,7 +219,7 @@ class NotificationService:
             for row in rows:
                 if error is None:
                     row.state, row.problem, row.finished = "sent", job.result(), now
-                elif row.tries >= MOST_TRIES:
+                elif row.tries >= MAX_TRIES:
                     row.state, row.problem, row.finished = "failed", str(error), now
                 else:
                     pause = min(FIRST_RETRY * 2 ** (row.tries - 1), LAST_RETRY)

@@ -32,7 +32,7 @@ WORKER = "gss.operations.parsing.parse_worker"
 SECRET_SETTINGS = ("GSS_", "AWS_", "PG")
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system"}
 """Thread pools reserve address space, which counts towards the memory limit."""
-LONGEST_REPLY_TEXT = 16 << 20
+MAX_REPLY_TEXT = 16 << 20
 EXIT_WITHIN_S = 5.0
 """Time from the end of the child's output to the end of its process."""
 EXPECTED_ERRORS: dict[str, type[GssError]] = {"BadInput": BadInput, "CorruptData": CorruptData}
@@ -269,7 +269,7 @@ class _Child:
         if head is None:
             return None
         text_bytes, data_bytes = HEAD.unpack(head)
-        if text_bytes > LONGEST_REPLY_TEXT or data_bytes > self._limits.result_bytes:
+        if text_bytes > MAX_REPLY_TEXT or data_bytes > self._limits.result_bytes:
             self.reply_too_large = True
             return None
         text, body = read_into(back, text_bytes), read_into(back, data_bytes)

@@ -29,11 +29,11 @@ HEAD = struct.Struct("<QQ")
 """Header of each message: sizes of its JSON text and of the data after it."""
 READ, REFUSED = b"+", b"-"
 """First byte of an answer: a result in plain data, or an error as JSON."""
-LONGEST_TEXT = 4000
+MAX_TEXT_LENGTH = 4000
 NICE = 5
 """Lower priority, so that the line and ABORT get the processor first; not so low that a busy machine lets a small file
 reach the limit of wall time."""
-MOST_FILES = 64
+MAX_FILES = 64
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def main() -> None:
     limits = ParseLimits(**json.loads(sys.argv[1]))
     source, answers = _own_streams()
     _limit(limits)
-    for _ in range(MOST_FILES):
+    for _ in range(MAX_FILES):
         if not select.select([source], [], [], limits.idle_s)[0]:
             return
         head = read_into(source, HEAD.size)
@@ -164,7 +164,9 @@ def _answer(job: ParseJob, data: bytearray) -> tuple[bytes, list[memoryview]]:
 
 
 def _refusal(kind: str, **texts: str) -> bytes:
-    return REFUSED + json.dumps({"kind": kind} | {name: text[:LONGEST_TEXT] for name, text in texts.items()}).encode()
+    return (
+        REFUSED + json.dumps({"kind": kind} | {name: text[:MAX_TEXT_LENGTH] for name, text in texts.items()}).encode()
+    )
 
 
 if __name__ == "__main__":

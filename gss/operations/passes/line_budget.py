@@ -13,7 +13,7 @@ from gss.store.models import Station
 BITS_PER_BYTE = 10
 """Start and stop bit included."""
 MEASURED_OVER = 20
-LEAST_BYTES = 4096
+MIN_BYTES = 4096
 ASSUMED_SHARE = 0.8
 
 
@@ -42,7 +42,7 @@ class LineBudgetService:
         rate = station.line_baud or self._reported_baud()
         bytes_s = rate / BITS_PER_BYTE if rate else None
         with self._database.unit_of_work() as session:
-            downloads = store.newest_downloads(session, LEAST_BYTES, MEASURED_OVER)
+            downloads = store.newest_downloads(session, MIN_BYTES, MEASURED_OVER)
         if bytes_s is None or not downloads:
             return LineBudget(bytes_s, ASSUMED_SHARE, 0)
         rates = [size / max(0.001, (finished - created).total_seconds()) for size, created, finished in downloads]

@@ -10,7 +10,7 @@ from gss.operations.passes.spacecraft import CurrentOrbit
 from gss.orbit.oem import oem_of
 from gss.orbit.omm import omm_of_tle
 
-LONGEST_DAYS = 5.0
+MAX_OEM_DAYS = 5.0
 STEP_S = 60.0
 
 

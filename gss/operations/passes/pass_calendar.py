@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 from gss.operations.passes.pass_table import ComingPass, PassTable
 
-LONGEST_LINE = 75
+MAX_LINE_LENGTH = 75
 """Bytes of a content line (RFC 5545 §3.1)."""
 
 
@@ -59,7 +59,7 @@ def _folded(line: str) -> Iterator[str]:
     part, size = "", 0
     for character in line:
         width = len(character.encode())
-        if size + width > LONGEST_LINE:
+        if size + width > MAX_LINE_LENGTH:
             yield part
             part, size = " ", 1
         part, size = part + character, size + width

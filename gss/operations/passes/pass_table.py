@@ -14,7 +14,7 @@ from gss.operations.passes.stations import StationService, ground_station
 from gss.orbit.passes import OrbitPass, find_passes
 from gss.store.models import Station
 
-MOST_DAYS = 14.0
+MAX_DAYS = 14.0
 UNDER_WAY = timedelta(minutes=30)
 """Passes that began this long ago are still searched for, so that one under way has its true rise."""
 
@@ -51,8 +51,8 @@ class PassService:
     def coming(self, days: float, station_id: int | None = None) -> PassTable:
         """Return the passes under way or beginning within ``days``. Raises BadInput for other days than 0 to 14, NotFound for an
         unknown station. A missing or outdated orbit is a problem of the table, not an error."""
-        if not 0 < days <= MOST_DAYS:
-            raise BadInput("days are out of range", expected=f"above 0, at most {MOST_DAYS:g}", got=f"{days:g}")
+        if not 0 < days <= MAX_DAYS:
+            raise BadInput("days are out of range", expected=f"above 0, at most {MAX_DAYS:g}", got=f"{days:g}")
         now = self._now()
         stations = self._stations.every() if station_id is None else [self._stations.get(station_id)]
         current = self._spacecraft.current()

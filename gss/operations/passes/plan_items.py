@@ -22,8 +22,8 @@ from gss.operations.transfers.transfers import TransferService
 
 ItemKind = Literal["procedure", "stack", "download", "upload"]
 ItemState = Literal["waiting", "starting", "running", "done", "failed", "stopped", "unknown"]
-MOST_ITEMS = 50
-LONGEST_ITEM_S = 86_400.0
+MAX_ITEMS = 50
+MAX_ITEM_S = 86_400.0
 BROUGHT = ("committed", "active", "done")
 BROKEN = ("failed", "aborted")
 
@@ -77,10 +77,10 @@ class ItemControl:
 
     def checked(self, item: PlanItem) -> PlanItem:
         """Return the item with its title. Raises BadInput or NotFound if it names nothing that exists."""
-        if not 0 < item.estimated_s <= LONGEST_ITEM_S:
+        if not 0 < item.estimated_s <= MAX_ITEM_S:
             raise BadInput(
                 "the estimated duration is out of range",
-                expected=f"above 0, to {LONGEST_ITEM_S:g} s",
+                expected=f"above 0, to {MAX_ITEM_S:g} s",
                 got=f"{item.estimated_s:g}",
             )
         if item.kind == "procedure" and item.procedure_id is not None:

@@ -12,7 +12,7 @@ from gss.operations.clock import Now
 from gss.operations.commanding.commanding import CommandService
 from gss.operations.events import EventBus
 from gss.operations.passes.pass_table import PassService
-from gss.operations.passes.plan_items import MOST_ITEMS, ItemControl, PlanItem
+from gss.operations.passes.plan_items import MAX_ITEMS, ItemControl, PlanItem
 from gss.operations.passes.spacecraft import SpacecraftService
 from gss.store import passes as store
 from gss.store.engine import Database
@@ -56,8 +56,8 @@ class PlanService:
         self, name: str, station_id: int, at: datetime, items: Sequence[PlanItem], *, resume: bool, user: str
     ) -> PassPlan:
         """Store a plan for the pass over a station at a time. Raises BadInput, NotFound or Conflict."""
-        if not 1 <= len(items) <= MOST_ITEMS:
-            raise BadInput("invalid number of items", expected=f"1 – {MOST_ITEMS}", got=str(len(items)))
+        if not 1 <= len(items) <= MAX_ITEMS:
+            raise BadInput("invalid number of items", expected=f"1 – {MAX_ITEMS}", got=str(len(items)))
         planned_pass, checked = self._table.at(station_id, at), [self._control.checked(item) for item in items]
         row = PassPlan(
             name=" ".join(name.split())[:80] or f"Pass over {planned_pass.station.name}",

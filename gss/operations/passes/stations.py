@@ -13,7 +13,7 @@ from gss.store import passes as store
 from gss.store.engine import Database
 from gss.store.models import Station
 
-MOST_STATIONS = 50
+MAX_STATIONS = 50
 
 
 class StationService:
@@ -37,8 +37,8 @@ class StationService:
         checked, url = _named(checked_station(station)), checked_url(line_url)
         with self._database.unit_of_work() as session:
             self._check_name(store.station_named(session, checked.name), None)
-            if len(store.every_station(session)) >= MOST_STATIONS:
-                raise Conflict("too many ground stations", expected=f"at most {MOST_STATIONS}", hint="Delete one.")
+            if len(store.every_station(session)) >= MAX_STATIONS:
+                raise Conflict("too many ground stations", expected=f"at most {MAX_STATIONS}", hint="Delete one.")
             row = Station(
                 name=checked.name, line_url=url, line_baud=line_baud, note=note, user=user, changed=self._now()
             )

@@ -33,8 +33,8 @@ HEADING = re.compile(r"(?P<id>[a-z][a-z0-9-]{0,39})\s*:\s*(?P<title>\S.*)")
 OPTION = re.compile(r"(?P<name>[^:]+):\s*(?P<value>\S.*)")
 DURATION = re.compile(r"(?P<number>\d+(?:\.\d+)?)\s*(?P<unit>s|min|h)")
 SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
-LONGEST_S = 86_400.0
-MOST_CHARACTERS, MOST_STEPS = 100_000, 200
+MAX_S = 86_400.0
+MAX_CHARACTERS, MAX_STEPS = 100_000, 200
 _MARKDOWN = MarkdownIt("commonmark", {"html": False})
 
 
@@ -118,20 +118,18 @@ class _Section:
 
 def read_procedure(text: str) -> ProcedureDocument:
     """Read a procedure; every mistake is reported with its line. Raises BadInput for a text that is too long."""
-    if len(text) > MOST_CHARACTERS:
-        raise BadInput(
-            "The procedure is too long", expected=f"at most {MOST_CHARACTERS} characters", got=str(len(text))
-        )
+    if len(text) > MAX_CHARACTERS:
+        raise BadInput("The procedure is too long", expected=f"at most {MAX_CHARACTERS} characters", got=str(len(text)))
     lines = text.splitlines()
     title, first, sections = _sections(text, len(lines))
     mistakes: list[Mistake] = []
     if not title:
         mistakes.append(Mistake(1, "The procedure has no title: begin it with a line “# Title”."))
-    if not 1 <= len(sections) <= MOST_STEPS:
+    if not 1 <= len(sections) <= MAX_STEPS:
         mistakes.append(
-            Mistake(1, f"The procedure has {len(sections)} steps: write 1 – {MOST_STEPS} headings “## name: Title”.")
+            Mistake(1, f"The procedure has {len(sections)} steps: write 1 – {MAX_STEPS} headings “## name: Title”.")
         )
-    steps = [_step(section, lines, mistakes) for section in sections[:MOST_STEPS]]
+    steps = [_step(section, lines, mistakes) for section in sections[:MAX_STEPS]]
     return ProcedureDocument(title, _prose(lines, *first), tuple(steps), tuple(mistakes))
 
 
@@ -230,7 +228,7 @@ def seconds_of(text: str) -> float:
     """Return a duration such as ``90 s``, ``1.5 min`` or ``1 h`` in seconds. Raises BadInput."""
     duration_match = DURATION.fullmatch(text.strip())
     seconds = float(duration_match["number"]) * SECONDS[duration_match["unit"]] if duration_match else 0.0
-    if not 0 < seconds <= LONGEST_S:
+    if not 0 < seconds <= MAX_S:
         raise BadInput(
             "The duration cannot be used", expected="for example 90 s, 1.5 min or 1 h, at most 24 h", got=text
         )

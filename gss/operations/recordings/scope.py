@@ -12,7 +12,7 @@ from gss.store import devices, frames, jobs, studies
 from gss.store.engine import Database
 from gss.store.models import Analysis, Calibration
 
-MOST_FRAMES = 2000
+MAX_FRAMES = 2000
 MARGIN_S = 30.0
 """Telemetry and log are included for this time before and after the frames."""
 
@@ -52,7 +52,7 @@ class Scopes:
         """Return the scope of a contact, from opening to closing the line."""
         with self._database.unit_of_work() as session:
             contact, _ = devices.get_contact(session, contact_id)
-            ids = frames.ids_of_contact(session, contact_id, MOST_FRAMES)
+            ids = frames.ids_of_contact(session, contact_id, MAX_FRAMES)
         end = contact.ended or self._now()
         return Scope(f"gss-contact-{contact_id}", Use.CONTACT, tuple(ids), contact.started, end)
 
@@ -73,20 +73,20 @@ class Scopes:
         with self._database.unit_of_work() as session:
             job = jobs.get(session, job_id)
             chain, end = job.request.get("chain"), job.finished or self._now()
-            ids = [] if chain is None else frames.ids_solved(session, chain, job.created, end, MOST_FRAMES)
+            ids = [] if chain is None else frames.ids_solved(session, chain, job.created, end, MAX_FRAMES)
         return self._around(f"gss-campaign-{job_id}", Use.CAMPAIGN, ids, "this campaign used no stored frames")
 
     def _study(self, row: Calibration | Analysis, word: str) -> Scope:
         ids = sorted({int(i) for key in ("frame_ids", "dark_ids", "other_ids") for i in row.request.get(key) or ()})
         with self._database.unit_of_work() as session:
-            existing_ids = frames.ids_there(session, ids[:MOST_FRAMES])
+            existing_ids = frames.ids_there(session, ids[:MAX_FRAMES])
         return self._around(f"gss-{word}-{row.id}", Use.CAMPAIGN, existing_ids, f"this {word} used no stored frames")
 
     def _around(self, name: str, use: Use, ids: list[int], empty: str = "no frames found") -> Scope:
         if not ids:
             raise NotFound(empty, hint="a recording needs stored frames")
-        if len(ids) > MOST_FRAMES:
-            raise BadInput("too many frames", expected=f"at most {MOST_FRAMES}", got=str(len(ids)))
+        if len(ids) > MAX_FRAMES:
+            raise BadInput("too many frames", expected=f"at most {MAX_FRAMES}", got=str(len(ids)))
         with self._database.unit_of_work() as session:
             times = [frames.get(session, i).taken for i in sorted(set(ids))]
         margin = timedelta(seconds=MARGIN_S)

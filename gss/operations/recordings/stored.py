@@ -16,11 +16,11 @@ from gss.operations.recordings.scope import Scope
 from gss.store import commands, events, frames, telemetry
 from gss.store.engine import Database
 
-MOST_PICTURES = 60
+MAX_PICTURES = 60
 """With more frames, only every n-th has its picture, because a recording is loaded as a whole."""
-MOST_LINES = 5000
-MOST_PACKETS = 3600
-LONGEST_SPAN = timedelta(days=2)
+MAX_LINES = 5000
+MAX_PACKETS = 3600
+MAX_SPAN = timedelta(days=2)
 """For frames further apart, telemetry and log between them are omitted."""
 PLOTTED = (
     "sensor_temperature_c",
@@ -59,7 +59,7 @@ class Recordings:
     def _pictures(self, recorder: Recorder, scope: Scope) -> Iterator[Step]:
         with self._database.unit_of_work() as session:
             times = sorted((frames.get(session, i).taken, i) for i in scope.frame_ids)
-        every = -(-len(times) // MOST_PICTURES)
+        every = -(-len(times) // MAX_PICTURES)
         for k, (moment, frame_id) in enumerate(times):
             yield moment, 0, partial(self.frame, recorder, frame_id, k % every == 0)
 
@@ -69,15 +69,15 @@ class Recordings:
         recorder.frame(detail, pixels_of(detail.frame, self._frames.pixels) if picture else None)
 
     def _around(self, recorder: Recorder, scope: Scope) -> Iterator[Step]:
-        if scope.end - scope.start > LONGEST_SPAN and scope.use is not Use.CONTACT:
+        if scope.end - scope.start > MAX_SPAN and scope.use is not Use.CONTACT:
             return
         with self._database.unit_of_work() as session:
-            lines = events.between(session, scope.start, scope.end, MOST_LINES)
-            sent = commands.page(session, commands.Filter(start=scope.start, end=scope.end), MOST_LINES)
+            lines = events.between(session, scope.start, scope.end, MAX_LINES)
+            sent = commands.page(session, commands.Filter(start=scope.start, end=scope.end), MAX_LINES)
         steps: list[Step] = [(e.at, 2, partial(recorder.event, e)) for e in lines]
         steps += [(c.finished or c.created, 1, partial(recorder.command, c)) for c in sent]
         rows = list(telemetry.rows(self._database, "housekeeping", READ, scope.start, scope.end))
-        for row in rows[:: -(-len(rows) // MOST_PACKETS) or 1]:
+        for row in rows[:: -(-len(rows) // MAX_PACKETS) or 1]:
             values = dict(zip(READ, row.values, strict=True))
             steps.append((row.received, 3, partial(recorder.telemetry, row.received, values)))
         yield from sorted(steps, key=lambda s: s[:2])

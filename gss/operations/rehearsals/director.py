@@ -19,7 +19,7 @@ from gss.operations.procedures.document import ProcedureStep, read_procedure
 from gss.operations.procedures.run_record import entries_of
 from gss.operations.procedures.runs import ProcedureRunner
 from gss.operations.rehearsals.rehearsal_report import (
-    LONGEST_DAYS,
+    MAX_DAYS,
     PersonStep,
     RehearsalOptions,
     RehearsalReport,
@@ -36,7 +36,7 @@ from gss.store.models import PassPlan, ProcedureRun
 PERSON, SECOND = "rehearsal", "second person"
 BUSY_STEP_S, QUIET_STEP_S, DARK_STEP_S = 0.02, 0.1, 1.0
 """Steps of time while the ground sends, while it waits, and without a signal."""
-SHORTEST_STEP_S = 0.001
+MIN_STEP_S = 0.001
 BUSY_FOR_S = 1.0
 """Time advances in small steps for this long after the ground has sent something."""
 YIELD_S = 0.0003
@@ -82,7 +82,7 @@ class Director:
         """Arm the plan, carry it out until it ends, and return the report. Raises Conflict if it cannot be armed."""
         began_s, plans = self._ground.stopwatch_s(), self._ground.plans
         plan = plans.get(plan_id)
-        end = plan.rise + timedelta(days=LONGEST_DAYS)
+        end = plan.rise + timedelta(days=MAX_DAYS)
         self._passes = self._windows(plan, end)
         self._edges = self._changes()
         plan = plans.arm(plan_id, plans.to_confirm(plan, user=PERSON), user=PERSON)
@@ -157,7 +157,7 @@ class Director:
         now = self._clock.now()
         step_s = BUSY_STEP_S if busy and self._line.in_view else QUIET_STEP_S if self._line.in_view else DARK_STEP_S
         left_s = next(((edge - now).total_seconds() for edge in self._edges if edge > now), step_s)
-        return max(SHORTEST_STEP_S, min(step_s, left_s))
+        return max(MIN_STEP_S, min(step_s, left_s))
 
     def _changes(self) -> list[datetime]:
         """Return when the signal appears or disappears, in order."""

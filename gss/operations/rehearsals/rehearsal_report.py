@@ -10,7 +10,7 @@ from pydantic import Field, TypeAdapter
 
 from gss.operations.requests import Request
 
-LONGEST_DAYS = 3.0
+MAX_DAYS = 3.0
 
 
 class Outage(Request):

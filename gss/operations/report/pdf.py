@@ -26,7 +26,7 @@ PLAIN = str.maketrans({"≤": "<=", "≥": ">=", "→": "to", "√": "root ", "�
 BARE = str.maketrans({"σ": "sigma", "χ": "chi", "µ": "u", "″": '"', "′": "'", "−": "-", "×": "x", "Δ": "d", "ρ": "r"})
 """Replacements for an installation without built pages, which can only use the glyphs of the standard PDF fonts."""
 MARGIN, LINE, LEADING = 42.0, 12.0, 1.3
-MOST_ROWS = 400
+MAX_ROWS = 400
 """Maximum number of rows of a table. The report states how many rows were omitted; the CSV file has all of them."""
 
 
@@ -134,14 +134,14 @@ class _Sheet:
         if not table.rows:
             self.words("None.", colour=SOFT)
             return
-        layout = table_layout([table.columns, *table.rows[:MOST_ROWS]], self.pdf.w - 2 * MARGIN, self._width)
+        layout = table_layout([table.columns, *table.rows[:MAX_ROWS]], self.pdf.w - 2 * MARGIN, self._width)
         for number, row in enumerate(layout.rows):
             if self.y + self._row_height(row, layout) > self.pdf.h - MARGIN:
                 self._page()
                 self._row(layout.rows[0], layout, SOFT)
             self._row(row, layout, INK if number else SOFT)
-        if len(table.rows) > MOST_ROWS:
-            self.words(f"and {len(table.rows) - MOST_ROWS} more rows", colour=SOFT)
+        if len(table.rows) > MAX_ROWS:
+            self.words(f"and {len(table.rows) - MAX_ROWS} more rows", colour=SOFT)
         self.y += 6
 
     def _row_height(self, row: Sequence[Sequence[str]], layout: TableLayout) -> float:

@@ -56,7 +56,7 @@ from gss.store.engine import Database
 from gss.store.models import Analysis, Job
 
 STEPS = 1000
-MOST_ATTITUDES = 500_000
+MAX_ATTITUDES = 500_000
 EXPORTS = {
     "json": "application/json",
     "html": "text/html; charset=utf-8",
@@ -280,8 +280,8 @@ def attitudes_of(database: Database, contact_id: int, start: datetime, end: date
     for row in telemetry.rows(database, "attitude", COLUMNS, start, end, contact_id=contact_id):
         if row.values[0] is not None:
             attitudes[float(row.values[0])] = row.values
-        if len(attitudes) > MOST_ATTITUDES:
-            raise BadInput("too many attitudes", expected=f"up to {MOST_ATTITUDES}", hint="select a shorter contact")
+        if len(attitudes) > MAX_ATTITUDES:
+            raise BadInput("too many attitudes", expected=f"up to {MAX_ATTITUDES}", hint="select a shorter contact")
     if not attitudes:
         raise BadInput(
             "this contact has no attitudes", expected="attitude packets", hint="start the cycle, or request attitudes"

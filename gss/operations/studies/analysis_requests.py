@@ -16,13 +16,13 @@ from gss.operations.jobs import JobRequest
 from gss.operations.requests import Id, Request
 from gss.operations.studies.analyse import check_kind
 from gss.operations.studies.moving_objects import CameraPlace, place_of
-from gss.orbit.objects import MOST_CHARACTERS, read_objects
+from gss.orbit.objects import read_objects
 from gss.orbit.read_orbit import MAX_CHARACTERS, read_orbits
 from gss.orbit.trajectory import Trajectory
 
-MOST_FRAMES = 5000
+MAX_FRAMES = 5000
 MOUNTING_SLACK = 1e-3
-ManyIds = Annotated[list[Id], Field(max_length=MOST_FRAMES)]
+ManyIds = Annotated[list[Id], Field(max_length=MAX_FRAMES)]
 
 
 def check_chain(name: str) -> None:
@@ -112,9 +112,9 @@ class MovingRequest(Request):
 
     kind: Literal["moving"]
     profile: str = Field(max_length=40)
-    frame_ids: Annotated[list[Id], Field(min_length=1, max_length=MOST_FRAMES)]
+    frame_ids: Annotated[list[Id], Field(min_length=1, max_length=MAX_FRAMES)]
     chain: str = Field(default="reference", max_length=30)
-    objects: str = Field(default="", max_length=MOST_CHARACTERS)
+    objects: str = Field(default="", max_length=MAX_CHARACTERS)
     orbit: str = Field(default="", max_length=MAX_CHARACTERS)
     site: Annotated[list[float], Field(min_length=3, max_length=3)] | None = None
     top_rate_deg_s: float = Field(default=2.0, gt=0, le=20)
@@ -145,7 +145,7 @@ class HealthRequest(Request):
 
     kind: Literal["health"]
     profile: str = Field(max_length=40)
-    frame_ids: Annotated[list[Id], Field(min_length=1, max_length=MOST_FRAMES)]
+    frame_ids: Annotated[list[Id], Field(min_length=1, max_length=MAX_FRAMES)]
     chain: str = Field(default="reference", max_length=30)
     orbit: str = Field(default="", max_length=MAX_CHARACTERS)
     title: str = Field(default="", max_length=120)

@@ -41,9 +41,9 @@ KINDS = (
 PRIOR_KINDS = ("bench-centre", "bench-tilt", "bench-focal", "bench-checkerboard")
 """Kinds that provide a prior for the camera's geometry."""
 Rows = Sequence[Sequence[float]]
-MOST_ROWS = 5000
-MOST_POINTS = 2000
-FEWEST_SETTINGS = 4
+MAX_ROWS = 5000
+MAX_POINTS = 2000
+MIN_SETTINGS = 4
 ZERO_C_K = 273.15
 STEADY_SIGMA_PX = 0.02
 """Lower limit in px for the σ of a centre or focal length from the bench, because clamps and tables have play."""
@@ -81,7 +81,7 @@ def focal(
     """Determine the focal length from pairs of stars near the centre (eq. 6.4–6.6, Erlank 2013 eq. 5.4.1)."""
     solved = solve_shots(solver, shots, profile, None, lambda share, text: progress(0.9 * share, text))
     result = focal_from_pairs(solved.stars, profile.camera, radius_px=radius_px)
-    pick = np.linspace(0, len(result.values_px) - 1, min(len(result.values_px), MOST_POINTS)).astype(int)
+    pick = np.linspace(0, len(result.values_px) - 1, min(len(result.values_px), MAX_POINTS)).astype(int)
     thin = replace(result, warnings=(), values_px=result.values_px[pick], radius_px=result.radius_px[pick])
     content = dict(as_record(thin)) | {
         "documented_px": float(np.sqrt(profile.camera.focal_col_px * profile.camera.focal_row_px))
@@ -97,7 +97,7 @@ def radial(
         raise BadInput("unsupported order of the polynomial", expected="1 to 4", got=str(order))
     solved = solve_shots(solver, shots, profile, None, lambda share, text: progress(0.9 * share, text))
     polynomial = radial_polynomial(solved.stars, profile.camera, profile.focal_mm, order)
-    pick = np.linspace(0, len(polynomial.r_mm) - 1, min(len(polynomial.r_mm), MOST_POINTS)).astype(int)
+    pick = np.linspace(0, len(polynomial.r_mm) - 1, min(len(polynomial.r_mm), MAX_POINTS)).astype(int)
     thin = {n: getattr(polynomial, n)[pick] for n in ("r_mm", "delta_mm", "residual_mm", "used")}
     content = dict(as_record(replace(polynomial, warnings=(), **thin)))
     values: JsonObject = {}
@@ -117,7 +117,7 @@ def checkerboard(
     result = calibrate_checkerboard([s.pixels() for s in shots], corners, square_mm, fit_k3=fit_k3)
     keep = {"corners_px": (), "residual_px": (), "warnings": ()}
     content = {n: as_record(v) for n, v in vars(result).items() if n not in keep}
-    pick = np.linspace(0, len(result.corners_px) - 1, min(len(result.corners_px), MOST_POINTS)).astype(int)
+    pick = np.linspace(0, len(result.corners_px) - 1, min(len(result.corners_px), MAX_POINTS)).astype(int)
     content |= {"corners_px": as_record(result.corners_px[pick]), "residual_px": as_record(result.residual_px[pick])}
     content["pictures"] = [s.name for s in shots]
     values = dict(calibration_values(calibrated_profile(profile, result.camera))) if profile else {}
@@ -159,10 +159,10 @@ def focus(
             continue
         at.append(setting)
         widths.append(float(field.centre_sigma_px))
-    if skipped and len(at) < FEWEST_SETTINGS:
+    if skipped and len(at) < MIN_SETTINGS:
         raise BadInput(
             "star width measured at too few settings",
-            expected=f"{FEWEST_SETTINGS} settings",
+            expected=f"{MIN_SETTINGS} settings",
             got=f"{len(at)}; {skipped[0]['name']}: {skipped[0]['reason']}",
             hint="take several images at each setting, of a field with bright stars",
         )
@@ -190,8 +190,8 @@ def _found(kind: str, result: JsonObject, warnings: Sequence[Any]) -> Calibratio
 
 def table(rows: Rows, columns: int, title: str) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return (n, columns) numbers. Raises BadInput naming the first invalid row."""
-    if not 1 <= len(rows) <= MOST_ROWS:
-        raise BadInput(f"invalid data: not {title}", expected=f"1 to {MOST_ROWS} rows", got=str(len(rows)))
+    if not 1 <= len(rows) <= MAX_ROWS:
+        raise BadInput(f"invalid data: not {title}", expected=f"1 to {MAX_ROWS} rows", got=str(len(rows)))
     for k, row in enumerate(rows):
         if len(row) != columns or not np.isfinite(np.asarray(row, float)).all():
             got = ", ".join(f"{v:g}" for v in row)

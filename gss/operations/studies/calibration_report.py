@@ -16,8 +16,8 @@ from gss.pipeline.calibration.plain_values import as_record
 from gss.pipeline.calibration.psf_field import PsfField
 from gss.pipeline.calibration.result import CameraCalibration, StarResiduals
 
-MOST_POINTS = 4000
-MOST_PIXELS = 5000
+MAX_POINTS = 4000
+MAX_PIXELS = 5000
 
 
 def geometry(calibration: CameraCalibration) -> JsonObject:
@@ -27,9 +27,9 @@ def geometry(calibration: CameraCalibration) -> JsonObject:
 
 
 def _thinned(stars: StarResiduals) -> StarResiduals:
-    if len(stars.hip) <= MOST_POINTS:
+    if len(stars.hip) <= MAX_POINTS:
         return stars
-    pick = np.linspace(0, len(stars.hip) - 1, MOST_POINTS).astype(int)
+    pick = np.linspace(0, len(stars.hip) - 1, MAX_POINTS).astype(int)
     return replace(
         stars,
         frame=stars.frame[pick],
@@ -44,7 +44,7 @@ def _thinned(stars: StarResiduals) -> StarResiduals:
 
 def photometry(calibration: PhotometricCalibration) -> JsonObject:
     """Return constants, histogram, and up to 4000 stars."""
-    pick = np.linspace(0, len(calibration.v_mag) - 1, min(len(calibration.v_mag), MOST_POINTS)).astype(int)
+    pick = np.linspace(0, len(calibration.v_mag) - 1, min(len(calibration.v_mag), MAX_POINTS)).astype(int)
     per_star = {name: getattr(calibration, name)[pick] for name in ("frame", "hip", "v_mag", "error_mag", "used")}
     return dict(as_record(replace(calibration, warnings=(), **per_star)))
 
@@ -56,9 +56,9 @@ def psf(psf_field: PsfField, advice: FocusAdvice) -> JsonObject:
 
 def dark(dark: DarkCalibration) -> JsonObject:
     """Return statistics and the hot pixels, hottest first; the maps are stored as blobs."""
-    order = np.argsort(dark.hot_excess_dn)[::-1][:MOST_PIXELS]
+    order = np.argsort(dark.hot_excess_dn)[::-1][:MAX_PIXELS]
     maps = {"median_dn", "noise_map_dn", "warnings"}
-    small = replace(dark, hot=dark.hot[order], hot_excess_dn=dark.hot_excess_dn[order], noisy=dark.noisy[:MOST_PIXELS])
+    small = replace(dark, hot=dark.hot[order], hot_excess_dn=dark.hot_excess_dn[order], noisy=dark.noisy[:MAX_PIXELS])
     values = {name: as_record(getattr(small, name)) for name in vars(small) if name not in maps}
     return {**values, "hot_count": len(dark.hot), "noisy_count": len(dark.noisy)}
 
@@ -66,7 +66,7 @@ def dark(dark: DarkCalibration) -> JsonObject:
 def response(response_map: Response) -> JsonObject:
     """Return dead pixels, and the spread in the response of the others."""
     return {
-        "dead": as_record(response_map.dead[:MOST_PIXELS]),
+        "dead": as_record(response_map.dead[:MAX_PIXELS]),
         "dead_count": len(response_map.dead),
         "response_sigma": as_record(response_map.response_sigma),
     }

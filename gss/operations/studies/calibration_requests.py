@@ -15,9 +15,9 @@ from gss.operations.jobs import JobRequest
 from gss.operations.requests import Id, Request
 from gss.operations.studies.calibrate import check_models
 
-MOST_FRAMES = 2000
+MAX_FRAMES = 2000
 LARGEST = 1e6
-FrameIds = Annotated[list[Id], Field(max_length=MOST_FRAMES)]
+FrameIds = Annotated[list[Id], Field(max_length=MAX_FRAMES)]
 Measured = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 """Bench measurement; the range excludes NaN and infinity."""
 
@@ -155,7 +155,7 @@ class BenchFocus(BenchCalibration):
 
     kind: Literal["bench-focus"]
     frame_ids: FrameIds = Field(default=[])
-    positions: list[Measured] = Field(default=[], max_length=MOST_FRAMES)
+    positions: list[Measured] = Field(default=[], max_length=MAX_FRAMES)
     widths: list[Annotated[list[Measured], Field(min_length=2, max_length=2)]] = Field(
         default=[], max_length=5000, description="[setting, σ in px]"
     )
@@ -188,10 +188,10 @@ Wanted = Annotated[
 
 def check_frames(purpose: str, ids: Sequence[int], fewest: int) -> None:
     """Raise BadInput if there are too few or too many frames, or duplicates."""
-    if not fewest <= len(ids) <= MOST_FRAMES or len(set(ids)) != len(ids):
+    if not fewest <= len(ids) <= MAX_FRAMES or len(set(ids)) != len(ids):
         raise BadInput(
             f"{purpose} cannot be used",
-            expected=f"{fewest} to {MOST_FRAMES} different frames",
+            expected=f"{fewest} to {MAX_FRAMES} different frames",
             got=f"{len(ids)}, {len(set(ids))} different",
         )
 

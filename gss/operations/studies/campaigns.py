@@ -17,13 +17,13 @@ from gss.store import frames as store
 from gss.store.engine import Database
 from gss.store.models import Job
 
-MOST_AT_ONCE = 40
+MAX_CONCURRENT = 40
 
 
 class ExperimentsRequest(Request):
     """Experiments to run. The job's result holds one record for each: columns, rows, conditions, notes, series."""
 
-    names: list[str] = Field(min_length=1, max_length=MOST_AT_ONCE)
+    names: list[str] = Field(min_length=1, max_length=MAX_CONCURRENT)
     trials: int | None = Field(default=None, ge=1, le=10_000_000)
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
 

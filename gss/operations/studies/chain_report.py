@@ -26,11 +26,11 @@ from gss.store import frames as store
 from gss.store.engine import Database
 from gss.store.frames import ChainKey, FrameRun
 
-MOST_FRAMES = 20_000
+MAX_FRAMES = 20_000
 """Newest frames of a chain that a report covers."""
-MOST_FAILURES = 500
+MAX_FAILURES = 500
 GROUND_RESULT = "the operational ground result"
-MOST_BINS = 24
+MAX_BINS = 24
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class ChainReport:
-    """The report and the frames that need a look, oldest first, at most ``MOST_FAILURES`` of ``failed``."""
+    """The report and the frames that need a look, oldest first, at most ``MAX_FAILURES`` of ``failed``."""
 
     report: Report
     failures: tuple[Failure, ...]
@@ -66,12 +66,10 @@ class ChainReports:
         """Return the report of a chain against another one; None: each frame's operational result. Raises NotFound if one of
         them never ran."""
         with self._database.unit_of_work() as session:
-            own_runs = store.runs_of(session, key, MOST_FRAMES)
+            own_runs = store.runs_of(session, key, MAX_FRAMES)
             ids = [run.frame_id for run in own_runs]
             others = (
-                store.operational_runs(session, ids)
-                if against is None
-                else store.runs_of(session, against, MOST_FRAMES)
+                store.operational_runs(session, ids) if against is None else store.runs_of(session, against, MAX_FRAMES)
             )
         for run_key, runs in ((key, own_runs), (against, others)):
             if run_key is not None and not runs:
@@ -89,14 +87,14 @@ class ChainReports:
             Section("When and where", drawings=[_over_time(own_runs), _over_sky(own_runs, other)]),
             _reasons(own_runs),
         ]
-        notes = [Note(f"Only the newest {MOST_FRAMES} frames are covered.")] if len(own_runs) == MOST_FRAMES else []
+        notes = [Note(f"Only the newest {MAX_FRAMES} frames are covered.")] if len(own_runs) == MAX_FRAMES else []
         days = dict.fromkeys(f"{run.taken:%Y-%m-%d}" for run in (own_runs[0], own_runs[-1]))
         subtitle = f"{counted(len(own_runs), 'frame')}, {' to '.join(days)}, against {compared}"
         return ChainReport(
             Report(
                 f"Chain {name_of(key)}", subtitle, [s for s in sections if s.facts or s.drawings or s.tables], notes
             ),
-            tuple(failures[:MOST_FAILURES]),
+            tuple(failures[:MAX_FAILURES]),
             len(failures),
         )
 
@@ -184,7 +182,7 @@ def _histogram(title: str, values: Sequence[float]) -> Plot | None:
     if not values:
         return None
     clipped = np.clip(values, 1e-3, None)
-    bins = min(MOST_BINS, 2 + 2 * round(len(values) ** 0.5))
+    bins = min(MAX_BINS, 2 + 2 * round(len(values) ** 0.5))
     edges = np.geomspace(float(clipped.min()) / 1.5, float(clipped.max()) * 1.5, bins + 1)
     counts, _ = np.histogram(clipped, edges)
     series = Series("frames", [float(e) for e in edges], [float(n) for n in counts], "bars")
@@ -194,7 +192,7 @@ def _histogram(title: str, values: Sequence[float]) -> Plot | None:
 def _over_time(runs: Sequence[FrameRun]) -> Plot:
     seconds = np.array([run.taken.replace(tzinfo=run.taken.tzinfo or UTC).timestamp() for run in runs])
     solved = np.array([run.solved for run in runs])
-    edges = np.linspace(seconds.min(), max(seconds.max(), seconds.min() + 1) + 1, MOST_BINS + 1)
+    edges = np.linspace(seconds.min(), max(seconds.max(), seconds.min() + 1) + 1, MAX_BINS + 1)
     frames, _ = np.histogram(seconds, edges)
     hits, _ = np.histogram(seconds[solved], edges)
     share = [100 * float(h) / float(n) if n else None for h, n in zip(hits, frames, strict=True)]

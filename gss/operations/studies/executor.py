@@ -25,7 +25,7 @@ Waiting = Callable[[float], None]
 AHEAD = 3
 """Queued items per worker: enough to keep workers busy, few enough that a cancelled run ends at once."""
 LOOK_S = 0.25
-MOST_DEATHS = 3
+MAX_DEATHS = 3
 
 
 class Executor(Protocol):
@@ -98,7 +98,7 @@ class LocalExecutor:
                         yield result
             except BrokenProcessPool as error:
                 deaths += 1
-                if deaths > MOST_DEATHS:
+                if deaths > MAX_DEATHS:
                     raise GssError(
                         "worker processes crashed repeatedly",
                         got=f"{deaths} crashes in one run; {error}",

@@ -29,7 +29,7 @@ from gss.pipeline.health.pixel_course import ANNEALING, GROWING, STEADY, PixelCo
 from gss.pipeline.health.proposal import Proposal, value_at
 from gss.pipeline.health.trend import DAY_S, Estimate
 
-MOST_LISTED = 100
+MAX_LISTED = 100
 YEAR_DAYS = 365.25
 CELL_DEG = 15
 MAP_CELLS = 12
@@ -155,10 +155,10 @@ def _pixels(health: MissionHealth, columns: int, rows: int) -> Section:
                 "Pixels that became warm", "UTC", "pixels", [Series("pixels", numbers(onset), maybe(counts))], time=True
             )
         )
-    listed = [_pixel_row(p) for p in health.pixels[:MOST_LISTED]]
+    listed = [_pixel_row(p) for p in health.pixels[:MAX_LISTED]]
     text = "Dark currents are above that of the typical pixel, at the mean temperature."
-    if len(health.pixels) > MOST_LISTED:
-        text += f" The brightest {MOST_LISTED} of {len(health.pixels)}; the CSV file has all."
+    if len(health.pixels) > MAX_LISTED:
+        text += f" The brightest {MAX_LISTED} of {len(health.pixels)}; the CSV file has all."
     head = [
         "column",
         "row",

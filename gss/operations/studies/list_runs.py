@@ -50,8 +50,8 @@ from gss.store.engine import Database
 from gss.store.models import Job, ListRun
 
 KIND = "lists"
-LARGEST_BYTES = 64 << 20
-MOST_LISTS = 200_000
+MAX_BYTES = 64 << 20
+MAX_LISTS = 200_000
 BATCH = 64
 
 
@@ -122,17 +122,17 @@ class ListRunService:
     def start(self, data: bytes, filename: str, spec: ListRunRequest, *, user: str) -> tuple[ListRun, Job]:
         """Store the file and queue its job. Raises BadInput naming file, row and reason, and NotFound for the camera."""
         filename = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in filename)[:120]
-        if len(data) > LARGEST_BYTES:
+        if len(data) > MAX_BYTES:
             raise BadInput(
-                f"{filename} is too large", expected=f"at most {LARGEST_BYTES >> 20} MiB", got=f"{len(data)} bytes"
+                f"{filename} is too large", expected=f"at most {MAX_BYTES >> 20} MiB", got=f"{len(data)} bytes"
             )
         self._jobs.check_room("star lists")
         self._book.profile(spec.camera)
         lists = self._read(data, filename)
-        if len(lists) > MOST_LISTS:
+        if len(lists) > MAX_LISTS:
             raise BadInput(
                 f"{filename} has too many lists",
-                expected=f"at most {MOST_LISTS}",
+                expected=f"at most {MAX_LISTS}",
                 got=str(len(lists)),
                 hint="use gss solve-lists, or divide the file",
             )

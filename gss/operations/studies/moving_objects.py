@@ -33,7 +33,7 @@ from gss.pipeline.moving.frame_views import views_of
 from gss.pipeline.moving.spots import FrameSpots, find_spots
 from gss.pipeline.moving.tracklets import Tracklet, link
 
-MOST_REJECTED = 2000
+MAX_REJECTED = 2000
 """Rejected sources kept one by one; all are counted."""
 UNKNOWN_PLACE = "place of the camera not known"
 
@@ -191,7 +191,7 @@ def _rejected(
             if not reason or (k, row) in explained:
                 continue
             counts[reason] = counts.get(reason, 0) + 1
-            if len(listed) < MOST_REJECTED:
+            if len(listed) < MAX_REJECTED:
                 col_px, row_px = (float(v) for v in frame.pixels[row])
                 listed.append(RejectedSource(shot.name, col_px, row_px, float(frame.v_mag[row]), reason))
     return counts, listed

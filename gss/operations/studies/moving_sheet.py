@@ -15,8 +15,8 @@ from gss.operations.report.parts import Fact, Note, Plot, Report, Section, Serie
 from gss.operations.studies.sheet_pieces import finite, maybe, numbers
 from gss.orbit.objects import TrackName
 
-MOST_DRAWN = 12
-MOST_LISTED = 100
+MAX_DRAWN = 12
+MAX_LISTED = 100
 
 
 @dataclass(frozen=True)
@@ -108,12 +108,12 @@ def moving_report(record: MovingRecord, camera: Camera, of: str) -> Report:
         counts = [[reason, number(n)] for reason, n in sorted(record.reasons.items(), key=lambda r: -r[1])]
         listed = [
             [r.frame, f"{r.col_px:.1f}", f"{r.row_px:.1f}", f"{r.v_mag:.1f}", r.reason]
-            for r in record.rejected[:MOST_LISTED]
+            for r in record.rejected[:MAX_LISTED]
         ]
         sections.append(
             Section(
                 "Rejected sources",
-                "" if len(record.rejected) <= MOST_LISTED else f"The first {MOST_LISTED}; the JSON file has more.",
+                "" if len(record.rejected) <= MAX_LISTED else f"The first {MAX_LISTED}; the JSON file has more.",
                 [],
                 [],
                 [
@@ -150,14 +150,14 @@ def _sky(tracks: list[TrackRecord]) -> Plot:
     """Plot declination against right ascension, unwrapped near the first object."""
     first = float(tracks[0].ra_rad[0])
     series = []
-    for track in tracks[:MOST_DRAWN]:
+    for track in tracks[:MAX_DRAWN]:
         ra = first + (track.ra_rad - first + np.pi) % (2 * np.pi) - np.pi
         series.append(Series(track.title, numbers(np.degrees(ra)), maybe(np.degrees(track.dec_rad)), "dots"))
     return Plot("Tracks on the sky", "right ascension, °", "declination, °", series)
 
 
 def _brightness(tracks: list[TrackRecord]) -> Plot:
-    series = [Series(t.title, numbers(t.times_s), maybe(t.v_mag), "dots") for t in tracks[:MOST_DRAWN]]
+    series = [Series(t.title, numbers(t.times_s), maybe(t.v_mag), "dots") for t in tracks[:MAX_DRAWN]]
     return Plot("Magnitudes", "UTC", "V", series, time=True)
 
 
@@ -197,7 +197,7 @@ def _table(tracks: list[TrackRecord]) -> Table:
 def _ends(tracks: list[TrackRecord]) -> Table:
     rows = []
     for track in tracks:
-        for k in np.flatnonzero(np.isfinite(track.ends_ra_rad).all(axis=1))[:MOST_LISTED]:
+        for k in np.flatnonzero(np.isfinite(track.ends_ra_rad).all(axis=1))[:MAX_LISTED]:
             at = datetime.fromtimestamp(float(track.times_s[k]), UTC)
             ra, dec = np.degrees(track.ends_ra_rad[k]), np.degrees(track.ends_dec_rad[k])
             rows.append(
@@ -208,4 +208,4 @@ def _ends(tracks: list[TrackRecord]) -> Table:
                     number(float(track.ends_sigma_rad[k].mean() / ARCSEC_RAD), 2),
                 ]
             )
-    return Table("Ends of trails", ["", "UTC", "first end, RA Dec °", "last end, RA Dec °", "σ ″"], rows[:MOST_LISTED])
+    return Table("Ends of trails", ["", "UTC", "first end, RA Dec °", "last end, RA Dec °", "σ ″"], rows[:MAX_LISTED])

@@ -13,7 +13,7 @@ from gss.instruments.package_files import NAME_PATTERN
 from gss.operations.requests import Id, Request
 from gss.operations.studies.photographs import FEWEST
 
-MOST_PHOTOGRAPHS = 200
+MAX_PHOTOGRAPHS = 200
 
 
 class PhotographOptions(Request):
@@ -64,7 +64,7 @@ class PhotographOptions(Request):
 class PhotographsRequest(PhotographOptions):
     """Make an instrument from stored frames."""
 
-    frame_ids: Annotated[list[Id], Field(min_length=FEWEST, max_length=MOST_PHOTOGRAPHS)]
+    frame_ids: Annotated[list[Id], Field(min_length=FEWEST, max_length=MAX_PHOTOGRAPHS)]
 
     @model_validator(mode="after")
     def _different(self) -> Self:

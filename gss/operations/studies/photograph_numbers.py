@@ -21,7 +21,7 @@ ABERRATION = 6e-5
 CENTRE_SHARE = 0.12
 """Standard deviation of an unknown camera's optical axis from the middle, as a share of the width."""
 BRIGHT_RANGE_MAG = 8.0
-MOST_BITS = 16
+MAX_BITS = 16
 TYPICAL_PITCH_MM, TYPICAL_F_NUMBER = 0.005, 2.0
 TYPICAL = "typical of a small camera; the photographs do not show it"
 SHAPE = 0.01
@@ -263,7 +263,7 @@ def _width(measured: PhotographCamera, numbers: _Numbers) -> FileNumber:
 
 def converter_bits(measured: PhotographCamera) -> tuple[int, str]:
     """Return the bits of the converter with the reason. A file with 16 bits often holds 12 or 14."""
-    file_bits = min(max(s.photograph.shot.bits for s in measured.photographs.used), MOST_BITS)
+    file_bits = min(max(s.photograph.shot.bits for s in measured.photographs.used), MAX_BITS)
     largest, times = measured.sky.largest_dn, measured.sky.largest_count
     bits = math.ceil(math.log2(largest + 1)) if largest >= 1 else file_bits
     if 8 <= bits < file_bits and largest == (1 << bits) - 1 and times > 1:

@@ -26,7 +26,7 @@ from gss.operations.studies.photographs import Photograph, PhotographRow, Sorted
 
 WORSE_TOGETHER = 2.0
 """Ratio of the residual of all photographs together to that of each alone above which they may be of different cameras."""
-MOST_NOTES = 3900
+MAX_NOTES = 3900
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def _about(
         "title": options.title or f"Camera {options.name}, from photographs",
         "version": "1",
         "references": (origin,),
-        "notes": "\n".join(notes)[:MOST_NOTES] + "\n",
+        "notes": "\n".join(notes)[:MAX_NOTES] + "\n",
     }
     if model is None:
         gss = {"driver": "gss", "dictionary": "gss-common", "mounting": Mounting(camera="zenith")}

@@ -20,8 +20,8 @@ from gss.pipeline.calibration.sightings import FrameStars
 
 FEWEST = 3
 """Solved photographs that a calibration needs; with fewer there is no cross-validation."""
-FEWEST_SPOTS = 5
-MOST_REASONS = 20
+MIN_SPOTS = 5
+MAX_REASONS = 20
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ class _Sorting:
         if remaining >= FEWEST:
             return
         reasons = [f"{row.name}: {row.reason}" for row in self.rows.values() if row.reason]
-        unlisted = len(reasons) - MOST_REASONS
-        listed = "\n".join([*reasons[:MOST_REASONS], *([f"and {unlisted} more"] if unlisted > 0 else [])])
+        unlisted = len(reasons) - MAX_REASONS
+        listed = "\n".join([*reasons[:MAX_REASONS], *([f"and {unlisted} more"] if unlisted > 0 else [])])
         raise BadInput(
             "no camera can be calibrated from these photographs",
             expected=f"{FEWEST} or more of one camera that can be solved; better 20",
@@ -178,7 +178,7 @@ def _solved(
         result = _solve(solver, pixels, blind, solved[-1].result.camera.fov_rad[0] if solved else None)
         stars = matched_stars(solver, shot, pixels, result, None)
         if stars is None:
-            few = len(result.centroids) < FEWEST_SPOTS
+            few = len(result.centroids) < MIN_SPOTS
             reason = f"{result.reason}: not the night sky, or exposed too short" if few else result.reason
             sorting.reject(shot.name, reason, result)
         else:
@@ -189,7 +189,7 @@ def _solved(
 def _solve(solver: Solver, pixels: Pixels, blind: SolveRequest, fov_rad: float | None) -> SolveResult:
     if fov_rad is not None:
         result = solver.solve(pixels, replace(blind, blind=False, fov_limits_rad=None, fov_rad=fov_rad))
-        if result.attitude is not None or len(result.centroids) < FEWEST_SPOTS:
+        if result.attitude is not None or len(result.centroids) < MIN_SPOTS:
             return result
     return solver.solve(pixels, blind)
 

@@ -40,7 +40,7 @@ BATCH = 8
 WORKERS = 2
 REPORT_EVERY_S = 0.25
 """Interval between progress reports."""
-MOST_FRAMES = 100_000
+MAX_FRAMES = 100_000
 
 
 class ReprocessRequest(Request):
@@ -49,7 +49,7 @@ class ReprocessRequest(Request):
     of the chain to change."""
 
     chain: str = Field(min_length=1, max_length=30)
-    frame_ids: list[Id] = Field(default_factory=list, max_length=MOST_FRAMES)
+    frame_ids: list[Id] = Field(default_factory=list, max_length=MAX_FRAMES)
     source: str = Field(default="", max_length=10)
     contact: Id | None = None
     profile: str | None = Field(default=None, max_length=40)
@@ -151,7 +151,7 @@ class ReprocessService:
             if request.frame_ids:
                 frames = [store.get(session, i) for i in request.frame_ids]
             else:
-                frames = store.page(session, MOST_FRAMES, 0, source=request.source, contact_id=request.contact)[1]
+                frames = store.page(session, MAX_FRAMES, 0, source=request.source, contact_id=request.contact)[1]
             done = (
                 set()
                 if request.again

@@ -15,7 +15,7 @@ from gss.pipeline.calibration.histogram import histogram
 
 PHASES = 10
 """Number of bins within a pixel."""
-FEWEST_IN_BIN = 5
+MIN_IN_BIN = 5
 
 
 def notes(warnings: Iterable[Advice]) -> list[Note]:
@@ -78,8 +78,7 @@ def phase_means(place: Array, off: Array) -> list[float | None]:
     within = place - off
     bin_of = np.clip(((within - np.round(within) + 0.5) * PHASES).astype(int), 0, PHASES - 1)
     return [
-        float(off[bin_of == k].mean()) if np.count_nonzero(bin_of == k) >= FEWEST_IN_BIN else None
-        for k in range(PHASES)
+        float(off[bin_of == k].mean()) if np.count_nonzero(bin_of == k) >= MIN_IN_BIN else None for k in range(PHASES)
     ]
 
 

@@ -37,7 +37,7 @@ from gss.pipeline.sheet.unit import (
 from gss.pipeline.veil import Veil, halo, sun_stray
 
 SCAN_FRAMES, STARE_FRAMES, SLEW_FRAMES, EACH_FRAMES = 60, 60, 24, 8
-MOST_SCAN_FRAMES, WANTED_STARS = 180, 700
+MAX_SCAN_FRAMES, WANTED_STARS = 180, 700
 STARE_PX = 0.03
 SLEW_PX = 2.0
 """Smear at the largest rate of the slew."""
@@ -124,7 +124,7 @@ def _sky(bench: _Bench, unit: RenderedUnit, rng: np.random.Generator, step: Call
     """Observe random pointings; more of them if the chain names few stars in each."""
     observations: list[Observation] = []
     stars = 0
-    while len(observations) < SCAN_FRAMES or (stars < WANTED_STARS and len(observations) < MOST_SCAN_FRAMES):
+    while len(observations) < SCAN_FRAMES or (stars < WANTED_STARS and len(observations) < MAX_SCAN_FRAMES):
         moment = in_orbit(scan(1, rng, 100.0 * len(observations))[0])
         step(f"Sky, frame {len(observations) + 1}")
         observations.append(_observed(bench, unit, moment, rng))

@@ -19,7 +19,7 @@ from gss.operations.line.line_events import ServiceEvent
 from gss.operations.metrics import MetricSample
 from gss.store.models import Transfer
 
-MOST_WAITING = 4
+MAX_WAITING = 4
 """Maximum number of waiting jobs. When it is reached, no other download is started, and content that still arrives blocks
 the caller."""
 
@@ -30,7 +30,7 @@ class Writer:
     This is not a thread pool of the library: at exit, Python waits for a pool's threads, and a store may hang.
     """
 
-    def __init__(self, monotonic_s: Monotonic, bus: EventBus, most: int = MOST_WAITING) -> None:
+    def __init__(self, monotonic_s: Monotonic, bus: EventBus, most: int = MAX_WAITING) -> None:
         self._monotonic_s, self._bus, self._most = monotonic_s, bus, most
         self._jobs: queue.Queue[tuple[Future[Any], Callable[[], Any]]] = queue.Queue(most)
         self._open: set[Future[Any]] = set()
@@ -87,7 +87,7 @@ Links = JsonObject
 """Columns of the transfer's row that refer to rows created from its content, such as ``frame_id``."""
 
 
-MOST_TRIES = 3
+MAX_TRIES = 3
 """Tries to store a piece of content while the store is down."""
 
 
@@ -109,7 +109,7 @@ class Later:
 
     def start_again(self) -> bool:
         """Try once more if the store was down. False if it was not, or if it was tried often enough."""
-        if not isinstance(self._job.exception(), StoreDown) or self._tries >= MOST_TRIES:
+        if not isinstance(self._job.exception(), StoreDown) or self._tries >= MAX_TRIES:
             return False
         self._tries += 1
         self._job = self._submit(self._work)

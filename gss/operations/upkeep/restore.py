@@ -35,7 +35,7 @@ KEYS_ENDED = (
 MEMBER = re.compile(
     rf"(?:[0-9TZ-]+/(?:{MANIFEST}|{SEAL}|{'|'.join(DATABASE.values())})|{POOL}/[0-9a-f]{{2}}/[0-9a-f]{{62}})"
 )
-MOST_UNPACKED = 100
+MAX_UNPACKED = 100
 """Maximum ratio of unpacked to packed size. Databases and captures compress to a tenth at best."""
 SPARE_BYTES = 256 << 20
 """Disk space in bytes that unpacking leaves free."""
@@ -122,7 +122,7 @@ def _opened(source: Path, beside: Path, on_step: OnStep) -> Iterator[Path]:
 
 def _unpack(source: Path, folder: Path) -> Path:
     name = ""
-    most_bytes, free_bytes = MOST_UNPACKED * source.stat().st_size, shutil.disk_usage(folder).free - SPARE_BYTES
+    most_bytes, free_bytes = MAX_UNPACKED * source.stat().st_size, shutil.disk_usage(folder).free - SPARE_BYTES
     room_bytes = min(most_bytes, free_bytes)
     try:
         with tarfile.open(source, "r|*") as tar:
@@ -133,7 +133,7 @@ def _unpack(source: Path, folder: Path) -> Path:
                 if room_bytes < 0:
                     raise BadInput(
                         "the backup is too large when it is unpacked",
-                        expected=f"at most {MOST_UNPACKED} times its file, and {SPARE_BYTES >> 20} MiB of disk to spare",
+                        expected=f"at most {MAX_UNPACKED} times its file, and {SPARE_BYTES >> 20} MiB of disk to spare",
                         got=f"{member.size} bytes more for {member.name[:100]}",
                         hint="restore into a folder on a larger disk"
                         if free_bytes < most_bytes

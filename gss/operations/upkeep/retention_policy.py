@@ -14,7 +14,7 @@ from gss.store.engine import Database
 
 CHOICE = "retention"
 DAY = timedelta(days=1)
-MOST_DAYS, MOST_GB, MOST_MB = 36_500, 1_000_000.0, 100_000_000
+MAX_DAYS, MAX_GB, MAX_MB = 36_500, 1_000_000.0, 100_000_000
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Policy:
     def __post_init__(self) -> None:
         for rule in fields(self):
             value = getattr(self, rule.name)
-            most = MOST_DAYS if rule.name.endswith("_days") else MOST_GB if rule.name.endswith("_gb") else MOST_MB
+            most = MAX_DAYS if rule.name.endswith("_days") else MAX_GB if rule.name.endswith("_gb") else MAX_MB
             if not 0 <= value <= most:
                 raise BadInput(f"{rule.name} is out of range", expected=f"0 (unlimited) to {most:g}", got=str(value))
         if 0 < self.telemetry_days <= self.telemetry_thin_days:

@@ -11,8 +11,8 @@ from gss.store import views as store
 from gss.store.engine import Database
 from gss.store.models import SharedView, SharedViewVersion
 
-MOST_VIEWS, MOST_VERSIONS = 500, 50
-LONGEST_PATH = 4000
+MAX_VIEWS, MAX_VERSIONS = 500, 50
+MAX_PATH_LENGTH = 4000
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class SharedViews:
         """Store a new view. Raises BadInput for an address outside the console, Conflict if the name is in use."""
         checked = _checked(content)
         with self._database.unit_of_work() as session:
-            if store.count(session) >= MOST_VIEWS:
-                raise Conflict("There are too many views", expected=f"at most {MOST_VIEWS}", hint="Delete one.")
+            if store.count(session) >= MAX_VIEWS:
+                raise Conflict("There are too many views", expected=f"at most {MAX_VIEWS}", hint="Delete one.")
             _check_name(store.named(session, checked.name), None)
             row = SharedView(owner=user, version=0)
             self._fill(row, checked, user)
@@ -81,7 +81,7 @@ class SharedViews:
             _check_name(store.named(session, checked.name), row)
             self._fill(row, checked, user)
             store.add(session, _version_of(row))
-            store.forget_versions(session, row.id, row.version - MOST_VERSIONS + 1)
+            store.forget_versions(session, row.id, row.version - MAX_VERSIONS + 1)
         return row
 
     def remove(self, view_id: int, *, user: str, manages: bool) -> None:
@@ -103,7 +103,7 @@ def _checked(content: ViewContent) -> ViewContent:
     if not name or not name.isprintable():
         raise BadInput("The view has no usable name", expected="printable characters", got=content.name[:40])
     inside = path.startswith("/") and not path.startswith(("//", "/\\", "/api/", "/views"))
-    if not inside or len(path) > LONGEST_PATH or not path.isascii() or not path.isprintable() or " " in path:
+    if not inside or len(path) > MAX_PATH_LENGTH or not path.isascii() or not path.isprintable() or " " in path:
         raise BadInput(
             "The address is not a page of the console", expected="for example /telemetry?plot=…", got=path[:80]
         )

@@ -14,7 +14,7 @@ from gss.pipeline.analysis.series import AttitudeSeries
 from gss.pipeline.analysis.steady import earth_fixed
 from gss.pipeline.calibration.advice import Advice
 
-FEWEST_TIMES = 2
+MIN_TIMES = 2
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,10 @@ def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
         steps = max(1, test.solved - 1)
         matches = float(series.matches[series.solved].mean())
         rows.append((exposure_s, across, test.body[2].noise_rad, 1 / np.sqrt(2 * 2 * steps), test.solved, matches))
-    if len(rows) < FEWEST_TIMES:
+    if len(rows) < MIN_TIMES:
         raise BadInput(
             "too few integration times for a curve",
-            expected=f"{FEWEST_TIMES} times with five solved frames each",
+            expected=f"{MIN_TIMES} times with five solved frames each",
             got=f"{len(rows)}",
             hint="take about twenty frames at each of several exposures",
         )

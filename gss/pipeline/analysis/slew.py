@@ -13,11 +13,11 @@ from gss.pipeline.analysis.series import AttitudeSeries, check_series, usable
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 
-LARGEST_TURN_RAD = 3.0
+MAX_TURN_RAD = 3.0
 OFF_SIGMAS = 5.0
 OFF_SHARE = 0.02
 FAR_OFF_SHARE = 0.2
-FEWEST_AGREE = 0.9  # length of the mean of the intervals' unit axes: 1 for one axis, near 0 for random axes
+MIN_AGREE = 0.9  # length of the mean of the intervals' unit axes: 1 for one axis, near 0 for random axes
 OVER_CLAIM = 10.0
 
 
@@ -60,10 +60,10 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
     good = usable(series, "a slew test")
     steps_s = np.diff(good.times_s)
     turn = -turn_between(good.quaternion[:-1], good.quaternion[1:])
-    if commanded_rad_s * float(steps_s.min()) > LARGEST_TURN_RAD:
+    if commanded_rad_s * float(steps_s.min()) > MAX_TURN_RAD:
         raise BadInput(
             "the camera rotates too far between two frames to determine the direction",
-            expected=f"under {np.degrees(LARGEST_TURN_RAD):.0f}° from frame to frame",
+            expected=f"under {np.degrees(MAX_TURN_RAD):.0f}° from frame to frame",
             got=f"{np.degrees(commanded_rad_s * float(steps_s.min())):.0f}°",
         )
     rate = turn / steps_s[:, None]
@@ -136,7 +136,7 @@ def _doubts(rate: Array, sigma: Array, claimed: float) -> list[Advice]:
     speed = np.linalg.norm(rate, axis=1)
     moving = rate[speed > 0] / speed[speed > 0, None]
     agree = float(np.linalg.norm(moving.mean(axis=0))) if len(moving) else 0.0
-    if agree < FEWEST_AGREE:
+    if agree < MIN_AGREE:
         text = f"the intervals turn about different axes: their mean unit axis is {agree:.2f} long, one axis gives 1"
         advice.append(Advice("axes", text, "frames of one slew, in the order they were taken", severe=True))
     scatter = float(np.sqrt(np.mean(sigma**2)))

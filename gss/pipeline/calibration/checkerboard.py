@@ -17,7 +17,7 @@ from gss.domain.words import counted
 from gss.pipeline.calibration.advice import Advice
 
 NAMES = ("focal_col_px", "focal_row_px", "centre_col_px", "centre_row_px", "k1", "k2", "p1", "p2", "k3")
-FEWEST_IMAGES = 3
+MIN_IMAGES = 3
 FEW_IMAGES = 8
 COVERED = 0.7
 GRID = 8
@@ -66,18 +66,18 @@ def calibrate_checkerboard(
             "this is not a valid checkerboard", expected="3 or more inner corners both ways", got=str(inner_corners)
         )
     sizes = {np.shape(i) for i in images}
-    if len(images) < FEWEST_IMAGES or len(sizes) != 1 or len(next(iter(sizes))) != 2:
+    if len(images) < MIN_IMAGES or len(sizes) != 1 or len(next(iter(sizes))) != 2:
         raise BadInput(
             "these pictures cannot be calibrated together",
-            expected=f"{FEWEST_IMAGES} or more grey pictures of one size",
+            expected=f"{MIN_IMAGES} or more grey pictures of one size",
             got=f"{len(images)} of sizes {', '.join(map(str, sizes)) or '-'}",
         )
     corners = [_corners(cv, _as_bytes(i), inner_corners) for i in images]
     detected = [c for c in corners if c is not None]
-    if len(detected) < FEWEST_IMAGES:
+    if len(detected) < MIN_IMAGES:
         raise BadInput(
             "the board was found in too few pictures",
-            expected=f"{FEWEST_IMAGES} with all {inner_corners[0]} x {inner_corners[1]} inner corners",
+            expected=f"{MIN_IMAGES} with all {inner_corners[0]} x {inner_corners[1]} inner corners",
             got=f"{len(detected)} of {len(images)}",
             hint="count inner corners, not squares; the whole board with a white rim, sharp, evenly lit",
         )

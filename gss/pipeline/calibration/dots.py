@@ -14,12 +14,12 @@ from gss.domain.errors import BadInput
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 
-FEWEST_TURNS = 6
+MIN_TURNS = 6
 ROUND = 5.0  # positions that are not on a circle have a radius of about twice their scatter
 FULL_BOX_PX = 20.0  # Jacobs' dot stayed within 12 x 12 px
 TURN_COVERED = 2 / 3
-LARGEST_PX = 1e6
-SHORTEST_ARM_PX = 1.0
+MAX_PX = 1e6
+MIN_ARM_PX = 1.0
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
     arm = (outer - inner) * pitch_mm
     angle, distance = np.arctan2(arm[:, 1], arm[:, 0]), np.hypot(arm[:, 0], arm[:, 1])
 
-    if np.hypot(*(outer - inner).T).min() < SHORTEST_ARM_PX:
+    if np.hypot(*(outer - inner).T).min() < MIN_ARM_PX:
         raise BadInput(
             "the two dots are one", expected="one dot near the centre, one far out", got="places less than 1 px apart"
         )
@@ -150,16 +150,16 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
 
 def _checked(dots_px: Array, *, still: bool = False) -> Array:
     dots = np.asarray(dots_px, float)
-    if dots.ndim != 2 or dots.shape[1] != 2 or len(dots) < FEWEST_TURNS or not np.isfinite(dots).all():
+    if dots.ndim != 2 or dots.shape[1] != 2 or len(dots) < MIN_TURNS or not np.isfinite(dots).all():
         raise BadInput(
             "these are not places of a dot",
-            expected=f"{FEWEST_TURNS} or more places (col, row), one per turn",
+            expected=f"{MIN_TURNS} or more places (col, row), one per turn",
             got=f"{dots.shape}",
             hint="Jacobs took 36, every 10°",
         )
-    if np.abs(dots).max() > LARGEST_PX:
+    if np.abs(dots).max() > MAX_PX:
         got = f"{np.abs(dots).max():g} px"
-        raise BadInput("a dot lies on no detector", expected=f"within {LARGEST_PX:g} px", got=got)
+        raise BadInput("a dot lies on no detector", expected=f"within {MAX_PX:g} px", got=got)
     if not np.ptp(dots, axis=0).any() and not still:
         raise BadInput(
             "the dot never moved",

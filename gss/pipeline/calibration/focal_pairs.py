@@ -15,9 +15,9 @@ from gss.pipeline.calibration.robust import robust_sigma
 from gss.pipeline.calibration.sightings import FrameStars
 
 NEAR_CENTRE = 0.5
-FEWEST_PAIRS = 3
+MIN_PAIRS = 3
 SHORTEST = 0.1
-MOST_PAIRS = 20_000
+MAX_PAIRS = 20_000
 
 
 def focal_from_pair(first: Array, second: Array, separation_true_rad: float) -> float:
@@ -74,14 +74,14 @@ def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px:
             values = np.array(frame_pairs)
             per_frame.append(float(np.average(values[:, 0], weights=values[:, 1] ** 2)))
             estimates += frame_pairs
-    if len(estimates) < FEWEST_PAIRS:
+    if len(estimates) < MIN_PAIRS:
         raise BadInput(
             "too few pairs of stars near the optical centre",
-            expected=f"{FEWEST_PAIRS} within {reach:.0f} px of it",
+            expected=f"{MIN_PAIRS} within {reach:.0f} px of it",
             got=str(len(estimates)),
             hint="a denser part of the sky, or a larger radius",
         )
-    values = np.array(estimates[:MOST_PAIRS])
+    values = np.array(estimates[:MAX_PAIRS])
     inliers = np.abs(values[:, 0] - np.median(values[:, 0])) < 5 * max(robust_sigma(values[:, 0]), 1e-9)
     weight = values[inliers, 1] ** 2
     focal = float(np.average(values[inliers, 0], weights=weight))

@@ -13,7 +13,7 @@ from gss.pipeline.calibration.robust import fit_linear
 
 MONITEQ_GOOD = (2.0, 2.5)  # pixel over σ, with a window of three pixels
 WINDOWS = (3, 5, 7, 9)
-WIDEST_PX = 1000.0
+MAX_PX = 1000.0
 FARTHEST = 1e6
 
 
@@ -133,9 +133,9 @@ def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) 
 
 
 def _check_run(position: Array, sigma_px: Array) -> None:
-    ok = np.isfinite(sigma_px) & (sigma_px > 0) & (sigma_px <= WIDEST_PX)
+    ok = np.isfinite(sigma_px) & (sigma_px > 0) & (sigma_px <= MAX_PX)
     if not ok.all():
-        expected = f"σ above 0 px, at most {WIDEST_PX:g} px"
+        expected = f"σ above 0 px, at most {MAX_PX:g} px"
         raise BadInput("this is not a valid width of a star", expected=expected, got=f"{sigma_px[~ok][0]:g} px")
     if not (np.abs(position) <= FARTHEST).all():
         raise BadInput(

@@ -11,14 +11,14 @@ from gss.pipeline.calibration.residual_figures import ResidualFigures, residual_
 from gss.pipeline.calibration.star_stack import StarStack
 
 ROUNDS = 8
-FEWEST_FRAMES = 3
+MIN_FRAMES = 3
 
 
 def held_out(stars: StarStack, fit: Adjusted, priors: Mapping[str, Prior], folds: int) -> ResidualFigures | None:
     """Cross-validate by frame: fit the camera to the other frames, then only the attitude of each held-out frame. Residuals are
     scaled for the degrees of freedom of the attitude, so that they compare with the scatter of a star. None with fewer than three
     frames."""
-    if stars.frames < FEWEST_FRAMES or folds < 2:
+    if stars.frames < MIN_FRAMES or folds < 2:
         return None
     count = min(folds, stars.frames)
     fold = np.arange(stars.frames) % count
@@ -46,5 +46,5 @@ def held_out(stars: StarStack, fit: Adjusted, priors: Mapping[str, Prior], folds
         # With two stars no degrees of freedom remain after fitting the attitude.
         stretch = np.sqrt(2 * frame_stars / np.maximum(2 * frame_stars - 3, 1))
         residual[mask] = alone.residual_px * stretch[tried.frame, None]
-        used[mask] = fit.used[mask] & (frame_stars > FEWEST_FRAMES)[tried.frame]
+        used[mask] = fit.used[mask] & (frame_stars > MIN_FRAMES)[tried.frame]
     return residual_figures(residual, stars.sigma_px, used)

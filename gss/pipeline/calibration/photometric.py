@@ -26,7 +26,7 @@ from gss.pipeline.calibration.screening import CLOUD_MAG, frame_offsets_mag
 from gss.pipeline.calibration.sightings import FrameStars
 
 ILLUMINANCE_V0_LUX = 2.65e-6
-FEWEST_STARS = 15
+MIN_STARS = 15
 BAR_MAG = 0.1  # Jacobs 1995 Fig. 6-9
 LINEAR = 0.02
 
@@ -96,10 +96,10 @@ def calibrate_photometry(
     offsets = frame_offsets_mag(frames)
     light = light_of(frames, camera, threshold_above_dark_dn)
     usable = _usable(light, offsets, limits_mag, warnings)
-    if usable.sum() < FEWEST_STARS:
+    if usable.sum() < MIN_STARS:
         raise BadInput(
             "too few stars with a flux and a magnitude",
-            expected=f"{FEWEST_STARS}, neither clipped nor clouded",
+            expected=f"{MIN_STARS}, neither clipped nor clouded",
             got=str(int(usable.sum())),
             hint="more frames, or centroids that carry their flux",
         )
@@ -141,7 +141,7 @@ def _error_mag(light: Light, fit: Linear, k_area: float, names: tuple[str, ...])
 
 
 def _linearity(v_mag: Array, error_mag: Array, warnings: list[Advice]) -> tuple[float, float]:
-    if len(v_mag) < FEWEST_STARS or np.ptp(v_mag) < 1.0:
+    if len(v_mag) < MIN_STARS or np.ptp(v_mag) < 1.0:
         warnings.append(
             Advice(
                 "linearity",

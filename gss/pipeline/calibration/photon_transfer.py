@@ -19,10 +19,10 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 
 CLIP_SIGMAS = 5.0
-LEAST_SPREAD_DN = 0.8
+MIN_SPREAD_DN = 0.8
 TURN_SHARE = 0.8
 NOT_LINEAR = 0.1
-FEWEST_LEVELS = 3
+MIN_LEVELS = 3
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ def photon_transfer(
     pixels = float(np.mean([n for *_, n in levels])) if levels else 0.0
     clipped = np.array([_clips(p, saturation_dn) for p in pairs], bool)
     fitted = _rising(signal, variance) & ~clipped
-    if fitted.sum() < FEWEST_LEVELS - (dark is not None):
+    if fitted.sum() < MIN_LEVELS - (dark is not None):
         raise BadInput(
             "too few levels of light for a photon transfer curve",
-            expected=f"{FEWEST_LEVELS} below saturation, {FEWEST_LEVELS - 1} with a dark pair",
+            expected=f"{MIN_LEVELS} below saturation, {MIN_LEVELS - 1} with a dark pair",
             got=str(int(fitted.sum())),
             hint="pairs of flats from nearly dark to half the converter's range",
         )
@@ -142,7 +142,7 @@ def _level(pair: FlatPair) -> tuple[float, float, float, int]:
 def _unstray(values: Array) -> NDArray[np.bool_]:
     middle = np.median(values)
     # Differences of integers often have a median deviation of zero.
-    spread = max(1.4826 * float(np.median(np.abs(values - middle))), LEAST_SPREAD_DN)
+    spread = max(1.4826 * float(np.median(np.abs(values - middle))), MIN_SPREAD_DN)
     return np.asarray(np.abs(values - middle) < CLIP_SIGMAS * spread)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from gss.domain.camera import Camera
 from gss.domain.camera_record import record_of
 
-MOST_VALUES = 20_000  # larger arrays are images, which are stored in separate files
+MAX_VALUES = 20_000  # larger arrays are images, which are stored in separate files
 
 
 def as_record(value: Any) -> Any:
@@ -22,7 +22,7 @@ def as_record(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: as_record(getattr(value, f.name)) for f in _fields(value)}
     if isinstance(value, np.ndarray):
-        return {"shape": list(value.shape)} if value.size > MOST_VALUES else as_record(value.tolist())
+        return {"shape": list(value.shape)} if value.size > MAX_VALUES else as_record(value.tolist())
     if isinstance(value, Mapping):
         return {str(k): as_record(v) for k, v in value.items()}
     if isinstance(value, list | tuple):

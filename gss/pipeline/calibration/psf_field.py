@@ -19,7 +19,7 @@ from gss.pipeline.calibration.residual_figures import ResidualMap, residual_map
 from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.detect import find_stars
 
-FEWEST_STARS = 12
+MIN_STARS = 12
 BRIGHT_SNR = 25.0
 TILT_SIGMAS = 5.0
 
@@ -57,10 +57,10 @@ def psf_over_field(
             image, saturation_dn=None if np.isinf(saturation_dn) else saturation_dn, e_per_dn=e_per_dn
         )
         spots += fit_spots(image, detections, saturation_dn, BRIGHT_SNR)
-    if len(spots) < FEWEST_STARS:
+    if len(spots) < MIN_STARS:
         raise BadInput(
             "too few bright stars to determine the width over the field",
-            expected=f"{FEWEST_STARS} single stars, bright but not clipped",
+            expected=f"{MIN_STARS} single stars, bright but not clipped",
             got=str(len(spots)),
             hint="more frames, or a longer exposure",
         )

@@ -18,7 +18,7 @@ from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.calibration.sightings import FrameStars
 
 NEAR_CENTRE_MM = 0.45  # maximum distance from the optical centre of the star used in its place
-FEWEST_STARS = 12
+MIN_STARS = 12
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,10 @@ def radial_polynomial(
         # An error of the angle equals the error of the radius times cos² of the field angle.
         delta_parts.append(focal_mm * (measured - true) * (1 + (far[others] / focal_mm) ** 2))
     r = np.concatenate(r_parts) if r_parts else np.empty(0)
-    if len(r) < max(FEWEST_STARS, order + 2):
+    if len(r) < max(MIN_STARS, order + 2):
         raise BadInput(
             "too few stars with one near the optical centre beside them",
-            expected=f"{FEWEST_STARS} in frames with a star within {near_mm:g} mm of the centre",
+            expected=f"{MIN_STARS} in frames with a star within {near_mm:g} mm of the centre",
             got=f"{len(r)} in {counted(used_frames, 'frame')}",
             hint="image a dense part of the sky: at least half the frames then have such a star",
         )

@@ -15,7 +15,7 @@ from gss.pipeline.attitude import svd
 from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.sightings import FrameStars
 
-FEWEST_STARS = 3
+MIN_STARS = 3
 FEW_FRAMES = 5
 FEW_STARS = 40
 STREAK_PX = 3.0
@@ -84,10 +84,8 @@ def _without_clipped(frames: list[FrameStars], warnings: list[Advice]) -> list[F
 
 
 def _with_stars(frames: list[FrameStars], excluded: list[tuple[str, str]]) -> list[FrameStars]:
-    excluded += [
-        (f.name, f"{counted(len(f), 'star')}; {FEWEST_STARS} are needed") for f in frames if len(f) < FEWEST_STARS
-    ]
-    return [f for f in frames if len(f) >= FEWEST_STARS]
+    excluded += [(f.name, f"{counted(len(f), 'star')}; {MIN_STARS} are needed") for f in frames if len(f) < MIN_STARS]
+    return [f for f in frames if len(f) >= MIN_STARS]
 
 
 def _steady(frames: list[FrameStars], excluded: list[tuple[str, str]], warnings: list[Advice]) -> list[FrameStars]:
@@ -127,7 +125,7 @@ def is_mirrored(frame: FrameStars, camera: Camera) -> bool:
     """True if the left-right mirrored frame fits its stars far better than the frame itself."""
     flipped = frame.pixels * np.array([-1.0, 1.0]) + np.array([camera.columns - 1.0, 0.0])
     plain, other = (_fit_rms_px(p, frame.icrs, camera) for p in (frame.pixels, flipped))
-    return len(frame) >= FEWEST_STARS and plain > MIRROR_PX and other * MIRROR_GAIN < plain
+    return len(frame) >= MIN_STARS and plain > MIRROR_PX and other * MIRROR_GAIN < plain
 
 
 def _predicted(pixels: Array, icrs: Array, camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
@@ -195,7 +193,7 @@ def frame_offsets_mag(frames: Sequence[FrameStars]) -> Array:
     for f in frames:
         good = np.isfinite(f.flux_dn) & (f.flux_dn > 0) & np.isfinite(f.v_mag) & ~f.saturated
         # Equal fluxes mean that the centroids were given without fluxes.
-        if good.sum() < FEWEST_STARS or np.ptp(f.flux_dn[good]) == 0:
+        if good.sum() < MIN_STARS or np.ptp(f.flux_dn[good]) == 0:
             zero_points.append(np.nan)
             continue
         exposure_s = f.exposure_s if np.isfinite(f.exposure_s) else 1.0

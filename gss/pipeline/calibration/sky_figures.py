@@ -18,7 +18,7 @@ from gss.pipeline.background import SAMPLES_PER_TILE, Background, measure_backgr
 from gss.pipeline.calibration.robust import fit_linear, robust_sigma
 
 SURE_SIGMAS = 5.0
-FEWEST_TILES = 30
+MIN_TILES = 30
 NEIGHBOURS = 9
 """Tiles of the background mesh that share their pixels, because it is a median of nine."""
 STARS_LEVEL, STARS_GAIN = 0.05, 0.02
@@ -76,7 +76,7 @@ def sky_figures(images: Sequence[NDArray[Any]], *, linear: bool) -> SkyFigures:
 def _gain(meshes: Sequence[Background]) -> tuple[float, float]:
     level: Array = np.concatenate([m.level.ravel() for m in meshes])
     variance: Array = np.concatenate([m.noise.ravel() ** 2 for m in meshes])
-    if len(level) < FEWEST_TILES or np.ptp(level) < LEVEL_RANGE * abs(float(level.max())):
+    if len(level) < MIN_TILES or np.ptp(level) < LEVEL_RANGE * abs(float(level.max())):
         return float("nan"), float("nan")
     fit = fit_linear(np.column_stack([np.ones(len(level)), level - level.mean()]), variance)
     slope = float(fit.coefficients[1])

@@ -15,7 +15,7 @@ FEWEST = 4
 HALF_PX = 11
 START_SIGMA_PX = 1.5
 TOGETHER = 0.7
-LEAST_PX = 1.5
+MIN_PX = 1.5
 
 
 def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = float("inf")) -> float:
@@ -49,4 +49,4 @@ def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = f
     along = (moments[:, 0, 0] - moments[:, 1, 1]) + 2j * moments[:, 0, 1]
     together = abs(np.mean(along / np.maximum(np.abs(along), 1e-12)))
     length = float(np.sqrt(12 * np.median(np.abs(along))))
-    return length if together > TOGETHER and length > LEAST_PX else 0.0
+    return length if together > TOGETHER and length > MIN_PX else 0.0

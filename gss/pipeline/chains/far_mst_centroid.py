@@ -23,7 +23,7 @@ FLOOR_PX = 0.02
 MLE_FLOOR_PX = 0.01
 STAMP_SIGMAS = 3.0
 SCORING_STEPS = 8
-LONGEST_STEP_PX = 0.5
+MAX_STEP_PX = 0.5
 FARTHEST_PX = 2.0
 
 
@@ -123,7 +123,7 @@ def refine_mle(signal: Signal, noise_dn: float, stars: Centroids, p: FarMstParam
     for _ in range(SCORING_STEPS):
         score, information = _score(state, count_e, use, dx, dy, background_e, p.psf_sigma_px)
         step = np.einsum("nij,nj->ni", np.linalg.pinv(information, hermitian=True), score)
-        step[:, :2] = np.clip(step[:, :2], -LONGEST_STEP_PX, LONGEST_STEP_PX)
+        step[:, :2] = np.clip(step[:, :2], -MAX_STEP_PX, MAX_STEP_PX)
         state = state + step
         state[:, 2] = np.maximum(state[:, 2], background_e**0.5)
     _, information = _score(state, count_e, use, dx, dy, background_e, p.psf_sigma_px)

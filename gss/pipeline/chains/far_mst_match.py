@@ -32,7 +32,7 @@ from gss.pipeline.track.rate_match import mutual_nearest
 from gss.skytables.kvector import Rows
 from gss.skytables.sin2 import Sin2Directory
 
-MOST_NAMES_PER_FIGURE = 4
+MAX_NAMES_PER_FIGURE = 4
 ORDER = (Mode.LOST_IN_SPACE, Mode.ASSISTED, Mode.TRACKING)
 NONE = np.empty(0, np.intp)
 
@@ -139,7 +139,7 @@ def _hypotheses(s: _FrameSearch, n: int) -> Iterator[tuple[str, Rows, Rows]]:
             names = match_figure(figure, s.table, s.unit, icrs)
             if document and len(names) != 1:
                 continue
-            for stars in names[:MOST_NAMES_PER_FIGURE]:
+            for stars in names[:MAX_NAMES_PER_FIGURE]:
                 yield f"{vertices}-vertex", np.array(figure), stars
 
 

@@ -15,7 +15,7 @@ from gss.domain.angles import Array
 from gss.domain.rotation import turn_between, turned
 from gss.pipeline.track.cameras_together import BodyAttitude
 
-LONGEST_STEP_S = 30.0
+MAX_STEP_S = 30.0
 """Two attitudes that are further apart say nothing about the rate between them."""
 FURTHEST_AHEAD = 1.0
 """An attitude is extrapolated by at most this multiple of the time between the two before it."""
@@ -77,7 +77,7 @@ def _around(series: Sequence[MeasuredAttitude], time_s: float) -> tuple[Measured
     first, last = series[max(second, 1) - 1], series[max(second, 1)]
     step_s = last.time_s - first.time_s
     outside_s = max(first.time_s - time_s, time_s - last.time_s, 0.0)
-    return (first, last) if 0 < step_s <= LONGEST_STEP_S and outside_s <= FURTHEST_AHEAD * step_s else None
+    return (first, last) if 0 < step_s <= MAX_STEP_S and outside_s <= FURTHEST_AHEAD * step_s else None
 
 
 def _along(first: MeasuredAttitude, last: MeasuredAttitude, time_s: float, sigma_s: float) -> AttitudeAt:

@@ -16,8 +16,8 @@ ZERO_C_K = 273.15
 EXPONENTS_K = EXPONENT_K * np.geomspace(0.4, 2.2, 41)
 REFINEMENTS = 4
 CLIP_SIGMAS = 5.0
-FEWEST_KELVIN = 5.0
-FEWEST_SAMPLES = 20
+MIN_KELVIN = 5.0
+MIN_SAMPLES = 20
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def dark_course(
     t, warm = times_s[good], temperature_c[good]
     nothing = Estimate(float("nan"), float("nan"), float("nan"))
     reference_c = float(np.mean(warm)) if good.any() else float("nan")
-    if np.count_nonzero(good) < FEWEST_SAMPLES or np.ptp(warm) < FEWEST_KELVIN:
+    if np.count_nonzero(good) < MIN_SAMPLES or np.ptp(warm) < MIN_KELVIN:
         return DarkCourse(reference_c, EXPONENT_K, False, nothing, nothing, nothing)
     years = (t - (t[0] + t[-1]) / 2) / (365.25 * DAY_S)
     exposure, level = exposure_s[good], level_dn[good]

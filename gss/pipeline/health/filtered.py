@@ -11,7 +11,7 @@ from gss.pipeline.health.trend import CLIP_SIGMAS, DAY_S, Trend
 
 WANDERINGS = np.geomspace(1e-4, 3.0, 24)
 """Random walk in a day relative to the error of one sample; the likeliest is used."""
-LEAST_SCATTER = 0.1
+MIN_SCATTER = 0.1
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ def filtered_course(times_s: Array, values: Array, sigma: Array, temperature_c: 
         off_k = np.asarray(temperature_c, float) - trend.temperature_c
         warmth = trend.per_k.value * np.where(np.isfinite(off_k), off_k, 0.0)
     at_mean = np.asarray(values, float) - warmth
-    error = np.asarray(sigma, float) * max(trend.scatter, LEAST_SCATTER)
+    error = np.asarray(sigma, float) * max(trend.scatter, MIN_SCATTER)
     starts = np.searchsorted(times_s, [j.time_s.value for j in trend.jumps]).tolist()
     expected = trend.at(times_s)
     size = float(np.median(error))

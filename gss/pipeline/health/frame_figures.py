@@ -31,12 +31,12 @@ CLIPPED_SHARE = 0.9
 """Peak over saturation, from which the light of a star is not measured completely."""
 COLOURS = (("blue", -1.0, 0.3), ("white", 0.3, 0.8), ("red", 0.8, 4.0))
 """Name and range of B−V."""
-LEAST_ERROR_PX = 0.01
+MIN_ERROR_PX = 0.01
 FLUX_ERROR_MAG = 0.05
 REJECT_SIGMAS = 4.0
 BESIDE_PX = 20.0
 APERTURE_SIGMAS = 5.0
-LEAST_APERTURE_SNR = 12.0
+MIN_APERTURE_SNR = 12.0
 NEIGHBOUR_SHARE = 0.02
 Map = NDArray[np.float32]
 COUNTS = ("matched stars", "sources without a star")
@@ -149,7 +149,7 @@ def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]
     places = result.centroids.pixels[matches.centroid[used]]
     off, sigma = (
         matches.residual_px[used],
-        np.maximum(result.centroids.sigma_px[matches.centroid[used]], LEAST_ERROR_PX),
+        np.maximum(result.centroids.sigma_px[matches.centroid[used]], MIN_ERROR_PX),
     )
     if len(places) < LENS_STARS:
         return {}
@@ -207,7 +207,7 @@ def _light(
     places, v_mag, b_v = _on_detector(frame, result, 0.0)
     reach = int(np.ceil(APERTURE_SIGMAS * sensor.psf_sigma_px))
     flux = np.full(len(places), np.nan)
-    bright = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn > LEAST_APERTURE_SNR * noise_dn * (
+    bright = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn > MIN_APERTURE_SNR * noise_dn * (
         2 * reach + 1
     )
     gap = np.linalg.norm(places[:, None] - places[None, bright], axis=2).T

@@ -18,9 +18,9 @@ from gss.pipeline.health.filtered import FilteredCourse, filtered_course
 from gss.pipeline.health.frame_figures import COUNTS, FIGURES, HealthFrame, frame_figures, over_sky
 from gss.pipeline.health.pixel_course import PixelCourse, PixelSeries, pixel_course
 from gss.pipeline.health.pixel_search import BlockMaps, Map, block_edges, candidates
-from gss.pipeline.health.trend import FEWEST_SAMPLES, MOST_JUMPS, ToleranceExit, Trend, fit_trend, tolerance_exit
+from gss.pipeline.health.trend import MAX_JUMPS, MIN_SAMPLES, ToleranceExit, Trend, fit_trend, tolerance_exit
 
-FEWEST_FRAMES = 30
+MIN_FRAMES = 30
 WARM_SIGMAS = 3.0
 """A pixel is warm if its dark current exceeds the noise of one frame by this factor."""
 PARTICLE_SIGMAS = 8.0
@@ -79,10 +79,10 @@ def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor
     """Return the health from frames of any attitude, of one camera, in any order. Each is read twice. Raises BadInput with fewer
     than 30 solved frames."""
     solved = sorted((f for f in frames if f.solved), key=lambda f: f.time_s)
-    if len(solved) < FEWEST_FRAMES:
+    if len(solved) < MIN_FRAMES:
         raise BadInput(
             "too few frames for the health of a sensor",
-            expected=f"{FEWEST_FRAMES} with an attitude",
+            expected=f"{MIN_FRAMES} with an attitude",
             got=f"{len(solved)} of {len(frames)}",
         )
     edges = block_edges(len(solved))
@@ -175,9 +175,9 @@ def _figure(
     value = np.array([measured[k][name][0] for k in at])
     sigma = np.array([measured[k][name][1] for k in at])
     t, warm = times_s[at], temperature_c[at]
-    if len(at) < FEWEST_SAMPLES or np.ptp(t) <= 0:
+    if len(at) < MIN_SAMPLES or np.ptp(t) <= 0:
         return FigureCourse(name, FIGURES[name], t, value, sigma, warm, None, float("nan"), None, None)
-    trend = fit_trend(t, value, sigma, warm, 0 if name in COUNTS else MOST_JUMPS)
+    trend = fit_trend(t, value, sigma, warm, 0 if name in COUNTS else MAX_JUMPS)
     start = float(trend.at(t[:1])[0])
     reference, tolerance = _tolerance(name, camera, start)
     leaves = None if tolerance is None else tolerance_exit(trend, reference, tolerance, float(times_s[-1]))

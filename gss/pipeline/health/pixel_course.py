@@ -25,8 +25,8 @@ HALF_LIFE_GAIN = 3.84
 LAW_ERROR = 0.02
 """Relative error of the dark law and the temperature, by which a hot pixel may vary beyond its noise."""
 CLIP_SIGMAS = 6.0
-FEWEST_FRAMES = 12
-FEWEST_EACH_SIDE = 3
+MIN_FRAMES = 12
+MIN_EACH_SIDE = 3
 ONSETS, HALF_LIVES = 48, 28
 FINE = 61
 YEAR_S = 365.25 * DAY_S
@@ -78,7 +78,7 @@ def pixel_course(series: PixelSeries, col: int, row: int, warm_e_s: float) -> Pi
     fit = _fit_of(series)
     if fit is None:
         return None
-    starts = np.unique(np.linspace(FEWEST_EACH_SIDE, len(fit.t) - FEWEST_EACH_SIDE, ONSETS).astype(np.intp))
+    starts = np.unique(np.linspace(MIN_EACH_SIDE, len(fit.t) - MIN_EACH_SIDE, ONSETS).astype(np.intp))
     span_s = float(fit.t[-1] - fit.t[0])
     lives = np.geomspace(span_s / 200, 4 * span_s, HALF_LIVES)
     coarse = fit.gains(starts, lives)
@@ -91,9 +91,7 @@ def pixel_course(series: PixelSeries, col: int, row: int, warm_e_s: float) -> Pi
     fine: dict[str, tuple[float, NDArray[np.intp], Array, Array]] = {}
     for shape, coarse_gain in tried.items():
         s, h = (int(v) for v in np.unravel_index(np.argmax(coarse_gain), coarse_gain.shape))
-        near = np.arange(
-            max(FEWEST_EACH_SIDE, starts[s] - step), min(len(fit.t) - FEWEST_EACH_SIDE, starts[s] + step) + 1
-        )
+        near = np.arange(max(MIN_EACH_SIDE, starts[s] - step), min(len(fit.t) - MIN_EACH_SIDE, starts[s] + step) + 1)
         candidates = lives[h] * np.geomspace(0.2, 5.0, FINE)
         gains = fit.gains(near, candidates)
         profile = {STEADY: gains.steady[:, None], GROWING: gains.growing[:, None], ANNEALING: gains.annealing}[shape]
@@ -109,7 +107,7 @@ def pixel_course(series: PixelSeries, col: int, row: int, warm_e_s: float) -> Pi
 
 def _fit_of(series: PixelSeries) -> _Fit | None:
     measured = np.flatnonzero(np.isfinite(series.excess_dn))
-    if len(measured) < FEWEST_FRAMES:
+    if len(measured) < MIN_FRAMES:
         return None
     y = series.excess_dn[measured].astype(float)
     # A running median follows the pixel without the particles that hit it; it also gives its shot noise.
@@ -117,7 +115,7 @@ def _fit_of(series: PixelSeries) -> _Fit | None:
     dark_dn = np.maximum(smooth, 0)
     sigma = np.sqrt(series.noise_dn[measured] ** 2 + dark_dn / series.e_per_dn + (LAW_ERROR * dark_dn) ** 2)
     good = np.abs(y - smooth) < CLIP_SIGMAS * sigma
-    if np.count_nonzero(good) < FEWEST_FRAMES:
+    if np.count_nonzero(good) < MIN_FRAMES:
         return None
     rough = max(1.0, robust_sigma(np.diff(((y - smooth) / sigma)[good])) / float(np.sqrt(2)))
     at = measured[good]

@@ -13,21 +13,21 @@ from gss.pipeline.calibration.robust import robust_sigma
 Map = NDArray[np.float32]
 TRIMMED = 0.2
 """Share of the lowest and of the highest values of a pixel that a block leaves out: particles, and stars not in the catalogue."""
-MOST_BLOCKS = 40
-FEWEST_FRAMES = 5
+MAX_BLOCKS = 40
+MIN_FRAMES = 5
 """Frames of a block."""
 STEP_SIGMAS = 5.0
 ALWAYS_SIGMAS = 6.0
-MOST_CANDIDATES = 20_000
+MAX_CANDIDATES = 20_000
 SAMPLED = 7
 """One pixel in this many gives the noise."""
-WINDOWS = (1, 2, 4, 8, MOST_BLOCKS)
+WINDOWS = (1, 2, 4, 8, MAX_BLOCKS)
 """Blocks after an onset that are averaged: short ones for pixels that anneal soon."""
 
 
 def block_edges(count: int) -> list[int]:
     """Return where blocks of ``count`` frames in order begin, and the end of the last."""
-    blocks = max(1, min(MOST_BLOCKS, count // FEWEST_FRAMES))
+    blocks = max(1, min(MAX_BLOCKS, count // MIN_FRAMES))
     return [round(count * b / blocks) for b in range(blocks + 1)]
 
 
@@ -80,8 +80,8 @@ def candidates(maps: NDArray[np.float32]) -> NDArray[np.intp]:
     for z in _steps(flat, noise):
         np.maximum(best, z - STEP_SIGMAS, out=best)
     changed = np.flatnonzero(best > 0)
-    if len(changed) > MOST_CANDIDATES:
-        changed = np.sort(changed[np.argsort(best[changed])[-MOST_CANDIDATES:]])
+    if len(changed) > MAX_CANDIDATES:
+        changed = np.sort(changed[np.argsort(best[changed])[-MAX_CANDIDATES:]])
     return changed
 
 

@@ -12,15 +12,15 @@ from gss.pipeline.calibration.robust import Linear, fit_linear, robust_sigma
 
 DAY_S = 86_400.0
 Z95 = 1.96
-FEWEST_SAMPLES = 12
-FEWEST_EACH_SIDE = 5
+MIN_SAMPLES = 12
+MIN_EACH_SIDE = 5
 """Samples before and after a jump."""
-MOST_JUMPS = 4
+MAX_JUMPS = 4
 JUMP_GAIN = 30.0
 """Improvement of χ² for a jump. One jump is searched for at every sample, so this is far above that of a single test."""
 TIME_GAIN = 6.0
 """Loss of χ² at the ends of the 95 % interval of a jump's time, which moves in steps, so more than 3.84."""
-FEWEST_KELVIN = 3.0
+MIN_KELVIN = 3.0
 CLIP_SIGMAS = 5.0
 DRAWS = 2000
 EXIT_SEED = 1
@@ -86,7 +86,7 @@ class ToleranceExit:
 
 
 def fit_trend(
-    times_s: Array, values: Array, sigma: Array, temperature_c: Array | None = None, most_jumps: int = MOST_JUMPS
+    times_s: Array, values: Array, sigma: Array, temperature_c: Array | None = None, most_jumps: int = MAX_JUMPS
 ) -> Trend:
     """Fit (n,) values with standard deviations at (n,) Unix seconds. Temperatures that vary by less than 3 K are ignored.
 
@@ -100,9 +100,9 @@ def fit_trend(
         good &= np.isfinite(warm)
     else:
         warm = None
-    if np.count_nonzero(good) < FEWEST_SAMPLES:
+    if np.count_nonzero(good) < MIN_SAMPLES:
         raise BadInput(
-            "too few samples for a trend", expected=f"{FEWEST_SAMPLES} or more", got=str(np.count_nonzero(good))
+            "too few samples for a trend", expected=f"{MIN_SAMPLES} or more", got=str(np.count_nonzero(good))
         )
     order = np.flatnonzero(good)[np.argsort(t[good], kind="stable")]
     t, y, s = t[order], y[order], s[order]
@@ -111,7 +111,7 @@ def fit_trend(
     if np.ptp(t) <= 0:
         raise BadInput("no trend follows from one moment", expected="samples at different times")
     mean_c = float("nan") if warm is None else float(np.mean(warm[order]))
-    if warm is not None and np.ptp(warm[order]) >= FEWEST_KELVIN:
+    if warm is not None and np.ptp(warm[order]) >= MIN_KELVIN:
         columns.append(warm[order] - mean_c)
     smooth = len(columns)
     at: list[int] = []
@@ -145,9 +145,9 @@ def _gains(design: Array, y: Array, s: Array, fit: Linear, skip: list[int]) -> A
     product = np.cumsum((residual * inverse)[::-1])[::-1]
     gains = np.where(norm > 1e-9 * norm.max(), product**2 / np.maximum(norm, 1e-300), -np.inf)
     allowed = np.ones(n, bool)
-    allowed[:FEWEST_EACH_SIDE] = allowed[n - FEWEST_EACH_SIDE + 1 :] = False
+    allowed[:MIN_EACH_SIDE] = allowed[n - MIN_EACH_SIDE + 1 :] = False
     for k in skip:
-        allowed[max(0, k - FEWEST_EACH_SIDE + 1) : k + FEWEST_EACH_SIDE] = False
+        allowed[max(0, k - MIN_EACH_SIDE + 1) : k + MIN_EACH_SIDE] = False
     return np.where(allowed, gains, -np.inf)
 
 

@@ -22,12 +22,12 @@ from gss.pipeline.refine import Refined
 
 FOV_STEP = 1.22  # ratio between field-of-view hypotheses if perspective matters
 FLAT_FIELD_RAD = np.radians(13.0)  # below this all fields of view give the same figures
-SMALLEST_FIGURE = 0.06  # of the frame's width
+MIN_FIGURE = 0.06  # of the frame's width
 ACCEPT = 1e-6
 BATCHES = (8, 12, 16, 20)
 MIN_SIGMA_PX = 0.03  # no lens calibration is better than this
 STRONG_HITS = 3
-MOST_PROVED = 40
+MAX_PROVED = 40
 MAX_CANDIDATES = 40_000
 MAX_FULL_CHECKS = 400
 MAX_UNSETTLED = 15  # verified pointings without a lens that fits the single stars: more candidates would not help
@@ -174,7 +174,7 @@ class _BlindSearch:
         unit = camera.unproject(self.pixels)
         codes, ids, size = codes_of(unit[pattern_rows], pattern_rows)
         span = np.linalg.norm(self.pixels[ids[:, 0]] - self.pixels[ids[:, 1]], axis=1)
-        wide = span > SMALLEST_FIGURE * columns
+        wide = span > MIN_FIGURE * columns
         weak: list[Candidate] = []
         for radius in reversed(radii_rad(window[0] * ratio, window[1] * ratio)):
             candidates, count = look_up(
@@ -188,7 +188,7 @@ class _BlindSearch:
         return self._prove_first(weak)
 
     def _prove_first(self, candidates: list[Candidate]) -> BlindSolution | None:
-        for candidate in sorted(candidates, key=lambda c: -c.hits)[:MOST_PROVED]:
+        for candidate in sorted(candidates, key=lambda c: -c.hits)[:MAX_PROVED]:
             self.full += 1
             solved = prove(
                 candidate.camera,

@@ -12,7 +12,7 @@ from gss.pipeline.small import median
 
 SLOPE_SIGMA = 0.08  # prior sigma of the slope about 1: a detector is linear, a processed photograph less so
 SCATTER_MAG, SCATTER_STARS = 0.35, 4.0  # prior scatter from colour and filter, and its weight in stars
-LEAST_SCATTER_MAG = 0.05
+MIN_SCATTER_MAG = 0.05
 ROUNDS = 8
 SETTLED_MAG = 1e-3  # convergence limit: even a thirtieth of the narrowest window would be negligible
 
@@ -76,4 +76,4 @@ def _scatter(residual: Array, photons2: float) -> float:
     n = len(residual)
     observed2 = (1.4826 * median(np.abs(residual))) ** 2 - photons2
     mixed = (n * max(observed2, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)
-    return max(math.sqrt(mixed), LEAST_SCATTER_MAG)
+    return max(math.sqrt(mixed), MIN_SCATTER_MAG)

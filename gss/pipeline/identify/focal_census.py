@@ -27,7 +27,7 @@ PLENTY = 0.8
 # The first attitude comes from a few stars, perhaps close together: the search radius grows with the distance from them,
 # according to the attitude error.
 ROUNDS = 4
-WIDEST_PX = 30.0
+MAX_PX = 30.0
 BESIDE_RAD = 0.05
 # Probability of rejecting a correct solution by chance. It may be large: a rejection costs one frame, a false attitude far more.
 ACCIDENT = 1e-2
@@ -111,7 +111,7 @@ def _met(
         places = predicted[visible]
         radius = np.full(len(visible), radius_px)
         if not last:
-            radius *= _lever(places, pixels[spots], weight, WIDEST_PX / radius_px)
+            radius *= _lever(places, pixels[spots], weight, MAX_PX / radius_px)
         star, spot = _nearest(places, pixels, radius)
         met, in_view = len(spot), len(visible)
         if met < 2 or last:

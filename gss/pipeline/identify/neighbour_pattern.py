@@ -19,7 +19,7 @@ from gss.skytables.pairs import DistanceTable, expanded
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 CHUNK = 512
-MOST_AMPLIFIED = 3.0
+MAX_AMPLIFIED = 3.0
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def supporters(
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         apart = np.linalg.norm(unit_cam[h.i[part]] - unit_cam[h.j[part]], axis=1)
         lever = np.linalg.norm(unit_cam[None] - middle[:, None], axis=2) / np.maximum(apart, 1e-12)[:, None]
-        allowed_rad = tolerance_rad * np.minimum(np.maximum(1.0, 2 * lever), MOST_AMPLIFIED)
+        allowed_rad = tolerance_rad * np.minimum(np.maximum(1.0, 2 * lever), MAX_AMPLIFIED)
         near = distance <= allowed_rad
         near &= magnitude_fits(spot_mag[None], saturated[None], star_mag[star], error_mag)
         count[part] = near.sum(axis=1)

@@ -20,13 +20,13 @@ MAX_JOINED_ROWS = 3_000_000
 ROWS_AT_ONCE = 4_000_000
 ROWS_PER_PAIR = 600  # fixed cost of one join, in rows
 COLLINEAR = 4.0
-MOST_CANDIDATES = 8
+MAX_CANDIDATES = 8
 FIRST_POOL_ROWS = 1 << 16  # of the compiled search
 
 
 def limits() -> tuple[int, int, int, float, int, int]:
     """Return the limits of a search in the order that the compiled search expects."""
-    return ROWS_PER_PAIR, ROWS_AT_ONCE, MAX_JOINED_ROWS, COLLINEAR, MOST_CANDIDATES, FIRST_POOL_ROWS
+    return ROWS_PER_PAIR, ROWS_AT_ONCE, MAX_JOINED_ROWS, COLLINEAR, MAX_CANDIDATES, FIRST_POOL_ROWS
 
 
 class Trial(NamedTuple):
@@ -149,7 +149,7 @@ class PairSearch:
         need = min(2, self.n - 2)
         out = []
         strong = np.flatnonzero(votes >= need)
-        for which in strong[np.argsort(-votes[strong], kind="stable")][:MOST_CANDIDATES]:
+        for which in strong[np.argsort(-votes[strong], kind="stable")][:MAX_CANDIDATES]:
             members = np.flatnonzero(h == which)
             widest = members[np.argmax(np.abs(handedness[members]))]
             out.append((int(a[which]), int(b[which]), int(k[widest]), int(c[widest])))

@@ -20,7 +20,7 @@ from gss.skytables.pairs import DistanceTable
 
 ACCEPT = 1e-6
 MAX_STARS = 120
-LEAST_MATCHED = 4  # three stars are not sufficient evidence over the whole sky, whatever their false-match probability
+MIN_MATCHED = 4  # three stars are not sufficient evidence over the whole sky, whatever their false-match probability
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ def identify_lost(
     see :func:`gss.pipeline.kernels.kernels`.
     """
     n = min(len(field), MAX_STARS)
-    if n < LEAST_MATCHED:
-        return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {LEAST_MATCHED} are needed without a hint")
+    if n < MIN_MATCHED:
+        return PyramidMatch(None, 0, f"{counted(len(field))} found: at least {MIN_MATCHED} are needed without a hint")
     loops = kernels(fast).lists
     if loops is not None:
         return _compiled(field, sky, table, camera, n, scale_error, accept, loops)
@@ -58,7 +58,7 @@ def identify_lost(
     for trial in search.run():
         rows, stars = np.array(trial.rows), np.array(trial.stars)
         evidence = verify(field, sky, camera, rows=rows, stars=stars, hypotheses=search.hypotheses)
-        if evidence is None or len(evidence.rows) < LEAST_MATCHED:
+        if evidence is None or len(evidence.rows) < MIN_MATCHED:
             continue
         if evidence.false_match_probability <= accept:
             return PyramidMatch(evidence, search.hypotheses)
@@ -91,7 +91,7 @@ def _compiled(
         pair_search.TOLERANCE_SIGMA,
         pair_search.limits(),
         accept,
-        LEAST_MATCHED,
+        MIN_MATCHED,
         rows,
         stars,
         turn,

@@ -22,7 +22,7 @@ from gss.pipeline.loops.geometry import (
     middle_of,
     project,
 )
-from gss.pipeline.refine import ATTITUDE_DONE, BELIEF, MOST_RAD, NOWHERE_PX, OUTLIER_SIGMA, ROUNDS, STEP
+from gss.pipeline.refine import ATTITUDE_DONE, BELIEF, MAX_RAD, NOWHERE_PX, OUTLIER_SIGMA, ROUNDS, STEP
 
 
 @loop
@@ -135,9 +135,9 @@ def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covaria
             step[i] = undone[i, 0] * gradient[0] + undone[i, 1] * gradient[1] + undone[i, 2] * gradient[2]
         largest = max(abs(step[0]), abs(step[1]), abs(step[2]))
         x, y, z = (
-            min(max(step[0], -MOST_RAD), MOST_RAD),
-            min(max(step[1], -MOST_RAD), MOST_RAD),
-            min(max(step[2], -MOST_RAD), MOST_RAD),
+            min(max(step[0], -MAX_RAD), MAX_RAD),
+            min(max(step[1], -MAX_RAD), MAX_RAD),
+            min(max(step[2], -MAX_RAD), MAX_RAD),
         )
         if not math.isfinite(largest):
             break  # fewer than two stars are left

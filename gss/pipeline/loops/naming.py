@@ -11,7 +11,7 @@ import numpy as np
 
 from gss.pipeline.identify import faint
 from gss.pipeline.identify.flux_line import (
-    LEAST_SCATTER_MAG,
+    MIN_SCATTER_MAG,
     SCATTER_MAG,
     SCATTER_STARS,
     SETTLED_MAG,
@@ -63,7 +63,7 @@ def flux_line(magnitude, v_mag, sigma):
         level, slope, before = level + up, slope + steeper, scatter
         observed2 = (1.4826 * middle_of(np.abs(v_mag - level - slope * away), n)) ** 2 - typical2
         mixed = (n * max(observed2, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)
-        scatter = max(math.sqrt(mixed), LEAST_SCATTER_MAG)
+        scatter = max(math.sqrt(mixed), MIN_SCATTER_MAG)
         if max(abs(up), abs(steeper), abs(scatter - before)) < SETTLED_MAG:
             break
     return level, slope, middle, math.sqrt(lever / determinant), math.sqrt(total_weight / determinant), scatter

@@ -12,7 +12,7 @@ from gss.domain.results import SolveResult
 from gss.domain.rotation import vector_from_rotation
 from gss.pipeline.moving.spots import SolvedView
 
-LONGEST_STEP_S = 20.0
+MAX_STEP_S = 20.0
 """Attitudes farther apart do not give the camera's rate."""
 UNSTEADY = 0.2
 """Relative difference of the rates before and after a frame, beyond which its rate is not known."""
@@ -34,7 +34,7 @@ def views_of(
         rates = [
             rate_between(attitudes[a], attitudes[b], times_s[solved[b]] - times_s[solved[a]])
             for a, b in itertools.pairwise(near)
-            if 0 < times_s[solved[b]] - times_s[solved[a]] <= LONGEST_STEP_S
+            if 0 < times_s[solved[b]] - times_s[solved[a]] <= MAX_STEP_S
         ]
         views.append(
             SolvedView(

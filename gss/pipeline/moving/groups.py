@@ -15,7 +15,7 @@ GROUP_SIGMA = 3.0
 PEAK_SIGMA = 5.0
 SUM_SIGMA = 8.0
 """A group without a high peak needs this total, as a faint streak has."""
-MOST_GROUPS = 60
+MAX_GROUPS = 60
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class PixelGroup:
 def pixel_groups(
     image: NDArray[np.float32], mask: NDArray[np.bool_], noise: float, variance: float
 ) -> list[PixelGroup]:
-    """Return the groups in order of significance, at most ``MOST_GROUPS``."""
+    """Return the groups in order of significance, at most ``MAX_GROUPS``."""
     sigma = float(np.sqrt(variance))
     smooth = ndimage.gaussian_filter(image, sigma, mode="nearest")
     # The noise is measured on the filtered frame, because that of neighbouring pixels is not independent on every detector.
@@ -63,4 +63,4 @@ def pixel_groups(
         )
         groups.append((max(float(weight.max()), whole), group))
     groups.sort(key=lambda m: -m[0])
-    return [group for _, group in groups[:MOST_GROUPS]]
+    return [group for _, group in groups[:MAX_GROUPS]]

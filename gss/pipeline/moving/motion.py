@@ -14,9 +14,9 @@ from gss.domain.angles import Array
 from gss.pipeline.moving.spots import FrameSpots, attitude_at, tangent
 
 GATE_SIGMA = 4.0
-LEAST_GATE_PX = 0.5
-LEAST_PROBABILITY = 1e-4
-LARGEST_DEGREE = 3
+MIN_GATE_PX = 0.5
+MIN_PROBABILITY = 1e-4
+MAX_DEGREE = 3
 ACCELERATION = 1.0
 """Standard deviation of the angular acceleration in units of rate²: an object that passes at a constant velocity has at most
 about twice that."""
@@ -62,7 +62,7 @@ class SkyMotion:
     @property
     def sound(self) -> bool:
         """True if the residuals are as large as their errors."""
-        return self.freedom <= 0 or bool(gammaincc(self.freedom / 2, self.chi2 / 2) > LEAST_PROBABILITY)
+        return self.freedom <= 0 or bool(gammaincc(self.freedom / 2, self.chi2 / 2) > MIN_PROBABILITY)
 
     def covers(self, time_s: float) -> bool:
         """True if the time is within the fitted span or one step beside it."""
@@ -104,7 +104,7 @@ def fit_motion(frames: Sequence[FrameSpots], hits: Sequence[Hit]) -> SkyMotion |
     sigma: Array = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     middle, span = float(times.mean()), float(max(np.ptp(times) / 2, 1e-6))
     best = None
-    for degree in range(1, LARGEST_DEGREE + 1):
+    for degree in range(1, MAX_DEGREE + 1):
         if degree > 1 and len(hits) < degree + 2:
             break
         best = _fitted(times, place, sigma, degree, centre, plane, middle, span)
@@ -141,7 +141,7 @@ def _fitted(
 def gate_rad(frame: FrameSpots, rows: NDArray[np.intp], sigma_rad: float) -> Array:
     """(n,) distance within which these sources belong to a prediction with that error."""
     star_variance = np.linalg.eigvalsh(frame.covariance_rad2[rows])[:, 1]
-    least = LEAST_GATE_PX * frame.view.camera.pixel_rad
+    least = MIN_GATE_PX * frame.view.camera.pixel_rad
     return np.asarray(np.maximum(GATE_SIGMA * np.sqrt(star_variance + sigma_rad**2), least))
 
 

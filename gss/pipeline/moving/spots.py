@@ -25,10 +25,10 @@ from gss.pipeline.moving.line_fit import LINE, POINT, WIDTH, Cutout, LineFit, cu
 from gss.pipeline.star_mask import star_mask
 from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
 
-LEAST_SNR = 5.0
+MIN_SNR = 5.0
 LONGER, LENGTH_SIGMA = 25.0, 3.0
 """Improvement of χ² for a line over a point."""
-SHORTEST_LINE = 2.0
+MIN_LINE_LENGTH = 2.0
 """Length of a line in widths of the point-spread function."""
 LONG_WIDTHS = 5.0
 """Length in widths of the point-spread function, from which a line is fitted again with longer ones."""
@@ -39,7 +39,7 @@ REACH = 1.3
 SHARPER = 25.0
 SHARP_SHARE = 0.6
 """A source narrower than this share of the stars' width, with that improvement of χ², did not pass the lens."""
-MOST_HALF_PX = 150
+MAX_HALF_PX = 150
 WIDTH_STARS = 5
 STAR_GATE_PX = 2.0
 FLOOR_PX = 0.01
@@ -206,7 +206,7 @@ def _fitted(
     """Fit a group as a point and as a line; None if neither is significant. ``images``: the frame, and without its stars."""
     image, free_image = images
     length = float(np.hypot(*group.trail))
-    half = int(min(np.ceil(4 * np.sqrt(variance) + 0.65 * length), MOST_HALF_PX))
+    half = int(min(np.ceil(4 * np.sqrt(variance) + 0.65 * length), MAX_HALF_PX))
     cut = cut_out(image, noise, group.col, group.row, half, ceiling, sensor.gain_e_per_dn)
     point = fit_line(cut, np.array([group.flux_dn, 0.0, 0.0, 0.0, 0.0, variance]), POINT)
     trail = group.trail if length > 1 else np.array([1.0, 0.5])
@@ -216,13 +216,13 @@ def _fitted(
     if line is not None:
         longest = line.length_px + LENGTH_SIGMA * line.length_sigma_px
         significant = point is None or (point.chi2 - line.chi2) / line.excess > LONGER
-        if significant and line.length_px > SHORTEST_LINE * np.sqrt(variance):
+        if significant and line.length_px > MIN_LINE_LENGTH * np.sqrt(variance):
             best, free = line, LINE
             if line.length_px > LONG_WIDTHS * np.sqrt(variance):
                 cut, best = _whole_line(free_image, noise, group, line, ceiling, sensor, variance) or (cut, best)
                 half = max(half, int(np.ceil(REACH * line.length_px)))
                 longest = best.length_px + LENGTH_SIGMA * best.length_sigma_px
-    if best is None or best.snr < LEAST_SNR or np.abs(best.centre_px).max() > half:
+    if best is None or best.snr < MIN_SNR or np.abs(best.centre_px).max() > half:
         return None
     return _Source((group.col, group.row), best, longest, _is_sharp(cut, best, free, variance))
 
@@ -238,7 +238,7 @@ def _whole_line(
 ) -> tuple[Cutout, LineFit] | None:
     """Fit a long line again on more pixels and from longer lines: of a faint trail only a part exceeds the threshold. The centre
     stays relative to the group. None if no fit succeeds."""
-    half = int(min(np.ceil(4 * np.sqrt(variance) + REACH * line.length_px), MOST_HALF_PX))
+    half = int(min(np.ceil(4 * np.sqrt(variance) + REACH * line.length_px), MAX_HALF_PX))
     cut = cut_out(image, noise, group.col, group.row, half, ceiling, sensor.gain_e_per_dn)
     fits = []
     for stretch in STRETCHES:

@@ -21,11 +21,11 @@ from gss.pipeline.moving.spots import FrameSpots, star_trail_px
 
 SEED_FRAMES = 3
 """Pairs are formed up to this many frames apart, and a third source is searched for as many frames later."""
-LONGEST_STEP_S = 120.0
+MAX_STEP_S = 120.0
 """Sources farther apart in time are not linked: the motion between them is not known well enough."""
-MOST_MISSES = 3
-FEWEST_HITS = 3
-MOST_CHANCE = 0.01
+MAX_MISSES = 3
+MIN_HITS = 3
+MAX_CHANCE = 0.01
 """Expected number of accidental tracklets in the whole sequence above which one is not accepted."""
 SAME_PIXEL_PX = 0.8
 SKY_MOVED_PX = 2.0
@@ -112,7 +112,7 @@ def link(
         hit_keys = {(h.frame, h.row) for h in hits}
         if hit_keys & used:
             continue
-        if chance > MOST_CHANCE:
+        if chance > MAX_CHANCE:
             doubtful |= hit_keys
             continue
         used |= hit_keys
@@ -139,7 +139,7 @@ def link(
 def _fixed_on_detector(frames: Sequence[FrameSpots]) -> list[tuple[int, int]]:
     """(frame, row) of sources that keep their pixel in three frames or more while the sky moves over the detector."""
     owner = [(k, row) for k, frame in enumerate(frames) for row in range(len(frame))]
-    if len(owner) < FEWEST_HITS:
+    if len(owner) < MIN_HITS:
         return []
     pixels = np.concatenate([f.pixels for f in frames])
     icrs = np.concatenate([f.icrs for f in frames])
@@ -147,7 +147,7 @@ def _fixed_on_detector(frames: Sequence[FrameSpots]) -> list[tuple[int, int]]:
     pixel_rad = frames[0].view.camera.pixel_rad
     owners = []
     for at, near in enumerate(cKDTree(pixels).query_ball_point(pixels, SAME_PIXEL_PX)):
-        if len(set(of[near])) < FEWEST_HITS:
+        if len(set(of[near])) < MIN_HITS:
             continue
         if float(separation_rad(icrs[near], icrs[at]).max()) > SKY_MOVED_PX * pixel_rad:
             owners.append(owner[at])
@@ -168,7 +168,7 @@ def _candidates(
     for i in range(n):
         for j in range(i + 1, min(i + 1 + SEED_FRAMES, n)):
             step_s = frames[j].view.time_s - frames[i].view.time_s
-            if not len(rows[i]) or not len(rows[j]) or step_s > LONGEST_STEP_S:
+            if not len(rows[i]) or not len(rows[j]) or step_s > MAX_STEP_S:
                 continue
             first, second = frames[i].icrs[rows[i]], frames[j].icrs[rows[j]]
             apart = separation_rad(first[:, None], second[None])
@@ -185,7 +185,7 @@ def _candidates(
         if seed in inside:
             continue
         hits = _grown(frames, rows, list(seed))
-        if len(hits) < FEWEST_HITS or frozenset(hits) in done:
+        if len(hits) < MIN_HITS or frozenset(hits) in done:
             continue
         done.add(frozenset(hits))
         inside |= {(a, b) for a in hits for b in hits if a.frame < b.frame}
@@ -198,7 +198,7 @@ def _candidates(
 def _grown(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: list[Hit]) -> list[Hit]:
     """Extend a pair over later frames, then over earlier ones."""
     hits = _extended(frames, rows, hits, range(hits[-1].frame + 1, len(frames)))
-    if len(hits) < FEWEST_HITS:
+    if len(hits) < MIN_HITS:
         return hits
     return _extended(frames, rows, hits, range(hits[0].frame - 1, -1, -1))
 
@@ -207,13 +207,13 @@ def _extended(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: 
     misses = 0
     motion = fit_motion(frames, hits)
     for k in order:
-        if motion is None or misses > (MOST_MISSES if len(hits) >= FEWEST_HITS else SEED_FRAMES - 1):
+        if motion is None or misses > (MAX_MISSES if len(hits) >= MIN_HITS else SEED_FRAMES - 1):
             break
         misses += 1
         if not len(rows[k]):
             continue
         frame = frames[k]
-        if np.abs(motion.knots_s - frame.view.time_s).min() > LONGEST_STEP_S:
+        if np.abs(motion.knots_s - frame.view.time_s).min() > MAX_STEP_S:
             break
         place, sigma_rad = motion.at(frame.view.time_s)
         gap = separation_rad(frame.icrs[rows[k]], place)

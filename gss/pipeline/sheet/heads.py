@@ -18,11 +18,11 @@ from gss.pipeline.analysis.two_cameras import two_cameras
 from gss.pipeline.calibration.robust import fit_linear, robust_sigma
 from gss.pipeline.sheet.rows import interval, resampled
 
-LEAST_SPAN_K = 2.0
-LEAST_RATE_RAD_S = float(np.radians(0.02))
-LEAST_ABERRATION_RAD = float(np.radians(1.0 / 3600))
-LEAST_DRIFT_S = 3600.0
-BLOCKS, FEWEST_BLOCKS = 20, 8
+MIN_SPAN_K = 2.0
+MIN_RATE_RAD_S = float(np.radians(0.02))
+MIN_ABERRATION_RAD = float(np.radians(1.0 / 3600))
+MIN_DRIFT_S = 3600.0
+BLOCKS, MIN_BLOCKS = 20, 8
 DAY_S = 86_400.0
 WEIGHT_ROUNDS = 4
 
@@ -88,17 +88,17 @@ def reference_errors(data: ReferenceInput, rng: np.random.Generator) -> Referenc
     columns: list[Array] = [_each_axis(np.ones(len(at)))]
     names = ["bias"]
     clock = camera.times_s - camera.times_s.mean()
-    if np.ptp(clock) > LEAST_DRIFT_S:
+    if np.ptp(clock) > MIN_DRIFT_S:
         columns.append(_each_axis(clock / DAY_S))
         names.append("drift")
     temperature = np.full(len(at), np.nan) if data.temperature_c is None else data.temperature_c[at]
     span_k = float(np.ptp(temperature)) if np.isfinite(temperature).all() else 0.0
     middle_c = float(temperature.mean()) if span_k else float("nan")
-    if span_k >= LEAST_SPAN_K:
+    if span_k >= MIN_SPAN_K:
         columns.append(_each_axis(temperature - middle_c))
         names.append("thermal")
     rate = _rates(camera)
-    if float(np.linalg.norm(rate - rate.mean(axis=0), axis=1).max()) >= LEAST_RATE_RAD_S:
+    if float(np.linalg.norm(rate - rate.mean(axis=0), axis=1).max()) >= MIN_RATE_RAD_S:
         columns.append(-rate[:, :, None])
         names.append("date")
     if data.velocity_c is not None:
@@ -106,11 +106,11 @@ def reference_errors(data: ReferenceInput, rng: np.random.Generator) -> Referenc
         if not data.true_reference:
             turn = matrix_from_quaternion(mounting)
             shift = shift - _aberration(reference, data.velocity_c[at]) @ turn.T
-        if float(np.linalg.norm(shift - shift.mean(axis=0), axis=1).max()) >= LEAST_ABERRATION_RAD:
+        if float(np.linalg.norm(shift - shift.mean(axis=0), axis=1).max()) >= MIN_ABERRATION_RAD:
             columns.append(shift[:, :, None])
             names.append("aberration")
     blocks = data.block[at]
-    if len(np.unique(blocks)) < FEWEST_BLOCKS:
+    if len(np.unique(blocks)) < MIN_BLOCKS:
         blocks = np.arange(len(at), dtype=np.intp) * min(BLOCKS, len(at)) // len(at)
     fitted, residual = _fitted(np.concatenate(columns, axis=2), off, names, [c.shape[2] for c in columns], blocks, rng)
     return ReferenceErrors(

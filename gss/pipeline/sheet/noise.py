@@ -20,9 +20,9 @@ from gss.pipeline.sheet.rows import consecutive_blocks, interval, resampled
 
 STILL_PX = 0.25
 """Motion of the image from frame to frame, up to which spatial errors hardly change."""
-FEWEST_TRIPLES = 20
+MIN_TRIPLES = 20
 BLOCK = 6
-FEWEST_STEPS = 8
+MIN_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -64,9 +64,9 @@ def temporal_noise(series: AttitudeSeries, camera: Camera, rng: np.random.Genera
     deviation = np.concatenate([p[0] for p in parts])
     motion = np.concatenate([p[1] for p in parts])
     still = np.asarray(motion < STILL_PX)
-    calm = bool(np.count_nonzero(still) >= FEWEST_TRIPLES)
+    calm = bool(np.count_nonzero(still) >= MIN_TRIPLES)
     use = still if calm else np.ones(len(motion), bool)
-    if np.count_nonzero(use) < FEWEST_TRIPLES:
+    if np.count_nonzero(use) < MIN_TRIPLES:
         return None
     chosen = deviation[use]
 
@@ -101,7 +101,7 @@ def allan_deviation(values: Array, step_s: float) -> tuple[Array, Array]:
     """Return averaging times (k,) and the overlapping Allan deviation (k, c) of (n, c) angles: √(½⟨(ȳ₂ − ȳ₁)²⟩) of
     the means of adjacent groups (IEEE Std 1139). White noise falls with the square root of the time."""
     n = len(values)
-    groups = [m for m in (2**k for k in range(int(np.log2(max(n, 2))))) if n - 2 * m + 1 >= FEWEST_STEPS]
+    groups = [m for m in (2**k for k in range(int(np.log2(max(n, 2))))) if n - 2 * m + 1 >= MIN_STEPS]
     sums = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     deviations = []
     for m in groups:

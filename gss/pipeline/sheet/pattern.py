@@ -19,9 +19,9 @@ from gss.pipeline.sheet.spatial import SpatialErrors, StarSightings
 
 SAME_PX = 0.15
 OTHER_PX = 1.5
-FEWEST_PAIRS = 200
-FEWEST_STARS = 15
-MOST_PER_STAR = 40
+MIN_PAIRS = 200
+MIN_STARS = 15
+MAX_PER_STAR = 40
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.rand
     shrunk = max(0.1, 1 - 3 / coordinates)
     for hip in np.unique(sightings.hip[ok]).tolist():
         at = np.flatnonzero(ok & (sightings.hip == hip))
-        at = at[rng.permutation(len(at))[:MOST_PER_STAR]]
+        at = at[rng.permutation(len(at))[:MAX_PER_STAR]]
         first, second = np.triu_indices(len(at), 1)
         apart = sightings.frame[at[first]] != sightings.frame[at[second]]
         shift = sightings.pixels[at[first]] - sightings.pixels[at[second]]
@@ -66,10 +66,10 @@ def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.rand
         far.append(_sums(product[distant], weight[distant]))
         pairs, distant_pairs = pairs + int(close.sum()), distant_pairs + int(distant.sum())
         stars += bool(close.any())
-    if pairs < FEWEST_PAIRS or stars < FEWEST_STARS or distant_pairs < FEWEST_PAIRS:
+    if pairs < MIN_PAIRS or stars < MIN_STARS or distant_pairs < MIN_PAIRS:
         raise BadInput(
             "too few stars return to the same pixels",
-            expected=f"{FEWEST_PAIRS} pairs within {SAME_PX} px and as many beyond {OTHER_PX} px, of {FEWEST_STARS} stars",
+            expected=f"{MIN_PAIRS} pairs within {SAME_PX} px and as many beyond {OTHER_PX} px, of {MIN_STARS} stars",
             got=f"{pairs} and {distant_pairs} pairs, {stars} stars",
         )
     return _estimated(np.array(near), np.array(far), spatial, pairs, stars, rng)

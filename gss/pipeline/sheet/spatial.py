@@ -22,13 +22,13 @@ from gss.domain.errors import BadInput
 from gss.pipeline.calibration.robust import robust_sigma
 from gss.pipeline.sheet.rows import draws, interval
 
-FEWEST_SIGHTINGS = 200
-FEWEST_BLOCKS = 8
+MIN_SIGHTINGS = 200
+MIN_BLOCKS = 8
 PER_UNKNOWN = 12
 HARMONICS = 2
 REJECT_SIGMAS = 5.0
 FIRST_REJECT_SIGMAS = 15.0
-SMALLEST_SHARE = 1e-4
+MIN_SHARE = 1e-4
 """Directions of the normal equations with a smaller share of the largest eigenvalue are not observed: rotations of
 all frames."""
 MAP_CELLS = 12
@@ -126,10 +126,10 @@ def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Gene
     used = np.asarray(sightings.weight > 0) & np.isfinite(sightings.residual_px).all(axis=1)
     keep = _inliers(sightings.residual_px, used, FIRST_REJECT_SIGMAS)
     blocks = len(np.unique(sightings.block[sightings.frame[keep]]))
-    if np.count_nonzero(keep) < FEWEST_SIGHTINGS or blocks < FEWEST_BLOCKS:
+    if np.count_nonzero(keep) < MIN_SIGHTINGS or blocks < MIN_BLOCKS:
         raise BadInput(
             "too few stars for the spatial errors",
-            expected=f"{FEWEST_SIGHTINGS} identified stars in frames of {FEWEST_BLOCKS} different pointings",
+            expected=f"{MIN_SIGHTINGS} identified stars in frames of {MIN_BLOCKS} different pointings",
             got=f"{np.count_nonzero(keep)} stars, {blocks} pointings",
         )
     degree = 5 if np.count_nonzero(keep) * 2 > PER_UNKNOWN * (2 * _terms(5) + 4 * HARMONICS) else 3
@@ -182,7 +182,7 @@ def _drawn(
     shaped = observable.T @ normals @ observable
     sums = (often @ shaped.reshape(len(frame_sums), -1)).reshape(len(often), observable.shape[1], observable.shape[1])
     right = often @ (rights @ observable)
-    tiny = np.eye(observable.shape[1]) * SMALLEST_SHARE**2 * np.trace(whole) / p
+    tiny = np.eye(observable.shape[1]) * MIN_SHARE**2 * np.trace(whole) / p
     return best, np.linalg.solve(sums + tiny, right[..., None])[..., 0] @ observable.T, often
 
 
@@ -306,7 +306,7 @@ def _rest(sightings: StarSightings, frames: list[NDArray[np.intp]], camera: Came
 def _observed(normal: Array) -> Array:
     """(p, q) directions of the coefficients that the frames show."""
     values, vectors = np.linalg.eigh(normal)
-    return np.asarray(vectors[:, values > SMALLEST_SHARE * values[-1]])
+    return np.asarray(vectors[:, values > MIN_SHARE * values[-1]])
 
 
 def _solve(normal: Array, right: Array) -> Array:

@@ -10,7 +10,7 @@ from gss.domain.angles import Array
 from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
 
 EVERY_SECOND_S = (1.0, 2.0, 3.0)
-LONGEST_CURVED = 1.5
+MAX_CURVED = 1.5
 """Steps ahead up to which the acceleration is used; further ahead its error, which grows quadratically, exceeds its benefit."""
 
 
@@ -24,7 +24,7 @@ def weights(ages_s: Sequence[float]) -> Array:
     ahead, step = age[0], np.diff(age)
     out = np.zeros(len(age))
     out[:2] = 1 + ahead / step[0], -ahead / step[0]
-    if len(age) == len(EVERY_SECOND_S) and ahead <= LONGEST_CURVED * step[0]:
+    if len(age) == len(EVERY_SECOND_S) and ahead <= MAX_CURVED * step[0]:
         # The acceleration is the change of the velocity between the middles of the two intervals.
         out += ahead**2 / step.sum() * np.array([1 / step[0], -1 / step[0] - 1 / step[1], 1 / step[1]])
     return out

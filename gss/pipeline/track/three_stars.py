@@ -13,7 +13,7 @@ from gss.domain.angles import Array
 
 Rows = NDArray[np.intp]
 # When the seventh reference star is added, the first four are dropped (§4.1.4.1).
-MOST_GROUPS, GIVEN_UP = 7, 4
+MAX_GROUPS, GIVEN_UP = 7, 4
 STARS, PAIR = 3, 2
 
 
@@ -45,7 +45,7 @@ class ThreeStars:
         """Add a column and return True if three stars have been found."""
         if self.result or not len(new.observed):
             return bool(self.result)
-        if len(self.columns) + 1 == MOST_GROUPS:
+        if len(self.columns) + 1 == MAX_GROUPS:
             del self.columns[:GIVEN_UP]
         if not self.pair:
             for old in self.columns:

@@ -20,7 +20,7 @@ from gss.domain.json_object import JsonObject
 POSITION_STEP_PX = 1e-5
 MAGNITUDE_STEP = 1e-4
 NO_MAGNITUDE = np.iinfo(np.int32).min
-LARGEST, LARGEST_FLOAT = float(1 << 31), 3e38
+LARGEST, MAX_FLOAT = float(1 << 31), 3e38
 PACKED = "packed"
 Rows = list[JsonObject]
 BOUNDS = ("col_min", "row_min", "col_max", "row_max", "area_px")
@@ -82,7 +82,7 @@ def _floats(rows: Rows, name: str, *, missing: bool = False) -> bytes:
     """Return a column as the bytes of a float32 array. ValueError if a number does not fit, or is missing and must not be."""
     values = np.array([row[name] for row in rows], float)
     allowed = np.isnan(values) if missing else np.zeros(len(values), bool)
-    if not (allowed | (np.abs(values) < LARGEST_FLOAT)).all():
+    if not (allowed | (np.abs(values) < MAX_FLOAT)).all():
         raise ValueError(name)
     return values.astype("<f4").tobytes()
 

@@ -9,7 +9,7 @@ from gss.device.simulator.faults import FaultRates, LineFaults
 from gss.domain.errors import NotFound
 from gss.instruments.registry import shipped_version
 from gss.operations.contacts.contact_report import contact_report
-from gss.operations.contacts.contacts import MOST_LISTED
+from gss.operations.contacts.contacts import MAX_LISTED
 from gss.operations.line.capture_files import capture_files
 from gss.operations.line.raw_capture import Retention, read_captures
 from gss.store.models import Command
@@ -222,9 +222,9 @@ def test_a_contact_with_many_commands_lists_the_newest(station):
         "result": "done",
     }
     with station.database.unit_of_work() as session:
-        rows = [row | {"request_id": n, "created": station.now()} for n in range(1, 3 * MOST_LISTED)]
+        rows = [row | {"request_id": n, "created": station.now()} for n in range(1, 3 * MAX_LISTED)]
         session.execute(insert(Command), rows)
     station.close()
     commands = station.contacts.detail(contact_id).commands
-    assert (len(commands.rows), commands.total) == (MOST_LISTED, 3 * MOST_LISTED - 1)
-    assert [c.request_id for c in commands.rows] == list(range(2 * MOST_LISTED, 3 * MOST_LISTED))
+    assert (len(commands.rows), commands.total) == (MAX_LISTED, 3 * MAX_LISTED - 1)
+    assert [c.request_id for c in commands.rows] == list(range(2 * MAX_LISTED, 3 * MAX_LISTED))

@@ -209,7 +209,7 @@ def test_a_reader_that_died_is_restarted_and_reported(line, bus, monkeypatch):
 
 def test_frames_that_arrive_faster_than_they_are_solved_are_skipped_and_reported(bus, monkeypatch):
     """The queue is bounded: the oldest waiting frames are not solved automatically, but counted and announced once."""
-    monkeypatch.setattr(room, "MOST_WAITING", 3)
+    monkeypatch.setattr(room, "MAX_WAITING", 3)
     go, solved = threading.Event(), []
 
     def slow(frame: Frame, pixels: Any) -> None:

@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { Batch, LEAST_BETWEEN_MS, MOST_HELD, TOGETHER_MS } from './batch';
+import { Batch, MIN_BETWEEN_MS, MAX_HELD, TOGETHER_MS } from './batch';
 
 function rig() {
   const log: string[] = [];
@@ -34,7 +34,7 @@ describe('messages of the stream', () => {
     pass();
     expect(log).toEqual(['frame', ...Array.from({ length: 50 }, (_, i) => `${i}`)]);
     batch.add(() => log.push('next'));
-    expect(waits.map((w) => w.ms)).toEqual([LEAST_BETWEEN_MS]);
+    expect(waits.map((w) => w.ms)).toEqual([MIN_BETWEEN_MS]);
     pass();
     expect(log.slice(-2)).toEqual(['frame', 'next']);
   });
@@ -55,7 +55,7 @@ describe('messages of the stream', () => {
     batch.add(() => log.push('before'));
     tab.hidden = true;
     pass();
-    for (let i = 0; i < 3 * MOST_HELD; i++) batch.add(() => log.push('old'));
+    for (let i = 0; i < 3 * MAX_HELD; i++) batch.add(() => log.push('old'));
     tab.hidden = false;
     batch.shown();
     batch.add(() => log.push('new'));

@@ -10,9 +10,9 @@ export interface BatchParts {
 }
 /** Messages that the server publishes together arrive within this time. */
 export const TOGETHER_MS = 40;
-export const LEAST_BETWEEN_MS = 250;
+export const MIN_BETWEEN_MS = 250;
 /** If a hidden tab misses more messages, it reloads the state when it is shown. */
-export const MOST_HELD = 200;
+export const MAX_HELD = 200;
 
 export class Batch {
   private waiting: (() => void)[] = [];
@@ -42,7 +42,7 @@ export class Batch {
   }
 
   private limit(): void {
-    if (this.waiting.length <= MOST_HELD) return;
+    if (this.waiting.length <= MAX_HELD) return;
     this.waiting = [];
     this.overflowed = true;
   }
@@ -50,7 +50,7 @@ export class Batch {
   private plan(): void {
     if (this.planned) return;
     this.planned = true;
-    const waitMs = Math.max(TOGETHER_MS, this.lastMs + LEAST_BETWEEN_MS - this.parts.now());
+    const waitMs = Math.max(TOGETHER_MS, this.lastMs + MIN_BETWEEN_MS - this.parts.now());
     this.parts.later(() => this.parts.frame(() => this.flush()), waitMs);
   }
 

@@ -21,7 +21,7 @@ export interface StreamHandlers {
   offline: (since: number) => void;
 }
 const FIRST_WAIT_MS = 500;
-const LONGEST_WAIT_MS = 8000;
+const MAX_WAIT_MS = 8000;
 
 export class Stream {
   lastSeq = 0;
@@ -115,6 +115,6 @@ export class Stream {
     }
     if (this.stopped) return;
     this.parts.later(() => this.start(), this.wait);
-    this.wait = Math.min(LONGEST_WAIT_MS, this.wait * 2);
+    this.wait = Math.min(MAX_WAIT_MS, this.wait * 2);
   }
 }

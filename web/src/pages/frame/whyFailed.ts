@@ -22,7 +22,7 @@ export interface Explanation {
 type Run = Pick<SolutionDetail, 'chain' | 'reason' | 'found' | 'matched' | 'regions' | 'stars' | 'camera_name'>;
 
 /** Any chain needs this many stars for an attitude that can be verified. */
-export const LEAST_STARS = 4;
+export const MIN_STARS = 4;
 /** From this number of stars on, a known camera fails for another reason than a lack of stars. */
 const PLENTY = 12;
 const LONG = 3;
@@ -51,7 +51,7 @@ const median = (values: readonly number[]): number => [...values].sort((a, b) =>
 export function explain(run: Run, frame: Pick<FrameDetail, 'profile' | 'complete'>): Explanation {
   const rejected = run.regions.filter((r) => r.rejected).length;
   const main = mainRejection(run.regions);
-  const enough = run.found >= LEAST_STARS;
+  const enough = run.found >= MIN_STARS;
   const stages: Stage[] = [
     {
       name: 'Detection',
@@ -67,7 +67,7 @@ export function explain(run: Run, frame: Pick<FrameDetail, 'profile' | 'complete
     },
     {
       name: 'Identification',
-      passed: run.matched >= LEAST_STARS,
+      passed: run.matched >= MIN_STARS,
       words: `${run.matched} matched`,
     },
     { name: 'Verification', passed: false, words: 'no attitude passed it' },
@@ -96,7 +96,7 @@ function causeOf(
   if (/focal length/.test(run.reason))
     return { cause: 'The image has another scale than the camera that was assumed.', remedy: isBlind ? null : blind };
   const boxes = run.regions.filter((r) => r.area_px >= 6);
-  if (boxes.length >= LEAST_STARS && median(boxes.map(elongation)) >= LONG)
+  if (boxes.length >= MIN_STARS && median(boxes.map(elongation)) >= LONG)
     return {
       cause:
         'The stars are trails: the camera turned during the exposure. Shorten it, or use a chain that accepts trails.',
@@ -108,7 +108,7 @@ function causeOf(
       cause: 'Most regions are one or two pixels: hot pixels or noise. Raise the threshold, or use a dark frame.',
       remedy: reference,
     };
-  if (run.found < LEAST_STARS) {
+  if (run.found < MIN_STARS) {
     if (rejected > run.found)
       return {
         cause: 'Most regions were rejected: cloud, stray light, or limits of area that do not fit.',

@@ -4,15 +4,13 @@ export interface Gap {
   to: number;
 }
 const FACTOR = 4;
-const LEAST_S = 4;
+const MIN_S = 4;
 
 /** Spans between samples much longer than usual: at least four times the median step and at least four seconds. */
 export function gapsOf(t: readonly number[]): Gap[] {
   const steps = t.slice(1).map((v, i) => v - (t[i] ?? v));
   const usual = [...steps].sort((a, b) => a - b)[Math.floor(steps.length / 2)] ?? 0;
-  return steps.flatMap((s, i) =>
-    s > Math.max(LEAST_S, FACTOR * usual) ? [{ from: t[i] ?? 0, to: t[i + 1] ?? 0 }] : [],
-  );
+  return steps.flatMap((s, i) => (s > Math.max(MIN_S, FACTOR * usual) ? [{ from: t[i] ?? 0, to: t[i + 1] ?? 0 }] : []));
 }
 
 /** The same series with a break in each gap, so that no line crosses it. */
