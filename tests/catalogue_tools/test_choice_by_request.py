@@ -113,7 +113,7 @@ def test_companions_and_false_triples_have_limits(stars):
 
 def test_any_format_may_have_a_reduced_catalogue(stars):
     """A sunsat image holds all stars, the pairs of the reduced catalogue only, and the frame; the preview knows its size."""
-    request = replace(WHOLE, reduced=ReducedFrame(*deg(36, 36), 8, deg(3)[0]))
+    request = replace(WHOLE, reduced=ReducedFrame(*deg(36, 36), 8, deg(3)[0]), bank_bytes=256 * 1024)
     built, quick = build(request, stars), preview(request, stars)
     read = decode(built.image)
     kept = read.tables.reduced.kept
