@@ -84,8 +84,8 @@ class ExchangeWire(Protocol):
 
 
 class ExchangeSession:
-    """A :class:`gss.device.driver.Driver` for request–response protocols. ``poll``: requests that the ground repeats;
-    ``greeting``: command that the ground repeats on an open line until the first answer."""
+    """A :class:`gss.device.driver.Driver` for requests and responses. ``poll``: requests that the ground repeats;
+    ``greeting``: command that the ground repeats until the first answer."""
 
     def __init__(
         self,
@@ -190,8 +190,7 @@ class ExchangeSession:
         return self._take_events()
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises an error, whatever the content of the
-        bytes."""
+        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
         for answer in self._wire.feed(data):
             if answer.of_unit:
                 self._last_good_s = now_s

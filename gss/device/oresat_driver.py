@@ -71,8 +71,7 @@ def open_session(setup: UnitSetup) -> OresatSession:
 
 
 def _check(dictionary: Dictionary) -> None:
-    """Raise BadInput if the dictionary lacks a name that the driver uses. A missing name would otherwise fail only when
-    a frame is received."""
+    """Raise BadInput if the dictionary lacks a name that the driver uses, before any frame is received."""
     packets = {*PACKETS.values(), CARD, UPDATER, ATTITUDE, DEGREES}
     missing: list[str] = []
     for kind, names, get in (
@@ -104,8 +103,7 @@ def _check(dictionary: Dictionary) -> None:
 
 @dataclass
 class SensorClock:
-    """Estimate of the sensor's clock. ``now_s``: monotonic time of the ground; ``ahead_s``: sensor time minus
-    ``now_s``, None while unknown."""
+    """Estimate of the sensor's clock. ``ahead_s``: sensor time minus the ground's ``now_s``, None while unknown."""
 
     now_s: float = 0.0
     ahead_s: float | None = None
@@ -116,7 +114,7 @@ class SensorClock:
 
 
 class OresatSession(ExchangeSession):
-    """An exchange session that passes the time to its wire, because most frames of the sensor have no time stamp."""
+    """Exchange session that passes the time to its wire, because frames of the sensor have no time stamp."""
 
     def __init__(self, setup: UnitSetup) -> None:
         self._clock = SensorClock()
@@ -126,8 +124,7 @@ class OresatSession(ExchangeSession):
         super().__init__(setup, wire, POLLS, greeting=GREETING, transfers=downloads)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises an error, whatever the content of the
-        bytes."""
+        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
         self._clock.now_s = now_s
         return super().feed(data, now_s)
 
@@ -139,8 +136,7 @@ class _Solve:
     parts: dict[int, bytes] = field(default_factory=dict)
 
     def add(self, number: int, data: bytes) -> None:
-        """Add an object. The sensor sends the objects of an attitude in order, so an object out of order belongs to
-        another attitude and discards the previous objects."""
+        """Add an object. An object out of order belongs to another attitude and discards the previous ones."""
         follows = number - 1 in self.parts and number not in self.parts
         self.parts = {number: data} if number == 3 else self.parts | {number: data} if follows else {}
 
@@ -235,8 +231,7 @@ class OresatWire:
         return self._other(frame) if frame.id in HEARTBEATS and not self._received_any else None
 
     def _other(self, frame: CanFrame) -> Answer | None:
-        """Report, once, that only other nodes send on the bus. The cause can be a wrong node number or a sensor without
-        power."""
+        """Report once that only other nodes send: the node number may be wrong, or the sensor without power."""
         self._others.add(frame.id & 0x7F)
         if self._others_since_s is None:
             self._others_since_s = self._clock.now_s
@@ -344,7 +339,7 @@ class OresatWire:
 
 
 def _is_rotation(decoded: Decoded) -> bool:
-    """True if the quaternion has length 1, or if the sensor reports that the attitude is not known."""
+    """True if the quaternion has length 1, or if the sensor reports no attitude."""
     values = decoded.values
     length = math.sqrt(sum(float(values[f"quaternion_{axis}"]) ** 2 for axis in ("real", "i", "j", "k")))
     return values["known"] == "none" or abs(length - 1) <= MAX_ERROR

@@ -1,9 +1,9 @@
 """Host side of a contact, without I/O: its inputs are bytes and times, its outputs are bytes and events.
 
-``HostSession`` manages commands (queue, timeouts, retries), ``transfers`` and counters. It owns no thread or port: its
-owner calls ``link_up`` when a port is open, ``feed`` with received bytes, and ``poll`` every 10–50 ms, and writes the
-bytes that ``poll`` returns. All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: an owner with
-several threads needs a lock.
+``HostSession`` manages commands (queue, timeouts, retries), ``transfers`` and counters. Its owner calls ``link_up``
+when a port is open, ``feed`` with received bytes, and ``poll`` every 10–50 ms, and writes the bytes that ``poll``
+returns. All times are ``now_s`` of the owner's monotonic clock. Not thread-safe: an owner with several threads needs a
+lock.
 """
 
 from __future__ import annotations
@@ -181,8 +181,7 @@ class HostSession:
         return self._take_events(now_s)
 
     def feed(self, data: bytes, now_s: float) -> list[SessionEvent]:
-        """Process received bytes and return the resulting events. Never raises an error, whatever the content of the
-        bytes."""
+        """Process received bytes and return the resulting events. Never raises, also for invalid bytes."""
         for packet in self._receiver.feed(data):
             self._last_good_s = now_s
             try:
@@ -277,9 +276,7 @@ class HostSession:
         previous, hello = self._handshake.hello, self._handshake.met(values, device_time_s)
         if previous is not None and previous.serial != hello.serial:
             # Commands for one unit must never reach another unit.
-            self._events += self._command_queue.abandon(
-                f"The command was for the unit {previous.serial}, but {hello.serial} answered."
-            )
+            self._events += self._command_queue.abandon(f"The unit {hello.serial} answered, not {previous.serial}.")
         if previous is None or (previous.serial, previous.boot_count) != (hello.serial, hello.boot_count):
             self._receiver.sequence.restart()
         self._receiver.sequence.hello(device_time_s)
@@ -304,8 +301,7 @@ class HostSession:
         self._events.append(telemetry)
 
     def _greet_if_restarted(self, now_s: float) -> None:
-        """Send HELLO if only late or repeated telemetry arrives: the device may have restarted with new counts and a
-        new clock, and its BOOT event was lost."""
+        """Send HELLO if only late telemetry arrives: the device may have restarted, and its BOOT event was lost."""
         if now_s - self._current_s >= STALE_ONLY_S and self._handshake.greeted:
             self._current_s = now_s
             self._handshake.ask_at(now_s)
