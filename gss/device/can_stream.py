@@ -105,7 +105,7 @@ class CanStream:
                 raise self._down(str(error)) from error
 
     def _down(self, reason: str) -> LinkDown:
-        return LinkDown(f"the line {self.url} is gone", got=reason, hint="check bus and adapter")
+        return LinkDown(f"the line {self.url} was lost", got=reason, hint="check bus and adapter")
 
     def close(self) -> None:
         """Close the bus. Can be called more than once."""

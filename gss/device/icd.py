@@ -34,13 +34,19 @@ Clauses have stable numbers; `gss check device` tests a simulator or a unit agai
 
 {packet}
 
-| offset | bytes | content | |---:|---:|---| | 0 | 2 | CCSDS version 0 (3 bits), type: 1 to the device, 0 from it,
-secondary header flag 1, APID = {apid:#05x} + packet type | | 2 | 2 | sequence flags 3 (2 bits), sequence count of this
-APID and direction (14 bits) | | 4 | 2 | number of bytes that follow, minus 1 | | 6 | 1 | packet type | | 7 | 1 | code
-of the command, telemetry packet, event or transfer message; a report carries the code of its command | | 8 | 2 | first
-two bytes of the sender's dictionary hash | | 10 | 4 | request id; 0 = unsolicited | | 14 | 4 | device time, whole
-seconds since the device's epoch; 0 from ground | | 18 | 2 | device time, milliseconds | | 20 | n | payload | | 20 + n |
-4 | CRC-32 (as in zlib) of everything before |
+| offset | bytes | content |
+|---:|---:|---|
+| 0 | 2 | CCSDS version 0 (3 bits), type: 1 to the device, 0 from it, secondary header flag 1, APID = {apid:#05x} + packet type |
+| 2 | 2 | sequence flags 3 (2 bits), sequence count of this APID and direction (14 bits) |
+| 4 | 2 | number of bytes that follow, minus 1 |
+| 6 | 1 | packet type |
+| 7 | 1 | code of the command, telemetry packet, event or transfer message; a report carries the code of its command |
+| 8 | 2 | first two bytes of the sender's dictionary hash |
+| 10 | 4 | request id; 0 = unsolicited |
+| 14 | 4 | device time, whole seconds since the device's epoch; 0 from ground |
+| 18 | 2 | device time, milliseconds |
+| 20 | n | payload |
+| 20 + n | 4 | CRC-32 (as in zlib) of everything before |
 
 Packet types: {types}.
 

@@ -179,7 +179,7 @@ def test_active_and_factory_tables_cannot_be_written_or_erased(bench: Bench) -> 
         ("parameters", parameters(chain="unknown"), "unknown chain"),
         ("parameters", parameters(max_centroids=5.5), "another kind"),
         ("parameters", parameters(spice=1.0), "no such constant"),
-        ("parameters", calibration(), "no parameters table"),
+        ("parameters", calibration(), "not a parameters table"),
         ("triplets", b"GSST" + bytes(100), ""),
     ],
 )

@@ -227,7 +227,7 @@ def test_a_package_may_have_its_dictionary_as_xtce() -> None:
 def test_what_xtce_cannot_express_is_not_exported() -> None:
     """XTCE permits no dot in names; the export reports it instead of writing an invalid document."""
     text = "version: 1\ndevice_model: a.b\ncommands: []\ntelemetry: []\nevents: []\nservices: []\n"
-    with pytest.raises(BadInput, match="XTCE allows no such name"):
+    with pytest.raises(BadInput, match="XTCE does not allow this name"):
         xtce(parse_dictionary(text), headers=False)
 
 
