@@ -139,7 +139,8 @@ class AttitudeRole(PacketRole):
         return axes
 
     def read(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Return the values by standard quantity. ``quaternion_x`` to ``quaternion_w`` are the components of cam_from_icrs."""
+        """Return the values by standard quantity, with the components of cam_from_icrs as ``quaternion_x`` to
+        ``quaternion_w``."""
         by_quantity = {name: value for name, value in super().read(values).items() if not name.startswith("quaternion")}
         if all(name in values for name in self.quaternion):
             components = self.quaternion_of({name: float(values[name]) for name in self.quaternion})

@@ -149,7 +149,7 @@ services: []
             'parameterRef="Kind" comparisonOperator="&gt;" value="7"',
             "only comparisons with ==",
         ),
-        ('parameterRef="Kind" value="7"', 'parameterRef="Kind" value="2357"', "codes must fit a byte"),
+        ('parameterRef="Kind" value="7"', 'parameterRef="Kind" value="2357"', "codes must fit in one byte"),
         (
             '<ParameterRefEntry parameterRef="Lens"/>',
             "<ArrayParameterRefEntry/>",

@@ -1,4 +1,5 @@
-"""Read the types of XTCE parameters and arguments into rows of a dictionary. What has no row is refused by name and line."""
+"""Convert the types of XTCE parameters and arguments to rows of a dictionary. Unsupported constructs are rejected with
+name and line."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ class Size:
 
 
 def facts_of(element: Element, allowed: str) -> Row:
-    """Return the JSON of our ``AncillaryData``. Raises BadInput for keys that are not allowed here. Data of others are ignored."""
+    """Return the JSON in the ``AncillaryData`` of GSS. Other ``AncillaryData`` are ignored. Raises BadInput for a key
+    that is not in ``allowed``."""
     facts: Row = {}
     for entry in element.rows("AncillaryDataSet"):
         if entry.attributes.get("name") != ANCILLARY:
@@ -55,7 +57,7 @@ def _refuse(constant: str) -> None:
 
 
 def described(element: Element) -> tuple[str, str]:
-    """Return the short and the long description; empty without one."""
+    """Return the short and the long description; "" for a missing description."""
     long = element.child("LongDescription")
     return element.attributes.get("shortDescription", ""), long.text if long else ""
 
@@ -69,10 +71,11 @@ def yes(element: Element, attribute: str, default: bool) -> bool:
 
 
 class Values:
-    """The types of a document. ``kind``: Parameter or Argument. Collects enumerations and the byte orders of the numbers.
+    """The types of a document. ``kind``: Parameter or Argument. Collects the enumerations and the byte orders of the
+    numbers.
 
-    Limitations: whole bytes; polynomials as the only calibrators; inclusive ranges; static alarm ranges outside of which a value
-    is in alarm.
+    Limitations: sizes are whole bytes; calibrators are polynomials; ranges are inclusive; alarm ranges are static, with
+    the alarm outside of the range.
     """
 
     def __init__(self, types: Iterable[Element], kind: str, enums: dict[str, list[Row]], orders: set[str]) -> None:
@@ -83,7 +86,8 @@ class Values:
         self._kind, self._enums, self._orders = kind, enums, orders
 
     def row(self, entry: Element, facts: Row) -> tuple[Row, Size | None]:
-        """Return the row of a parameter or argument without its name, and the size if it depends on a parameter or is text."""
+        """Return the row of a parameter or argument without its name. Also returns the size if it depends on a
+        parameter or is that of a text."""
         reference = entry.get("parameterTypeRef" if self._kind == "Parameter" else "argumentTypeRef")
         element = self._types.get(reference)
         if element is None:
@@ -92,7 +96,7 @@ class Values:
         readers |= {"Enumerated": self._enumerated, "Binary": self._binary, "AbsoluteTime": self._time}
         read = readers.get(element.tag.removesuffix(f"{self._kind}Type"))
         if read is None:
-            raise element.error("this kind of type is not supported", expected=", ".join(readers))
+            raise element.error("this type is not supported", expected=", ".join(readers))
         row: Row = {}
         unit = self._unit(element)
         if unit:
@@ -109,7 +113,9 @@ class Values:
         self._checked(element, "IntegerDataEncoding", "sizeInBits signed")
         self._whole_number(element, row)
         if "conversion" in row:
-            raise element.error("a calibrated integer is a FloatParameterType here", expected="no DefaultCalibrator")
+            raise element.error(
+                "an integer with a calibrator must be a FloatParameterType", expected="no DefaultCalibrator"
+            )
         if yes(element, "signed", True) != row["type"].startswith("i"):
             raise element.error("signed differs from the encoding")
         self._ranges(element, row)
@@ -125,7 +131,7 @@ class Values:
         if encoding is None:
             self._whole_number(element, row)
             if self._kind == "Argument":
-                raise element.error("an argument has no calibrator here", expected="FloatDataEncoding")
+                raise element.error("calibrators of arguments are not supported", expected="FloatDataEncoding")
         else:
             self._float_encoding(encoding, row)
             self._calibrator(encoding, row)
@@ -167,7 +173,9 @@ class Values:
         choices = self._enums.get(f"{self._kind} {element.get('name')}", [])
         names = {choice["name"]: choice for choice in choices}
         if not isinstance(hazards, dict) or not set(hazards) <= set(names):
-            raise element.error("choice_hazards names no choice of this type", got=str(hazards)[:100])
+            raise element.error(
+                "choice_hazards contains a name that is not a choice of this type", got=str(hazards)[:100]
+            )
         for name, hazard in hazards.items():
             names[name]["hazard"] = hazard
 
@@ -266,7 +274,7 @@ class Values:
             return
         if self._kind == "Argument":
             raise calibrator.error(
-                "an argument has no calibrator here", expected="the argument in the unit of the line"
+                "calibrators of arguments are not supported", expected="the argument in the unit of the line"
             )
         coefficients: dict[int, float] = {}
         polynomial = calibrator.checked("PolynomialCalibrator", "name").need("PolynomialCalibrator")
@@ -299,7 +307,7 @@ class Values:
             raise alarm.error("minViolations and minConformance must be equal")
         ranges = alarm.need("StaticAlarmRanges").checked(" ".join(ALARMS.values()), "rangeForm")
         if ranges.attributes.get("rangeForm", "outside") != "outside":
-            raise ranges.error("only ranges outside of which a value is in alarm are supported", expected="outside")
+            raise ranges.error("only alarms outside of a range are supported", expected="outside")
         row["persistence"] = count
         for level, tag in ALARMS.items():
             limits = ranges.child(tag)
