@@ -110,7 +110,7 @@ def test_hanging_openings_are_limited(serve: Serve) -> None:
     for _ in range(UNFINISHED_MOST):
         with pytest.raises(LinkDown):
             open_stream(silent.replace("socket", "rfc2217"), within_s=0.01)
-    with pytest.raises(Conflict, match="too many earlier openings"):
+    with pytest.raises(Conflict, match="too many openings of lines"):
         open_stream(silent)
     wait_for_openings()
     open_stream(silent).close()

@@ -1,5 +1,5 @@
-"""Convert the types of XTCE parameters and arguments to rows of a dictionary. Unsupported constructs are rejected with
-name and line."""
+"""Convert the types of XTCE parameters and arguments to dictionary rows. Rejects unsupported constructs with name and
+line."""
 
 from __future__ import annotations
 
@@ -71,8 +71,7 @@ def yes(element: Element, attribute: str, default: bool) -> bool:
 
 
 class Values:
-    """The types of a document. ``kind``: Parameter or Argument. Collects the enumerations and the byte orders of the
-    numbers.
+    """The types of a document. ``kind``: Parameter or Argument. Collects enumerations and byte orders of numbers.
 
     Limitations: sizes are whole bytes; calibrators are polynomials; ranges are inclusive; alarm ranges are static, with
     the alarm outside of the range.
@@ -86,8 +85,8 @@ class Values:
         self._kind, self._enums, self._orders = kind, enums, orders
 
     def row(self, entry: Element, facts: Row) -> tuple[Row, Size | None]:
-        """Return the row of a parameter or argument without its name. Also returns the size if it depends on a
-        parameter or is that of a text."""
+        """Return the row of a parameter or argument without its name, and its size if the size is variable or that of a
+        text."""
         reference = entry.get("parameterTypeRef" if self._kind == "Parameter" else "argumentTypeRef")
         element = self._types.get(reference)
         if element is None:
@@ -173,9 +172,7 @@ class Values:
         choices = self._enums.get(f"{self._kind} {element.get('name')}", [])
         names = {choice["name"]: choice for choice in choices}
         if not isinstance(hazards, dict) or not set(hazards) <= set(names):
-            raise element.error(
-                "choice_hazards contains a name that is not a choice of this type", got=str(hazards)[:100]
-            )
+            raise element.error("choice_hazards contains an unknown choice", got=str(hazards)[:100])
         for name, hazard in hazards.items():
             names[name]["hazard"] = hazard
 
