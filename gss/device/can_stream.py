@@ -1,4 +1,5 @@
-"""Line over a CAN bus: ``can://interface/channel``, through python-can. Each frame is one record of :mod:`gss.device.can_frames`.
+"""Line over a CAN bus: ``can://interface/channel``, through python-can. Each frame is one record of
+:mod:`gss.device.can_frames`.
 
 Only this module imports python-can. A bus does not show whether another node is connected: without frames it looks like
 a silent line. A read blocks at most for its timeout.

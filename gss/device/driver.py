@@ -1,4 +1,5 @@
-"""The interface between the ground and one type of sensor: a driver, found through the entry point group ``gss.drivers``.
+"""The interface between the ground and one type of sensor: a driver, found through the entry point group
+``gss.drivers``.
 
 A driver is pure: its inputs are bytes and a monotonic time, its outputs are bytes and events. It owns no port, thread
 or clock, so the same driver can run on the line, in a test and in a replay. :func:`open_driver` builds the session of

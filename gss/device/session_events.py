@@ -15,7 +15,8 @@ Ranges = tuple[tuple[int, int], ...]
 
 
 class Stage(StrEnum):
-    """Stage of a command. REJECTED, COMPLETED and FAILED are final; a late report or a retry may still resolve UNKNOWN."""
+    """Stage of a command. REJECTED, COMPLETED and FAILED are final; a late report or a retry may still resolve
+    UNKNOWN."""
 
     QUEUED = "queued"
     RELEASED = "released"

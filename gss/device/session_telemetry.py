@@ -17,7 +17,8 @@ from gss.instruments.dictionary.definitions import Dictionary, Group, Item, Layo
 
 BOOLS: Mapping[Any, Value] = {0: False, 1: True}
 Change = tuple[str, Callable[[Any], Value]]
-"""Name of an item and the conversion of its unpacked value, which raises KeyError or ValueError for an invalid value."""
+"""Name of an item and the conversion of its unpacked value, which raises KeyError or ValueError for an invalid
+value."""
 
 
 class TelemetryReader:

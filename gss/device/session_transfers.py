@@ -64,9 +64,9 @@ class TransferManager:
     ) -> int:
         """Queue a download and return its transfer id. Raises BadInput if the dictionary does not define the kind.
 
-        ``partial``: data of an earlier attempt; only missing chunks are requested if the content is unchanged. ``part``:
-        the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line. ``paused``:
-        reason to wait until the device has identified itself.
+        ``partial``: data of an earlier attempt; only missing chunks are requested if the content is unchanged.
+        ``part``: the region, or the side of star windows. ``chunk_bytes``: fixed chunk size, not adapted to the line.
+        ``paused``: reason to wait until the device has identified itself.
         """
         size = self._chunk_size(kind, chunk_bytes, Direction.DOWN)
         transfer = SessionTransfer(self._next_id, Direction.DOWN, kind, checked_target(slot), size)

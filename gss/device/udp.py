@@ -34,7 +34,8 @@ class UdpStream:
             raise LinkDown(f"cannot open {self.url}", got=str(error), hint="check the network") from error
 
     def read(self, max_bytes: int, timeout_s: float) -> bytes:
-        """Return the next datagram; b"" if none is received within ``timeout_s``. Raises LinkDown if the socket is closed."""
+        """Return the next datagram; b"" if none is received within ``timeout_s``. Raises LinkDown if the socket is
+        closed."""
         try:
             self._socket.settimeout(timeout_s)
             return self._socket.recv(MAX_DATAGRAM)

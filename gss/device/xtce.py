@@ -78,8 +78,8 @@ def xtce(
 ) -> str:
     """Return the document as XML text, after verifying that it reads back to an equal dictionary.
 
-    ``headers``: the packets have the headers of the driver ``gss``. ``repeat_lists``: export list rows as repeated containers
-    instead of bytes. Raises BadInput for a dictionary that XTCE cannot express.
+    ``headers``: the packets have the headers of the driver ``gss``. ``repeat_lists``: export list rows as repeated
+    containers instead of bytes. Raises BadInput for a dictionary that XTCE cannot express.
     """
     draft = _XtceWriter(dictionary, headers, little_endian, repeat_lists, {}).text()
     facts: dict[str, object] = {"layout": layout_of_document(draft).hex(), "hash": dictionary.hash_hex}

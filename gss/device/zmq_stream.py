@@ -1,4 +1,5 @@
-"""Line over ZeroMQ: ``zmq://host:port``, through pyzmq. A DEALER socket connects to a DEALER or ROUTER of a mission-control system.
+"""Line over ZeroMQ: ``zmq://host:port``, through pyzmq. A DEALER socket connects to a DEALER or ROUTER of a
+mission-control system.
 
 Each write sends one message. The bytes of received messages are concatenated and message boundaries are ignored, so a
 message can contain raw bytes or whole packets. Only this module imports pyzmq.

@@ -1,4 +1,5 @@
-"""Numbers with their unit and origin: ``{value, unit, source}`` or ``{value, unit, chosen: reason}``; with ``sigma`` if known."""
+"""Numbers with their unit and origin: ``{value, unit, source}`` or ``{value, unit, chosen: reason}``; with ``sigma`` if
+known."""
 
 from __future__ import annotations
 

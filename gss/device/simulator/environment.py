@@ -189,7 +189,8 @@ class Environment:
 
 
 def on_the_ground(attitude: Array, epoch_jyear: float, time_s: float = 0.0) -> tuple[EarthFixed, GroundSite]:
-    """Return motion and site of a camera fixed to the Earth whose (3, 3) attitude points to the zenith at ``time_s``."""
+    """Return motion and site of a camera fixed to the Earth whose (3, 3) attitude points to the zenith at
+    ``time_s``."""
     pole = earth_pole_icrs(epoch_jyear)
     motion = EarthFixed(attitude, pole, time_s)
     return motion, GroundSite(motion.at(0.0).cam_from_icrs[2], pole)

@@ -260,7 +260,8 @@ class StarTracker:
         return solution
 
     def process(self, slot: int, send: Callable[[Report], None]) -> Stage[None]:
-        """Process the image in a slot: one iteration. Each stage's telemetry is passed to ``send`` when the stage is finished."""
+        """Process the image in a slot: one iteration. Each stage's telemetry is passed to ``send`` when the stage is
+        finished."""
         self.iteration += 1
         frame = self.imager.stored(slot)
         self.load_catalogue()

@@ -42,7 +42,8 @@ class Motion(Protocol):
 
 
 class Orbit(Protocol):
-    """The camera's position: ((3,) km, (3,) km/s) from the Earth's centre in ICRS axes. ``grounded``: on the Earth's surface."""
+    """The camera's position: ((3,) km, (3,) km/s) from the Earth's centre in ICRS axes. ``grounded``: on the Earth's
+    surface."""
 
     @property
     def grounded(self) -> bool: ...

@@ -1,4 +1,5 @@
-"""Server for SDO block uploads (CiA 301 §7.2.4.2.10), which the CANopen library of the simulated card does not support. No I/O."""
+"""Server for SDO block uploads (CiA 301 §7.2.4.2.10), which the CANopen library of the simulated card does not support.
+No I/O."""
 
 from __future__ import annotations
 

@@ -115,7 +115,8 @@ def _rows(file: MarkedYaml, content: Mapping[str, Any], section: str, read: Call
 
 
 def _placed(file: MarkedYaml, path: tuple[str | int, ...], error: Exception) -> BadInput:
-    """Return the error of a row with file and line. The text of a KeyError or TypeError names the missing key or type."""
+    """Return the error of a row with file and line. The text of a KeyError or TypeError names the missing key or
+    type."""
     if isinstance(error, BadInput):
         return BadInput(f"{file.name}, line {file.line(path)}: {error.message}", expected=error.expected, got=error.got)
     got = f"{type(error).__name__}: {error}"[:200]
