@@ -107,12 +107,12 @@ def decode_table(kind: str, data: bytes) -> tuple[str, dict[str, Scalar]]:
     if magic != MAGICS[kind]:
         raise CorruptData(f"not a {kind} table", expected=MAGICS[kind].decode(), got=repr(magic))
     if zlib.crc32(data[: HEADER.size]) != int.from_bytes(data[HEADER.size : HEADER_BYTES], "little"):
-        raise CorruptData(f"header of the {kind} table is damaged", expected="its own CRC-32")
+        raise CorruptData(f"header of the {kind} table is damaged", expected="a matching CRC-32")
     if (version, size) != (TABLE_FORMAT, HEADER_BYTES):
         raise CorruptData(f"unknown format of the {kind} table", expected=str(TABLE_FORMAT), got=str(version))
     body = data[HEADER_BYTES:]
     if len(body) != body_bytes or zlib.crc32(body) != body_crc:
-        raise CorruptData(f"body of the {kind} table is damaged", expected=f"{body_bytes} B and its own CRC-32")
+        raise CorruptData(f"body of the {kind} table is damaged", expected=f"{body_bytes} B and a matching CRC-32")
     values: dict[str, Scalar] = {word_name: _text(kind, word)}
     values |= _pairs(kind, body, pairs)
     return _text(kind, profile), values

@@ -123,7 +123,7 @@ def _dictionary(about: InstrumentFile, file: MarkedYaml, files: Files, link: Lin
     """Return the dictionary in the package (YAML or XTCE), or the shared dictionary that the package names."""
     dictionaries = [name for name in (OWN_DICTIONARY, XTCE_DICTIONARY) if name in files]
     if len(dictionaries) > 1:
-        raise BadInput(f"the package has {OWN_DICTIONARY} and {XTCE_DICTIONARY}", expected="one of the two")
+        raise BadInput(f"the package has {OWN_DICTIONARY} and {XTCE_DICTIONARY}", expected="only one of these files")
     if about.dictionary is None:
         if not dictionaries:
             raise file.error(

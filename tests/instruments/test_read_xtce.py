@@ -162,7 +162,7 @@ services: []
             'consequenceLevel="forbidden"',
             "DefaultSignificance: this level is not supported",
         ),
-        ('argumentValue="3"', 'argumentValue="0x3"', "not a whole number"),
+        ('argumentValue="3"', 'argumentValue="0x3"', "not an integer"),
         ('minInclusive="0" maxInclusive="5.5"', "", "a number needs min and max"),
         ('initialValue="1.5"', 'initialValue="9"', "default is not allowed"),
         ("<CommandMetaData>", "<SpaceSystem/><CommandMetaData>", "SpaceSystem: is not supported in SpaceSystem"),

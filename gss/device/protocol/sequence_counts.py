@@ -1,5 +1,4 @@
-"""Evaluate the sequence counts of received packets: detect missing, repeated and late packets and restarts of the
-sender."""
+"""Follow the sequence counts of received packets: missing, repeated and late ones, and restarts of the sender."""
 
 from __future__ import annotations
 
@@ -61,7 +60,7 @@ class SequenceTracker:
             self.duplicates += 1
             return Arrival.REPEATED
         if ahead >= HALF:
-            stream.missing.clear()  # these counts belong to the sender's previous run
+            stream.missing.clear()  # numbers of the sender's previous run
         elif ahead:
             self.gaps += ahead
             first = packet.sequence - ahead  # counts wrap below 0
@@ -70,7 +69,7 @@ class SequenceTracker:
             )
             while len(stream.missing) > MAX_MISSING:
                 del stream.missing[next(iter(stream.missing))]
-        stream.missing.pop(packet.sequence, None)  # the count has wrapped since this count was missed
+        stream.missing.pop(packet.sequence, None)  # the count has wrapped since that number was missed
         stream.expected = (packet.sequence + 1) % SEQUENCE_MODULO
         stream.newest_s = packet.time_s
         return Arrival.CURRENT

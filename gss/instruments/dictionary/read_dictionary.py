@@ -146,7 +146,7 @@ def _dictionary(file: MarkedYaml, content: Mapping[str, Any], content_hash: byte
         limit_sets=_rows(file, content, "limit_sets", _limit_set),
     )
     try:
-        _check_whole(dictionary)
+        _check_across_rows(dictionary)
     except BadInput as error:
         raise _placed(file, (), error) from error
     return dictionary
@@ -312,7 +312,7 @@ def _service(row: Row, enums: Enums) -> Service:
     return Service(name, packet, int(row["code"]), str(row["purpose"]), read_layout(name, row["fields"], enums))
 
 
-def _check_whole(dictionary: Dictionary) -> None:
+def _check_across_rows(dictionary: Dictionary) -> None:
     """Check rules across rows: unique names and codes, codes of one byte, existing limit sets and existing precondition
     fields."""
     for where, rows in (

@@ -177,7 +177,7 @@ class _XtceReader:
         chosen = [a for a in assigned if a.get("argumentName") == "CODE"] or assigned
         if len(chosen) != 1:
             return None
-        return chosen[0].whole(chosen[0].get("argumentValue"))
+        return chosen[0].integer(chosen[0].get("argumentValue"))
 
     def _argument(self, argument: Element) -> Row:
         argument.checked(NAMED, f"{NAME} argumentTypeRef initialValue")

@@ -79,12 +79,12 @@ class Element:
             raise self.error(f"the attribute {attribute} is missing")
         return self.attributes[attribute]
 
-    def whole(self, text: str) -> int:
+    def integer(self, text: str) -> int:
         """Convert a text of this element to an integer. Raises BadInput."""
         try:
             return int(text) if len(text) < 30 else int("")
         except ValueError:
-            raise self.error("not a whole number", got=text[:60]) from None
+            raise self.error("not an integer", got=text[:60]) from None
 
     def number(self, text: str) -> int | float:
         """Convert a text of this element to a finite number; integers are exact. Raises BadInput."""

@@ -154,7 +154,7 @@ class Containers:
         """Return the code of a packet: the stated code, the value compared with CODE, or the value of the only
         comparison."""
         if "code" in self._facts[name]:
-            return container.whole(str(self._facts[name]["code"]))
+            return container.integer(str(self._facts[name]["code"]))
         base = container.child("BaseContainer")
         criteria = base.checked("RestrictionCriteria", "containerRef").child("RestrictionCriteria") if base else None
         if criteria is None:
@@ -175,7 +175,7 @@ class Containers:
                 "more than one comparison and none with CODE: the code is ambiguous",
                 expected="a comparison with CODE, or code in AncillaryData gss",
             )
-        return chosen[0].whole(chosen[0].get("value"))
+        return chosen[0].integer(chosen[0].get("value"))
 
     # --- fields -------------------------------------------------------------------------------------------------------
 
@@ -276,7 +276,7 @@ class Containers:
             "list": self._fields(name, container, telemetry=False, is_row=True),
         }
         if fixed is not None:
-            row["slots"] = fixed.whole(fixed.text.strip())
+            row["slots"] = fixed.integer(fixed.text.strip())
         return row | {"count": count["type"]} | {k: facts[k] for k in ("purpose",) if k in facts}
 
 

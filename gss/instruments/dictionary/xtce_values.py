@@ -160,7 +160,7 @@ class Values:
         choices = []
         for choice in element.need("EnumerationList").checked("Enumeration").children:
             choice.checked("", "value label shortDescription")
-            value: Row = {"name": choice.get("label"), "value": choice.whole(choice.get("value"))}
+            value: Row = {"name": choice.get("label"), "value": choice.integer(choice.get("value"))}
             note = choice.attributes.get("shortDescription")
             choices.append(value | ({"note": note} if note else {}))
         name = f"{self._kind} {element.get('name')}"
@@ -240,7 +240,7 @@ class Values:
         encoding = element.need("IntegerDataEncoding").checked(
             "DefaultCalibrator", "sizeInBits encoding byteOrder bitOrder"
         )
-        bits = encoding.whole(encoding.attributes.get("sizeInBits", "8"))
+        bits = encoding.integer(encoding.attributes.get("sizeInBits", "8"))
         kind = INTEGERS.get((encoding.attributes.get("encoding", "unsigned"), bits))
         if kind is None or (only and kind != only):
             raise encoding.error(
@@ -277,7 +277,7 @@ class Values:
         polynomial = calibrator.checked("PolynomialCalibrator", "name").need("PolynomialCalibrator")
         for term in polynomial.checked("Term").children:
             term.checked("", "coefficient exponent")
-            exponent = term.whole(term.get("exponent"))
+            exponent = term.integer(term.get("exponent"))
             if not 0 <= exponent <= 20 or exponent in coefficients:
                 raise term.error("exponent is out of range, or appears twice", expected="0 – 20", got=str(exponent))
             coefficients[exponent] = float(term.number(term.get("coefficient")))
@@ -299,8 +299,8 @@ class Values:
         if alarm is None:
             return
         alarm.checked("StaticAlarmRanges", "minViolations minConformance name")
-        count = alarm.whole(alarm.attributes.get("minViolations", "1"))
-        if alarm.whole(alarm.attributes.get("minConformance", str(count))) != count:
+        count = alarm.integer(alarm.attributes.get("minViolations", "1"))
+        if alarm.integer(alarm.attributes.get("minConformance", str(count))) != count:
             raise alarm.error("minViolations and minConformance must be equal")
         ranges = alarm.need("StaticAlarmRanges").checked(" ".join(ALARMS.values()), "rangeForm")
         if ranges.attributes.get("rangeForm", "outside") != "outside":
@@ -344,7 +344,7 @@ class Values:
         return Size(0, reference.get("parameterRef"), int(slope), int(intercept))
 
     def _bytes(self, element: Element, text: str) -> int:
-        bits = element.whole(text.strip())
+        bits = element.integer(text.strip())
         if bits <= 0 or bits % 8 or bits > 8 * 999:
             raise element.error("only whole bytes, 1 to 999, are supported", got=f"{bits} bits")
         return bits // 8
