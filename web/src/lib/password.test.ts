@@ -6,7 +6,7 @@ describe('judge', () => {
     expect(judge('', 'ann').ok).toBe(false);
     expect(judge('short', 'ann').text).toBe(`too short: 5 of ${LEAST} characters`);
     expect(judge('aaaaaaaaaaaaaaaa', 'ann').text).toContain('too simple');
-    expect(judge('Annabelle Orion', 'annabelle orion').text).toBe('it is the name');
+    expect(judge('Annabelle Orion', 'annabelle orion').text).toBe('same as the user name');
     expect(judge('x'.repeat(10) + 'abcdefgh'.repeat(30), 'ann').text).toContain('at most');
   });
   it('prefers length', () => {
