@@ -148,7 +148,7 @@ def test_role_changes_and_disabling_apply_at_once(page, as_user):
     theirs.reload()
     expect(theirs.get_by_test_id("import")).not_to_have_attribute("data-disabled-reason", re.compile(".+"))
     row.get_by_test_id("user-off").click()
-    expect(row).to_contain_text("sessions end at once")
+    expect(row).to_contain_text("sessions end immediately")
     row.get_by_test_id("user-off-now").click()
     expect(row).to_contain_text("deactivated")
     expect(theirs.get_by_test_id("session-ended")).to_be_visible()

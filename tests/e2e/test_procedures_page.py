@@ -52,7 +52,7 @@ def test_an_operator_writes_and_runs_a_procedure(page: Page, picture: Callable[[
     mistakes = page.get_by_test_id("procedure-mistakes")
     expect(mistakes).to_contain_text("Line 17: unknown command", timeout=SLOW)
     page.get_by_test_id("procedure-text").fill(TEXT)
-    expect(mistakes).to_contain_text("No mistakes", timeout=SLOW)
+    expect(mistakes).to_contain_text("No errors", timeout=SLOW)
     page.get_by_test_id("procedure-save").click()
     page.locator("[data-procedure='Warm start']").get_by_test_id("procedure-start").click(timeout=SLOW)
     for step in ("ready", "status"):
