@@ -369,7 +369,7 @@ describe('"not sent" is said only of what cannot have left', () => {
     await pass(1000);
     expect(shown(seen)).toMatchObject({ fate: 'unknown', answered: false });
     expect(shown(seen).reason).toBe(
-      'the connection of an earlier attempt broke before the server answered; the server answered 409: the line is down',
+      'an earlier attempt broke before the server answered; the server answered 409: the line is down',
     );
   });
   it('is not sent if the server refused the first attempt that reached it', async () => {

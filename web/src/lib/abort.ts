@@ -86,7 +86,7 @@ export function answerOf(error: unknown, mayHaveLeft: boolean, timedOut: boolean
     return mayHaveLeft
       ? {
           fate: 'unknown',
-          reason: `the connection of an earlier attempt broke before the server answered; ${text}`,
+          reason: `an earlier attempt broke before the server answered; ${text}`,
           answered: false,
         }
       : { fate: 'not_sent', reason: text, answered: true };

@@ -98,8 +98,7 @@ function causeOf(
   const boxes = run.regions.filter((r) => r.area_px >= 6);
   if (boxes.length >= MIN_STARS && median(boxes.map(elongation)) >= LONG)
     return {
-      cause:
-        'The stars are trails: the camera rotated during the exposure. Shorten the exposure, or use a chain that accepts trails.',
+      cause: 'The stars are trails: the camera rotated during the exposure. Shorten it, or use a chain for trails.',
       remedy: reference,
     };
   const tiny = run.regions.filter((r) => r.area_px <= 2).length;

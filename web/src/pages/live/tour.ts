@@ -36,7 +36,7 @@ export const STEPS: readonly Step[] = [
   {
     name: 'Image',
     press: 'Press Take image.',
-    then: 'The sensor exposes a frame of its sky and downlinks it. It is shown above and solved automatically on the ground.',
+    then: 'The sensor exposes a frame and downlinks it. It is shown above and solved automatically on the ground.',
     target: 'cmd-TAKE_IMAGE',
   },
   {
@@ -48,13 +48,13 @@ export const STEPS: readonly Step[] = [
   {
     name: 'Match',
     press: 'Press Match.',
-    then: 'The sensor identifies the stars with the catalogue of its active bank. Matched stars have green circles, names and magnitudes.',
+    then: 'The sensor identifies the stars with its active catalogue. Matched stars have green circles and names.',
     target: 'cmd-MATCH_STARS',
   },
   {
     name: 'Attitude',
     press: 'Press Attitude.',
-    then: 'The sensor computes its attitude. It is shown beside the ground result of a different solver, with the difference in arcseconds.',
+    then: 'The sensor computes its attitude. It is shown beside the result of a different solver on the ground.',
     target: 'cmd-CALCULATE_ATTITUDE',
   },
 ];
