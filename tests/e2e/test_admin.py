@@ -115,7 +115,9 @@ def test_forbidden_controls_are_dashed_with_a_reason(as_user, role):
     for _, path, control, whose, request in [row for row in HELD if row[0] == role]:
         theirs.goto(path)
         held = theirs.get_by_test_id(control)
-        expect(held).to_have_attribute("data-disabled-reason", re.compile(re.escape(f"needs the {whose} role, you are")))
+        expect(held).to_have_attribute(
+            "data-disabled-reason", re.compile(re.escape(f"needs the {whose} role, you are"))
+        )
         held.focus()
         expect(held).to_be_focused()
         expect(theirs.locator("#disabled-reason")).to_contain_text(whose)
@@ -211,9 +213,7 @@ def test_retention_previews_a_removal(page, picture):
     expect(page.get_by_text("0 – 36 500", exact=False)).to_be_visible()
     expect(page.get_by_test_id("retention-save")).to_be_disabled()
     field.fill("0.00001")
-    packets = (
-        page.get_by_test_id("retention-effect").locator("tr").filter(has_text="telemetry packets").locator("td")
-    )
+    packets = page.get_by_test_id("retention-effect").locator("tr").filter(has_text="telemetry packets").locator("td")
     expect(packets.nth(1)).to_have_text("0")
     expect(packets.nth(2)).to_have_text(re.compile(r"[1-9]"))
     picture("admin-storage")
