@@ -1,1 +1,2 @@
-"""From image to attitude and back. Pure numpy and scipy."""
+"""Image processing, star identification, attitude and image rendering. Uses only numpy and scipy and has no side
+effects."""

@@ -20,10 +20,11 @@ MAX_TRACK_PX = 6
 
 @dataclass(frozen=True)
 class Radiation:
-    """``damaged_per_day``: new warm pixels of the whole detector; ``damage_e_s``: their mean dark current; ``annealing``,
-    ``growing``: shares of those that anneal and that grow; ``half_life_days``: range of the annealing; ``remaining``: largest
-    share that stays. ``hits_s``: particle hits per second far from the anomaly and ``anomaly_hits_s`` in its middle; ``hit_e``:
-    mean charge."""
+    """Radiation environment of a detector. ``damaged_per_day``: new warm pixels on the whole detector; ``damage_e_s``:
+    their mean dark current; ``annealing``, ``growing``: shares of these pixels that anneal and that grow;
+    ``half_life_days``: range of annealing half-lives; ``remaining``: largest share of the damage that does not anneal.
+    ``hits_s``: particle hits per second far from the anomaly; ``anomaly_hits_s``: in its middle; ``hit_e``: mean charge
+    of a hit."""
 
     damaged_per_day: float = 0.5
     damage_e_s: float = 400.0
@@ -38,8 +39,9 @@ class Radiation:
 
 @dataclass(frozen=True)
 class DamagedPixels:
-    """m damaged pixels: ``place`` (m,) flat indices, ``onset_day``, ``peak_e_s``, ``remaining`` (share of the peak that stays),
-    ``half_life_days`` (infinite: does not anneal), ``growth_per_year`` (of the peak)."""
+    """m damaged pixels: ``place`` (m,) flat indices, ``onset_day``, ``peak_e_s``, ``remaining`` (share of the peak that
+    does not anneal), ``half_life_days`` (infinite if the pixel does not anneal), ``growth_per_year`` (relative to the
+    peak)."""
 
     place: NDArray[np.intp]
     onset_day: Array
@@ -49,19 +51,20 @@ class DamagedPixels:
     growth_per_year: Array
 
     def dark_e_s(self, day: float) -> Array:
-        """(m,) further dark current on a day; 0 before the onset."""
+        """Return the (m,) additional dark currents on a day, in e/s; 0 before the onset."""
         age = np.maximum(day - self.onset_day, 0.0)
         unannealed = self.remaining + (1 - self.remaining) * np.exp2(-age / self.half_life_days)
         return np.where(day >= self.onset_day, self.peak_e_s * (unannealed + self.growth_per_year * age / 365.25), 0.0)
 
 
 def damage_of(radiation: Radiation, camera: Camera, days: float, seed: int) -> DamagedPixels:
-    """Return the pixels damaged in the first ``days``; those of a longer mission begin with the same ones."""
+    """Return the pixels damaged in the first ``days``. With the same seed, a longer mission starts with the same
+    pixels."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7, camera.rows, camera.columns]))
-    most = camera.rows * camera.columns // 2
+    max_count = camera.rows * camera.columns // 2
     count, day = 0, 0.0
     rows: list[tuple[float, ...]] = []
-    while count < most and radiation.damaged_per_day > 0:
+    while count < max_count and radiation.damaged_per_day > 0:
         day += float(rng.exponential(1 / radiation.damaged_per_day))
         draws = rng.random(5)
         peak, place = float(rng.exponential(radiation.damage_e_s)), int(rng.integers(camera.rows * camera.columns))
@@ -86,14 +89,14 @@ def damage_of(radiation: Radiation, camera: Camera, days: float, seed: int) -> D
 
 
 def aged(chip: Chip, damage: DamagedPixels, day: float) -> Chip:
-    """Return the chip with the damage of that day."""
+    """Return the chip with the additional dark current of its damaged pixels on a day."""
     dark = chip.dark_e_s.copy()
     np.add.at(dark.reshape(-1), damage.place, damage.dark_e_s(day).astype(np.float32))
     return replace(chip, dark_e_s=dark)
 
 
 def hit_rate_s(radiation: Radiation, lat_rad: float, lon_rad: float) -> float:
-    """Particle hits per second above a place."""
+    """Return the particle hits per second above a latitude and longitude."""
     east = (lon_rad - ANOMALY_RAD[1] + np.pi) % (2 * np.pi) - np.pi
     z2 = ((lat_rad - ANOMALY_RAD[0]) / ANOMALY_WIDTH_RAD[0]) ** 2 + (east / ANOMALY_WIDTH_RAD[1]) ** 2
     return float(radiation.hits_s + (radiation.anomaly_hits_s - radiation.hits_s) * np.exp(-z2 / 2))
@@ -102,8 +105,8 @@ def hit_rate_s(radiation: Radiation, lat_rad: float, lon_rad: float) -> float:
 def particle_hits(
     radiation: Radiation, rate_s: float, exposure_s: float, camera: Camera, rng: np.random.Generator
 ) -> tuple[list[HotPixel], int]:
-    """Return the pixels that particles of one exposure hit, as pixels of that frame only, and the number of particles. Most hit a
-    single pixel, some draw a short line."""
+    """Simulate the particle hits of one exposure. Returns the pixels hit, which are affected in this frame only, and
+    the number of particles. Most particles hit a single pixel; some leave a short track."""
     count = int(rng.poisson(rate_s * exposure_s))
     hits = []
     for _ in range(count):

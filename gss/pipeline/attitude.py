@@ -1,8 +1,8 @@
 """Attitude from matched directions (TRIAD, QUEST, q-method, SVD, FOAM) and its covariance.
 
-All take ``observed`` (n, 3) unit vectors in the camera frame, ``reference`` (n, 3) unit vectors in ICRS and
+All methods take ``observed`` (n, 3) unit vectors in the camera frame, ``reference`` (n, 3) unit vectors in ICRS and
 ``weights`` (n,) ≥ 0 of any scale, and minimise Wahba's loss ½ Σ w |observed − cam_from_icrs · reference|²
-(Erlank 2013 eq. 4.4.8). At least two directions that are not parallel are needed, otherwise :class:`BadInput`.
+(Erlank 2013 eq. 4.4.8). They need at least two directions that are not parallel and raise :class:`BadInput` otherwise.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ NEWTON_CONVERGED = 1e-15
 RAYLEIGH_STEPS = 2
 PARALLEL = 1e-9
 
-# Multiplying the columns of the profile matrix by one row of signs is a half turn about x, y, z or no turn.
+# Multiplying the columns of the profile matrix by a row of signs rotates the reference by 180° about x, y or z; the
+# last row leaves it unchanged.
 _HALF_TURN_SIGNS = np.array([[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0], [1.0, 1.0, 1.0]])
 _HALF_TURN_QUATERNIONS = np.eye(4)
 
@@ -51,14 +52,15 @@ def quest(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None =
     axis that leaves the smallest rotation.
     """
     profile = profile_matrix(observed, reference, weights)
-    turn = int(np.argmax(_HALF_TURN_SIGNS @ np.diag(profile)))
-    q = _quest_near_identity(profile * _HALF_TURN_SIGNS[turn])
-    q = _product(q, _HALF_TURN_QUATERNIONS[turn])
+    half_turn = int(np.argmax(_HALF_TURN_SIGNS @ np.diag(profile)))
+    q = _quest_near_identity(profile * _HALF_TURN_SIGNS[half_turn])
+    q = _product(q, _HALF_TURN_QUATERNIONS[half_turn])
     return -q if q[3] < 0 else q
 
 
 def _quest_near_identity(profile: Array) -> Array:
-    """Quaternion that maximises qᵀKq when its scalar part is not small; ``profile`` from unit-sum weights."""
+    """Return the quaternion that maximises qᵀKq, if its scalar part is not small. ``profile``: from weights with sum
+    1."""
     s, z, sigma = _davenport_parts(profile)
     k = _davenport(s, z, sigma)
     largest = _largest_root(s, z, sigma)
@@ -76,7 +78,8 @@ def _from_rodrigues(s: Array, z: Array, sigma: float, largest: float) -> Array:
 
 
 def _largest_root(s: Array, z: Array, sigma: float) -> float:
-    """Largest eigenvalue of Davenport's matrix from its characteristic quartic, Newton from λ = Σw = 1 downwards."""
+    """Return the largest eigenvalue of Davenport's matrix: a root of its characteristic quartic, by Newton's method
+    from λ = Σw = 1 downwards."""
     minors = 0.5 * (np.trace(s) ** 2 - np.sum(s * s))
     a, b = sigma**2 - minors, sigma**2 + z @ z
     c, d = np.linalg.det(s) + z @ s @ z, z @ s @ s @ z
@@ -122,9 +125,9 @@ def _cofactors(m: Array) -> Array:
 def covariance_rad2(observed_cam: ArrayLike, sigma_rad_per_star: ArrayLike) -> Array:
     """(3, 3) covariance of the small rotation vector, camera frame, rad²: inverse Fisher information.
 
-    ``sigma_rad_per_star``: scalar or (n,), standard deviation per axis of each measured direction. It is the QUEST
-    covariance (Huffman 2006 eq. 6.34, times four for angles) when the weights are 1/σ². Infinite where the
-    directions leave an axis free.
+    ``sigma_rad_per_star``: scalar or (n,), standard deviation per axis of each measured direction. If the weights are
+    1/σ², it is the QUEST covariance (Huffman 2006 eq. 6.34, times four for angles). It is infinite if the directions do
+    not determine all three axes.
     """
     b = np.asarray(observed_cam, float).reshape(-1, 3)
     sigma = np.broadcast_to(np.asarray(sigma_rad_per_star, float), len(b))
@@ -132,7 +135,8 @@ def covariance_rad2(observed_cam: ArrayLike, sigma_rad_per_star: ArrayLike) -> A
 
 
 def weighted_covariance_rad2(observed_cam: ArrayLike, weights: ArrayLike, sigma_rad_per_star: ArrayLike) -> Array:
-    """As :func:`covariance_rad2`, for an attitude whose ``weights`` (n,) are not 1/σ², for example votes."""
+    """Return the covariance of an attitude whose ``weights`` (n,) are not 1/σ², for example votes. See
+    :func:`covariance_rad2`."""
     b = np.asarray(observed_cam, float).reshape(-1, 3)
     w = np.asarray(weights, float)
     sigma = np.broadcast_to(np.asarray(sigma_rad_per_star, float), len(b))

@@ -38,15 +38,15 @@ class Background:
         r0, c0 = r.astype(np.intp), c.astype(np.intp)
         r1, c1 = np.minimum(r0 + 1, self.level.shape[0] - 1), np.minimum(c0 + 1, self.level.shape[1] - 1)
         fr, fc = r - r0, c - c0
-        both = []
+        values = []
         for mesh in (self.level, self.noise):
             top = mesh[r0, c0] * (1 - fc) + mesh[r0, c1] * fc
             bottom = mesh[r1, c0] * (1 - fc) + mesh[r1, c1] * fc
-            both.append(top * (1 - fr) + bottom * fr)
-        return both[0], both[1]
+            values.append(top * (1 - fr) + bottom * fr)
+        return values[0], values[1]
 
     def on_grid(self, cols: Array | NDArray[np.intp], rows: Array | NDArray[np.intp]) -> Array:
-        """Return the (rows, cols) levels on the grid of these rows and columns."""
+        """Return the (rows, cols) levels at every combination of these rows and columns."""
         return np.asarray(self._between(rows, 0) @ self.level @ self._between(cols, 1).T)
 
     def _between(self, place: Array | NDArray[np.intp], axis: int) -> Array:
@@ -56,7 +56,7 @@ class Background:
         return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(tiles))))
 
     def scaled(self, level_factor: float, noise_factor: float) -> Background:
-        """Return the same mesh in another unit."""
+        """Return the mesh in another unit: level and noise multiplied by the factors."""
         return Background(self.level * level_factor, self.noise * noise_factor, self.tile_px)
 
     def lowest_threshold(self, sigma: float) -> Array:
@@ -65,8 +65,8 @@ class Background:
 
 
 def _clipped(samples: Array, loops: Kernels = NUMPY) -> tuple[Array, Array]:
-    """Clipped mean and standard deviation of each row, ignoring NaN samples. One sort gives both median and spread."""
-    ordered = np.sort(samples, axis=1)  # NaN last
+    """Return the clipped mean and standard deviation of each row, ignoring NaN samples."""
+    ordered = np.sort(samples, axis=1)  # one sort gives median and spread; NaN last
     count, missing = np.full(len(ordered), ordered.shape[1]), None
     if ordered.dtype.kind == "f" and np.isnan(ordered[:, -1]).any():
         missing = np.isnan(ordered)
@@ -127,7 +127,7 @@ def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kerne
     step = max(1, int(tile / np.sqrt(SAMPLES_PER_TILE)))
     step = next(s for s in range(step, 0, -1) if tile % s == 0)
     samples, shape = _tile_samples(image, tile, step)
-    level, noise = _of_tiles(samples, loops)
+    level, noise = _tile_levels(samples, loops)
     level_mesh, noise_mesh = _fill(level.reshape(shape)), _fill(noise.reshape(shape))
     level_mesh, noise_mesh = _median_of_nine(np.stack([level_mesh, noise_mesh]))
     typical = float(np.median(noise_mesh))
@@ -137,7 +137,7 @@ def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kerne
     return Background(level_mesh, np.maximum(noise_mesh, max(0.2 * typical, 1e-6)), tile)
 
 
-def _of_tiles(samples: Array, loops: Kernels) -> tuple[Array, Array]:
+def _tile_levels(samples: Array, loops: Kernels) -> tuple[Array, Array]:
     """Level and noise of each tile; NaN for partial tiles at the right and bottom edges with too few pixels."""
     # If any pixel of a tile lies outside the frame, its last pixel does.
     if samples.dtype.kind == "u" or not np.isnan(samples[:, -1]).any():
@@ -164,9 +164,11 @@ def _median_of_nine(meshes: Array) -> Array:
     return nine[..., 4]
 
 
-def pixel_noise(image: NDArray[Any], background: Background, most: int = 3_000, loops: Kernels = NUMPY) -> float:
-    """Typical standard deviation of one sky pixel, from a regular subset of about ``most`` pixels."""
-    step = max(1, int(np.sqrt(image.size / most)) | 1)  # odd: not in step with tiles or two-pixel patterns
+def pixel_noise(image: NDArray[Any], background: Background, max_samples: int = 3_000, loops: Kernels = NUMPY) -> float:
+    """Return the typical standard deviation of a sky pixel, from a regular subset of about ``max_samples`` pixels."""
+    step = max(
+        1, int(np.sqrt(image.size / max_samples)) | 1
+    )  # odd, to avoid the periods of tiles and two-pixel patterns
     rows, cols = np.arange(step // 2, image.shape[0], step), np.arange(step // 2, image.shape[1], step)
     residual = (image[step // 2 :: step, step // 2 :: step] - background.on_grid(cols, rows)).ravel()
     _, spread = _clipped(residual[None], loops)

@@ -18,8 +18,9 @@ FULL_LOSS_LIMIT = 0.95
 
 @dataclass(frozen=True)
 class Chip:
-    """(rows, columns) maps: ``response`` multiplies light (vignetting included, dead pixels 0), ``dark_e_s`` is added to
-    the mean dark current, ``offset_dn`` to the bias. ``hot``, ``dead``: flat pixel indices, ascending."""
+    """Detector with manufacturing defects, as (rows, columns) maps. ``response`` multiplies light (vignetting included,
+    dead pixels 0), ``dark_e_s`` is added to the mean dark current, ``offset_dn`` to the bias. ``hot``, ``dead``: flat
+    pixel indices, ascending."""
 
     response: Map
     dark_e_s: Map
@@ -40,9 +41,9 @@ def make_chip(defects: Defects, sensor: Sensor, camera: Camera, seed: int) -> Ch
     response = np.maximum(np.float32(0), np.float32(1) + spread(defects.response_sigma)) * _vignetting(defects, camera)
     dark_e_s = np.maximum(np.float32(-1), spread(defects.dark_sigma)) * np.float32(sensor.dark_current_e_s)
     offset_dn = spread(defects.offset_sigma_dn) + spread(defects.column_sigma_dn, (1, columns))
-    chosen = rng.permutation(rows * columns)
+    shuffled = rng.permutation(rows * columns)
     hot_count, dead_count = round(defects.hot_share * rows * columns), round(defects.dead_share * rows * columns)
-    hot, dead = np.sort(chosen[:hot_count]), np.sort(chosen[hot_count : hot_count + dead_count])
+    hot, dead = np.sort(shuffled[:hot_count]), np.sort(shuffled[hot_count : hot_count + dead_count])
     dark_e_s.ravel()[hot] += rng.exponential(defects.hot_e_s, hot_count).astype(np.float32)
     response.ravel()[dead] = 0
     return Chip(response, dark_e_s, offset_dn, hot, dead)
@@ -59,7 +60,7 @@ def _check(defects: Defects) -> None:
     shares = defects.hot_share + defects.dead_share
     if not (min(vars(defects).values()) >= 0 and shares <= 1 and defects.corner_loss <= FULL_LOSS_LIMIT):
         raise BadInput(
-            "these defects are impossible",
-            expected=f"nothing negative, hot and dead pixels at most all, corner loss at most {FULL_LOSS_LIMIT:g}",
+            "invalid detector defects",
+            expected=f"no negative value, hot_share + dead_share at most 1, corner_loss at most {FULL_LOSS_LIMIT:g}",
             got=str(defects),
         )

@@ -1,4 +1,5 @@
-"""Inner loops of detection for numba. Each is equivalent to the numpy function it names; a test compares them."""
+"""Inner loops of detection, compiled by numba. Each is equivalent to the numpy function that its docstring names; a
+test compares the results."""
 
 # The loops have no type annotations: numba compiles them for the argument types.
 # mypy: allow-untyped-defs
@@ -21,18 +22,18 @@ BLOCK = 128
 
 
 def binomial(image: NDArray[Any]) -> NDArray[Any]:
-    """As ``peaks._binomial_sum``."""
+    """Apply the binomial filter; equivalent to ``peaks._binomial_sum``."""
     kind = np.uint16 if image.dtype == np.uint8 else np.float32
     out = np.empty(image.shape, kind)
     if kind is np.uint16:
-        _binomial_whole(image, out)
+        _binomial_integer(image, out)
     else:
         _binomial_float(np.ascontiguousarray(image, np.float32), out)
     return out
 
 
 @njit(cache=True)
-def _binomial_whole(image, out):
+def _binomial_integer(image, out):
     rows, cols = image.shape
     line = np.empty(cols + 4, np.uint16)
     for r in range(rows):
@@ -53,7 +54,8 @@ def _binomial_whole(image, out):
 
 @njit(cache=True)
 def _binomial_float(image, out):
-    """Add in the same order as the numpy version: pairs of neighbours four times along rows, then along columns."""
+    """Add in the same order as the numpy version: pairs of neighbours, four times along rows, then four times along
+    columns."""
     rows, cols = image.shape
     across = np.empty((rows, cols), np.float32)
     line = np.empty(cols + 4, np.float32)
@@ -78,7 +80,7 @@ def _binomial_float(image, out):
 
 
 def clip(ordered: NDArray[Any], count: Rows) -> tuple[Array, Array]:
-    """As ``background._clipped``, for rows that are already sorted."""
+    """Return clipped means and standard deviations of sorted rows; equivalent to ``background._clipped``."""
     mean, spread = np.empty(len(ordered)), np.empty(len(ordered))
     _clip(ordered, count, mean, spread)
     return mean, spread
@@ -117,7 +119,8 @@ def _clip(ordered, count, mean_out, spread_out):
 
 
 def above(smooth: NDArray[Any], lowest: NDArray[Any], tile: int) -> tuple[Rows, Rows]:
-    """As the comparison in ``peaks._above``; ``lowest``: (tile rows, columns), of the frame's dtype."""
+    """Return rows and columns of the pixels above their limit; equivalent to ``peaks._above``. ``lowest``: limits (tile
+    rows, columns), of the frame's dtype."""
     flat = _above(np.ascontiguousarray(smooth), np.ascontiguousarray(lowest), tile)
     return np.divmod(flat, smooth.shape[1])
 
@@ -131,10 +134,10 @@ def _above(smooth, lowest, tile):
         line, limits = smooth[r], lowest[r // tile]
         for k in range(blocks):
             part, limit = line[k * BLOCK : (k + 1) * BLOCK], limits[k * BLOCK : (k + 1) * BLOCK]
-            some = False
-            for c in range(len(part)):  # without an early exit, so that the loop is vectorised
-                some |= part[c] > limit[c]
-            hit[r, k] = some
+            any_above = False
+            for c in range(len(part)):  # no early exit, which would prevent vectorisation
+                any_above |= part[c] > limit[c]
+            hit[r, k] = any_above
     return _hits(smooth, lowest, tile, hit)
 
 
@@ -154,7 +157,8 @@ def _hits(smooth, lowest, tile, hit):
 
 
 def settle(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """As ``psf.settled``, star by star; as there, all stars are iterated until the last one has converged."""
+    """Return the converged star offsets; equivalent to ``psf.settled``. All stars are iterated until the last has
+    converged."""
     x, y = np.array(x, float), np.array(y, float)
     _settle(stamps.dx, stamps.dy, stamps.value, weight, inverse, x, y)
     return x, y
@@ -210,8 +214,8 @@ def lit(image: NDArray[Any], threshold: float) -> Rows:
             return np.empty(0, np.intp)
         if limit < 0:
             return np.arange(image.size)
-        whole = np.full(1, limit, image.dtype)
-        rows: Rows = _lit(np.ascontiguousarray(image).ravel(), whole[0])
+        limit_value = np.full(1, limit, image.dtype)
+        rows: Rows = _lit(np.ascontiguousarray(image).ravel(), limit_value[0])
         return rows
     return np.flatnonzero(image > threshold)
 
@@ -223,10 +227,10 @@ def _lit(flat, limit):
     n = 0
     for first in range(0, size, 2 * BLOCK):
         last = min(first + 2 * BLOCK, size)
-        some = False
+        any_above = False
         for value in flat[first:last]:
-            some |= value > limit
-        if not some:
+            any_above |= value > limit
+        if not any_above:
             continue
         for c in range(first, last):
             if flat[c] > limit:
@@ -240,7 +244,8 @@ def _lit(flat, limit):
 
 
 def components(lit: Rows, columns: int) -> tuple[int, NDArray[np.int32]]:
-    """As ``regions._label``: 4-connected components of lit pixels, numbered by their first pixel."""
+    """Label the 4-connected components of lit pixels, numbered by their first pixel; equivalent to
+    ``regions._label``."""
     label = np.empty(len(lit), np.int32)
     return int(_components(lit, columns, label)), label
 
@@ -278,7 +283,7 @@ def _root(parent, i):
 
 @njit(cache=True)
 def _join(parent, i, j):
-    """Merge two components. The earlier root is kept, so that components are numbered by their first pixel."""
+    """Merge two components. The earlier root stays, because components are numbered by their first pixel."""
     a, b = _root(parent, i), _root(parent, j)
     if a < b:
         parent[b] = a

@@ -1,4 +1,5 @@
-"""Star detection: a matched filter against the local sky, then shape tests that a point-spread function passes."""
+"""Star detection: a matched filter and a threshold above the local sky, then tests of shape that only star images
+pass."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ THRESHOLD_SIGMA = 5.5
 MAX_STARS = 400
 SIGMA_RANGE_PX = (0.55, 6.0)
 BRIGHTEST, BRIGHT_SNR = 12, 15.0  # stars used to decide whether a known camera's stars are trailed
-DRAWN_OUT = 1.5  # ratio to the camera's own variance above which a star is treated as trailed
+TRAILED_RATIO = 1.5  # ratio to the camera's own variance above which a star is treated as trailed
 
 
 @dataclass(frozen=True)
@@ -73,14 +74,16 @@ def find_stars(
     covariance = np.eye(2) * (sigma**2 + 1 / 12)
     pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
     usual, large = _sizes(image, pass_one, covariance, ceiling) if psf_is_given else (0.0, 0.0)
-    trailed = large > DRAWN_OUT * covariance[0, 0]
-    if usual > DRAWN_OUT * covariance[0, 0]:
+    trailed = large > TRAILED_RATIO * covariance[0, 0]
+    if usual > TRAILED_RATIO * covariance[0, 0]:
         measured = _measure_psf(image, pass_one, ceiling)
         if measured is not None:
             covariance = measured
             notes.clear()
             pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
-            notes.append("stars are drawn out: the camera turned, or is out of focus")
+            notes.append(
+                "stars are larger than the camera's point-spread function: the camera rotated, or is out of focus"
+            )
     if not psf_is_given:
         measured = _measure_psf(image, pass_one, ceiling)
         if measured is not None:
@@ -99,17 +102,18 @@ def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
     image = np.asarray(pixels)
     if image.ndim != 2 or min(image.shape) < 8 or image.dtype.kind not in "uif":
         raise BadInput(
-            "this array is not a frame",
+            "the array is not a valid frame",
             expected="two axes of at least 8 real pixels",
             got=f"{image.dtype} {image.shape}",
         )
     if image.dtype.kind == "f" and not np.isfinite(image).all():
-        raise BadInput("the frame holds values that are not numbers", expected="finite pixels", got="NaN or infinity")
+        raise BadInput("the frame contains invalid pixel values", expected="finite pixels", got="NaN or infinity")
     return image
 
 
 def _ceiling(image: NDArray[Any]) -> float:
-    """Lowest value that counts as saturated: the frame's maximum if several pixels share it, otherwise infinity."""
+    """Return the lowest value that counts as saturated: the frame's maximum if several pixels have it, otherwise
+    infinity."""
     top = image.max()
     floor_ = np.median(image[::8, ::8])
     enough = int((image == top).sum()) >= 6 and float(top) > float(floor_) + 20
@@ -117,9 +121,9 @@ def _ceiling(image: NDArray[Any]) -> float:
 
 
 def _sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float) -> tuple[float, float]:
-    """Return two sizes of the bright stars, px²: the variance along the long axis of the median star, and the upper quartile of
-    half the trace. Both are close to the camera's own variance if it was in focus and did not rotate; a rotation about the
-    boresight shows in the second only. (0, 0) if there are fewer than three bright stars."""
+    """Return two sizes of the bright stars, px²: the variance along the long axis of the median star, and the upper
+    quartile of half the trace. Both are close to the camera's own variance if it was in focus and did not rotate; a
+    rotation about the boresight affects only the second. (0, 0) if there are fewer than three bright stars."""
     pick = np.flatnonzero(~peaks.single & (peaks.snr > BRIGHT_SNR))[:BRIGHTEST]
     if len(pick) < 3:
         return 0.0, 0.0
@@ -130,12 +134,12 @@ def _sizes(image: NDArray[Any], peaks: Peaks, covariance: Array, ceiling: float)
     total, x, y, xx, yy, xy = (value @ plane.T).T
     with np.errstate(invalid="ignore", divide="ignore"):
         x, y = x / total, y / total
-        each = np.stack([xx / total - x * x, xy / total - x * y, yy / total - y * y])
-    if not np.isfinite(each).all():
+        moments = np.stack([xx / total - x * x, xy / total - x * y, yy / total - y * y])
+    if not np.isfinite(moments).all():
         return 0.0, 0.0
-    middle = np.median(each, axis=1)
+    middle = np.median(moments, axis=1)
     longest = widths_px(np.array([[middle[0], middle[1]], [middle[1], middle[2]]]))[1]
-    return longest**2, float(np.quantile((each[0] + each[2]) / 2, 0.75))
+    return longest**2, float(np.quantile((moments[0] + moments[2]) / 2, 0.75))
 
 
 def _measure_psf(image: NDArray[Any], peaks: Peaks, ceiling: float) -> Array | None:
@@ -180,9 +184,9 @@ def _measure(
     low, high = widths_px(covariance)
     half = int(np.clip(np.ceil(2.6 * high), 2, 14))
     stars = np.flatnonzero(~peaks.single)
-    stars = stars[_not_shoulders(image, peaks, stars, high, ceiling)][: 3 * max_stars]
+    stars = stars[_separate_stars(image, peaks, stars, high, ceiling)][: 3 * max_stars]
     stamps = cut_stamps(image, peaks.col[stars], peaks.row[stars], peaks.sky[stars], half, ceiling)
-    stamps = _blown_kept(stamps, image, peaks, stars, half)
+    stamps = _with_saturated_pixels(stamps, image, peaks, stars, half)
     noise = peaks.noise[stars]
     fit = fit_stars(
         stamps, stamps.col.astype(float), stamps.row.astype(float), covariance, noise, e_per_dn, loops.settle
@@ -190,18 +194,18 @@ def _measure(
     cleaned, touched = subtract_neighbours(stamps, fit, covariance)
     if touched.any():
         fit = fit_stars(cleaned, fit.col, fit.row, covariance, noise, e_per_dn, loops.settle)
-    reasons = _reasons(image, fit, stamps, high)
+    reasons = _reasons(image, fit)
     inside = np.array([r == "" for r in reasons], bool)
     order = np.flatnonzero(inside)[np.argsort(-fit.flux[inside], kind="stable")]
     if len(order) > max_stars:
-        notes.append(f"{len(order)} stars found; the brightest {max_stars} were kept")
+        notes.append(f"{len(order)} stars detected; only the brightest {max_stars} are used")
         order = order[:max_stars]
     area = (stamps.value > 2 * noise[:, None]).sum(1).astype(np.int32)
     peak = np.where(stamps.use, stamps.value, -np.inf).max(1, initial=0.0)
     centroids = Centroids(fit.col, fit.row, fit.flux, peak, area, fit.sigma_px * (1 + 0.5 * touched)).take(order)
     n_single = int(peaks.single.sum())
     if n_single > 20:
-        notes.append(f"{n_single} single bright pixels were left out as hot pixels")
+        notes.append(f"{n_single} single bright pixels were excluded as hot pixels")
     is_streak = high / low >= STREAK_RATIO
     direction_rad = 0.5 * float(np.arctan2(2 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])) % np.pi
     return Detections(
@@ -216,11 +220,11 @@ def _measure(
     )
 
 
-def _not_shoulders(
+def _separate_stars(
     image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], width: float, ceiling: float
 ) -> NDArray[np.intp]:
-    """Return the rows of ``stars`` that are separate stars. Peaks without a dip towards a brighter neighbour, or lost in its
-    wings, are dropped."""
+    """Return the rows of ``stars`` that are separate stars. A peak is dropped if there is no dip between it and a
+    brighter neighbour, or if it is lost in the wings of the neighbour."""
     col, row = peaks.col[stars].astype(float), peaks.row[stars].astype(float)
     reach = max(3.0, 2.2 * width)
     if len(stars) < 2:
@@ -252,10 +256,13 @@ def _not_shoulders(
     return np.flatnonzero(~drop)
 
 
-def _blown_kept(stamps: Stamps, image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], half: int) -> Stamps:
-    """Use the saturated pixels of stars that have fewer than a third of their pixels unsaturated."""
-    blown = stamps.use.mean(1) < 0.34
-    if not blown.any():
+def _with_saturated_pixels(
+    stamps: Stamps, image: NDArray[Any], peaks: Peaks, stars: NDArray[np.intp], half: int
+) -> Stamps:
+    """Include the saturated pixels of stars with less than a third of their pixels unsaturated, which could otherwise
+    not be fitted."""
+    mostly_saturated = stamps.use.mean(1) < 0.34
+    if not mostly_saturated.any():
         return stamps
     use = stamps.use.copy()
     inside = (
@@ -264,11 +271,12 @@ def _blown_kept(stamps: Stamps, image: NDArray[Any], peaks: Peaks, stars: NDArra
         & (stamps.col[:, None] + stamps.dx >= 0)
         & (stamps.col[:, None] + stamps.dx < image.shape[1])
     )
-    use[blown] = inside[blown]
+    use[mostly_saturated] = inside[mostly_saturated]
     return Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, stamps.value, use)
 
 
-def _reasons(image: NDArray[Any], fit: PsfFit, stamps: Stamps, width: float) -> list[str]:
+def _reasons(image: NDArray[Any], fit: PsfFit) -> list[str]:
+    """Return why each fit is rejected, or ""."""
     rows, cols = image.shape
     outside = (fit.col < -0.5) | (fit.row < -0.5) | (fit.col > cols - 0.5) | (fit.row > rows - 0.5)
     return [
@@ -288,7 +296,8 @@ def _regions(
     half: int,
     limit: int = 200,
 ) -> tuple[Region, ...]:
-    """Return the windows of kept stars, then those of rejected ones with the reason (at most ``limit``, brightest first)."""
+    """Return the windows of the stars, then those of rejected detections with the reason (at most ``limit``, brightest
+    first)."""
 
     col, row = peaks.col[stars].tolist(), peaks.row[stars].tolist()
     areas, tops, sums = area.tolist(), peak.tolist(), np.nan_to_num(fit.flux).tolist()
@@ -297,11 +306,11 @@ def _regions(
         c, r = col[k], row[k]
         return Region(c - half, r - half, c + half, r + half, areas[k], tops[k], sums[k], why)
 
-    records = [window(k, "") for k in order.tolist()]
+    accepted = [window(k, "") for k in order.tolist()]
     chosen = set(order.tolist())
     rejected = [window(k, why) for k, why in enumerate(reasons) if why and k not in chosen]
     hot = []
     for k in np.flatnonzero(peaks.single)[:limit].tolist():
         c, r, top = int(peaks.col[k]), int(peaks.row[k]), float(peaks.snr[k] * peaks.noise[k])
         hot.append(Region(c - half, r - half, c + half, r + half, 1, top, 0.0, "single pixel, row or column"))
-    return tuple(records + rejected[:limit] + hot)
+    return tuple(accepted + rejected[:limit] + hot)

@@ -1,6 +1,6 @@
 """Dark-frame correction: subtract the fixed pattern and replace bad pixels.
 
-Chains that replicate an on-board sensor do not use it; it is for frames processed on the ground (Huffman 2006 §4.1).
+It is for frames processed on the ground (Huffman 2006 §4.1). Chains that replicate an on-board sensor do not use it.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from gss.domain.errors import BadInput
 
 SAME_EXPOSURE = 0.2
-"""Largest relative difference in exposure for subtracting the pattern, which is mostly dark current."""
+"""Largest relative difference between two exposures for which the pattern, mostly dark current, is still subtracted."""
 NEIGHBOURS = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0)]
 
 
 @dataclass(frozen=True)
 class DarkPattern:
-    """``pattern_dn``: (rows, columns) dark level of each pixel above the typical one. ``bad``: (k, 2) col, row of
-    hot, noisy or dead pixels. ``exposure_s``: exposure of the dark frames."""
+    """Fixed pattern of a detector. ``pattern_dn``: (rows, columns) dark level of each pixel above the typical one.
+    ``bad``: (k, 2) col, row of hot, noisy or dead pixels. ``exposure_s``: exposure of the dark frames."""
 
     pattern_dn: NDArray[np.float32]
     bad: NDArray[np.intp]
@@ -41,25 +41,25 @@ def clean(
     """
     if pixels.shape != pattern.pattern_dn.shape:
         raise BadInput(
-            "the dark frame is of another detector",
+            "the dark frame does not fit this detector",
             expected=f"{pattern.pattern_dn.shape[1]} x {pattern.pattern_dn.shape[0]} px",
             got=f"{pixels.shape[1]} x {pixels.shape[0]} px",
         )
     raw = np.asarray(pixels, np.float32)
     out = raw - pattern.pattern_dn if pattern.fits(exposure_s) else raw.copy()
     out = np.where(raw >= saturation_dn, raw, out)
-    return _mended(out, pattern.bad)
+    return _without_bad_pixels(out, pattern.bad)
 
 
-def _mended(image: NDArray[np.float32], bad: NDArray[np.intp]) -> NDArray[np.float32]:
+def _without_bad_pixels(image: NDArray[np.float32], bad: NDArray[np.intp]) -> NDArray[np.float32]:
     if not len(bad):
         return image
-    broken = np.zeros(image.shape, bool)
-    broken[bad[:, 1], bad[:, 0]] = True
-    wide = np.pad(np.where(broken, np.nan, image), 1, constant_values=np.nan)
+    is_bad = np.zeros(image.shape, bool)
+    is_bad[bad[:, 1], bad[:, 0]] = True
+    wide = np.pad(np.where(is_bad, np.nan, image), 1, constant_values=np.nan)
     row, col = bad[:, 1] + 1, bad[:, 0] + 1
     around = np.stack([wide[row + y, col + x] for y, x in NEIGHBOURS])
-    has = np.isfinite(around).any(axis=0)
+    repairable = np.isfinite(around).any(axis=0)
     out = image.copy()
-    out[bad[has, 1], bad[has, 0]] = np.nanmedian(around[:, has], axis=0)
+    out[bad[repairable, 1], bad[repairable, 0]] = np.nanmedian(around[:, repairable], axis=0)
     return out

@@ -1,8 +1,8 @@
-"""Sub-pixel centroids in a window around each star's brightest pixel, with the sky background measured on the window's border.
+"""Sub-pixel centroids from a window around each star's brightest pixel; the window's border gives the sky background.
 
 Liebe 1992 calls this hyperaccuracy and gives its result, a fifth of a pixel, but not the steps. Here the sky background
-is the interquartile mean of the border pixels. Every pixel inside the border is used, whether above the threshold or not, so
-that the threshold adds no bias.
+is the interquartile mean of the border pixels. Every pixel inside the border is used, also below the threshold, to
+avoid a bias from the threshold.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ SATURATED_PX = 0.1
 
 
 def brightest_pixels(pixels: Pixels, blobs: Blobs) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Column and row of each blob's brightest pixel; if several are equally bright (saturated), their rounded mean position."""
+    """Return column and row of each blob's brightest pixel, or the rounded mean position of several equally bright
+    (saturated) ones."""
     row, col = np.divmod(blobs.index, blobs.columns)
     if not len(blobs):
         return col, row
@@ -37,16 +38,18 @@ def brightest_pixels(pixels: Pixels, blobs: Blobs) -> tuple[NDArray[np.intp], ND
 
 
 def inside_frame(col: NDArray[np.intp], row: NDArray[np.intp], shape: tuple[int, ...], half: int) -> Flags:
-    """True for each window, from its centre and half width, that lies completely on the detector."""
+    """True for each window that lies completely on the detector. ``half``: half width of a window in pixels."""
     return np.asarray((col >= half) & (row >= half) & (col < shape[1] - half) & (row < shape[0] - half))
 
 
 def hyperaccurate_centroids(
     pixels: Pixels, blobs: Blobs, window_px: int, noise: PixelNoise, saturation_dn: float
 ) -> Centroids:
-    """Compute one centroid per blob, in the blobs' order; each window of ``window_px`` square must lie on the detector.
+    """Compute one centroid per blob, in the blobs' order; each window, ``window_px`` on a side, must lie on the
+    detector.
 
-    The outermost ring of the window determines the sky background; the inner pixels determine the centre of gravity and the flux.
+    The outermost ring of the window determines the sky background; the inner pixels determine the centre of gravity and
+    the flux.
     """
     n, half = len(blobs), window_px // 2
     if not n:

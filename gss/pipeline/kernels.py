@@ -37,8 +37,8 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class ListLoops:
-    """The loops for lists of stars. ``camera_numbers``: a camera as an array. ``find``: see ``pyramid.identify_lost``.
-    ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``."""
+    """Compiled loops that work on lists of stars. ``camera_numbers``: converts a camera to an array. ``find``: see
+    ``pyramid.identify_lost``. ``find_near``: see ``near.identify_near``. ``finish``: see ``faint.match_all``."""
 
     camera_numbers: Callable[[Camera], Array]
     find: Callable[..., tuple[int, int, float, int, bool]]
@@ -48,12 +48,12 @@ class ListLoops:
 
 @dataclass(frozen=True)
 class Kernels:
-    """The time-critical loops. None: use the numpy implementation next to each call.
+    """Time-critical loops. If a loop is None, the calling module uses its numpy implementation.
 
     ``binomial``: frame → filtered frame. ``clip``: (sorted samples, count of each row) → mean and spread. ``above``:
-    (filtered frame, thresholds (tile rows, columns), side of a tile) → rows and columns. ``settle``: see ``psf.settled``.
-    ``components``: (flat indices of lit pixels, frame's width) → count and label of each. ``lit``: (frame, threshold) →
-    flat indices. ``lists``: see :class:`ListLoops`.
+    (filtered frame, thresholds (tile rows, columns), side of a tile) → rows and columns. ``settle``: see
+    ``psf.settled``. ``components``: (flat indices of lit pixels, frame's width) → count and label of each. ``lit``:
+    (frame, threshold) → flat indices. ``lists``: see :class:`ListLoops`.
     """
 
     name: str = PLAIN
@@ -105,7 +105,7 @@ def compiled_mark() -> Path:
 
 @lru_cache(maxsize=1)
 def _compiled() -> Kernels:
-    # Imported at first use because it takes a second, which commands that solve nothing should not wait for.
+    # Imported at first use because the import takes a second and most commands do not need it.
     from gss.pipeline import compiled
     from gss.pipeline.loops.finish import finish
     from gss.pipeline.loops.geometry import camera_numbers

@@ -16,7 +16,7 @@ CENTRE = ("col", "row")
 FULL = ("k1", "k2", "p1", "p2")
 FULL_HALF_DIAGONAL_RAD = np.radians(12.0)
 FULL_STARS = 20
-# χ² that is exceeded by chance once in 370 frames of a perfect lens, by number of coefficients.
+# χ², by number of coefficients, that one in 370 frames of a perfect lens exceeds by chance.
 PROVED_CHI2 = {1: 9.0, 2: 11.83, 3: 14.16}
 
 
@@ -38,7 +38,8 @@ def fit_lens(
         if proved(full, FULL[1:]):
             best = full
     if CENTRE[0] in also and not proved(best, CENTRE):
-        # The stars of a small field do not determine the optical centre; fixed in the middle, the attitude refers to the middle.
+        # The stars of a small field do not determine the optical centre. It is fixed, and the attitude refers to the
+        # frame's middle.
         middle = replace(camera, centre_col_px=(camera.columns - 1) / 2, centre_row_px=(camera.rows - 1) / 2)
         return fit_lens(pixels, icrs, sigma_px, middle, cam_from_icrs, tuple(n for n in also if n not in CENTRE))
     return best

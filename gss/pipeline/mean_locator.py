@@ -1,7 +1,7 @@
 """Mean locator: centroid of a star in a small window, its systematic error and its noise (Moniteq 1983 §4.1–4.3).
 
-The star is a separable Gaussian of standard deviation σ on pixels of width d; ``ratio`` is d/σ. Windows are N x N pixels. The
-formulas are corrected where the document's disagree with direct integration.
+The star is a separable Gaussian of standard deviation σ on pixels of width d; ``ratio`` is d/σ. Windows are N x N
+pixels. Formulas of the document that disagree with direct integration are corrected here.
 """
 
 from __future__ import annotations
@@ -22,21 +22,23 @@ def window_positions(window_px: int) -> Array:
 
 
 def column_shares(offset_px: Array | float, ratio: float, window_px: int) -> Array:
-    """(…, N) share of a star's light in each column of the window when it is ``offset_px`` from the window's middle."""
+    """Return the (…, N) shares of a star's light in the columns of the window, for a star ``offset_px`` from the
+    window's middle."""
     edge = np.arange(window_px + 1) - window_px / 2
     reached = ndtr((edge - np.asarray(offset_px, float)[..., None]) * ratio)
     return np.asarray(np.diff(reached, axis=-1))
 
 
 def location_error_px(offset_px: Array | float, ratio: float, window_px: int) -> Array:
-    """E/d: computed minus true position without noise, interpolation and truncation together (Moniteq 1983 eq. 4.8)."""
+    """Return E/d, the computed minus the true position without noise, caused by interpolation and truncation (Moniteq
+    1983 eq. 4.8)."""
     shares = column_shares(offset_px, ratio, window_px)
     return np.asarray((shares @ window_positions(window_px)) / shares.sum(axis=-1) - offset_px)
 
 
 def bias_gain(ratio: float, window_px: int) -> float:
-    """Linear bias corrector of §4.2: the factor on the measured offset that minimises the squared error over stars within half a
-    pixel of the window's middle. The document does not give its value."""
+    """Return the linear bias corrector of §4.2: the factor for the measured offset that minimises the squared error
+    over stars within half a pixel of the window's middle. The document does not state its value."""
     offset = np.linspace(-0.5, 0.5, FIT_POINTS)
     measured = offset + location_error_px(offset, ratio, window_px)
     return float((measured @ offset) / (measured @ measured))
@@ -44,7 +46,7 @@ def bias_gain(ratio: float, window_px: int) -> float:
 
 @dataclass(frozen=True)
 class NoiseCoefficients:
-    """σ²(P) = A σ²(G) + B/Q + (C/Q²)(f²i²τ² + σ²(R) + iτ), in px² (Moniteq 1983 §4.3)."""
+    """Coefficients of σ²(P) = A σ²(G) + B/Q + (C/Q²)(f²i²τ² + σ²(R) + iτ), in px² (Moniteq 1983 §4.3)."""
 
     a: float
     b: float
@@ -52,12 +54,13 @@ class NoiseCoefficients:
 
 
 def noise_coefficients(offset_px: tuple[float, float], ratio: float, window_px: int) -> NoiseCoefficients:
-    """A, B, C along the first axis for a star at (x, y) from the window's middle; lever arms are from the biased centroid."""
-    place = window_positions(window_px)
+    """Return A, B and C along the first axis for a star at offset (x, y) from the window's middle. Lever arms are
+    measured from the biased centroid."""
+    position = window_positions(window_px)
     x, y = (column_shares(np.array(o), ratio, window_px) for o in offset_px)
     w = np.outer(y, x)
     inside = float(w.sum())
-    arm2 = (place - (x @ place) / x.sum()) ** 2
+    arm2 = (position - (x @ position) / x.sum()) ** 2
     return NoiseCoefficients(
         float((arm2 * w**2).sum() / inside**2),
         float((arm2 * w).sum() / inside**2),
@@ -75,7 +78,7 @@ class DarkModel:
     read_e2: float
 
     def position_sigma_px(self, n: NoiseCoefficients, star_e: float, exposure_s: float) -> float:
-        """Standard deviation of one coordinate for a star of ``star_e`` electrons."""
+        """Return the standard deviation of one coordinate of a star with ``star_e`` electrons."""
         dark_e = self.dark_e_s * exposure_s
         third = (self.dark_share * dark_e) ** 2 + self.read_e2 + dark_e
         return float(np.sqrt(n.a * self.response_sigma**2 + n.b / star_e + n.c / star_e**2 * third))
@@ -84,6 +87,6 @@ class DarkModel:
 def mean_locations_px(stamps: Array, dark_dn: float) -> tuple[Array, Array, Array]:
     """Return (m,) offsets x and y from the window's middle and fluxes of (m, N, N) stamps, dark mean subtracted."""
     light = stamps - dark_dn
-    place = window_positions(stamps.shape[-1])
+    position = window_positions(stamps.shape[-1])
     flux = np.maximum(light.sum(axis=(1, 2)), 1e-9)
-    return (light.sum(axis=1) @ place) / flux, (light.sum(axis=2) @ place) / flux, flux
+    return (light.sum(axis=1) @ position) / flux, (light.sum(axis=2) @ position) / flux, flux

@@ -14,14 +14,14 @@ from gss.pipeline.background import Background, measure_background, pixel_noise
 from gss.pipeline.kernels import NUMPY, Kernels
 from gss.pipeline.psf import widths_px
 
-MAX_PEAKS = 4000  # limits the work: the brightest are kept, and a note reports that others were omitted
+MAX_PEAKS = 4000  # limits the computing time: fainter peaks are omitted, and a note reports this
 STREAK_RATIO = 1.7
 BINOMIAL_GAIN = 256.0
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0])
 STRIP_ROWS = 128
 # Neighbours of a pixel, (row, column), in reading order: four before it, four after.
 AROUND = np.array([(-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)])
-SINGLE_SHARE = 0.35  # share of a centred star's neighbour light that a real star must have
+SINGLE_SHARE = 0.35  # minimum light of a real star's neighbour pixels, as a share of that of a centred star
 
 
 def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
@@ -57,11 +57,11 @@ def _binomial_sum(image: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-def _filtered(
+def _filter_frame(
     image: NDArray[Any], covariance: Array, loops: Kernels = NUMPY
 ) -> tuple[NDArray[Any], float, tuple[Array, Array]]:
-    """Return the frame under a filter close to its point-spread function, the filter's gain, and its weights along each axis.
-    Noise is measured on the result."""
+    """Filter the frame with a kernel close to its point-spread function. Returns the filtered frame, the filter's gain,
+    and the kernel's weights along each axis. The noise must be measured on the filtered frame."""
     low, high = widths_px(covariance)
     if high < 1.6:
         return (loops.binomial or _binomial_sum)(image), BINOMIAL_GAIN, (BINOMIAL, BINOMIAL)
@@ -82,11 +82,12 @@ def _filtered(
     return smooth, 1.0, (kernel.sum(1), kernel.sum(0))
 
 
-def _edge_noise(place: NDArray[np.intp], count: int, line: Array) -> Array:
-    """(n,) ratio of the filtered frame's noise at rows (or columns) ``place`` of ``count`` to that in the interior. It exceeds 1
-    near the edges, where the outermost pixel is repeated and its noise does not average out."""
+def _edge_noise(position: NDArray[np.intp], count: int, line: Array) -> Array:
+    """Return the (n,) ratios of the filtered frame's noise at the rows (or columns) ``position`` of ``count`` to its
+    noise in the interior. The ratio exceeds 1 near the edges, because the outermost pixel is repeated and its noise
+    does not average out."""
     half = len(line) // 2
-    near = np.minimum(place, count - 1 - place)
+    near = np.minimum(position, count - 1 - position)
     if not len(near) or near.min() >= half:
         return np.ones(len(near))
     weights = np.zeros((half, len(line)))
@@ -113,8 +114,9 @@ class Peaks:
 def find_peaks(
     image: NDArray[Any], covariance: Array, threshold_sigma: float, notes: list[str], loops: Kernels = NUMPY
 ) -> Peaks:
-    """Find the local maxima above ``threshold_sigma`` of a (rows, cols) frame under a filter as wide as its stars."""
-    smooth, gain, (down, across) = _filtered(image, covariance, loops)
+    """Find the local maxima of a (rows, cols) frame that exceed ``threshold_sigma`` after filtering with the width of
+    its stars."""
+    smooth, gain, (down, across) = _filter_frame(image, covariance, loops)
     background = measure_background(smooth, loops=loops)
     raw_background = _unfiltered(image, background, gain, loops)
     row, col = _above(smooth, background, threshold_sigma, loops)
@@ -126,7 +128,7 @@ def find_peaks(
     keep = np.flatnonzero(snr > threshold_sigma)
     keep = keep[np.argsort(-snr[keep], kind="stable")]
     if len(keep) > MAX_PEAKS:
-        notes.append(f"{len(keep)} peaks above threshold; the brightest {MAX_PEAKS} were looked at")
+        notes.append(f"{len(keep)} peaks above threshold; only the brightest {MAX_PEAKS} are examined")
         keep = keep[:MAX_PEAKS]
     row, col, snr = row[keep], col[keep], snr[keep]
     sky, raw_noise = raw_background.at(col, row)
@@ -149,7 +151,8 @@ def single_again(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
 def _above(
     smooth: NDArray[Any], background: Background, sigma: float, loops: Kernels = NUMPY
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of pixels that may be above threshold, comparing each tile with its lowest threshold."""
+    """Return rows and columns of the pixels above the lowest threshold of their tile. Some may be below their own
+    threshold."""
     tile = background.tile_px
     lowest = background.lowest_threshold(sigma)
     if smooth.dtype.kind == "u":
@@ -165,7 +168,8 @@ def _above(
 
 
 def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """True where no neighbour is higher; of equal neighbours the first in reading order is the maximum."""
+    """True for pixels without a brighter neighbour. Of equally bright neighbours, only the first in reading order is a
+    maximum."""
     rows, cols = smooth.shape
     r, c = row + AROUND[:, :1], col + AROUND[:, 1:]
     outside = (r < 0) | (r >= rows) | (c < 0) | (c >= cols)
@@ -185,15 +189,15 @@ def _is_single_pixel(
 ) -> NDArray[np.bool_]:
     """True for peaks confined to one pixel, row or column: a hot pixel, cosmic ray or column defect.
 
-    A star of covariance C has its four neighbours at exp(−1/2C) of the peak in the worst case of a centred star. About a
-    third of that is required, along columns and along rows separately, within the noise.
+    In the worst case, a centred star of covariance C, the four neighbours have exp(−1/2C) of the peak. About a third of
+    this light is required, along columns and along rows separately, within the noise.
     """
     rows, cols = image.shape
     side = np.arange(-1, 2)
     r = np.clip(row[:, None, None] + side[:, None], 0, rows - 1)
     c = np.clip(col[:, None, None] + side, 0, cols - 1)
     box = image[r, c].astype(float) - sky[:, None, None]
-    # The raw maximum may sit next to the filtered one.
+    # The maximum of the raw frame may be next to that of the filtered frame.
     k = box.reshape(len(row), 9).argmax(1) if len(row) else np.zeros(0, int)
     r2, c2 = row + k // 3 - 1, col + k % 3 - 1
     r = np.clip(r2[:, None, None] + side[:, None], 0, rows - 1)

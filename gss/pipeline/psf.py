@@ -1,7 +1,7 @@
-"""Star positions from least-squares fits of one Gaussian point-spread function to all stars of a frame at once.
+"""Star positions from least-squares fits of one Gaussian point-spread function to all stars of a frame.
 
-The function's covariance (pixel integration included) is shared by the frame, so a faint star uses the shape measured on
-the bright ones and the error is close to the Cramér–Rao bound. With an elongated covariance the same fit works for trailed
+All stars share the covariance of the function (pixel integration included). A faint star uses the shape measured on the
+bright ones, so its error is close to the Cramér–Rao bound. With an elongated covariance the same fit works for trailed
 stars.
 """
 
@@ -36,8 +36,8 @@ def widths_px(covariance: Array) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Stamps:
-    """Square cut-outs. ``value``: (n, k) pixels above the sky, ``dx`` ``dy``: (k,) offsets from the integer centres
-    ``col`` ``row`` (n,); ``use``: (n, k) False off the detector and where saturated."""
+    """Square cut-outs around stars. ``value``: (n, k) pixels above the sky, ``dx`` ``dy``: (k,) offsets from the
+    integer centres ``col`` ``row`` (n,); ``use``: (n, k) False for pixels that are off the detector or saturated."""
 
     col: NDArray[np.intp]
     row: NDArray[np.intp]
@@ -61,7 +61,8 @@ def cut_stamps(
 
 @dataclass(frozen=True)
 class AdaptiveMoments:
-    """Adaptive second moments: centres (n,), covariance (n, 2, 2) in px²; ``good`` is True where the iteration converged."""
+    """Adaptive second moments: centres (n,), covariance (n, 2, 2) in px²; ``good`` is True if the iteration
+    converged."""
 
     col: Array
     row: Array
@@ -107,8 +108,8 @@ Settle = Callable[[Stamps, Array, Array, Array, Array], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class PsfFit:
-    """Positions (n,), total flux (n,), standard deviation of a position per axis (n,); ``good`` is True where the fit is finite
-    and stayed at its star."""
+    """Fit of n stars: positions (n,), total flux (n,), standard deviation of a position per axis (n,); ``good`` is True
+    if the fit is finite and stayed at its star."""
 
     col: Array
     row: Array
@@ -141,7 +142,8 @@ def fit_stars(
 
 
 def settled(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """Iterate from a first guess to the converged offsets (n,) and (n,) of the stars from the stamp centres."""
+    """Return the converged offsets x (n,) and y (n,) of the stars from the stamp centres, iterated from a first
+    guess."""
     for _ in range(FIT_ROUNDS):
         g, gx, gy = _model(stamps, x, y, inverse)
         wg, wx, wy = weight * g, weight * gx, weight * gy
@@ -165,7 +167,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _model(stamps: Stamps, x: Array, y: Array, inverse: Array) -> tuple[Array, Array, Array]:
-    """Unit-peak Gaussian on every stamp and its derivatives along x and y."""
+    """Return a Gaussian of unit peak on every stamp and its derivatives along x and y."""
     ax, ay = stamps.dx - x[:, None], stamps.dy - y[:, None]
     px, py = inverse[0, 0] * ax + inverse[0, 1] * ay, inverse[0, 1] * ax + inverse[1, 1] * ay
     g = np.exp(-0.5 * (px * ax + py * ay))
@@ -196,16 +198,16 @@ def subtract_neighbours(stamps: Stamps, fit: PsfFit, covariance: Array) -> tuple
     reach = half + 2.5 * widths_px(covariance)[1]
     near = (np.abs(fit.col[:, None] - fit.col) < reach) & (np.abs(fit.row[:, None] - fit.row) < reach)
     np.fill_diagonal(near, False)
-    of, other = np.nonzero(near & fit.good)
-    if not len(of):
+    owner, neighbour = np.nonzero(near & fit.good)
+    if not len(owner):
         return stamps, np.zeros(len(stamps.col), bool)
     inverse = np.linalg.inv(covariance)
-    ax = stamps.dx + (stamps.col[of] - fit.col[other])[:, None]
-    ay = stamps.dy + (stamps.row[of] - fit.row[other])[:, None]
+    ax = stamps.dx + (stamps.col[owner] - fit.col[neighbour])[:, None]
+    ay = stamps.dy + (stamps.row[owner] - fit.row[neighbour])[:, None]
     g = np.exp(-0.5 * (inverse[0, 0] * ax * ax + 2 * inverse[0, 1] * ax * ay + inverse[1, 1] * ay * ay))
-    peak = fit.flux[other] / (2 * np.pi * np.sqrt(np.linalg.det(covariance)))
+    peak = fit.flux[neighbour] / (2 * np.pi * np.sqrt(np.linalg.det(covariance)))
     value = stamps.value.copy()
-    np.subtract.at(value, of, g * peak[:, None])
+    np.subtract.at(value, owner, g * peak[:, None])
     touched = np.zeros(len(stamps.col), bool)
-    touched[of] = True
+    touched[owner] = True
     return Stamps(stamps.col, stamps.row, stamps.dx, stamps.dy, value, stamps.use), touched

@@ -16,8 +16,9 @@ HALF_TURN_RAD = 3.0
 
 @dataclass(frozen=True)
 class Rate:
-    """Mean angular velocity of the camera relative to ICRS between two images. ``vector_rad_s``: (3,) in the camera axes of the
-    second image; ``covariance_rad2_s2``: its (3, 3) covariance from those of the two attitudes, NaN if a chain gives none."""
+    """Mean angular velocity of the camera relative to ICRS between two images. ``vector_rad_s``: (3,) in the camera
+    axes of the second image; ``covariance_rad2_s2``: its (3, 3) covariance from those of the two attitudes, NaN if the
+    chain does not provide them."""
 
     vector_rad_s: Array
     covariance_rad2_s2: Array
@@ -44,16 +45,18 @@ def rate_between(first: Attitude, second: Attitude, interval_s: float) -> Rate:
     """
     if not interval_s > 0:
         raise BadInput(
-            "two images at the same time have no rate", expected="an interval above 0 s", got=f"{interval_s:g} s"
+            "no rate can be computed for two images of the same time",
+            expected="an interval above 0 s",
+            got=f"{interval_s:g} s",
         )
     second_from_first = second.cam_from_icrs @ first.cam_from_icrs.T
-    turned_rad = -vector_from_rotation(second_from_first)
-    if np.linalg.norm(turned_rad) > HALF_TURN_RAD:
+    rotation_rad = -vector_from_rotation(second_from_first)
+    if np.linalg.norm(rotation_rad) > HALF_TURN_RAD:
         raise BadInput(
-            "the turn between two images is too large to have a direction",
+            "the rotation between two images is too large to determine its direction",
             expected=f"less than {np.degrees(HALF_TURN_RAD):.0f}°",
-            got=f"{np.degrees(np.linalg.norm(turned_rad)):.0f}°",
+            got=f"{np.degrees(np.linalg.norm(rotation_rad)):.0f}°",
         )
-    carried = second_from_first @ first.covariance_rad2 @ second_from_first.T
-    covariance = (carried + second.covariance_rad2) / interval_s**2
-    return Rate(turned_rad / interval_s, covariance, interval_s)
+    rotated_covariance = second_from_first @ first.covariance_rad2 @ second_from_first.T
+    covariance = (rotated_covariance + second.covariance_rad2) / interval_s**2
+    return Rate(rotation_rad / interval_s, covariance, interval_s)

@@ -47,18 +47,18 @@ def expose(
     chip: Chip | None = None,
     dark_factor: float = 1.0,
 ) -> Image:
-    """Return the image read out for (rows, columns) expected electrons of light.
+    """Simulate the read-out of (rows, columns) expected electrons of light. Returns the image.
 
-    Shot noise of light is Poisson. Dark current, sky, stray light and read-out noise are drawn as one normal deviate: at 15 e
-    and more it differs from Poisson only by a skewness of a few hundredths.
+    Shot noise of light is Poisson. Dark current, sky, stray light and read-out noise are drawn as one normal deviate:
+    at 15 e and more it differs from Poisson only by a skewness of a few hundredths.
     """
     rows, columns = light_e.shape
     extra_e = _with_hot_pixels(light_e, hot_pixels, exposure_s)
     response, offset_dn = _pattern(fixed_pattern, rows, columns) if chip is None else (chip.response, chip.offset_dn)
     if chip is not None or veil_e_s is not None or dark_factor != 1.0:
         own_dark_e_s = None if chip is None else chip.dark_e_s
-        smooth_e = _smooth(sensor, exposure_s, response, veil_e_s, own_dark_e_s, dark_factor, light_e.shape)
-        signal_e = _uneven(extra_e, smooth_e, sensor, response, rng if noise else None)
+        smooth_e = _smooth_electrons(sensor, exposure_s, response, veil_e_s, own_dark_e_s, dark_factor, light_e.shape)
+        signal_e = _uneven_electrons(extra_e, smooth_e, sensor, response, rng if noise else None)
         return _digitise(signal_e, offset_dn, sensor)
     even_e = (sensor.dark_current_e_s + sensor.background_e_s) * exposure_s
     expected_e = (extra_e * response).ravel()
@@ -75,7 +75,7 @@ def expose(
     return _digitise(signal_e.reshape(rows, columns), offset_dn, sensor)
 
 
-def _smooth(
+def _smooth_electrons(
     sensor: Sensor,
     exposure_s: float,
     response: Array | NDArray[np.float32] | float,
@@ -94,7 +94,7 @@ def _smooth(
     return np.maximum(smooth_e, 0, out=smooth_e)
 
 
-def _uneven(
+def _uneven_electrons(
     light_e: Array,
     smooth_e: NDArray[np.float32],
     sensor: Sensor,
