@@ -17,9 +17,9 @@ ROUNDS = 8
 DONE = 1e-10
 ATTITUDE_DONE = 1e-5  # the error after a step is at most a thousandth of the step, i.e. about a milliarcsecond
 OUTLIER_SIGMA = 4.0
-CORNER_DISTORTION = 0.02  # prior sigma of an unknown lens's distortion at the corners, share of the radius
+CORNER_DISTORTION = 0.02  # prior sigma of the distortion of an unknown lens at the corners, relative to the radius
 ASPECT_SIGMA = 0.1  # prior sigma of the log aspect ratio of an unknown camera's pixels
-CENTRE_SIGMA = 0.12  # prior sigma of the optical axis's offset from the middle, share of the frame's width
+CENTRE_SIGMA = 0.12  # prior sigma of the optical axis's offset from the middle, relative to the frame's width
 STEP = 1e-6
 NOWHERE_PX = 1e9  # residual of a star that the camera cannot image
 MAX_RAD = 0.2  # largest rotation per axis in one step
@@ -28,8 +28,8 @@ BELIEF = 20.0  # degrees of freedom equivalent to the centroids' stated errors
 
 @dataclass(frozen=True)
 class Refined:
-    """Geometry and attitude after the fit. ``residual_px``: (n, 2) measured − predicted, ``weight``: (n,) 0 = outlier.
-    ``parameters``: names of the fitted parameters, ``covariance``: (p, p) their covariance."""
+    """Result of the fit: camera geometry and attitude. ``residual_px``: (n, 2) measured − predicted. ``weight``: (n,),
+    0 for outliers. ``parameters``: names of the p fitted parameters. ``covariance``: (p, p) of the parameters."""
 
     camera: Camera
     cam_from_icrs: Array
@@ -41,7 +41,8 @@ class Refined:
 
     @property
     def covariance_rad2(self) -> Array:
-        """(3, 3) covariance of the rotation vector in the camera frame, including the effect of free camera parameters."""
+        """Return the (3, 3) covariance of the rotation vector in the camera frame, including the effect of free camera
+        parameters."""
         return self.covariance[:3, :3]
 
 
@@ -55,12 +56,13 @@ def refine(
     fit_focal: bool = False,
     fit_lens: Sequence[str] = (),
 ) -> Refined:
-    """Fit the attitude to (n, 2) pixels of (n, 3) ICRS stars; with ``fit_focal`` also one common factor of both focal lengths.
+    """Fit the attitude to (n, 2) pixels of (n, 3) ICRS stars. With ``fit_focal``, also fit a common factor of both
+    focal lengths.
 
-    ``fit_lens`` names further parameters: the coefficients k1 k2 p1 p2 of a :class:`Brown` lens, the ``aspect`` of the two focal
-    lengths, and the optical centre's ``col`` and ``row``. A prior keeps them near zero, near one and near the middle if the
-    stars do not determine them. ``camera``'s distortion must be Brown if coefficients are fitted. Gauss–Newton with numeric
-    derivatives; outliers beyond 4 robust sigmas have zero weight.
+    ``fit_lens`` names further parameters: the coefficients k1 k2 p1 p2 of a :class:`Brown` lens, the ``aspect`` of the
+    two focal lengths, and the optical centre's ``col`` and ``row``. If the stars do not determine them, a prior keeps
+    them near zero, near one and near the middle. The distortion of ``camera`` must be Brown if coefficients are fitted.
+    The method is Gauss–Newton with numeric derivatives; outliers beyond 4 robust sigmas have zero weight.
     """
     names = ["x", "y", "z", *(["focal"] if fit_focal else []), *fit_lens]
     prior = _prior(camera, names)
@@ -76,8 +78,8 @@ def refine(
         weighted = (w[:, None] * j).T
         normal, gradient = weighted @ j, weighted @ residual.ravel()
         if len(names) > 3:
-            now = np.array([value_of(camera, n) for n in names])
-            normal, gradient = normal + np.diag(prior), gradient - prior * now
+            values = np.array([value_of(camera, n) for n in names])
+            normal, gradient = normal + np.diag(prior), gradient - prior * values
         step = np.asarray(np.linalg.solve(normal * ridge, gradient), float)
         camera, cam_from_icrs = _moved(camera, cam_from_icrs, step, names)
         if np.abs(step).max() < done and (used == before).all():
@@ -92,7 +94,7 @@ def refine(
 
 
 def _prior(camera: Camera, names: Sequence[str]) -> Array:
-    """(p,) prior information (1/σ²) on each parameter for a typical lens; 0 for attitude and focal length."""
+    """Return the (p,) prior information (1/σ²) on each parameter of a typical lens; 0 for attitude and focal length."""
     corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
     loose = {"k1": 1 / corner**2, "k2": 1 / corner**4, "p1": 0.2 / corner, "p2": 0.2 / corner}
     sigma = {name: CORNER_DISTORTION * size for name, size in loose.items()} | {
@@ -115,7 +117,8 @@ def value_of(camera: Camera, name: str) -> float:
 
 
 def prediction_sigma_px(fit: Refined, icrs: Array) -> Array:
-    """(n,) standard deviation per axis of the predicted positions of (n, 3) stars, from the error of all fitted parameters."""
+    """Return the (n,) standard deviations per axis of the predicted positions of (n, 3) stars, from the errors of all
+    fitted parameters."""
     _, jacobian = _linearised(np.zeros((len(icrs), 2)), icrs, fit.camera, fit.cam_from_icrs, list(fit.parameters))
     variance = ((jacobian @ fit.covariance) * jacobian).sum((1, 2))
     return np.asarray(np.sqrt(np.maximum(variance, 0) / 2))
@@ -124,12 +127,12 @@ def prediction_sigma_px(fit: Refined, icrs: Array) -> Array:
 def _linearised(
     pixels: Array, icrs: Array, camera: Camera, cam_from_icrs: Array, names: list[str]
 ) -> tuple[Array, Array]:
-    """Residuals (n, 2) and derivatives (n, 2, parameters) of the prediction."""
-    base, turns = _turned(icrs @ cam_from_icrs.T, camera)
-    jacobian = turns
+    """Return the residuals (n, 2) and the derivatives (n, 2, parameters) of the predicted positions."""
+    base, rotation_slopes = _projected(icrs @ cam_from_icrs.T, camera)
+    jacobian = rotation_slopes
     if len(names) > 3:
         jacobian = np.empty((len(icrs), 2, len(names)))
-        jacobian[..., :3] = turns
+        jacobian[..., :3] = rotation_slopes
     for k in range(3, len(names)):
         step = np.zeros(len(names))
         step[k] = STEP
@@ -142,9 +145,9 @@ def _linearised(
     return residual, jacobian
 
 
-def _turned(unit: Array, camera: Camera) -> tuple[Array, Array]:
-    """Return (n, 2) pixels of camera-frame vectors and (n, 2, 3) their derivatives by a small rotation about x, y, z: exact on
-    the tangent plane, and by finite differences through the distortion."""
+def _projected(unit: Array, camera: Camera) -> tuple[Array, Array]:
+    """Return the (n, 2) pixels of camera-frame vectors and their (n, 2, 3) derivatives with respect to a small rotation
+    about x, y, z. The derivatives are exact on the tangent plane and finite differences through the distortion."""
     n = len(unit)
     z = np.where(unit[:, 2] > 1e-6, unit[:, 2], np.nan)
     x, y = unit[:, 0] / z, unit[:, 1] / z
@@ -160,15 +163,16 @@ def _turned(unit: Array, camera: Camera) -> tuple[Array, Array]:
     ideal[..., 0], ideal[..., 1] = x, y
     ideal[1, :, 0] += STEP
     ideal[2, :, 1] += STEP
-    bent = camera.distortion.distort(ideal.reshape(-1, 2)).reshape(3, n, 2)
-    across, down = (bent[1] - bent[0]) / STEP, (bent[2] - bent[0]) / STEP
-    turns = across[:, :, None] * plane[:, None, 0] + down[:, :, None] * plane[:, None, 1]
-    return bent[0] * focal + centre, turns * focal[:, None]
+    distorted = camera.distortion.distort(ideal.reshape(-1, 2)).reshape(3, n, 2)
+    across, down = (distorted[1] - distorted[0]) / STEP, (distorted[2] - distorted[0]) / STEP
+    slopes = across[:, :, None] * plane[:, None, 0] + down[:, :, None] * plane[:, None, 1]
+    return distorted[0] * focal + centre, slopes * focal[:, None]
 
 
 def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) -> tuple[Camera, Array]:
-    turn = step[:3] if np.abs(step[:3]).max() <= MAX_RAD else np.clip(step[:3], -MAX_RAD, MAX_RAD)
-    turned = rotation_from_vector(turn) @ cam_from_icrs if turn.any() else cam_from_icrs
+    """Return camera and attitude after a step of the parameters."""
+    rotation = step[:3] if np.abs(step[:3]).max() <= MAX_RAD else np.clip(step[:3], -MAX_RAD, MAX_RAD)
+    rotated = rotation_from_vector(rotation) @ cam_from_icrs if rotation.any() else cam_from_icrs
     for value, name in zip(step[3:], names[3:], strict=True):
         if name == "focal":
             camera = camera.with_focal_scaled(float(np.exp(np.clip(value, -0.3, 0.3))))
@@ -181,11 +185,12 @@ def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) 
         elif isinstance(camera.distortion, Brown):
             changed = replace(camera.distortion, **{name: getattr(camera.distortion, name) + float(value)})
             camera = replace(camera, distortion=changed)
-    return camera, turned
+    return camera, rotated
 
 
 def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool_]:
-    """Mask of stars within 4 robust sigmas; all visible stars if there are too few to estimate the spread."""
+    """Return a mask of the stars within 4 robust sigmas, or of all visible stars if there are too few to estimate the
+    spread."""
     scaled = np.sqrt((residual * residual).sum(1) * weight)
     if len(scaled) <= parameters // 2 + 3:
         return np.asarray(scaled < 1e6)
@@ -194,8 +199,9 @@ def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool
 
 
 def _covariance(normal: Array, residual: Array, weight: Array, good: NDArray[np.bool_], parameters: int) -> Array:
-    """Inverse information scaled by the residuals: fully if they are larger than the centroids' stated errors; if smaller,
-    the stated errors count as ``BELIEF`` degrees of freedom, so only many stars reduce the covariance."""
+    """Return the inverse information scaled by the residuals. Residuals larger than the centroids' stated errors scale
+    it fully. If they are smaller, the stated errors count as ``BELIEF`` degrees of freedom, so that only many stars
+    reduce the covariance."""
     freedom = 2 * int(good.sum()) - parameters
     if freedom <= 0:
         factor = 1.0

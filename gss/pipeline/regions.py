@@ -1,9 +1,9 @@
 """Image plane search and region growing (Jacobs 1995 §2.2, Erlank 2013 §4.1.1–2).
 
-The documents search every third pixel of every third row and, from a pixel above the threshold, grow over the four
-neighbours. This finds a 4-connected component, so here all components are labelled at once, those without a pixel
-on the search grid are dropped, and the others are sorted in the order in which the search would find them: by their
-first grid pixel. A test checks that the result equals the literal recursion.
+The documents search every third pixel of every third row. From a pixel above the threshold, a region grows over the
+four neighbours, which finds a 4-connected component. Here all components are labelled in one pass, components without a
+pixel on the search grid are dropped, and the rest are sorted by their first grid pixel, i.e. in the order of the
+search. A test checks that the result equals the literal recursion.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Flags = NDArray[np.bool_]
 @dataclass(frozen=True)
 class Blobs:
     """m components in order of discovery. ``index``: flat pixel indices, blob after blob, ascending within each;
-    ``start``: (m + 1,) where each blob begins in ``index``. ``columns`` is the frame's width."""
+    ``start``: (m + 1,) offset of each blob in ``index``. ``columns``: width of the frame."""
 
     index: NDArray[np.intp]
     start: NDArray[np.intp]
@@ -38,26 +38,26 @@ class Blobs:
 
     @property
     def area_px(self) -> NDArray[np.intp]:
-        """(m,) pixels per blob."""
+        """Return the (m,) numbers of pixels per blob."""
         return np.diff(self.start)
 
     @property
     def owner(self) -> NDArray[np.intp]:
-        """Blob index of each pixel."""
+        """Return the blob index of each pixel."""
         return np.repeat(np.arange(len(self)), self.area_px)
 
-    def take(self, which: NDArray[np.intp]) -> Blobs:
+    def take(self, indices: NDArray[np.intp]) -> Blobs:
         """Return the blobs with these indices, in this order."""
-        areas = self.area_px[which]
+        areas = self.area_px[indices]
         start = np.concatenate([[0], np.cumsum(areas)])
-        index = self.index[np.repeat(self.start[which] - start[:-1], areas) + np.arange(start[-1])]
+        index = self.index[np.repeat(self.start[indices] - start[:-1], areas) + np.arange(start[-1])]
         return Blobs(index, start, self.columns)
 
 
 @dataclass(frozen=True)
 class SearchLimits:
-    """Limits on a star's area (inclusive) and on the length of the search. ``edge``: True to reject blobs that touch the
-    frame's border, because part of them may lie outside (Jacobs 1995 §2.2.3)."""
+    """Limits on the area of a star (inclusive) and on the length of the search. ``edge``: True to reject blobs that
+    touch the frame's border, because part of the star can lie outside (Jacobs 1995 §2.2.3)."""
 
     min_area_px: int
     max_area_px: int
@@ -69,8 +69,8 @@ class SearchLimits:
 @dataclass(frozen=True)
 class SearchResult:
     """Blobs found before the search stopped. ``blobs``: in order of discovery, ``rejected``: (m,) the reason or "",
-    ``accepted``: indices of the blobs that were not rejected, ``invalid``: number of too large blobs, ``stopped``: why the
-    search ended early, or ""."""
+    ``accepted``: indices of the blobs that were not rejected, ``invalid``: number of blobs that are too large,
+    ``stopped``: reason why the search ended early, or ""."""
 
     blobs: Blobs
     rejected: tuple[str, ...]
@@ -80,8 +80,8 @@ class SearchResult:
 
 
 def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Kernels = NUMPY) -> Blobs:
-    """Find all 4-connected components of ``pixels`` (rows, columns) above ``threshold_dn`` with a pixel on the search grid. The
-    result is bit-identical for any ``loops``."""
+    """Find all 4-connected components of ``pixels`` (rows, columns) above ``threshold_dn`` that have a pixel on the
+    search grid. All ``loops`` give bit-identical results."""
     if pixels.ndim != 2 or 0 in pixels.shape:
         raise BadInput("not a frame", expected="a (rows, columns) array of pixels", got=f"shape {pixels.shape}")
     columns = pixels.shape[1]
@@ -91,20 +91,22 @@ def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Ker
     count, label = (loops.components or _label)(lit, columns)
     row, col = np.divmod(lit, columns)
     on_grid = np.flatnonzero((row % step_px == 0) & (col % step_px == 0))
-    # ``lit`` is in raster order, so the first grid pixel of each label is where the search would find it.
-    met, first = np.unique(label[on_grid], return_index=True)
+    # ``lit`` is in raster order, so the search finds each component at its first grid pixel.
+    found_labels, first = np.unique(label[on_grid], return_index=True)
     rank = np.full(count, -1, np.intp)
-    rank[met[np.argsort(first)]] = np.arange(len(met))
+    rank[found_labels[np.argsort(first)]] = np.arange(len(found_labels))
     position = rank[label]
     accepted = np.flatnonzero(position >= 0)
     order = accepted[np.argsort(position[accepted], kind="stable")]
-    start = np.concatenate([[0], np.cumsum(np.bincount(position[accepted], minlength=len(met)))]).astype(np.intp)
+    start = np.concatenate([[0], np.cumsum(np.bincount(position[accepted], minlength=len(found_labels)))]).astype(
+        np.intp
+    )
     return Blobs(lit[order], start, columns)
 
 
 def _label(lit: NDArray[np.intp], columns: int) -> tuple[int, NDArray[np.int32]]:
-    """Return the number of components and the component of each lit pixel. Works on the lit pixels only, which are few in a
-    star frame."""
+    """Return the number of components and the component of each lit pixel. Only lit pixels, few in a star frame, are
+    processed."""
     right = np.flatnonzero((np.diff(lit) == 1) & (lit[1:] % columns != 0))
     below = np.searchsorted(lit, lit + columns)
     above = np.flatnonzero((below < len(lit)) & (lit[np.minimum(below, len(lit) - 1)] == lit + columns))
@@ -118,8 +120,9 @@ def _label(lit: NDArray[np.intp], columns: int) -> tuple[int, NDArray[np.int32]]
 def search(
     pixels: Pixels, threshold_dn: float, limits: SearchLimits, step_px: int = 3, loops: Kernels = NUMPY
 ) -> SearchResult:
-    """Search the image plane with limits (Erlank 2013 §5.3.3): stop after more than ``max_invalid`` too large blobs, or at
-    ``max_accepted`` stars. Too small blobs are dead pixels or faint stars and do not count as invalid."""
+    """Search the image plane with limits (Erlank 2013 §5.3.3). The search stops after more than ``max_invalid`` blobs
+    that are too large, or at ``max_accepted`` stars. Blobs that are too small are dead pixels or faint stars and do not
+    count as invalid."""
     blobs = find_blobs(pixels, threshold_dn, step_px, loops)
     area = blobs.area_px
     too_large, too_small = area > limits.max_area_px, area < limits.min_area_px
@@ -152,7 +155,7 @@ def _reason(area_px: int, at_edge: bool, limits: SearchLimits) -> str:
 
 
 def region_records(pixels: Pixels, result: SearchResult, black_dn: float, max_small: int) -> tuple[Region, ...]:
-    """Return the regions for display, in order of discovery; of the too small ones at most the first ``max_small``.
+    """Return the regions for display, in order of discovery, with at most ``max_small`` regions that are too small.
     ``sum_dn`` is above ``black_dn``."""
     blobs = result.blobs
     if not len(blobs):
@@ -174,7 +177,7 @@ def region_records(pixels: Pixels, result: SearchResult, black_dn: float, max_sm
 
 
 def grid_median_dn(pixels: Pixels, step_px: int = 3) -> float:
-    """Median of the search grid's pixels: the dark-sky level, robust against stars."""
+    """Return the median of the search grid's pixels, which estimates the dark-sky level and is robust against stars."""
     sample = pixels[::step_px, ::step_px].ravel()
     if pixels.dtype == np.uint8:
         below = np.cumsum(np.bincount(sample, minlength=256))
@@ -183,6 +186,6 @@ def grid_median_dn(pixels: Pixels, step_px: int = 3) -> float:
 
 
 def lit_values(pixels: Pixels, blobs: Blobs, black_dn: float) -> tuple[Array, Array, Array]:
-    """Column, row and intensity above black of every pixel of the blobs."""
+    """Return column, row and intensity above black of every pixel of the blobs."""
     row, col = np.divmod(blobs.index, blobs.columns)
     return col.astype(float), row.astype(float), pixels.ravel()[blobs.index].astype(float) - black_dn

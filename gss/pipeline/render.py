@@ -28,7 +28,8 @@ STAMP_SIGMAS = 5.0
 BLUR_STEP_SIGMAS = 0.5
 MAX_BLUR_STEPS = 400
 FAINTEST_E = 0.05
-# A trail with less light than this in each of its overlapping spots is far below one electron in any pixel.
+# A trail is drawn as overlapping spots. If each has less light than this, every pixel receives far less than one
+# electron.
 FAINTEST_STEP_E = 0.05
 
 
@@ -85,7 +86,7 @@ def render(
     the exposure is not positive or the trails are too long to draw.
     """
     if not exposure_s > 0:
-        raise BadInput("exposure is impossible", expected="more than 0 s", got=f"{exposure_s} s")
+        raise BadInput("invalid exposure", expected="more than 0 s", got=f"{exposure_s} s")
     rate = np.asarray(rate_rad_s, float)
     near = stars_near(
         stars, camera, cam_from_icrs, STAMP_SIGMAS * sensor.psf_sigma_px, float(np.linalg.norm(rate)) * exposure_s
@@ -111,8 +112,8 @@ def render(
 def stars_near(
     stars: StarTable, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0, margin_rad: float = 0.0
 ) -> StarTable:
-    """Return the stars inside the cone around the detector's corners, widened by the margins. This excludes distant stars,
-    which a distortion polynomial may fold back onto the detector."""
+    """Return the stars inside the cone around the detector's corners, widened by the margins. This excludes distant
+    stars, which a distortion polynomial can map back onto the detector."""
     radius_rad = min(camera.half_diagonal_rad + 2 * margin_px * camera.pixel_rad + margin_rad, np.pi / 2 - 1e-3)
     return stars.take(np.flatnonzero(stars.icrs @ np.asarray(cam_from_icrs)[2] > np.cos(radius_rad)))
 
@@ -135,7 +136,7 @@ def _expected_light(
     false_stars: Sequence[FalseStar],
     lights: Lights | None,
 ) -> Array:
-    """(rows, columns) expected electrons of starlight."""
+    """Return the (rows, columns) expected electrons of starlight."""
     icrs, v_mag = stars.icrs, stars.v_mag
     if lights is not None:
         icrs, v_mag = np.concatenate([icrs, lights.icrs]), np.concatenate([v_mag, lights.v_mag])
@@ -145,16 +146,17 @@ def _expected_light(
     if steps > 1:
         visible = step_e > FAINTEST_STEP_E
         paths, step_e = paths[visible], step_e[visible]
-    places = [paths.reshape(-1, 2)]
+    positions = [paths.reshape(-1, 2)]
     portions = [np.repeat(step_e, steps)]
     if false_stars:
-        places.append(np.array([[f.col_px, f.row_px] for f in false_stars], float))
+        positions.append(np.array([[f.col_px, f.row_px] for f in false_stars], float))
         portions.append(sensor.star_e(np.array([f.v_mag for f in false_stars]), exposure_s))
-    return spots(camera.rows, camera.columns, np.concatenate(places), np.concatenate(portions), sensor.psf_sigma_px)
+    return spots(camera.rows, camera.columns, np.concatenate(positions), np.concatenate(portions), sensor.psf_sigma_px)
 
 
 def longest_trail_s(camera: Camera, sensor: Sensor, rate_rad_s: ArrayLike) -> float:
-    """Longest exposure whose trails :func:`render` can draw at an angular velocity; infinite if the camera does not rotate."""
+    """Return the longest exposure whose trails :func:`render` can draw at this angular velocity; infinite without
+    rotation."""
     step_px = BLUR_STEP_SIGMAS * sensor.psf_sigma_px
     sweep_px_s = float(np.linalg.norm(rate_rad_s)) * max(camera.focal_col_px, camera.focal_row_px)
     drawn_px = (MAX_BLUR_STEPS - 1) * step_px * np.cos(camera.half_diagonal_rad) ** 2
@@ -164,7 +166,8 @@ def longest_trail_s(camera: Camera, sensor: Sensor, rate_rad_s: ArrayLike) -> fl
 def _paths(
     icrs: Array, camera: Camera, cam_from_icrs: Array, exposure_s: float, rate_rad_s: Array, step_px: float
 ) -> Array:
-    """(stars, steps, 2) pixel positions at the middles of equal parts of the exposure, dense enough for a continuous trail."""
+    """Return (stars, steps, 2) pixel positions at the middles of equal parts of the exposure, dense enough for a
+    continuous trail."""
     sweep_px = float(np.linalg.norm(rate_rad_s)) * exposure_s * max(camera.focal_col_px, camera.focal_row_px)
     if sweep_px < 1e-6:
         return camera.project(icrs @ np.asarray(cam_from_icrs).T)[:, None]
@@ -172,19 +175,20 @@ def _paths(
     steps = int(np.ceil(sweep_px / np.cos(camera.half_diagonal_rad) ** 2 / step_px)) + 1
     if steps > MAX_BLUR_STEPS:
         raise BadInput(
-            "the camera turns too fast to draw",
+            "the camera rotates too fast to draw the trails",
             expected=f"at most {MAX_BLUR_STEPS * step_px:.0f} px of smear",
             got=f"{steps * step_px:.0f} px",
-            hint="a shorter exposure",
+            hint="use a shorter exposure",
         )
     times_s = ((np.arange(steps) + 0.5) / steps - 0.5) * exposure_s
-    turns = np.stack([rotation_from_vector(-rate_rad_s * t) for t in times_s])
+    rotations = np.stack([rotation_from_vector(-rate_rad_s * t) for t in times_s])
     at_middle = icrs @ np.asarray(cam_from_icrs).T
-    return camera.project(np.einsum("tij,nj->nti", turns, at_middle))
+    return camera.project(np.einsum("tij,nj->nti", rotations, at_middle))
 
 
 def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: float) -> Array:
-    """(rows, columns) sum of Gaussian spots integrated over the pixels; ``pixels``: (n, 2) col, row; NaN positions are skipped."""
+    """Return the (rows, columns) sum of Gaussian spots integrated over the pixels. ``pixels``: (n, 2) col, row; NaN
+    positions are skipped."""
     half = int(np.ceil(STAMP_SIGMAS * sigma_px))
     drawn = np.isfinite(pixels).all(axis=1) & (electrons > FAINTEST_E / max(1, len(electrons)))
     drawn &= (pixels > -half - 1).all(axis=1) & (pixels < np.array([columns + half, rows + half])).all(axis=1)
@@ -193,7 +197,7 @@ def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: fl
     offsets = np.arange(2 * half + 1)
     across = _pixel_shares(corner[:, :1] + offsets - pixels[:, :1], sigma_px)
     down = _pixel_shares(corner[:, 1:] + offsets - pixels[:, 1:], sigma_px) * electrons[:, None]
-    # The image is padded by a stamp on every side, so that no spot needs clipping.
+    # The image is padded by one stamp on every side to avoid clipping of spots.
     pad = 2 * half + 2
     width = columns + 2 * pad
     first = (corner[:, 1] + pad) * width + corner[:, 0] + pad
@@ -204,6 +208,6 @@ def spots(rows: int, columns: int, pixels: Array, electrons: Array, sigma_px: fl
 
 
 def _pixel_shares(distance_px: Array, sigma_px: float) -> Array:
-    """Share of a one-dimensional Gaussian that falls into the pixel whose centre is at that distance."""
+    """Return the share of a one-dimensional Gaussian in a pixel whose centre is ``distance_px`` away."""
     scale = 1.0 / (np.sqrt(2.0) * sigma_px)
     return np.asarray(0.5 * (erf((distance_px + 0.5) * scale) - erf((distance_px - 0.5) * scale)))

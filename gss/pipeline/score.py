@@ -20,8 +20,8 @@ ATTITUDE_PX = 5.0
 
 @dataclass(frozen=True)
 class Score:
-    """Verdict, attitude errors (NaN without attitude; ``about_rad`` signed, right-handed about the boresight), and the numbers
-    of true (``matched``) and false matches among those used."""
+    """Result of a comparison: verdict, attitude errors (NaN without attitude; ``about_rad`` signed, right-handed about
+    the boresight), and the numbers of true (``matched``) and false matches used for the attitude."""
 
     verdict: Verdict
     cross_rad: float
@@ -42,9 +42,9 @@ def assess(
     """Return the verdict with its attitude errors and match counts.
 
     CORRECT: all matches are true and the cross-boresight error is below 3σ, from the result's covariance unless
-    ``expected_sigma_rad`` (per axis) is given. WRONG: the true position of a used match's star is more than ``match_px`` from
-    its centroid (or not in the frame), or the boresight is more than ``attitude_px`` pixels off. IMPRECISE: between. A star
-    matched as its close companion counts as true, because their positions agree.
+    ``expected_sigma_rad`` (per axis) is given. WRONG: the true position of a used match's star is more than
+    ``match_px`` from its centroid (or not in the frame), or the boresight is more than ``attitude_px`` pixels off.
+    IMPRECISE: neither. A match with a close companion of the right star counts as true, because the positions agree.
     """
     if result.attitude is None:
         return Score(Verdict.NONE, float("nan"), float("nan"), 0, 0)
@@ -66,35 +66,36 @@ def score(result: SolveResult, truth: Truth, camera: Camera, *, expected_sigma_r
 
 
 def _count_matches(result: SolveResult, truth: Truth, match_px: float) -> tuple[int, int]:
-    """Return the numbers of true and false matches among those the attitude used."""
+    """Return the numbers of true and false matches that were used for the attitude."""
     if result.matches is None or result.attitude is None:
         return 0, 0
     used = result.matches.weight > 0
     measured = result.centroids.pixels[result.matches.centroid[used]]
-    place = true_places(truth, result.matches.hip[used])
-    just_outside = _places_outside(result, measured - result.matches.residual_px[used], truth)
-    place = np.where(np.isnan(place), just_outside, place)
-    off_px = np.hypot(measured[:, 0] - place[:, 0], measured[:, 1] - place[:, 1])
+    true_px = true_pixels(truth, result.matches.hip[used])
+    just_outside = _pixels_outside(result, measured - result.matches.residual_px[used], truth)
+    true_px = np.where(np.isnan(true_px), just_outside, true_px)
+    off_px = np.hypot(measured[:, 0] - true_px[:, 0], measured[:, 1] - true_px[:, 1])
     right = int(np.count_nonzero(off_px <= match_px))
     return right, int(np.count_nonzero(used)) - right
 
 
-def true_places(truth: Truth, hip: NDArray[np.int32]) -> Array:
-    """(n, 2) true pixels of these stars, NaN for a star that is not in the frame."""
-    place = {int(h): k for k, h in enumerate(truth.hip)}
-    index = [place.get(int(h), -1) for h in hip]
+def true_pixels(truth: Truth, hip: NDArray[np.int32]) -> Array:
+    """Return the (n, 2) true pixels of these stars, NaN for a star that is not in the frame."""
+    index_of = {int(h): k for k, h in enumerate(truth.hip)}
+    index = [index_of.get(int(h), -1) for h in hip]
     padded = np.vstack([truth.pixels.reshape(-1, 2), [np.nan, np.nan]])
     return np.asarray(padded[index])
 
 
-def _places_outside(result: SolveResult, predicted: Array, truth: Truth) -> Array:
-    """(n, 2) positions of the matched stars under the true attitude, NaN if on the detector.
+def _pixels_outside(result: SolveResult, predicted: Array, truth: Truth) -> Array:
+    """Return the (n, 2) positions of the matched stars under the true attitude, NaN if on the detector.
 
-    Light of a star just outside reaches the detector, but the truth does not list it. Its position is the one predicted by
-    the result, ``predicted`` (n, 2), rotated by the difference of the attitudes.
+    The truth does not list a star just outside the detector, although part of its light reaches the detector. Its
+    position is computed from the position ``predicted`` (n, 2) by the result, rotated by the difference of the
+    attitudes.
     """
     if result.attitude is None:
         return np.full_like(predicted, np.nan)
-    true_from_found = matrix_from_quaternion(truth.quaternion) @ result.attitude.cam_from_icrs.T
-    place = result.camera.project(result.camera.unproject(predicted) @ true_from_found.T)
-    return np.where(result.camera.contains(place)[:, None], np.nan, place)
+    true_from_result = matrix_from_quaternion(truth.quaternion) @ result.attitude.cam_from_icrs.T
+    true_px = result.camera.project(result.camera.unproject(predicted) @ true_from_result.T)
+    return np.where(result.camera.contains(true_px)[:, None], np.nan, true_px)

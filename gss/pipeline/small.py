@@ -1,4 +1,5 @@
-"""Small numeric helpers called many times per frame, without the overhead of the general functions on a dozen numbers."""
+"""Numeric helpers for small arrays, called many times per frame. General functions have too much overhead for a dozen
+numbers."""
 
 from __future__ import annotations
 
@@ -14,9 +15,9 @@ def median(values: Array) -> float:
     return float(ordered[n // 2]) if n % 2 else 0.5 * (float(ordered[n // 2 - 1]) + float(ordered[n // 2]))
 
 
-def turned(unit: Array, icrs: Array, weight: Array) -> Array:
-    """Return the (3, 3) cam_from_icrs that best maps (n, 3) stars to measured directions with (n,) weights: ``attitude.svd``
-    without validation, for callers whose directions are finite and not all parallel."""
+def best_rotation(unit: Array, icrs: Array, weight: Array) -> Array:
+    """Return the (3, 3) cam_from_icrs that best maps (n, 3) stars to measured directions with (n,) weights. Equals
+    ``attitude.svd`` without validation: the directions must be finite and not all parallel."""
     u, _, vt = np.linalg.svd((weight[:, None] * unit).T @ icrs)
     if determinant(u) * determinant(vt) < 0:
         u[:, 2] *= -1
@@ -30,7 +31,7 @@ def determinant(matrix: Array) -> float:
 
 
 def distances2(first: Array, second: Array) -> Array:
-    """(n, m) squared distances between (n, 2) and (m, 2) points."""
+    """Return the (n, m) squared distances between (n, 2) and (m, 2) points."""
     across = first[:, None, 0] - second[:, 0]
     down = first[:, None, 1] - second[:, 1]
     return np.asarray(across * across + down * down)

@@ -18,7 +18,7 @@ from gss.domain.camera import Camera
 from gss.domain.results import Centroids, Turning
 from gss.pipeline.background import Background
 from gss.pipeline.psf import cut_stamps
-from gss.pipeline.trail_shape import drawn_out
+from gss.pipeline.trail_shape import trailed_gaussian
 
 MAX_TRAILS = 24
 PROMISING = 2
@@ -29,7 +29,7 @@ BRIGHT_SIGMA = 3.0
 MIN_TRAILS = 4
 MAX_HALF_PX = 40
 FIT_ROUNDS = 20
-DONE = 0.01  # of a standard deviation
+DONE = 0.01  # convergence limit of a step, in standard deviations
 STEP_RAD = 1e-5
 MIN_SIGNIFICANT = 25.0  # improvement in χ² of trails over untrailed stars required to report a rate
 PIXEL_VARIANCE_PX2 = 1 / 12
@@ -37,8 +37,8 @@ PIXEL_VARIANCE_PX2 = 1 / 12
 
 @dataclass(frozen=True)
 class Trails:
-    """Input of the fit: (n, k) pixels above the sky and whether each is used, (k,) offsets from the centres (n,), variance of
-    a sky pixel (n,), and (n, 2, 3) trail in px per radian of rotation."""
+    """Input of the fit for n trails: (n, k) pixels above the sky and a mask of the pixels used, (k,) offsets from the
+    centres (n,), variance of a sky pixel (n,), and trail (n, 2, 3) in px per radian of rotation."""
 
     value: Array
     use: NDArray[np.bool_]
@@ -49,17 +49,17 @@ class Trails:
     sky_variance: Array
     per_rad: Array
 
-    def take(self, which: NDArray[np.bool_]) -> Trails:
+    def take(self, mask: NDArray[np.bool_]) -> Trails:
         """Return the trails selected by a mask."""
         return Trails(
-            self.value[which],
-            self.use[which],
+            self.value[mask],
+            self.use[mask],
             self.dx,
             self.dy,
-            self.col[which],
-            self.row[which],
-            self.sky_variance[which],
-            self.per_rad[which],
+            self.col[mask],
+            self.row[mask],
+            self.sky_variance[mask],
+            self.per_rad[mask],
         )
 
 
@@ -75,45 +75,46 @@ def measure_turning(
     e_per_dn: float = 0.0,
     saturation_dn: float = float("inf"),
 ) -> Turning | None:
-    """Measure the angular velocity from a (rows, columns) frame; None if no significant trail is found.
+    """Measure the angular velocity from a (rows, columns) frame; None if no trail is significant.
 
-    ``covariance_px2``: (2, 2) of the frame's typical spot, trail included; ``psf_sigma_px``: width of an untrailed star if
-    known, used as the starting value; the width is fitted.
+    ``covariance_px2``: (2, 2) of the frame's typical spot, trail included. ``psf_sigma_px``: width of an untrailed
+    star, if known; it is the starting value of the fitted width.
     """
     trails = _cut(image, centroids, background, camera, covariance_px2, saturation_dn)
     if trails is None:
         return None
     width2 = PIXEL_VARIANCE_PX2 + (psf_sigma_px**2 if psf_sigma_px else max(_narrow2(covariance_px2), 0.3))
     best = _best(trails, _starts(trails, width2), width2, e_per_dn)
-    sound = _alike(trails, best, e_per_dn)
+    sound = _consistent(trails, best, e_per_dn)
     if int(sound.sum()) < max(MIN_TRAILS, MAX_ALIKE * len(sound)):
         return None  # the elongated spots are not trails of one common rotation
     if not sound.all():
         trails = trails.take(sound)
         best = _best(trails, [best.turned_rad], best.width2, e_per_dn)
-    still = _fit(trails, np.zeros(3), width2, e_per_dn, turn=False)
+    untrailed = _fit(trails, np.zeros(3), width2, e_per_dn, turn=False)
     freedom = int(trails.use.sum()) - 3 * len(trails.value) - 4
     longest_px = float(np.linalg.norm(trails.per_rad @ best.turned_rad, axis=1).max())
     if freedom <= 0 or not np.isfinite(best.covariance).all() or longest_px > 2 * trails.dx.max():
         return None
     excess = max(best.chi2 / freedom, 1.0)
-    if excess > MAX_EXCESS or (still.chi2 - best.chi2) / excess < MIN_SIGNIFICANT:
+    if excess > MAX_EXCESS or (untrailed.chi2 - best.chi2) / excess < MIN_SIGNIFICANT:
         return None
-    turned, covariance = best.turned_rad, best.covariance[:3, :3] * excess
-    largest = int(np.argmax(np.abs(turned)))
-    if turned[largest] < 0:
-        turned = -turned
-    return Turning(turned / exposure_s, covariance / exposure_s**2, len(trails.value))
+    rotation_rad, covariance = best.turned_rad, best.covariance[:3, :3] * excess
+    largest = int(np.argmax(np.abs(rotation_rad)))
+    if rotation_rad[largest] < 0:
+        rotation_rad = -rotation_rad
+    return Turning(rotation_rad / exposure_s, covariance / exposure_s**2, len(trails.value))
 
 
 def with_sign_of(turning: Turning, vector_rad_s: Array) -> Turning:
-    """Return the rate with the sign of another measurement of it, which resolves the ± ambiguity."""
+    """Return the rate with the sign of another measurement of the same rate, which resolves the ± ambiguity."""
     sign = -1.0 if float(turning.vector_rad_s @ np.asarray(vector_rad_s)) < 0 else 1.0
     return Turning(sign * turning.vector_rad_s, turning.covariance_rad2_s2, turning.stars, True)
 
 
 def trail_per_rad(camera: Camera, pixels: Array) -> Array:
-    """(n, 2, 3) displacement in px of a star at (n, 2) pixels per radian of camera rotation about x, y, z."""
+    """Return the (n, 2, 3) displacements of stars at (n, 2) pixels, in px per radian of camera rotation about x, y,
+    z."""
     unit = camera.unproject(pixels)
     columns = []
     for axis in np.eye(3):
@@ -138,12 +139,12 @@ def _cut(
     longest = float(np.sqrt(np.linalg.eigvalsh(covariance)[1]))
     half = int(min(np.ceil(2.6 * longest) + 3, MAX_HALF_PX))
     col, row = np.rint(centroids.col_px).astype(np.intp), np.rint(centroids.row_px).astype(np.intp)
-    whole = (col >= half) & (row >= half) & (col < image.shape[1] - half) & (row < image.shape[0] - half)
-    apart = np.maximum(np.abs(col[:, None] - col), np.abs(row[:, None] - row))
-    rivals = (apart <= 1.6 * half) & (centroids.flux_dn > 0.05 * centroids.flux_dn[:, None])
+    complete = (col >= half) & (row >= half) & (col < image.shape[1] - half) & (row < image.shape[0] - half)
+    distance_px = np.maximum(np.abs(col[:, None] - col), np.abs(row[:, None] - row))
+    rivals = (distance_px <= 1.6 * half) & (centroids.flux_dn > 0.05 * centroids.flux_dn[:, None])
     np.fill_diagonal(rivals, False)
-    alone = ~rivals.any(axis=1)
-    good = np.flatnonzero(whole & alone & (centroids.peak_dn > 0))[:MAX_TRAILS]
+    isolated = ~rivals.any(axis=1)
+    good = np.flatnonzero(complete & isolated & (centroids.peak_dn > 0))[:MAX_TRAILS]
     if len(good) < MIN_TRAILS:
         return None
     sky, noise = background.at(col[good], row[good])
@@ -170,7 +171,8 @@ def _cut(
 
 
 def _starts(trails: Trails, width2: float) -> list[Array]:
-    """First guesses of the rotation, rad, from second moments, with either sign of roll relative to the cross-axis rotation."""
+    """Return first guesses of the rotation, rad, from second moments, with both signs of roll relative to the
+    cross-axis rotation."""
     weight = np.where(trails.value > BRIGHT_SIGMA * np.sqrt(trails.sky_variance)[:, None], trails.value, 0.0)
     weight[:, (trails.dx == 0) & (trails.dy == 0)] += 1e-6
     total = weight.sum(1)
@@ -192,10 +194,10 @@ def _starts(trails: Trails, width2: float) -> list[Array]:
         matrix[i, j] = matrix[j, i] = value
     values, vectors = np.linalg.eigh(matrix)
     first = np.sqrt(max(values[-1], 0.0)) * vectors[:, -1]
-    least = 1.0 / float(np.abs(trails.per_rad).max())
-    if np.linalg.norm(first) < least:
-        first = np.array([least, least, 0.0])
-    across = np.array([*np.sqrt(np.maximum(np.diag(matrix)[:2], least**2)), np.sqrt(max(matrix[2, 2], 0.0))])
+    smallest = 1.0 / float(np.abs(trails.per_rad).max())
+    if np.linalg.norm(first) < smallest:
+        first = np.array([smallest, smallest, 0.0])
+    across = np.array([*np.sqrt(np.maximum(np.diag(matrix)[:2], smallest**2)), np.sqrt(max(matrix[2, 2], 0.0))])
     excess = float(np.median(moments[:, 0] + moments[:, 1]))
     roll = np.sqrt(12 * excess / max(float(np.median((trails.per_rad[:, :, 2] ** 2).sum(1))), 1e-12))
     starts = [np.array([0.0, 0.0, roll]), np.array([0.0, 0.0, 2 * roll])] + [
@@ -214,18 +216,19 @@ def _best(trails: Trails, starts: list[Array], width2: float, e_per_dn: float) -
     return min(fits, key=lambda f: f.chi2)
 
 
-def _alike(trails: Trails, fit: _Fitted, e_per_dn: float) -> NDArray[np.bool_]:
-    """True for trails that the common rotation fits as well as the others, i.e. without a neighbour, defect or planet."""
+def _consistent(trails: Trails, fit: _Fitted, e_per_dn: float) -> NDArray[np.bool_]:
+    """True for trails that the common rotation fits as well as it fits the median trail. A neighbour, defect or planet
+    fits worse."""
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
     for _ in range(2):
         model, _, _, variance = _linear(trails, fit.turned_rad, fit.width2, fit.x, fit.y, variance, e_per_dn)
-    each = (trails.use * (trails.value - model) ** 2 / variance).sum(1) / np.maximum(trails.use.sum(1), 1)
-    return np.asarray(each < UNLIKE * max(float(np.median(each)), 1.0))
+    misfit = (trails.use * (trails.value - model) ** 2 / variance).sum(1) / np.maximum(trails.use.sum(1), 1)
+    return np.asarray(misfit < UNLIKE * max(float(np.median(misfit)), 1.0))
 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Rotation, χ², covariance of rotation and width, width, and the trails' centres."""
+    """Result of a fit: rotation, χ², covariance of rotation and width, width, and the centres of the trails."""
 
     turned_rad: Array
     chi2: float
@@ -236,7 +239,8 @@ class _Fitted:
 
 
 def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn: bool) -> _Fitted:
-    """Fit the common rotation and width by Levenberg–Marquardt; each trail's position and flux are eliminated star by star."""
+    """Fit the common rotation and width by Levenberg–Marquardt. The position and flux of each trail are eliminated star
+    by star."""
     x, y, w2 = trails.col.copy(), trails.row.copy(), width2
     shared = 4 if turn else 1
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
@@ -288,19 +292,19 @@ def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn:
 def _linear(
     trails: Trails, turned: Array, width2: float, x: Array, y: Array, variance: Array, e_per_dn: float
 ) -> tuple[Array, Array, float, Array]:
-    """Return the model (n, k) at the best fluxes, its derivatives (n, k, 7) by flux, x, y, the three rotations and the width,
-    χ², and the variance predicted by the model."""
+    """Return the model (n, k) at the best fluxes, its derivatives (n, k, 7) with respect to flux, x, y, the three
+    rotations and the width, χ², and the variance predicted by the model."""
     trail = trails.per_rad @ turned
-    shape, by = drawn_out(trails.dx - x[:, None], trails.dy - y[:, None], trail, width2)
+    shape, derivatives = trailed_gaussian(trails.dx - x[:, None], trails.dy - y[:, None], trail, width2)
     weight = trails.use / variance
     flux = (weight * shape * trails.value).sum(1) / np.maximum((weight * shape * shape).sum(1), 1e-300)
     flux = np.maximum(flux, 1e-3 * np.abs(trails.value).sum(1))
     model = flux[:, None] * shape
     slopes = np.empty((*shape.shape, 7))
     slopes[..., 0] = shape
-    slopes[..., 1:3] = -flux[:, None, None] * by[..., :2]
-    slopes[..., 3:6] = flux[:, None, None] * np.einsum("nkd,ndw->nkw", by[..., 2:4], trails.per_rad)
-    slopes[..., 6] = flux[:, None] * by[..., 4]
+    slopes[..., 1:3] = -flux[:, None, None] * derivatives[..., :2]
+    slopes[..., 3:6] = flux[:, None, None] * np.einsum("nkd,ndw->nkw", derivatives[..., 2:4], trails.per_rad)
+    slopes[..., 6] = flux[:, None] * derivatives[..., 4]
     chi2 = float((weight * (trails.value - model) ** 2).sum())
     expected = trails.sky_variance[:, None] + (np.maximum(model, 0) / e_per_dn if e_per_dn > 0 else 0.0)
     return model, slopes, chi2, np.broadcast_to(expected, model.shape)

@@ -11,7 +11,8 @@ Clock = Callable[[], float]
 
 @dataclass
 class Trace:
-    """Collects intermediates while a chain runs. Without a clock no times are recorded, so that repeated runs are identical."""
+    """Recorder of intermediate results of a chain. Without a clock, no times are recorded and repeated runs give
+    identical traces."""
 
     clock: Clock | None = None
     timing_s: dict[str, float] = field(default_factory=dict)

@@ -7,12 +7,13 @@ from scipy.special import erf
 
 from gss.domain.angles import Array
 
-MIN_PX = 0.3  # a shorter trail in the middle of an iteration would have no direction
+MIN_PX = 0.3  # during an iteration, a shorter trail would have no direction
 
 
-def drawn_out(ax: Array, ay: Array, trail: Array, width2: float) -> tuple[Array, Array]:
-    """Return a unit-flux Gaussian of variance ``width2`` moved along ``trail`` (n, 2), at (n, k) offsets, and its derivatives
-    (n, k, 5) by the offsets, the trail's two components and the variance."""
+def trailed_gaussian(ax: Array, ay: Array, trail: Array, width2: float) -> tuple[Array, Array]:
+    """Return a Gaussian of unit flux and variance ``width2``, moved along ``trail`` (n, 2), at (n, k) offsets. Also
+    return its derivatives (n, k, 5) with respect to the two offsets, the two components of the trail, and the
+    variance."""
     length = np.maximum(np.hypot(trail[:, 0], trail[:, 1]), MIN_PX)
     direction = np.where(
         (np.hypot(trail[:, 0], trail[:, 1]) > 1e-9)[:, None],

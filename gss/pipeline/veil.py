@@ -1,6 +1,7 @@
 """Diffuse light: stray light of bright bodies over the whole detector, and occultation by the Earth.
 
-All of it varies slowly over the field, so it is computed on a coarse grid of directions and interpolated bilinearly.
+Diffuse light varies slowly over the field, so it is computed on a coarse grid of directions and interpolated
+bilinearly.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ GRID_STEP_PX = 8
 OUTSIDE_POWER = 1.3
 # The Earth's stray light relative to the Sun's at the same angle: Moniteq 1983 Table 5.3.
 EARTH_SHARE = 0.3
-# Share of a star's light scattered by the lens per steradian at 1°, decreasing with the square of the angle: about one
-# per cent in total. An assumption.
+# Share of a star's light that the lens scatters per steradian at 1°. It decreases with the square of the angle and is
+# about one per cent in total. An assumption.
 SCATTER_PER_SR = 1.0
 SCATTER_CORE_RAD = float(np.radians(0.3))
 EARTH_ALBEDO = 0.3
@@ -62,13 +63,13 @@ def grid_of(camera: Camera) -> Grid:
     """Return the coarse grid of a camera."""
     cols = np.linspace(0, camera.columns - 1, max(2, camera.columns // GRID_STEP_PX))
     rows = np.linspace(0, camera.rows - 1, max(2, camera.rows // GRID_STEP_PX))
-    places = np.stack(np.meshgrid(cols, rows), axis=-1).reshape(-1, 2)
-    unit = camera.unproject(places).reshape(len(rows), len(cols), 3)
+    positions = np.stack(np.meshgrid(cols, rows), axis=-1).reshape(-1, 2)
+    unit = camera.unproject(positions).reshape(len(rows), len(cols), 3)
     return Grid(unit, _weights(rows, camera.rows), _weights(cols, camera.columns).T.copy())
 
 
 def _weights(nodes: Array, count: int) -> Map:
-    """(count, nodes) linear interpolation at 0 … count − 1."""
+    """Return the (count, nodes) weights of a linear interpolation between ``nodes`` at 0 … count − 1."""
     at = np.arange(count) / (nodes[1] - nodes[0])
     first = np.minimum(at.astype(np.intp), len(nodes) - 2)
     weights = np.zeros((count, len(nodes)), np.float32)
@@ -78,7 +79,8 @@ def _weights(nodes: Array, count: int) -> Map:
 
 
 def sun_stray(camera: Camera, baffle: Baffle, sun_cam: Array) -> Map:
-    """Stray light of the Sun in the direction (3,), in e/s; ``BLIND_E_S`` everywhere if it shines on the lens."""
+    """Return the stray light of the Sun in direction ``sun_cam`` (3,), in e/s; ``BLIND_E_S`` everywhere if the Sun
+    shines on the lens."""
     angle_rad = np.arccos(np.clip(sun_cam[2], -1, 1))
     if angle_rad < baffle.blind_rad:
         return np.full((camera.rows, camera.columns), BLIND_E_S, np.float32)
@@ -86,16 +88,17 @@ def sun_stray(camera: Camera, baffle: Baffle, sun_cam: Array) -> Map:
 
 
 def earth_stray(camera: Camera, baffle: Baffle, nadir_cam: Array, earth_rad: float, lit: float) -> Map:
-    """Stray light of the Earth with angular radius ``earth_rad``, of which the share ``lit`` is sunlit, in e/s."""
+    """Return the stray light, in e/s, of an Earth with angular radius ``earth_rad`` and sunlit share ``lit``."""
     return stray(camera, baffle, nadir_cam, earth_rad, baffle.earth_limit_rad, EARTH_SHARE * lit * baffle.reference_e_s)
 
 
 def stray(
     camera: Camera, baffle: Baffle, to_cam: Array, radius_rad: float, limit_rad: float, at_limit_e_s: float
 ) -> Map:
-    """Electrons per second of stray light from a body, by the angle from the boresight to its limb.
+    """Return the stray light of a body in e/s. It depends on the angle between the boresight and the limb of the body.
 
-    The baffle determines how much light reaches the lens; scattered there, it spreads over the field with a gentle gradient.
+    The baffle determines how much light reaches the lens. The lens scatters this light over the field with a gentle
+    gradient.
     """
     grid = grid_of(camera)
     off_axis_rad = float(np.arccos(np.clip(to_cam[2], -1, 1)))
@@ -109,8 +112,8 @@ def stray(
 
 
 def halo(camera: Camera, sensor: Sensor, to_cam: Array, v_mag: float, margin_rad: float) -> Map:
-    """Light of a bright body in or near the field scattered by the lens, in e/s. Outside the field it decreases by e⁻³ over
-    ``margin_rad``."""
+    """Return the light that the lens scatters from a bright body in or near the field, in e/s. If the body is outside
+    the field, the light decreases by e⁻³ over ``margin_rad``."""
     grid = grid_of(camera)
     outside_rad = max(0.0, float(np.arccos(np.clip(to_cam[2], -1, 1))) - camera.half_diagonal_rad)
     angle2 = 2 * (1 - grid.unit_cam @ to_cam)
@@ -122,15 +125,17 @@ def halo(camera: Camera, sensor: Sensor, to_cam: Array, v_mag: float, margin_rad
 def earth_disc(
     camera: Camera, sensor: Sensor, nadir_cam: Array, earth_rad: float, sun_cam: Array
 ) -> tuple[NDArray[np.bool_], Map]:
-    """Return the mask of pixels that see the Earth, and its light there in e/s: a Lambertian surface of albedo 0.3 in sunlight,
-    a faint glow at night.
+    """Return the mask of pixels that see the Earth and the Earth's light in these pixels, in e/s. The model is a
+    Lambertian surface of albedo 0.3 in sunlight, and a faint glow at night.
 
-    The observer is at distance R/sin(earth_rad) from the centre; the terminator is that of a sphere without atmosphere.
+    The observer is at distance R/sin(earth_rad) from the Earth's centre. The terminator is that of a sphere without
+    atmosphere.
     """
     grid = grid_of(camera)
     along = grid.unit_cam @ nadir_cam
     on_disc = grid.spread(np.arccos(np.clip(along, -1, 1))) < earth_rad
-    # In units of the Earth's radius: distance d = 1/sin ρ; ``reach`` is the nearer intersection of the ray with the sphere.
+    # Lengths are in Earth radii: the distance is 1/sin ρ, and ``reach`` is the distance to the nearer intersection with
+    # the sphere.
     distance = 1 / np.sin(earth_rad)
     reach = distance * along - np.sqrt(np.maximum(0.0, 1 - distance**2 * (1 - along**2)))
     normal = grid.unit_cam * reach[..., None] - distance * nadir_cam

@@ -1,6 +1,6 @@
 """Decoded content of a flash bank, shared by ground tools and on-board chains.
 
-A chain uses the table it needs if the bank holds it, and otherwise computes it from the stars.
+If the bank does not contain a table that a chain needs, the chain computes the table from the stars.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from gss.skytables.triplets import Constellations
 
 @dataclass(frozen=True)
 class ReducedFrame:
-    """Frame size for which a reduced catalogue is made.
+    """Frame size for which a reduced catalogue is built.
 
     The catalogue keeps the ``brightest`` stars of every upright frame of this size, at pointings ``step_rad`` apart
-    (Huffman 2006 §5.5.4: eight, 1°; the document does not specify the frame).
+    (Huffman 2006 §5.5.4: eight stars, 1°; the document does not specify the frame).
     """
 
     width_rad: float
@@ -34,7 +34,7 @@ class ReducedFrame:
 
 @dataclass(frozen=True)
 class ReducedCatalogue:
-    """Subset of a star list. ``kept``: (n,) mask of its stars."""
+    """Subset of a star list. ``kept``: (n,) mask of the stars in the subset."""
 
     kept: NDArray[np.bool_]
     frame: ReducedFrame
@@ -42,10 +42,10 @@ class ReducedCatalogue:
 
 @dataclass(frozen=True)
 class BankTables:
-    """Optional tables of a bank; None if it has no such table.
+    """Optional tables of a bank. A field is None if the bank does not contain the table.
 
-    ``index``: over the distance table, or over ``sin2``. ``sin2``: (m,) sin²θ of the pairs at the precision stored on
-    the device. ``flags``: (n,) the stars' FLAG_ bits.
+    ``index``: k-vector of the distance table, or of ``sin2``. ``sin2``: (m,) sin²θ of the pairs at the precision stored
+    on the device. ``flags``: (n,) the stars' FLAG_ bits.
     """
 
     index: KVector | None = None
@@ -63,10 +63,10 @@ NO_TABLES = BankTables()
 class OnboardCatalogue:
     """Decoded content of one flash bank: everything the matcher can use.
 
-    ``hip``: (n,) catalogue numbers by row (known on the ground only; formats that store only row ids get them from the
-    manifest). ``icrs``: (n, 3) unit vectors at the precision stored on the device. ``v_mag``: (n,), NaN if the format
-    stores no magnitudes. ``distances`` is empty if the format has other tables instead. ``tables``: the other tables in
-    the bank.
+    ``hip``: (n,) catalogue numbers by row, known only on the ground. For formats that store row ids only, they come
+    from the manifest. ``icrs``: (n, 3) unit vectors at the precision stored on the device. ``v_mag``: (n,), NaN if the
+    format stores no magnitudes. ``distances`` is empty if the format has other tables instead. ``tables``: the other
+    tables in the bank.
     """
 
     hip: Ids
@@ -82,8 +82,8 @@ class OnboardCatalogue:
         """Raise BadInput if the bank's format has other tables instead of distances."""
         if not len(self.distances) and (self.tables.links is not None or self.tables.constellations is not None):
             raise BadInput(
-                "this chain matches by a distance table",
+                "this chain needs a distance table",
                 expected="a bank with pairs of stars",
                 got="a bank with triplets or links",
-                hint="a catalogue in the format of the chain's own system",
+                hint="use a catalogue in the format of the chain's own system",
             )

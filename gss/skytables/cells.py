@@ -1,4 +1,4 @@
-"""Stars grouped by sky cells, so that the stars near a direction are found without searching the whole table."""
+"""Stars grouped by sky cells, to find the stars near a direction without searching the whole table."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ STARS_PER_CELL, MAX_CELLS = 12, 800
 
 @dataclass(frozen=True)
 class SkyCells:
-    """m cells. ``centre``: (m, 3) unit vectors. ``cos_extent``, ``sin_extent``: (m,) cosine and sine of the angle from the
-    centre to the farthest star of the cell. ``star``: row of each star, grouped by cell, ascending within a
-    cell. ``first``: (m + 1,) offsets of the cells in ``star``."""
+    """Stars grouped into m cells. ``centre``: (m, 3) unit vectors. ``cos_extent``, ``sin_extent``: (m,) cosine and sine
+    of the angle from the centre to the farthest star of the cell. ``star``: row of each star, grouped by cell,
+    ascending within a cell. ``first``: (m + 1,) offsets of the cells in ``star``."""
 
     centre: Array
     cos_extent: Array
@@ -36,7 +36,7 @@ def lattice(spacing_rad: float) -> Array:
 
 
 def sky_cells(icrs: Array) -> SkyCells:
-    """Group stars, given their (n, 3) directions, by the nearest point of a lattice."""
+    """Group stars with (n, 3) directions by the nearest point of a lattice."""
     count = min(max(len(icrs) // STARS_PER_CELL, 1), MAX_CELLS)
     centre = lattice(float(np.sqrt(4 * np.pi / count)))
     _, cell = cKDTree(centre).query(icrs)

@@ -1,7 +1,8 @@
-"""Neighbour relations: a star list as a network of links that a search follows (Moniteq 1983 §6.1).
+"""Neighbour links: a star list as a network that a search can follow (Moniteq 1983 §6.1).
 
-The stars lie on a sphere; each edge of their convex hull links two neighbours. All faces are triangles, so n stars have
-3n − 6 links. The document builds the hull after Preparata and Hong; the result does not depend on the algorithm.
+The stars lie on a sphere, and each edge of their convex hull links two neighbours. All faces are triangles, so n stars
+have 3n − 6 links. The document builds the hull with the algorithm of Preparata and Hong; the result does not depend on
+the algorithm.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ MIN_FOR_A_HULL = 5
 
 @dataclass(frozen=True)
 class NeighbourLinks:
-    """Neighbour lists of n stars: those of row r are ``neighbour[start[r]:start[r + 1]]``, ascending. Each link is
-    stored at both ends."""
+    """Neighbour lists of n stars. The neighbours of row r are ``neighbour[start[r]:start[r + 1]]``, ascending. Each
+    link is stored at both of its stars."""
 
     start: Index
     neighbour: Index
@@ -50,7 +51,8 @@ def neighbour_links(icrs: NDArray[np.floating]) -> NeighbourLinks:
     """Build the neighbour network of (n, 3) unit vectors.
 
     A star that is not a vertex of the hull (for example at the position of another star) is linked to its nearest star.
-    If all stars lie in one plane, there is no hull: each star is linked to its three nearest and to the previous row.
+    If all stars lie in one plane, there is no hull; each star is then linked to its three nearest stars and to the
+    previous row.
     """
     unit = np.asarray(icrs, float)
     n = len(unit)
@@ -59,17 +61,17 @@ def neighbour_links(icrs: NDArray[np.floating]) -> NeighbourLinks:
     try:
         face = ConvexHull(unit).simplices
     except QhullError:
-        _, near = cKDTree(unit).query(unit, 4)
+        _, nearest = cKDTree(unit).query(unit, 4)
         rows = np.arange(n)
-        low, high = np.repeat(rows, 4), np.column_stack([near[:, :4], np.maximum(rows - 1, 0)])[:, 1:].ravel()
+        low, high = np.repeat(rows, 4), np.column_stack([nearest[:, :4], np.maximum(rows - 1, 0)])[:, 1:].ravel()
         other = low != high
         return _net(n, np.minimum(low, high)[other], np.maximum(low, high)[other])
     ends = np.concatenate([face[:, [0, 1]], face[:, [1, 2]], face[:, [2, 0]]])
-    left_out = np.setdiff1d(np.arange(n), ends)
-    if len(left_out):
-        _, near = cKDTree(unit).query(unit[left_out], 2)
-        other = np.where(near[:, 0] == left_out, near[:, 1], near[:, 0])
-        ends = np.concatenate([ends, np.stack([left_out, other], axis=1)])
+    outside_hull = np.setdiff1d(np.arange(n), ends)
+    if len(outside_hull):
+        _, nearest = cKDTree(unit).query(unit[outside_hull], 2)
+        other = np.where(nearest[:, 0] == outside_hull, nearest[:, 1], nearest[:, 0])
+        ends = np.concatenate([ends, np.stack([outside_hull, other], axis=1)])
     return _net(n, ends.min(axis=1), ends.max(axis=1))
 
 
@@ -93,10 +95,10 @@ def link_distances(links: NeighbourLinks, icrs: Array) -> DistanceTable:
 
 @dataclass(frozen=True)
 class NeighbourFigures:
-    """Figures of a network: stars, links, fewest, most and mean neighbours.
+    """Statistics of a network: numbers of stars and links; fewest, most and mean neighbours per star.
 
-    ``integers``: length of the linked list (a count and a pointer per star, each link at both ends: 8n − 12; the
-    document prints 8n − 6); ``size_bytes``: its size with as many bits per integer as a row number needs.
+    ``integers``: length of the linked list (a count and a pointer per star, and each link at both ends: 8n − 12; the
+    document prints 8n − 6). ``size_bytes``: size of the list with as many bits per integer as a row number needs.
     """
 
     stars: int
@@ -109,7 +111,8 @@ class NeighbourFigures:
 
 
 def figures(links: NeighbourLinks) -> NeighbourFigures:
-    """Compute the figures of a network. The document's example: 3000 stars, 12 bits, a catalogue of 70 kbyte."""
+    """Compute the statistics of a network. The document's example has 3000 stars, 12 bits and a catalogue of 70
+    kbyte."""
     n, degree = len(links), np.diff(links.start)
     integers = 2 * links.links + 2 * n
     bits = max(1, int(np.ceil(np.log2(max(n, 2)))))

@@ -1,4 +1,4 @@
-"""All pairs of stars that one frame can show together, sorted by distance (Jacobs 1995 app. D.1, Erlank 2013 alg. 1)."""
+"""Pairs of stars that one frame can show together, sorted by distance (Jacobs 1995 app. D.1, Erlank 2013 alg. 1)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class DistanceTable:
     """Pairs of stars sorted by angular distance.
 
     ``first`` < ``second`` are row numbers of the associated star list; ``distance_rad`` is ascending. A table read from
-    a device is float32, so that a replay uses the same values as the device.
+    a device has float32 distances, so that a replay uses the same values as the device.
     """
 
     first: NDArray[np.int32]
@@ -35,7 +35,7 @@ class DistanceTable:
         return replace(self, distance_rad=self.distance_rad.astype(np.float32))
 
     def ranges(self, low_rad: Array, high_rad: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return, for each of n intervals, the slice [from, to) of the pairs whose distance is inside it, both ends
+        """Return for each of n intervals the slice [from, to) of the pairs with a distance inside it, both ends
         included."""
         return (
             np.searchsorted(self.distance_rad, low_rad, side="left"),
@@ -44,14 +44,17 @@ class DistanceTable:
 
 
 def expanded(low: NDArray[np.intp], high: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Expand (m,) slices [low, high): return the number of the slice and the row in the table, one pair per row."""
+    """Expand (m,) slices [low, high) of a table. Returns one pair (slice number, table row) per row."""
     count = np.maximum(high - low, 0)
-    which = np.repeat(np.arange(len(count)), count)
-    return which, np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(low, count)
+    slice_number = np.repeat(np.arange(len(count)), count)
+    return slice_number, np.arange(len(slice_number)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(
+        low, count
+    )
 
 
 def distance_table(stars: StarTable, min_rad: float, max_rad: float) -> DistanceTable:
-    """Build the table of pairs of rows of ``stars`` with ``min_rad`` ≤ distance ≤ ``max_rad``, nearest first."""
+    """Build the table of all pairs of ``stars`` with ``min_rad`` ≤ distance ≤ ``max_rad``, in ascending order of
+    distance."""
     return distance_table_of_units(stars.icrs, min_rad, max_rad)
 
 
@@ -59,7 +62,7 @@ def distance_table_of_units(unit: NDArray[np.floating], min_rad: float, max_rad:
     """Build the pair table of (n, 3) unit vectors.
 
     Distances are computed from chords: the arccosine of Jacobs eq. C.7 and Erlank eq. 4.3.1 loses 1e-8 rad for close
-    stars. Ties are ordered by row numbers, so the table is the same on any machine.
+    stars. Equal distances are ordered by row number, so the table is the same on any machine.
     """
     _check_limits(min_rad, max_rad)
     u = np.ascontiguousarray(unit, float)
@@ -75,14 +78,14 @@ def distance_table_of_units(unit: NDArray[np.floating], min_rad: float, max_rad:
 def _check_limits(min_rad: float, max_rad: float) -> None:
     if not 0 <= min_rad < max_rad <= np.pi:
         raise BadInput(
-            "distance limits are impossible",
+            "invalid distance limits",
             expected="0 ≤ smallest < largest ≤ 180°",
             got=f"{np.degrees(min_rad):g}° to {np.degrees(max_rad):g}°",
         )
 
 
 def _pairs_within(unit: Array, chord: float) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Row pairs (first < second) whose chord is at most ``chord``, plus a rounding margin."""
+    """Return the row pairs (first < second) with a chord of at most ``chord`` plus a rounding margin."""
     if len(unit) < 2:
         empty = np.empty(0, np.int32)
         return empty, empty
@@ -91,7 +94,7 @@ def _pairs_within(unit: Array, chord: float) -> tuple[NDArray[np.int32], NDArray
 
 
 def _chord(unit: Array, first: NDArray[np.int32], second: NDArray[np.int32]) -> Array:
-    """Chord lengths, computed one axis at a time: a third of the memory traffic of gathering rows."""
+    """Return the chord lengths. One axis at a time, this needs a third of the memory traffic of gathering rows."""
     squared = np.zeros(len(first))
     for axis in unit.T:
         step = axis[first] - axis[second]

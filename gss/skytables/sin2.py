@@ -19,7 +19,8 @@ from gss.skytables.pairs import DistanceTable
 
 @dataclass(frozen=True)
 class Sin2Directory:
-    """``first``, ``second``: (m,) rows of a list of ``stars`` stars, ``sin2`` ascending, ``index``: its k-vector."""
+    """Star pairs sorted by sin²θ. ``first``, ``second``: (m,) rows of a list of ``stars`` stars; ``sin2``: (m,)
+    ascending; ``index``: k-vector of ``sin2``."""
 
     first: Rows
     second: Rows
@@ -31,21 +32,23 @@ class Sin2Directory:
         return len(self.sin2)
 
     def ranges(self, low: Array, high: Array) -> tuple[Rows, Rows]:
-        """Return, for (n,) intervals of sin²θ, the slices [from, to) of the pairs inside them, both ends included."""
+        """Return for each of (n,) intervals of sin²θ the slice [from, to) of the pairs inside it, both ends
+        included."""
         return self.index.ranges(self.sin2, low, high)
 
     def restricted(self, allowed: NDArray[np.bool_]) -> Sin2Directory:
-        """Return the pairs whose two stars are both in the (stars,) mask ``allowed``."""
+        """Return the directory of the pairs with both stars in the (stars,) mask ``allowed``."""
         keep = np.flatnonzero(allowed[self.first] & allowed[self.second])
         return indexed(self.first[keep], self.second[keep], self.sin2[keep], self.stars)
 
 
 def sin2_directory(table: DistanceTable, stars: int) -> Sin2Directory:
-    """Build the directory of a distance table over a list of ``stars`` rows, in the table's order."""
+    """Build the directory of a distance table of ``stars`` stars, in the table's order. Raises BadInput for distances
+    beyond 90°."""
     if len(table) and float(table.distance_rad[-1]) > np.pi / 2:
         raise BadInput(
             "sin²θ does not distinguish pairs beyond 90°",
-            expected="a largest distance of at most 90°",
+            expected="distances of at most 90°",
             got=f"{np.degrees(float(table.distance_rad[-1])):.1f}°",
         )
     sine = np.sin(table.distance_rad.astype(float))
@@ -58,13 +61,15 @@ def indexed(first: Rows, second: Rows, sin2: Array, stars: int) -> Sin2Directory
 
 
 def sin2_of(unit_a: Array, unit_b: Array) -> Array:
-    """(n,) sin² of the angles between (n, 3) unit vectors, from the cross product, which keeps full precision."""
+    """Return sin² (n,) of the angles between (n, 3) unit vectors, from the cross product, which keeps full
+    precision."""
     across = np.cross(unit_a, unit_b)
     return np.asarray(np.einsum("ij,ij->i", across, across))
 
 
 def sin2_interval(sin2: Array, tolerance_rad: Array) -> tuple[Array, Array]:
-    """(n,) ends of the sin² intervals for angles within ``tolerance_rad`` (n,) of the measured ones, below 90°."""
+    """Return the lower and upper ends (n,) of sin² for angles within ``tolerance_rad`` (n,) of the measured ones, below
+    90°."""
     angle = np.arcsin(np.sqrt(np.clip(sin2, 0.0, 1.0)))
     low = np.sin(np.maximum(angle - tolerance_rad, 0.0))
     high = np.sin(np.minimum(angle + tolerance_rad, np.pi / 2))

@@ -2,9 +2,9 @@
 "Including uncertainty in the database").
 
 A star is identified by the distances to its two nearest neighbours and the angle between them, each rounded down to a
-class. The database also contains features that may be measured in place of the true one: positions off by their
-uncertainty, neighbours near the detection limit, and neighbours whose order changes. Image processing and database
-generation share these definitions, so they live in this module.
+class. The database also contains features that can be measured instead of the true ones, because of position errors,
+neighbours near the detection limit, or a changed order of the neighbours. Image processing and database generation
+share these definitions, so they are in this module.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class TripletClasses:
         fits = self.angle_rad * MAX_ANGLE >= np.pi and self.distance_rad * MAX_DISTANCE >= np.pi / 4
         if not (self.distance_rad > 0 and self.uncertainty_rad > 0 and fits):
             raise BadInput(
-                "triplet classes are impossible",
+                "invalid triplet classes",
                 expected=f"at most {MAX_DISTANCE} distances over 45° and {MAX_ANGLE} angles over 180°",
                 got=f"{np.degrees(self.distance_rad):g}° and {np.degrees(self.angle_rad):g}°",
             )
@@ -55,26 +55,26 @@ class TripletClasses:
         return cls(2 * uncertainty_rad, angle_rad, uncertainty_rad)
 
     def key(self, first_rad: Array, second_rad: Array, angle_rad: Array) -> Keys:
-        """Pack the classes of n measured features into (n,) keys, first distance in the highest bits."""
+        """Return the (n,) keys of n measured features. The class of the first distance is in the highest bits."""
         a, b = (np.minimum(np.floor(d / self.distance_rad), MAX_DISTANCE) for d in (first_rad, second_rad))
         return pack(a.astype(np.int64), b.astype(np.int64), np.floor(angle_rad / self.angle_rad).astype(np.int64))
 
     def angle_error_rad(self, first_rad: Array, second_rad: Array) -> Array:
-        """Largest error of the angle between neighbours at the given distances, computed from chords; 1.724° in the
-        example of Liebe 1992."""
+        """Return the largest error of the angle between neighbours at the given distances, computed from chords. It is
+        1.724° in the example of Liebe 1992."""
         arms = np.maximum(2 * np.sin(np.stack([first_rad, second_rad]) / 2), 1e-12)
         return np.asarray(np.sum(2 * self.uncertainty_rad / arms, axis=0))
 
 
 def pack(first: NDArray[np.integer], second: NDArray[np.integer], angle: NDArray[np.integer]) -> Keys:
-    """Pack class numbers into one word: 12 bits, 12 bits, 6 bits."""
+    """Pack class numbers into keys: 12 bits, 12 bits, 6 bits."""
     word = (np.asarray(first) << (DISTANCE_BITS + ANGLE_BITS)) | (np.asarray(second) << ANGLE_BITS) | np.asarray(angle)
     return word.astype(np.uint32)
 
 
 @dataclass(frozen=True)
 class TripletTable:
-    """m references, sorted by key and then star.
+    """Reference database: m references, sorted by key and then by star.
 
     ``star``: row in the star list, which has ``stars`` rows. ``limit_mag``: magnitude at which a star is detected half
     of the time; ``brightness_error``: relative uncertainty of the brightness. ``max_rad``: largest distance of a
@@ -93,22 +93,22 @@ class TripletTable:
         return len(self.key)
 
     def look_up(self, keys: Keys) -> tuple[NDArray[np.intp], Rows]:
-        """Find the references with each of n keys. Returns (index into ``keys``, star row), one pair per matching
+        """Find the references with each of n keys. Returns one pair (index into ``keys``, star row) per matching
         reference."""
         low, high = np.searchsorted(self.key, keys, "left"), np.searchsorted(self.key, keys, "right")
-        which, entry = expanded(low, high)
-        return which, self.star[entry]
+        key_index, entry = expanded(low, high)
+        return key_index, self.star[entry]
 
 
 CERTAIN, MAYBE, EXCHANGED = 0, 1, 2
-"""Kinds of constellation. CERTAIN: both neighbours are always detected. MAYBE: one may be missed or blended.
-EXCHANGED: measured only if a position error changes the order of the neighbours."""
+"""Kinds of constellation. CERTAIN: both neighbours are always detected. MAYBE: a neighbour can be missed or blended.
+EXCHANGED: occurs only if a position error changes the order of the neighbours."""
 
 
 @dataclass(frozen=True)
 class Constellations:
-    """Compact form of the database, before expansion over the classes that errors can reach: m constellations of a star
-    and two neighbours.
+    """Compact form of the database: m constellations of a star and two neighbours, not yet expanded to all classes
+    within their errors.
 
     ``kind``: CERTAIN, MAYBE or EXCHANGED. ``first``, ``second``: classes of the two distances. ``angle_low`` to
     ``angle_high``: range of angle classes. Each constellation expands to about a dozen references (Liebe 1992: three
@@ -132,20 +132,20 @@ class Constellations:
 
     def table(self) -> TripletTable:
         """Return the table of references, without duplicate (key, star) pairs."""
-        which, key = _spread(self.first, self.second, self.angle_low, self.angle_high)
-        pairs = np.unique((key.astype(np.int64) << 32) | self.star[which])
+        index, key = _spread(self.first, self.second, self.angle_low, self.angle_high)
+        pairs = np.unique((key.astype(np.int64) << 32) | self.star[index])
         key, star = (pairs >> 32).astype(np.uint32), (pairs & 0xFFFFFFFF).astype(np.int32)
         return TripletTable(key, star, self.stars, self.classes, self.limit_mag, self.brightness_error, self.max_rad)
 
 
 def certain_mag(limit_mag: float, brightness_error: float) -> float:
-    """Magnitude limit below which stars are always detected (125 % of the brightness at the limit)."""
+    """Return the magnitude up to which stars are always detected (125 % of the brightness at the limit)."""
     return float(limit_mag - 2.5 * np.log10(1 + brightness_error))
 
 
 def faintest_mag(limit_mag: float, brightness_error: float) -> float:
-    """Magnitude limit above which stars are never detected (75 % of the brightness at the limit). The star list must
-    reach this depth."""
+    """Return the magnitude beyond which stars are never detected (75 % of the brightness at the limit). The star list
+    must reach this magnitude."""
     return float(limit_mag - 2.5 * np.log10(1 - brightness_error))
 
 
@@ -174,7 +174,8 @@ def build_triplets(
     brightness_error: float = 0.25,
     blend_rad: float = 0.0,
 ) -> TripletTable:
-    """Build the reference table of a star list, (n, 3) and (n,); for the arguments see :func:`find_constellations`."""
+    """Build the reference table of a star list with directions (n, 3) and magnitudes (n,). See
+    :func:`find_constellations`."""
     constellations = find_constellations(
         icrs, v_mag, classes, limit_mag, max_rad, brightness_error=brightness_error, blend_rad=blend_rad
     )
@@ -191,8 +192,8 @@ def find_constellations(
     brightness_error: float = 0.25,
     blend_rad: float = 0.0,
 ) -> Constellations:
-    """Find every constellation that may be measured in a star list, (n, 3) and (n,). Duplicates (same kind, star and
-    classes) are removed.
+    """Find every constellation that can be measured in a star list with directions (n, 3) and magnitudes (n,).
+    Duplicates (equal kind, star and classes) are removed.
 
     Stars without a magnitude (NaN) count as certain. ``blend_rad``: a companion closer than this merges with the
     brighter star, so the fainter one may not be detected; Liebe 1992 treats double stars the same way. ``max_rad``:
@@ -210,8 +211,8 @@ def find_constellations(
         kind, owner, first, second = _constellations(unit[rows], certain, classes.uncertainty_rad, max_rad)
         measured = features(unit[rows][owner], unit[rows][first], unit[rows][second])
         table = np.unique(np.column_stack([kind, rows[owner], *_classes(*measured, classes)]), axis=0)
-        # A constellation one class beyond the last still expands into the last class; those further out have no
-        # reference.
+        # A constellation one class beyond the last still expands into the last class; constellations farther out do
+        # not.
         table = table[table[:, 3] <= MAX_DISTANCE + 1]
     star, first_class, second_class, low, high = (column.astype(np.int32) for column in table.T[1:])
     return Constellations(
@@ -230,7 +231,7 @@ def find_constellations(
 
 
 def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
-    """(n,) mask of stars that have a brighter star within ``blend_rad``; of two equally bright stars the later one
+    """Return the (n,) mask of stars with a brighter star within ``blend_rad``; of two equally bright stars, the later
     is marked."""
     fainter = np.zeros(len(unit), bool)
     if blend_rad > 0:
@@ -243,11 +244,12 @@ def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
 def _constellations(
     unit: Array, certain: NDArray[np.bool_], uncertainty_rad: float, max_rad: float
 ) -> tuple[NDArray[np.integer], NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """(kind, star, first neighbour, second neighbour) of every constellation that may be measured.
+    """Return (kind, star, first neighbour, second neighbour) of every constellation that can be measured.
 
-    As in the list of twelve constellations for six neighbours in Liebe 1992: the first neighbour is any up to the first
-    certain one, the second any up to the second certain one. A neighbour that a position error could move into that
-    range is included too (Figs. 12, 13), and pairs that an error could swap appear in either order.
+    As in the list of twelve constellations for six neighbours in Liebe 1992, the first neighbour is any star up to the
+    first certain neighbour, and the second is any star up to the second certain neighbour. Neighbours that a position
+    error could move into this range are included (Figs. 12, 13), and pairs that an error could swap appear in both
+    orders.
     """
     count = min(NEIGHBOURS, len(unit) - 1)
     chord, near = cKDTree(unit).query(unit, count + 1)
@@ -265,8 +267,8 @@ def _constellations(
     first = in_reach & (distance <= limit[0][:, None] + exchange_rad)
     second = in_reach & (distance <= limit[1][:, None] + exchange_rad)
     ordered = distance[:, :, None] <= distance[:, None, :] + exchange_rad
-    other = ~np.eye(distance.shape[1], dtype=bool)
-    star, i, j = np.nonzero(first[:, :, None] & second[:, None, :] & ordered & other)
+    not_same = ~np.eye(distance.shape[1], dtype=bool)
+    star, i, j = np.nonzero(first[:, :, None] & second[:, None, :] & ordered & not_same)
     as_listed = distance[star, i] <= distance[star, j]
     as_listed &= (distance[star, i] <= limit[0][star]) & (distance[star, j] <= limit[1][star])
     both_seen = certain[near[star, i]] & certain[near[star, j]]
@@ -279,7 +281,8 @@ def _rows(table: Array) -> NDArray[np.intp]:
 
 
 def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp]]:
-    """Remove the star itself from its neighbour list. It is not always first: two stars may have the same position."""
+    """Remove the star itself from its neighbour list. It is not always the first, because two stars can have the same
+    position."""
     is_self = near == np.arange(len(near))[:, None]
     is_self[:, -1] |= ~is_self.any(axis=1)
     keep = ~is_self
@@ -289,11 +292,11 @@ def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[
 def _classes(
     first_rad: Array, second_rad: Array, angle_rad: Array, classes: TripletClasses
 ) -> tuple[NDArray[np.int64], ...]:
-    """(n,) arrays: class of the first distance, class of the second, lowest and highest class of the angle."""
+    """Return (n,) arrays: class of the first distance, class of the second, lowest and highest class of the angle."""
     error = classes.angle_error_rad(first_rad, second_rad)
-    most = int(np.floor(np.pi / classes.angle_rad))
+    max_angle_class = int(np.floor(np.pi / classes.angle_rad))
     low, high = (
-        np.clip(np.floor(angle / classes.angle_rad), 0, most).astype(np.int64)
+        np.clip(np.floor(angle / classes.angle_rad), 0, max_angle_class).astype(np.int64)
         for angle in (angle_rad - error, angle_rad + error)
     )
     a, b = (np.floor(d / classes.distance_rad).astype(np.int64) for d in (first_rad, second_rad))
@@ -303,14 +306,14 @@ def _classes(
 def _spread(
     first: NDArray[np.integer], second: NDArray[np.integer], low: NDArray[np.integer], high: NDArray[np.integer]
 ) -> tuple[NDArray[np.intp], Keys]:
-    """Expand constellations to every class they may be measured in. Returns (index of the constellation, key)."""
+    """Expand constellations to every class in which they can be measured. Returns (index of the constellation, key)."""
     count = high.astype(np.int64) - low + 1
-    which = np.repeat(np.arange(len(low)), count)
-    angle = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count) + low[which]
-    a, b = first.astype(np.int64)[which], second.astype(np.int64)[which]
+    index = np.repeat(np.arange(len(low)), count)
+    angle = np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count) + low[index]
+    a, b = first.astype(np.int64)[index], second.astype(np.int64)[index]
     step = np.array([-1, 0, 1])
     a9, b9, c9, which9 = np.broadcast_arrays(
-        a[:, None, None] + step[:, None], b[:, None, None] + step, angle[:, None, None], which[:, None, None]
+        a[:, None, None] + step[:, None], b[:, None, None] + step, angle[:, None, None], index[:, None, None]
     )
     # Measured distances are always sorted, so the first class never exceeds the second.
     possible = (a9 >= 0) & (a9 <= b9) & (b9 <= MAX_DISTANCE)

@@ -18,7 +18,7 @@ from gss.pipeline.moving.spots import FrameSpots, SolvedView, find_spots, tangen
 from gss.pipeline.moving.tracklets import HOT, ONCE, REST, SHARP, Linked, link
 from gss.pipeline.readout import HotPixel
 from gss.pipeline.render import FalseStar, Lights, render
-from gss.pipeline.trail_shape import drawn_out
+from gss.pipeline.trail_shape import trailed_gaussian
 
 CAMERA = Camera.from_fov(384, 288, float(np.radians(14.0)))
 SENSOR = replace(shipped_camera("sunsat").sensor, faint_limit_mag=6.0)
@@ -161,7 +161,7 @@ def test_the_ends_of_a_line_scatter_as_stated() -> None:
     rng = np.random.default_rng(1)
     dy, dx = (a.ravel().astype(float) for a in np.mgrid[-12:13, -12:13])
     trail = np.array([[9.0, 5.0]])
-    shape, _ = drawn_out(dx[None] - 0.3, dy[None] + 0.2, trail, 1.5)
+    shape, _ = trailed_gaussian(dx[None] - 0.3, dy[None] + 0.2, trail, 1.5)
     z = []
     for _ in range(60):
         cut = Cutout(dx, dy, 900 * shape[0] + rng.normal(0, 3.0, len(dx)), 9.0, 0.0)

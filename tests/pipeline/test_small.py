@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from gss.domain.rotation import rotation_from_vector
-from gss.pipeline.small import determinant, distances2, median, turned
+from gss.pipeline.small import best_rotation, determinant, distances2, median
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 8])
@@ -32,7 +32,7 @@ def test_stars_turn_back_as_scipy_turns_them(count: int) -> None:
     icrs /= np.linalg.norm(icrs, axis=1)[:, None]
     unit = Rotation.random(random_state=3).apply(icrs) + rng.normal(0, 1e-4, (count, 3))
     weight = rng.uniform(1, 9, count)
-    ours = turned(unit, icrs, weight)
+    ours = best_rotation(unit, icrs, weight)
     assert np.linalg.det(ours) == pytest.approx(1)
     assert ours == pytest.approx(Rotation.align_vectors(unit, icrs, weight)[0].as_matrix(), abs=1e-9)
 

@@ -14,7 +14,7 @@ from gss.instruments.registry import shipped_camera
 from gss.pipeline.detect import find_stars
 from gss.pipeline.render import Rendered, render
 from gss.pipeline.streaks import measure_turning, trail_per_rad, with_sign_of
-from gss.pipeline.trail_shape import drawn_out
+from gss.pipeline.trail_shape import trailed_gaussian
 
 STARS = load_stars(6.0)
 
@@ -119,13 +119,19 @@ def test_slopes_of_the_trail_are_its_differences() -> None:
     rng = np.random.default_rng(24)
     ax, ay = rng.normal(0, 3, (2, 1, 40))
     trail, width2, h = np.array([[3.0, -1.5]]), 1.3, 1e-6
-    _, slopes = drawn_out(ax, ay, trail, width2)
+    _, slopes = trailed_gaussian(ax, ay, trail, width2)
     steps = [
-        (drawn_out(ax + h, ay, trail, width2), drawn_out(ax - h, ay, trail, width2)),
-        (drawn_out(ax, ay + h, trail, width2), drawn_out(ax, ay - h, trail, width2)),
-        (drawn_out(ax, ay, trail + np.array([[h, 0]]), width2), drawn_out(ax, ay, trail - np.array([[h, 0]]), width2)),
-        (drawn_out(ax, ay, trail + np.array([[0, h]]), width2), drawn_out(ax, ay, trail - np.array([[0, h]]), width2)),
-        (drawn_out(ax, ay, trail, width2 + h), drawn_out(ax, ay, trail, width2 - h)),
+        (trailed_gaussian(ax + h, ay, trail, width2), trailed_gaussian(ax - h, ay, trail, width2)),
+        (trailed_gaussian(ax, ay + h, trail, width2), trailed_gaussian(ax, ay - h, trail, width2)),
+        (
+            trailed_gaussian(ax, ay, trail + np.array([[h, 0]]), width2),
+            trailed_gaussian(ax, ay, trail - np.array([[h, 0]]), width2),
+        ),
+        (
+            trailed_gaussian(ax, ay, trail + np.array([[0, h]]), width2),
+            trailed_gaussian(ax, ay, trail - np.array([[0, h]]), width2),
+        ),
+        (trailed_gaussian(ax, ay, trail, width2 + h), trailed_gaussian(ax, ay, trail, width2 - h)),
     ]
     for k, (after, before) in enumerate(steps):
         assert np.allclose(slopes[..., k], (after[0] - before[0]) / (2 * h), atol=1e-8)

@@ -13,7 +13,7 @@ from scipy.special import bdtrc
 
 from gss.domain.angles import Array
 from gss.domain.camera import Camera
-from gss.pipeline.small import distances2, turned
+from gss.pipeline.small import best_rotation, distances2
 
 Rows = NDArray[np.intp]
 
@@ -42,7 +42,7 @@ def focal_objection(
     ``bank``: (m, 3) directions of all stars that the camera may see; ``radius_px``: largest distance of a match.
     """
     known_unit = camera.unproject(pixels)
-    cam_from_icrs = turned(known_unit[matched], icrs_of_matched, np.ones(len(matched)))
+    cam_from_icrs = best_rotation(known_unit[matched], icrs_of_matched, np.ones(len(matched)))
     near = bank[bank @ cam_from_icrs[2] > np.cos(min(camera.half_diagonal_rad + BESIDE_RAD, np.pi))]
     starts = [(matched, icrs_of_matched)]
     if len(matched) > 2:
@@ -106,7 +106,7 @@ def _met(
     named: Rows = np.empty(0, np.intp)
     for round_ in range(ROUNDS + 1):
         last = settled or round_ == ROUNDS
-        predicted = camera.project(near @ turned(unit[spots], stars, weight).T)
+        predicted = camera.project(near @ best_rotation(unit[spots], stars, weight).T)
         visible = np.flatnonzero(camera.contains(predicted))
         places = predicted[visible]
         radius = np.full(len(visible), radius_px)

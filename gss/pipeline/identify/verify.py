@@ -12,7 +12,7 @@ from gss.domain.angles import Array
 from gss.domain.camera import Camera
 from gss.domain.results import Centroids
 from gss.pipeline.identify.false_match import brightness_tail, false_match_probability, match_tail
-from gss.pipeline.small import distances2, median, turned
+from gss.pipeline.small import best_rotation, distances2, median
 from gss.skytables.cells import sky_cells
 
 RADIUS_SIGMA = 3.5
@@ -158,7 +158,7 @@ def verify(
     first_seen, first, first_radius = np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros(0)
     for round_ in range(ROUNDS):
         weights = 1 / field.sigma_rad[rows] ** 2
-        cam_from_icrs = turned(field.unit[rows], sky.icrs[stars], weights)
+        cam_from_icrs = best_rotation(field.unit[rows], sky.icrs[stars], weights)
         visible, predicted = in_view(sky, camera, cam_from_icrs)
         if len(visible) < 2:
             return None

@@ -202,7 +202,7 @@ def stars_near(icrs, cells, z, cosine, below, out):
 
 @loop
 def best_rotation(profile, turn):
-    """Write the rotation that maximises the trace of its product with the (3, 3) profile matrix: ``small.turned`` by Davenport's
+    """Write the rotation that maximises the trace of its product with the (3, 3) profile matrix: ``small.best_rotation`` by Davenport's
     method with a Jacobi iteration."""
     b = profile
     a, v = np.empty((4, 4)), np.eye(4)

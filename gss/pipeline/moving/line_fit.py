@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gss.domain.angles import Array
-from gss.pipeline.trail_shape import drawn_out
+from gss.pipeline.trail_shape import trailed_gaussian
 
 ROUNDS = 20
 DONE_CHI2 = 0.02
@@ -146,7 +146,7 @@ def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None
 
 def _state(cut: Cutout, p: Array) -> tuple[Array, Array, Array, float]:
     """(k,) expected values, (k, 6) derivatives by the parameters, (k,) weights and χ²."""
-    shape, by = drawn_out((cut.dx - p[1])[None], (cut.dy - p[2])[None], p[None, 3:5], float(p[WIDTH]))
+    shape, by = trailed_gaussian((cut.dx - p[1])[None], (cut.dy - p[2])[None], p[None, 3:5], float(p[WIDTH]))
     slopes = np.column_stack([shape[0], p[0] * by[0]])
     slopes[:, 1:3] *= -1
     model = p[0] * shape[0]
