@@ -1,5 +1,5 @@
-"""Noise equivalent angle against integration time (Moniteq 1983 §4.4: noise falls with more light until another error
-dominates)."""
+"""Noise equivalent angle against integration time. The noise decreases with more light until another error dominates
+(Moniteq 1983 §4.4)."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ MIN_TIMES = 2
 
 @dataclass(frozen=True)
 class NeaCurve:
-    """Per integration time, ascending: ``exposure_s`` (k,), ``across_rad`` and ``about_rad`` (k,) frame-to-frame noise with its
-    relative σ ``relative_sigma`` (k,), ``frames``, ``matches`` (mean). ``exponent`` ± ``exponent_sigma``: across ∝ tᵉ; −0.5 if
-    photon noise dominates, −1 if read-out noise dominates, 0 if neither."""
+    """Curve of k integration times, ascending. ``exposure_s`` (k,); frame-to-frame noise ``across_rad`` and
+    ``about_rad`` (k,) with its relative σ ``relative_sigma`` (k,); ``frames``; ``matches`` (mean). ``exponent`` ±
+    ``exponent_sigma``: across ∝ tᵉ; −0.5 if photon noise dominates, −1 if read-out noise dominates, 0 if neither
+    dominates."""
 
     exposure_s: Array
     across_rad: Array

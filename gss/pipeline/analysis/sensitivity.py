@@ -1,4 +1,4 @@
-"""Detection limit: the share of catalogue stars in the field that were detected, against magnitude."""
+"""Detection limit: share of the catalogue stars in the field that were detected, as a function of magnitude."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """``mag_50`` ± ``sigma_50``: magnitude at which half of the stars are detected; ``mag_90``: nine of ten; ``width_mag``: from
-    50 to 90 %. ``ceiling``: detected share of bright stars, below 1 if stars are lost at any magnitude. Per bin: ``edges_mag``
-    (k+1,), ``stars``, ``found``, and the 95 % interval ``low``, ``high`` of the share."""
+    """Detection limit of a camera. ``mag_50`` ± ``sigma_50``: magnitude at which half of the stars are detected;
+    ``mag_90``: at which nine of ten are detected; ``width_mag``: difference between the two. ``ceiling``: detected
+    share of bright stars, below 1 if stars are missed at every magnitude. Per bin: ``edges_mag`` (k+1,), ``stars``,
+    ``found``, and the 95 % interval ``low``, ``high`` of the share."""
 
     mag_50: float
     sigma_50: float
@@ -39,8 +40,9 @@ class Sensitivity:
 
 
 def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
-    """Fit a logistic curve with a ceiling by maximum likelihood to (n,) catalogue magnitudes of stars on the detector and whether
-    each was detected. Raises BadInput with fewer than thirty stars, or if all or none were detected."""
+    """Fit a logistic curve with a ceiling by maximum likelihood to (n,) catalogue magnitudes of stars on the detector
+    and an (n,) mask of the detected stars. Raises BadInput with fewer than thirty stars, or if all or none were
+    detected."""
     v, hit = np.asarray(v_mag, float), np.asarray(detected, bool)
     if len(v) < FEWEST or hit.all() or not hit.any():
         raise BadInput(
@@ -106,7 +108,7 @@ def _logistic(v: Array, hit: NDArray[np.bool_], ceiling: float) -> tuple[float, 
 
 
 def _at(level: float, slope: float, share: float) -> float:
-    """Magnitude at which the curve reaches this share of the ceiling."""
+    """Return the magnitude at which the curve reaches a share of the ceiling."""
     if not 0 < share < 1:
         return float("nan")
     return float((np.log(share / (1 - share)) - level) / slope)

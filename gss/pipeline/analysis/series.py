@@ -21,9 +21,9 @@ POOR_SHARE = 0.8
 
 @dataclass(frozen=True)
 class AttitudeSeries:
-    """n frames in order of time. ``quaternion`` (n, 4) cam_from_icrs, rows of NaN without an attitude;
-    ``covariance_rad2`` (n, 3, 3) in camera axes, NaN if a chain gives none; ``centroids``, ``matches`` (n,) counts;
-    ``residual_px`` (n,) rms, NaN if unknown."""
+    """Attitudes of n frames in order of time. ``quaternion`` (n, 4) cam_from_icrs, rows of NaN without an attitude;
+    ``covariance_rad2`` (n, 3, 3) in camera axes, NaN if the chain does not provide it; ``centroids``, ``matches`` (n,)
+    counts; ``residual_px`` (n,) rms, NaN if unknown."""
 
     times_s: Array
     quaternion: Array
@@ -54,12 +54,12 @@ class AttitudeSeries:
         return np.asarray(np.isfinite(self.quaternion).all(axis=1))
 
     def only(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> AttitudeSeries:
-        """Return the frames selected by a mask or an index array."""
+        """Return the series of the frames selected by a mask or an index array."""
         return AttitudeSeries(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
 def series_of(times_s: Sequence[float], results: Sequence[SolveResult | None]) -> AttitudeSeries:
-    """Build a series from results in any order; None stands for a frame that could not be processed."""
+    """Build a series from results in any order. A result is None if the frame could not be processed."""
     n = len(results)
     quaternion, covariance = np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan)
     centroids, matches, residual = np.zeros(n, np.intp), np.zeros(n, np.intp), np.full(n, np.nan)
@@ -104,7 +104,7 @@ def check_series(series: AttitudeSeries) -> tuple[Advice, ...]:
     gaps = int(np.count_nonzero(steps > GAP_TIMES * usual)) if usual > 0 else 0
     if gaps:
         text = f"gaps longer than {GAP_TIMES * usual:.3g} s between frames: {gaps}"
-        advice.append(Advice("gaps", text, "the figures hold for the frames there are"))
+        advice.append(Advice("gaps", text, "the figures apply only to the recorded frames"))
     share = float(series.solved.mean()) if len(series) else 0.0
     if share < POOR_SHARE:
         hint = "clouds, the wrong camera, or too short an exposure; look at the frames that were not solved"

@@ -17,16 +17,16 @@ MAX_TURN_RAD = 3.0
 OFF_SIGMAS = 5.0
 OFF_SHARE = 0.02
 FAR_OFF_SHARE = 0.2
-MIN_AGREE = 0.9  # length of the mean of the intervals' unit axes: 1 for one axis, near 0 for random axes
+MIN_AGREE = 0.9  # length of the mean unit axis of the intervals: 1 if all axes are equal, near 0 for random axes
 OVER_CLAIM = 10.0
 
 
 @dataclass(frozen=True)
 class SlewTest:
-    """``times_s`` (m,) midpoints of the intervals; ``rate_rad_s`` (m, 3) in camera axes, ``speed_rad_s`` (m,) its magnitude.
-    ``commanded_rad_s``: commanded speed. ``mean_speed_rad_s`` ± ``mean_sigma_rad_s``; ``axis`` (3,) mean unit vector;
-    ``sigma_rad_s`` (3,): scatter along that axis, and two across it; ``claimed_rad_s``: rms σ of one rate from the attitudes'
-    covariances."""
+    """Result of a slew test over m intervals between frames. ``times_s`` (m,) midpoints; ``rate_rad_s`` (m, 3) in
+    camera axes, ``speed_rad_s`` (m,) its magnitude. ``commanded_rad_s``: commanded speed. ``mean_speed_rad_s`` ±
+    ``mean_sigma_rad_s``; ``axis`` (3,) mean unit vector; ``sigma_rad_s`` (3,): scatter along this axis and along two
+    axes across it; ``claimed_rad_s``: rms σ of one rate from the covariances of the attitudes."""
 
     times_s: Array
     rate_rad_s: Array
@@ -98,7 +98,7 @@ def slew_test(series: AttitudeSeries, commanded_rad_s: float) -> SlewTest:
 
 
 def _scatter(rate: Array, axis: Array) -> Array:
-    """(3,) standard deviations along the axis and along two directions across it."""
+    """Return the (3,) standard deviations along the axis and along two directions across it."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     first = np.cross(axis, helper)
     first /= np.linalg.norm(first)
@@ -131,7 +131,7 @@ def _advice(measured_rate: float, sigma: float, commanded: float, axis: Array, r
 
 
 def _doubts(rate: Array, sigma: Array, claimed: float) -> list[Advice]:
-    """Return warnings if the attitudes are not those of a constant rotation."""
+    """Return warnings if the attitudes do not follow a constant rotation."""
     advice: list[Advice] = []
     speed = np.linalg.norm(rate, axis=1)
     moving = rate[speed > 0] / speed[speed > 0, None]

@@ -1,7 +1,8 @@
-"""Accuracy of a camera at a constant rate or at rest: the rotation is fitted, the residuals are noise (Erlank 2013 §6.1).
+"""Accuracy of a camera at a constant rate or at rest. A constant rotation is fitted; the residuals are noise (Erlank
+2013 §6.1).
 
-A camera fixed to the Earth rotates once per sidereal day about the celestial pole; a camera fixed to the sky does not rotate.
-Both use the same fit: C(t) = exp(−[ω·t]×)·C₀ with a constant ω in camera axes.
+A camera fixed to the Earth rotates once per sidereal day about the celestial pole; a camera fixed to the sky does not
+rotate. Both use the same fit: C(t) = exp(−[ω·t]×)·C₀ with a constant ω in camera axes.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import robust_sigma
 
 SIDEREAL_RAD_S = 7.2921158553e-5
-"""Rotation rate of the Earth relative to the stars; precession is 10⁻⁷ of it."""
+"""Rotation rate of the Earth relative to the stars; precession is smaller by a factor of 10⁷."""
 STRAY_SIGMAS = 5.0
 ROUNDS = 6
 FREEDOM = 6
@@ -30,14 +31,16 @@ CONFIDENCE = 0.95
 BODY_AXES = ("across, x", "across, y", "about")
 SKY_AXES = ("RA · cos Dec", "Dec", "rotation")
 WANDER = 1.5
-"""If the scatter over the whole run exceeds the frame-to-frame scatter by this factor, it is not only noise."""
+"""If the scatter over the whole run exceeds the frame-to-frame scatter by this factor, a warning reports slow
+errors."""
 
 
 @dataclass(frozen=True)
 class AxisFigures:
-    """Figures of one angle. ``sigma_rad``: of the deviations from the constant rotation, with its 95 % interval ``low_rad``,
-    ``high_rad`` (frames assumed independent); ``noise_rad``: frame-to-frame noise (NEA); ``claimed_rad``: rms of the σ reported by
-    the chain, NaN if none; ``drift_rad_s``, ``drift_sigma_rad_s``: of the fitted line."""
+    """Statistics of one angle. ``sigma_rad``: standard deviation from the constant rotation, with its 95 % interval
+    ``low_rad``, ``high_rad`` (frames assumed independent); ``noise_rad``: frame-to-frame noise (NEA); ``claimed_rad``:
+    rms of the σ reported by the chain, NaN if it reports none; ``drift_rad_s``, ``drift_sigma_rad_s``: slope of the
+    fitted line and its σ."""
 
     name: str
     sigma_rad: float
@@ -51,9 +54,10 @@ class AxisFigures:
 
 @dataclass(frozen=True)
 class SteadyTest:
-    """``body``: figures in camera axes, ``sky``: in the axes of Erlank 2013 Table 6.1. ``rate_icrs_rad_s`` (3,) fitted rate of the
-    camera and ``rate_sigma_rad_s`` per axis; ``expected_icrs_rad_s``: expected rate. ``deviation_rad`` (n, 3) in camera axes and
-    ``sky_deviation_rad`` (n, 3), rows of NaN without an attitude; ``strays``: (n,) outliers excluded from the figures."""
+    """Result of a test at constant rate. ``body``: statistics in camera axes; ``sky``: in the axes of Erlank 2013 Table
+    6.1. ``rate_icrs_rad_s`` (3,): fitted rate of the camera, with ``rate_sigma_rad_s`` per axis;
+    ``expected_icrs_rad_s``: expected rate. ``deviation_rad`` (n, 3) in camera axes and ``sky_deviation_rad`` (n, 3),
+    rows of NaN without an attitude; ``strays``: (n,) outliers excluded from the figures."""
 
     body: tuple[AxisFigures, ...]
     sky: tuple[AxisFigures, ...]
@@ -97,7 +101,7 @@ def _steady(series: AttitudeSeries, expected: Array, fixed_to: str) -> SteadyTes
     body_figures = axis_figures(BODY_AXES, deviation, keep, at_s, claimed, -rate)
     sky_figures = axis_figures(SKY_AXES, sky, keep, at_s, np.full(3, np.nan), drift)
     slope = middle.T @ rate
-    warnings = (*check_series(series), *_said(slope, rate_sigma, expected, good, deviation, keep, body_figures))
+    warnings = (*check_series(series), *_warnings(slope, rate_sigma, expected, good, deviation, keep, body_figures))
     n, solved = len(series), series.solved
     return SteadyTest(
         body_figures,
@@ -137,7 +141,8 @@ def _fit(quaternion: Array, at_s: Array) -> tuple[Array, Array, NDArray[np.bool_
 
 
 def _design(start: Array, rate: Array, at_s: Array, model: Array) -> Array:
-    """(n, 3, 6) derivatives of the deviations by the initial rotation and the rate, from finite differences."""
+    """Return the (n, 3, 6) derivatives of the deviations with respect to the initial rotation and the rate, from finite
+    differences."""
     columns = []
     for p in range(FREEDOM):
         step: Array = np.zeros(3)
@@ -152,7 +157,7 @@ def _design(start: Array, rate: Array, at_s: Array, model: Array) -> Array:
 
 
 def _sky_angles(good: AttitudeSeries) -> tuple[Array, float]:
-    """(n, 3) RA·cos Dec, Dec and rotation as smooth functions of time, and the cosine of the mean Dec."""
+    """Return (n, 3) RA·cos Dec, Dec and rotation as smooth functions of time, and the cosine of the mean Dec."""
     angles = np.array([ra_dec_roll_rad(matrix_from_quaternion(q)) for q in good.quaternion])
     angles = np.unwrap(angles, axis=0)
     cos_dec = float(np.cos(angles[:, 1].mean()))
@@ -167,8 +172,8 @@ def _sigma(deviation: Array) -> Array:
 def axis_figures(
     names: tuple[str, ...], deviation: Array, keep: NDArray[np.bool_], at_s: Array, claimed: Array, drift: Array
 ) -> tuple[AxisFigures, ...]:
-    """Compute the figures of (n, 3) deviations at times ``at_s`` for the frames in ``keep``; ``claimed`` and ``drift``: (3,) as in
-    :class:`AxisFigures`."""
+    """Compute the statistics of (n, 3) deviations at times ``at_s`` for the frames in ``keep``. ``claimed``, ``drift``:
+    (3,), see :class:`AxisFigures`."""
     good = deviation[keep]
     sigma, freedom = _sigma(good), max(1, len(good) - int(PER_DEGREE))
     # Twice the inverse of the incomplete gamma function is the quantile of χ².
@@ -192,7 +197,7 @@ def axis_figures(
     )
 
 
-def _said(
+def _warnings(
     rate: Array,
     rate_sigma: Array,
     expected: Array,
@@ -227,7 +232,8 @@ def _said(
 
 
 def _jumps(times_s: Array, deviation: Array) -> int:
-    """Count steps between two levels, where the medians of the five frames before and after differ by far more than the noise."""
+    """Count steps between two levels. At a step, the medians of the five frames before and after differ by far more
+    than the noise."""
     half = 5
     if len(times_s) < 4 * half:
         return 0

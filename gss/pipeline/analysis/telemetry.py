@@ -1,7 +1,7 @@
-"""Performance from telemetered attitudes alone, without frames or stars, for any smooth motion.
+"""Performance from attitudes in telemetry, without frames or stars, for any smooth motion.
 
-Each attitude is compared with the midpoint of its two neighbours. A constant rotation gives zero, and white noise of σ gives
-σ·√1.5, so the noise can be measured on a moving satellite unless it vibrates.
+Each attitude is compared with the midpoint of its two neighbours. A constant rotation gives zero, and white noise of σ
+gives σ·√1.5. The noise can therefore be measured on a moving satellite, unless the satellite vibrates.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ MIDDLE_VARIANCE = 1.5
 
 @dataclass(frozen=True)
 class TelemetryFigures:
-    """``noise_rad`` (3,) robust σ of one attitude per camera axis; ``claimed_rad`` (3,) rms of its reported σ, NaN if none.
-    ``times_s`` (m,), ``deviation_rad`` (m, 3) from the neighbours' midpoint. ``rate_rad_s`` (m,) angular speed. ``availability``:
-    share of frames with an attitude; ``longest_outage_s``; ``mean_matches``."""
+    """Performance figures from telemetry. ``noise_rad`` (3,) robust σ of one attitude per camera axis; ``claimed_rad``
+    (3,) rms of the reported σ, NaN if not reported. ``times_s`` (m,), ``deviation_rad`` (m, 3) from the neighbours'
+    midpoint. ``rate_rad_s`` (m,) angular speed. ``availability``: share of frames with an attitude;
+    ``longest_outage_s``; ``mean_matches``."""
 
     noise_rad: Array
     claimed_rad: Array

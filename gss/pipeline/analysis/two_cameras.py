@@ -14,15 +14,16 @@ from gss.pipeline.analysis.steady import AxisFigures, axis_figures
 from gss.pipeline.calibration.advice import Advice
 
 APART_S = 0.05
-"""Frames are simultaneous if their times agree to this, or to a fortieth of the median step."""
+"""Frames are simultaneous if their times differ by at most this, or by a fortieth of the median step."""
 AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """``second_from_first`` (4,): mean relative mounting. ``times_s`` (m,), ``deviation_rad`` (m, 3) in the second camera's axes;
-    ``axes``: their figures, with ``claimed_rad`` from both cameras' covariances. ``chi``: ratio of measured to claimed rms, 1 if
-    the covariances are realistic."""
+    """Relative mounting of two cameras. ``second_from_first`` (4,): mean relative mounting. ``times_s`` (m,);
+    ``deviation_rad`` (m, 3) from the mean, in the second camera's axes; ``axes``: statistics of the deviations, with
+    ``claimed_rad`` from both cameras' covariances. ``chi``: ratio of measured to claimed rms, 1 if the covariances are
+    realistic."""
 
     second_from_first: Array
     times_s: Array
@@ -65,9 +66,9 @@ def _together(a: AttitudeSeries, b: AttitudeSeries) -> tuple[AttitudeSeries, Att
     if not len(a) or not len(b):
         raise BadInput("one camera has no attitude", expected="solved frames of both", got=f"{len(a)} and {len(b)}")
     usual = float(np.median(np.diff(a.times_s))) if len(a) > 1 else 0.0
-    near = np.abs(a.times_s[:, None] - b.times_s[None, :])
-    best = near.argmin(axis=1)
-    fit = near[np.arange(len(a)), best] <= max(APART_S, usual / 40)
+    nearest = np.abs(a.times_s[:, None] - b.times_s[None, :])
+    best = nearest.argmin(axis=1)
+    fit = nearest[np.arange(len(a)), best] <= max(APART_S, usual / 40)
     if np.count_nonzero(fit) < FEWEST:
         raise BadInput(
             "too few frames were taken together",

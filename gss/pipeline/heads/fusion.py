@@ -1,8 +1,8 @@
 """Attitude of a body from several heads, weighted by their full covariances, and the test of their agreement.
 
-A head measures the two angles across its boresight several times better than the roll about it, so each covariance has one
-large axis. Two heads with different boresights then determine all three angles: the roll of one is across the boresight of
-the other (Moniteq 1983 §6.2).
+A head measures the two angles across its boresight several times better than the roll about it, so each covariance has
+one large axis. Two heads with different boresights determine all three angles well: rotation about the boresight of the
+first head is a rotation across the boresight of the second (Moniteq 1983 §6.2).
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ BORESIGHT = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Agreement:
-    """Result of a χ² test. ``probability``: that heads whose covariances are right differ at least this much."""
+    """Result of a χ² test. ``probability``: probability that heads with correct covariances differ at least this
+    much."""
 
     chi2: float
     freedom: int
@@ -34,7 +35,7 @@ class Agreement:
 
 @dataclass(frozen=True)
 class FusedAttitude:
-    """Weighted mean of several heads. ``agreement`` None: there was only one head, so nothing was compared."""
+    """Weighted mean attitude of several heads. ``agreement`` is None with a single head."""
 
     quaternion: Array
     covariance_rad2: Array
@@ -43,9 +44,10 @@ class FusedAttitude:
 
 @dataclass(frozen=True)
 class HeadDifference:
-    """Second head relative to the first. ``vector_rad`` (3,): rotation in the body frame from the first attitude to the second;
-    ``angle_rad``: its length, with the standard deviation along its direction. ``boresight_rad``: measured minus nominal angle
-    between the two boresights, which does not depend on the roll of either head."""
+    """Difference of two heads: the second relative to the first. ``vector_rad`` (3,): rotation in the body frame from
+    the first attitude to the second; ``angle_rad``: length of the vector, with the standard deviation along its
+    direction. ``boresight_rad``: measured minus nominal angle between the two boresights, which does not depend on the
+    roll of either head."""
 
     vector_rad: Array
     angle_rad: float
@@ -56,7 +58,8 @@ class HeadDifference:
 
 
 def head_covariance(sigma_cross_rad: float, sigma_roll_rad: float) -> Array:
-    """(3, 3) covariance in the camera frame from standard deviations per axis across and about the boresight. Raises BadInput."""
+    """Return the (3, 3) covariance in the camera frame, from standard deviations per axis across and about the
+    boresight. Raises BadInput if one is not a positive number."""
     sigma = np.array([sigma_cross_rad, sigma_cross_rad, sigma_roll_rad])
     if not (np.isfinite(sigma).all() and (sigma > 0).all()):
         raise BadInput("a standard deviation is not a positive number", expected="> 0", got=str(sigma.tolist()))
@@ -66,8 +69,9 @@ def head_covariance(sigma_cross_rad: float, sigma_roll_rad: float) -> Array:
 def in_body(
     quaternion: Array, covariance_rad2: Array, body_from_cam: Array, mounting_rad2: Array | None = None
 ) -> BodyAttitude:
-    """Return a head's attitude as attitude of the body. ``quaternion`` (4,): cam_from_icrs; ``covariance_rad2``: in the camera
-    frame; ``body_from_cam`` (4,): mounting; ``mounting_rad2`` (3, 3): its uncertainty, in the body frame."""
+    """Convert a head's attitude to an attitude of the body. ``quaternion`` (4,): cam_from_icrs; ``covariance_rad2``: in
+    the camera frame; ``body_from_cam`` (4,): mounting; ``mounting_rad2`` (3, 3): covariance of the mounting in the body
+    frame."""
     turn = matrix_from_quaternion(body_from_cam)
     covariance = turn @ covariance_rad2 @ turn.T
     if mounting_rad2 is not None:
@@ -76,8 +80,8 @@ def in_body(
 
 
 def fuse(heads: Sequence[BodyAttitude]) -> FusedAttitude:
-    """Return the mean of attitudes that heads measured at one time, weighted by the inverse of their covariances, iterated until
-    it settles. Raises BadInput without a head."""
+    """Return the mean of attitudes that several heads measured at the same time, weighted by their inverse covariances.
+    The mean is iterated until it converges. Raises BadInput without a head."""
     if not heads:
         raise BadInput("no attitude to fuse", expected="at least one head", got="none")
     weights = np.stack([np.linalg.inv(h.covariance_rad2) for h in heads])
@@ -105,10 +109,10 @@ def difference(
     covariance = first.covariance_rad2 + second.covariance_rad2
     angle = float(np.linalg.norm(vector))
     variance = float(vector @ covariance @ vector) / angle**2 if angle > 0 else float(np.trace(covariance)) / 3
-    # The second boresight as the second head sees it, in the first head's idea of the body frame: exp(−[vector]×).
+    # Convert the second head's measured boresight to the body frame of the first head: exp(−[vector]×).
     second_in_first = matrix_from_quaternion(turned(np.array([0.0, 0.0, 0.0, 1.0]), -vector)) @ second_boresight
     nominal = float(separation_rad(first_boresight, second_boresight))
-    # Moving along the great circle through both boresights changes their angle; that is a turn about the normal.
+    # A rotation about the normal of the great circle through both boresights changes the angle between them.
     normal = np.cross(first_boresight, second_boresight)
     size = float(np.linalg.norm(normal))
     across = covariance - np.outer(second_boresight, second_boresight @ covariance)
@@ -124,7 +128,7 @@ def difference(
 
 
 def boresight_of(body_from_cam: Array) -> Array:
-    """(3,) boresight in the body frame of a head with that (4,) mounting."""
+    """Return the (3,) boresight, in the body frame, of a head with a (4,) mounting."""
     return np.asarray(matrix_from_quaternion(body_from_cam) @ BORESIGHT)
 
 

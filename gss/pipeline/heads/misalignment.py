@@ -1,8 +1,8 @@
 """Misalignment of one head relative to another and its drift, by a Kalman filter over their differences.
 
-State: rotation vector of the misalignment and its rate of change, in body axes. The second head's true mounting is
-exp([m]×)·(its nominal mounting), if the first head's mounting is right. Both walk at random, slowly, so that the estimate
-follows a change of temperature.
+State: rotation vector m of the misalignment and its rate of change, in body axes. If the first head's mounting is
+right, the second head's true mounting is exp([m]×)·(nominal mounting). Both states follow a slow random walk, so that
+the estimate follows changes of temperature.
 """
 
 from __future__ import annotations
@@ -18,15 +18,16 @@ from gss.pipeline.track.cameras_together import BodyAttitude
 
 HOUR_S = 3600.0
 GATE_CHI2 = 30.7
-"""A difference beyond this (probability 1e-6 with three degrees of freedom) is not used."""
+"""A difference with a larger χ² (probability 1e-6 with three degrees of freedom) is rejected."""
 JUMPED_AFTER = 5
-"""As many in a row mean that the mounting changed suddenly: the filter starts again."""
+"""After this number of consecutive rejected differences the mounting has changed suddenly, and the filter restarts."""
 
 
 @dataclass(frozen=True)
 class DriftModel:
-    """What is assumed before and between measurements. ``drift_sigma_rad_s``: usual size of a drift; ``walk_rad2_s``: variance
-    that the misalignment gains per second beside the drift; ``drift_walk_rad2_s3``: variance that the drift gains."""
+    """Assumptions before and between measurements. ``drift_sigma_rad_s``: typical drift; ``walk_rad2_s``: variance
+    added to the misalignment per second, in addition to the drift; ``drift_walk_rad2_s3``: variance added to the drift
+    per second."""
 
     drift_sigma_rad_s: float = 600 * ARCSEC_RAD / HOUR_S
     walk_rad2_s: float = (1 * ARCSEC_RAD) ** 2 / HOUR_S
@@ -38,9 +39,10 @@ USUAL_DRIFT = DriftModel()
 
 @dataclass(frozen=True)
 class Misalignment:
-    """Estimate at ``time_s``, which began at ``began_s``. ``state`` (6,): misalignment (rad) and drift (rad/s); ``covariance``
-    (6, 6). ``samples``: used since the last start; ``rejected``: differences in a row that did not fit; ``restarts``: sudden
-    changes of the mounting. A first difference beyond the stated uncertainty of the mounting does not count."""
+    """Estimate of the misalignment at ``time_s``, started at ``began_s``. ``state`` (6,): misalignment (rad) and drift
+    (rad/s); ``covariance`` (6, 6). ``samples``: differences used since the last start; ``rejected``: consecutive
+    rejected differences; ``restarts``: number of sudden changes of the mounting, not counting a first difference beyond
+    the stated uncertainty of the mounting."""
 
     time_s: float
     state: Array
@@ -52,22 +54,22 @@ class Misalignment:
 
     @property
     def vector_rad(self) -> Array:
-        """(3,) misalignment."""
+        """Return the (3,) misalignment."""
         return self.state[:3]
 
     @property
     def drift_rad_s(self) -> Array:
-        """(3,) drift."""
+        """Return the (3,) drift."""
         return self.state[3:]
 
     @property
     def sigma_rad(self) -> Array:
-        """(3,) standard deviation of the misalignment, without what does not average out."""
+        """Return the (3,) standard deviation of the misalignment, without errors that do not average out."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
     @property
     def drift_sigma_rad_s(self) -> Array:
-        """(3,) standard deviation of the drift."""
+        """Return the (3,) standard deviation of the drift."""
         return np.sqrt(np.diag(self.covariance)[3:])
 
 
@@ -109,9 +111,9 @@ def updated(
     lasting_rad2: Array,
     model: DriftModel = USUAL_DRIFT,
 ) -> Misalignment:
-    """Return the estimate after one more difference. ``first``, ``second``: attitudes of the body by the two heads at ``time_s``,
-    with their nominal mountings; ``lasting_rad2`` (3, 3): uncertainty that does not average out: of the clocks, and of errors
-    that stay."""
+    """Return the estimate after another difference. ``first``, ``second``: attitudes of the body by the two heads at
+    ``time_s``, with their nominal mountings; ``lasting_rad2`` (3, 3): covariance of errors that do not average out,
+    i.e. of the clocks and of constant errors."""
     before = predicted(estimate, time_s, model)
     measured = turn_between(second.quaternion[None], first.quaternion[None])[0]
     noise = first.covariance_rad2 + second.covariance_rad2 + lasting_rad2
@@ -130,7 +132,7 @@ def updated(
     gain = np.linalg.solve(expected, before.covariance[:3]).T
     keep = np.eye(6)
     keep[:, :3] -= gain
-    # Joseph's form stays symmetric and positive.
+    # Joseph's form keeps the covariance symmetric and positive.
     covariance = keep @ before.covariance @ keep.T + gain @ noise @ gain.T
     state = before.state + gain @ off
     return replace(before, state=state, covariance=covariance, samples=before.samples + 1, rejected=0)

@@ -1,7 +1,8 @@
-"""Attitudes of several heads at one time, from attitudes that were measured at different times.
+"""Attitudes of several heads at a common time, from attitudes measured at different times.
 
-Between or shortly after two attitudes of the same head, the body is assumed to turn at a constant rate. With a single attitude
-the rate is unknown; the result is then used only if a largest rate is stated, with an uncertainty that covers it.
+Between or shortly after two attitudes of the same head, the body is assumed to rotate at a constant rate. With a single
+attitude the rate is unknown. The attitude is then used only if a largest rate is stated; the uncertainty covers
+rotation at this rate.
 """
 
 from __future__ import annotations
@@ -16,14 +17,15 @@ from gss.domain.rotation import turn_between, turned
 from gss.pipeline.track.cameras_together import BodyAttitude
 
 MAX_STEP_S = 30.0
-"""Two attitudes that are further apart say nothing about the rate between them."""
+"""Two attitudes that are further apart do not determine the rate between them."""
 FURTHEST_AHEAD = 1.0
 """An attitude is extrapolated by at most this multiple of the time between the two before it."""
 
 
 @dataclass(frozen=True)
 class MeasuredAttitude:
-    """One attitude of a head at ``time_s``. ``time_sigma_s``: uncertainty of that time, mostly common to the head's attitudes."""
+    """One attitude of a head at ``time_s``. ``time_sigma_s``: uncertainty of the time, mostly common to all attitudes
+    of the head."""
 
     time_s: float
     time_sigma_s: float
@@ -33,8 +35,8 @@ class MeasuredAttitude:
 @dataclass(frozen=True)
 class AttitudeAt:
     """Attitude of a head at a requested time. ``rate_rad_s`` (3,): angular velocity in the body frame, None if unknown.
-    ``timing_rad2`` (3, 3): covariance that results from the uncertain clock; it is not part of that of the attitude, because it
-    does not average out."""
+    ``timing_rad2`` (3, 3): covariance due to the uncertain clock. It is not part of the attitude's covariance, because
+    this error does not average out."""
 
     attitude: BodyAttitude
     rate_rad_s: Array | None
@@ -42,15 +44,16 @@ class AttitudeAt:
 
     @property
     def whole(self) -> BodyAttitude:
-        """The attitude with the covariance of all causes."""
+        """Return the attitude with the covariance of all errors, including the clock's."""
         return BodyAttitude(self.attitude.quaternion, self.attitude.covariance_rad2 + self.timing_rad2)
 
 
 def attitude_at(
     series: Sequence[MeasuredAttitude], time_s: float, tolerance_s: float, largest_rate_rad_s: float | None
 ) -> AttitudeAt | None:
-    """Return the head's attitude at a time, from its attitudes in order of time; None if none is within ``tolerance_s`` or the
-    change since then is unknown. ``largest_rate_rad_s``: of the body; None: not stated."""
+    """Return the head's attitude at a time, from its attitudes in order of time. None if no attitude is within
+    ``tolerance_s``, or if the change since the nearest attitude is unknown. ``largest_rate_rad_s``: largest rate of the
+    body, None if not stated."""
     near = min(series, key=lambda sample: abs(sample.time_s - time_s), default=None)
     if near is None or abs(near.time_s - time_s) > tolerance_s:
         return None
@@ -62,7 +65,7 @@ def attitude_at(
         if off_s or near.time_sigma_s:
             return None
         largest_rate_rad_s = 0.0
-    # The direction of the rate is unknown, so each axis may have all of it.
+    # The direction of the rate is unknown, so each axis can have the full rate.
     moved = BodyAttitude(
         near.attitude.quaternion, near.attitude.covariance_rad2 + (largest_rate_rad_s * off_s) ** 2 * np.eye(3)
     )
@@ -70,7 +73,8 @@ def attitude_at(
 
 
 def _around(series: Sequence[MeasuredAttitude], time_s: float) -> tuple[MeasuredAttitude, MeasuredAttitude] | None:
-    """Return the two attitudes between which the time is, or the last two before or first two after it, if they are close."""
+    """Return the two attitudes before and after the time, else the last two before or first two after it, if they are
+    close."""
     if len(series) < 2:
         return None
     second = next((k for k, sample in enumerate(series) if sample.time_s >= time_s), len(series) - 1)

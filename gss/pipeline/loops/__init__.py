@@ -1,5 +1,6 @@
-"""Compiled loops of the reference solver for lists of stars. Each function is equivalent to the numpy function that it names; tests
-compare them. :mod:`gss.pipeline.kernels` imports this package when it is first needed, because numba takes a second to import."""
+"""Compiled loops of the reference solver for lists of stars. Each function is equivalent to the numpy function that its
+docstring names; tests compare them. :mod:`gss.pipeline.kernels` imports this package at first use, because the import
+of numba takes a second."""
 
 from __future__ import annotations
 

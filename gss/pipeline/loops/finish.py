@@ -1,4 +1,4 @@
-"""Compiled steps after the verification: fit, identification of the remaining detections, and the fit to all matches."""
+"""Compiled steps after the verification: fit, identification of the remaining detections, and fit to all matches."""
 
 # The loops have no type annotations: numba compiles them for the argument types.
 # mypy: allow-untyped-defs
@@ -45,6 +45,7 @@ def _fitted(camera, spots, sigma_px, extra2, icrs, velocity, rows, stars, count,
 
 @loop
 def _line(magnitude, magnitude_sigma, v_mag, rows, stars, count):
+    """Return the line from instrumental to catalogue magnitude through the first ``count`` matches."""
     m, v, s = np.empty(count), np.empty(count), np.empty(count)
     for k in range(count):
         m[k], v[k], s[k] = magnitude[rows[k]], v_mag[stars[k]], magnitude_sigma[rows[k]]
@@ -53,10 +54,11 @@ def _line(magnitude, magnitude_sigma, v_mag, rows, stars, count):
 
 @loop
 def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, stars, count, turn):
-    """Fit the attitude to the ``count`` verified matches, ``rows`` and ``stars``, then to all detections that can be identified, as
-    ``faint.match_all``; only to the verified ones if that fails. ``turn``: start, replaced by the fit.
+    """Fit the attitude to the ``count`` verified matches ``rows`` and ``stars``, then to all detections that can be
+    identified. If the second fit fails, return the first. Equivalent to ``faint.match_all``.
 
-    Returns rows, stars, residuals, weights, covariance and rms.
+    ``turn``: initial attitude, replaced by the fitted attitude. Returns rows, stars, residuals, weights, covariance and
+    rms.
     """
     icrs, v_mag, cells = sky
     n = len(spots)
@@ -120,7 +122,7 @@ def finish(camera, spots, sigma_px, magnitude, psf_px, sky, velocity, rows, star
                 settled = settled and named_rows[m] == k and named_stars[m] == star[e]
                 m += 1
         if settled and excess == 0.0 and not moved:
-            break  # the current fit already used these stars with these errors
+            break  # the current fit already uses these stars and errors
         named_rows, named_stars = new_rows, new_stars
         residual, weight, covariance, rms = _fitted(
             camera, spots, sigma_px, extra2, icrs, velocity, named_rows, named_stars, matched, turn

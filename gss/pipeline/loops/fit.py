@@ -27,7 +27,7 @@ from gss.pipeline.refine import ATTITUDE_DONE, BELIEF, MAX_RAD, NOWHERE_PX, OUTL
 
 @loop
 def turned_vector(turn, v):
-    """Return a direction in the camera frame."""
+    """Return the direction ``v`` rotated by ``turn``, in the camera frame."""
     return (
         turn[0, 0] * v[0] + turn[0, 1] * v[1] + turn[0, 2] * v[2],
         turn[1, 0] * v[0] + turn[1, 1] * v[1] + turn[1, 2] * v[2],
@@ -37,7 +37,8 @@ def turned_vector(turn, v):
 
 @loop
 def slopes(camera, x, y, z, jacobian):
-    """Write the (2, 3) derivatives of a direction's pixel by a small rotation; return the pixel. As ``refine._turned``."""
+    """Return the pixel of a direction, and write its (2, 3) derivatives with respect to a small rotation to
+    ``jacobian``. Equivalent to ``refine._projected``."""
     if not z > 1e-6:
         jacobian[:] = math.nan
         return math.nan, math.nan
@@ -68,7 +69,7 @@ def slopes(camera, x, y, z, jacobian):
 
 @loop
 def rotate(turn, x, y, z):
-    """Replace ``turn`` by its product with the rotation by a small vector (Rodrigues)."""
+    """Rotate ``turn`` in place by the rotation vector (x, y, z), with the formula of Rodrigues."""
     angle2 = x * x + y * y + z * z
     angle = math.sqrt(angle2)
     half = 0.5 * (math.sin(angle / 2) / (angle / 2) if angle > 0 else 1.0)
@@ -86,7 +87,7 @@ def rotate(turn, x, y, z):
 
 @loop
 def _inliers(residual, weight, n, used):
-    """Mark the stars within the outlier limit; return whether the marks changed."""
+    """Mark the stars within the outlier limit. Return True if any mark changed."""
     scaled = np.empty(n)
     for k in range(n):
         scaled[k] = math.sqrt((residual[k, 0] ** 2 + residual[k, 1] ** 2) * weight[k])
@@ -103,7 +104,8 @@ def _inliers(residual, weight, n, used):
 
 @loop
 def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covariance):
-    """Improve ``turn`` with (n, 2) pixels of (n, 3) stars; write residuals, weights and covariance, and return the rms."""
+    """Fit ``turn`` in place to (n, 2) pixels of (n, 3) stars. Write residuals, weights and covariance, and return the
+    rms."""
     n = len(pixels)
     used = np.ones(n, np.bool_)
     jacobian = np.empty((n, 2, 3))
@@ -159,7 +161,8 @@ def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covaria
 
 @loop
 def _summary(normal, residual, used, weight, covariance):
-    """Write the covariance and the final weights, as ``refine._covariance``; return the rms residual per axis."""
+    """Write the covariance and the final weights, and return the rms residual per axis. Equivalent to
+    ``refine._covariance``."""
     good, squares, chi2 = 0, 0.0, 0.0
     for k in range(len(residual)):
         if used[k] and abs(residual[k, 0]) < NOWHERE_PX and abs(residual[k, 1]) < NOWHERE_PX:

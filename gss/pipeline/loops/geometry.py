@@ -24,7 +24,7 @@ JACOBI_SWEEPS = 12
 
 @lru_cache(maxsize=64)
 def camera_numbers(camera: Camera) -> Array:
-    """Return a camera as one array of numbers for the loops."""
+    """Return the parameters of a camera as one array for the loops."""
     lens = camera.distortion
     if isinstance(lens, Pinhole):
         kind, values = PINHOLE, []
@@ -97,7 +97,7 @@ def _tilt(camera, x, y):
 
 @loop
 def distort(camera, x, y):
-    """Return the measured position of an ideal one on the tangent plane."""
+    """Return the measured position for an ideal position on the tangent plane."""
     kind = camera[KIND]
     if kind == PINHOLE:
         return x, y
@@ -120,7 +120,7 @@ def distort(camera, x, y):
 
 @loop
 def undistort(camera, u, v):
-    """Return the ideal position of a measured one on the tangent plane."""
+    """Return the ideal position for a measured position on the tangent plane."""
     kind = camera[KIND]
     if kind == PINHOLE:
         return u, v
@@ -146,7 +146,7 @@ def project(camera, x, y, z):
 
 @loop
 def unproject(camera, col, row):
-    """Return the direction in the camera frame of a column and row."""
+    """Return the direction in the camera frame for a column and row."""
     x, y = undistort(
         camera, (col - camera[CENTRE_COL]) / camera[FOCAL_COL], (row - camera[CENTRE_ROW]) / camera[FOCAL_ROW]
     )
@@ -175,13 +175,13 @@ def room_near(cells, z, cosine):
 
 @loop
 def _too_far(near, cosine, sine, cos_extent, sin_extent):
-    """True if no star of a cell can be in reach; if reach and extent exceed half a circle together, one always can."""
+    """True if no star of a cell is within reach. Never True if reach and extent together exceed half a circle."""
     return cos_extent > -cosine and near < cosine * cos_extent - sine * sin_extent - 1e-12
 
 
 @loop
 def stars_near(icrs, cells, z, cosine, below, out):
-    """Write the rows, smaller than ``below``, of the stars whose angle from ``z`` has a cosine above ``cosine``; return their
+    """Write the rows below ``below`` of the stars whose angle from ``z`` has a cosine above ``cosine``. Return their
     number."""
     middle, cos_extent, sin_extent, first, star = cells
     sine = math.sqrt(max(1 - cosine * cosine, 0.0))
@@ -202,8 +202,8 @@ def stars_near(icrs, cells, z, cosine, below, out):
 
 @loop
 def best_rotation(profile, turn):
-    """Write the rotation that maximises the trace of its product with the (3, 3) profile matrix: ``small.best_rotation`` by Davenport's
-    method with a Jacobi iteration."""
+    """Write the rotation that maximises the trace of its product with the (3, 3) profile matrix. Equivalent to
+    ``small.best_rotation``; uses Davenport's method with a Jacobi iteration."""
     b = profile
     a, v = np.empty((4, 4)), np.eye(4)
     sigma = b[0, 0] + b[1, 1] + b[2, 2]
@@ -251,7 +251,7 @@ def best_rotation(profile, turn):
 
 @loop
 def inverse(m, out):
-    """Write the inverse of a symmetric (3, 3) matrix."""
+    """Write the inverse of a symmetric (3, 3) matrix to ``out``."""
     a, b, c, d, e, f = m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]
     p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
     det = a * p + b * q + c * r
@@ -262,7 +262,7 @@ def inverse(m, out):
 
 @loop
 def middle_of(values, count):
-    """Return the median of the first ``count`` values, which are left as they are."""
+    """Return the median of the first ``count`` values without changing their order."""
     ordered = np.sort(values[:count])
     if count % 2:
         return ordered[count // 2]

@@ -37,7 +37,7 @@ MEDIAN_SQUARE, ERROR_MARGIN, MAX_EXCESS_PX = faint.MEDIAN_SQUARE, faint.ERROR_MA
 
 @loop
 def flux_line(magnitude, v_mag, sigma):
-    """As ``flux_line.flux_line``: level, slope, middle, level_sigma, slope_sigma, scatter."""
+    """Return level, slope, middle, level_sigma, slope_sigma and scatter; equivalent to ``flux_line.flux_line``."""
     n = len(magnitude)
     middle = middle_of(magnitude, n)
     away, photons2 = magnitude - middle, sigma * sigma
@@ -71,7 +71,7 @@ def flux_line(magnitude, v_mag, sigma):
 
 @loop
 def line_mag(line, magnitude):
-    """Return the catalogue magnitude of an instrumental one, and its standard deviation."""
+    """Return the catalogue magnitude for an instrumental magnitude, and its standard deviation."""
     away = magnitude - line[2]
     drift = line[4] * away
     return line[0] + line[1] * away, math.sqrt(line[5] * line[5] + line[3] * line[3] + drift * drift)
@@ -79,7 +79,8 @@ def line_mag(line, magnitude):
 
 @loop
 def aberrated(icrs, row, velocity, out):
-    """Write a star's apparent direction for an observer's velocity in units of c (``aberration.aberrate``)."""
+    """Write a star's apparent direction for an observer's velocity in units of c. Equivalent to
+    ``aberration.aberrate``."""
     beta2 = velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]
     if beta2 == 0.0:
         out[:] = icrs[row]
@@ -93,7 +94,8 @@ def aberrated(icrs, row, velocity, out):
 
 @loop
 def expected_stars(camera, icrs, v_mag, cells, velocity, turn, covariance, faintest):
-    """Return the stars down to ``faintest`` on the detector, their pixels and the errors of these, and their number."""
+    """Return the stars on the detector down to magnitude ``faintest``: rows, pixels, errors of the pixels, and number
+    of stars."""
     below = np.searchsorted(v_mag, min(faintest, v_mag[-1]), side="right")
     room = room_near(cells, turn[2], camera[REACH])
     star, places, sigma = np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
@@ -120,8 +122,8 @@ def expected_stars(camera, icrs, v_mag, cells, velocity, turn, covariance, faint
 
 @loop
 def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, reach):
-    """Write the magnitude with companions, the displacement by them, the star's share of the light and the largest distance of its
-    detection. ``order``: of the places by column."""
+    """Write for each star the magnitude including companions, the displacement by companions, the star's share of the
+    light, and the largest distance of its detection. ``order``: indices of ``places`` sorted by column."""
     widest = BLEND_REACH_SIGMA * psf_px
     for k in range(count):
         a = order[k]
@@ -152,7 +154,8 @@ def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, 
 
 @loop
 def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, line, extra_px, verified, camera, name):
-    """Write the expected star of each spot to ``name``, -1 where none is unambiguous, as ``faint._assign``."""
+    """Write the expected star of each spot to ``name``, -1 if no star is unambiguous. Equivalent to
+    ``faint._assign``."""
     star, places, place_sigma, bright, shift, share, reach = expected
     n = len(spots)
     columns = np.empty(count)
@@ -220,7 +223,7 @@ def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, 
 
 @loop
 def excess_px(residual, weight, sigma_px, rows, count):
-    """As ``faint._excess_px``."""
+    """Return the scatter that the errors do not explain; equivalent to ``faint._excess_px``."""
     squares, error2, good = np.empty(count), np.empty(count), 0
     for k in range(count):
         if weight[k] > 0:

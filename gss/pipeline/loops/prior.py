@@ -19,7 +19,7 @@ NO_THREE = 2
 
 @loop
 def _candidates(unit, sigma_rad, n, icrs, local, near, prior, radius_rad, most, observed, star, expected):
-    """List (detection, star) pairs within the radius, in the order of the detections; return their number."""
+    """Write the (detection, star) pairs within the radius, in the order of the detections. Return their number."""
     cam = np.empty((near, 3))
     for k in range(near):
         s = local[k]
@@ -60,7 +60,7 @@ def _agreement(unit, sigma_rad, observed, star, expected, count, sigmas):
 
 @loop
 def _partner(agree, p):
-    """Return the candidate that agrees with ``p`` and shares most further candidates with it."""
+    """Return the candidate that agrees with ``p`` and with most of the other candidates that agree with ``p``."""
     best, most = 0, -1
     for q in range(len(agree)):
         if agree[p, q]:
@@ -74,7 +74,7 @@ def _partner(agree, p):
 
 @loop
 def _third(agree, p, q, unit, observed):
-    """Return the candidate that agrees with both and gives the largest triangle, or -1."""
+    """Return the candidate that agrees with ``p`` and ``q`` and gives the largest triangle, or -1."""
     best, most = -1, -1.0
     u, v = unit[observed[p]], unit[observed[q]]
     side = v - u
@@ -93,8 +93,9 @@ def _third(agree, p, q, unit, observed):
 def find_near(
     view, sky, camera, prior, radius_rad, reach_cosine, brightest, sigmas, most, tries, accept, rows, stars, turn
 ):
-    """As ``near.identify_near``. Returns the number of matches (negative: none accepted, and the number of the best candidate, or
-    0), predicted stars, false-match probability, hypotheses, and 0 or the reason FEW_CANDIDATES or NO_THREE."""
+    """Identify with a prior attitude; equivalent to ``near.identify_near``. Returns the number of matches, predicted
+    stars, false-match probability, hypotheses, and 0 or the reason FEW_CANDIDATES or NO_THREE. If no candidate is
+    accepted, the number of matches is minus that of the best candidate, or 0."""
     unit, sigma_rad = view[1], view[2]
     icrs, _, cells = sky
     local = np.empty(len(icrs), np.int64)

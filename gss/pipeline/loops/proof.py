@@ -29,7 +29,7 @@ GAMMA_TERMS = 2000
 
 @loop
 def rotation_of(unit, sigma_rad, icrs, rows, stars, count, turn):
-    """Write the rotation that best maps the stars to their directions, weighted by their errors."""
+    """Write to ``turn`` the rotation that best maps the stars to their measured directions, weighted by 1/σ²."""
     profile = np.zeros((3, 3))
     for k in range(count):
         r, s = rows[k], stars[k]
@@ -42,7 +42,7 @@ def rotation_of(unit, sigma_rad, icrs, rows, stars, count, turn):
 
 @loop
 def _gamma_below(a, x):
-    """Regularised lower incomplete gamma function."""
+    """Return the regularised lower incomplete gamma function."""
     if x <= 0:
         return 0.0
     if x > 2 * a + 60:
@@ -58,7 +58,7 @@ def _gamma_below(a, x):
 
 @loop
 def brightness_tail(magnitude, v_mag, rows, stars, count, spread):
-    """As ``false_match.brightness_tail``."""
+    """Return the brightness tail; equivalent to ``false_match.brightness_tail``."""
     if count < 2 or not spread > 0:
         return 1.0
     mean = 0.0
@@ -73,7 +73,7 @@ def brightness_tail(magnitude, v_mag, rows, stars, count, spread):
 
 @loop
 def match_tail(at_least, trials, chance, brightness):
-    """As ``false_match.match_tail``."""
+    """Return the tail of coincidences and brightness; equivalent to ``false_match.match_tail``."""
     met = max(at_least, 0)
     if met > trials:
         return 1.0
@@ -90,7 +90,8 @@ def match_tail(at_least, trials, chance, brightness):
             + lowest * math.log(chance)
             + (trials - lowest) * math.log1p(-chance)
         )
-        # Terms are relative to the first, whose logarithm is added at the end: it may be below the smallest number.
+        # The first term can be below the smallest number. Terms are relative to it, and its logarithm is added at the
+        # end.
         last, term, odds = lowest, 1.0, chance / (1 - chance)
         tail[0] = 1.0
         for k in range(lowest, trials):
@@ -139,7 +140,8 @@ def _chance_of_offsets(offset, count, radius, predicted, camera, trials, brightn
 
 @loop
 def _pair_up(places, radius, predicted, pixels, count, to, back):
-    """Mutually nearest star and detection, within the star's radius: ``to`` of each star, or -1."""
+    """Pair stars and detections that are mutually nearest and within the star's radius. Write the detection of each
+    star, or -1, to ``to``."""
     back_d2 = np.full(count, math.inf)
     for m in range(count):
         back[m] = -1
@@ -160,7 +162,7 @@ def _pair_up(places, radius, predicted, pixels, count, to, back):
 
 @loop
 def _radii(camera, unit, sigma_rad, rows, used, cam, predicted, typical_px, radius):
-    """As ``verify._radius``, without calibration error."""
+    """Write the acceptance radius of each star; equivalent to ``verify._radius`` without calibration error."""
     information, covariance = np.zeros((3, 3)), np.empty((3, 3))
     total = 0.0
     for k in range(used):
@@ -186,8 +188,9 @@ def _radii(camera, unit, sigma_rad, rows, used, cam, predicted, typical_px, radi
 
 @loop
 def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
-    """As ``verify.verify``: replace the first ``count`` ``rows`` and ``stars`` by all matches, write the rotation, and return their
-    number, the number of predicted stars and the false-match probability; no matches if the hypothesis is inconsistent."""
+    """Verify a hypothesis; equivalent to ``verify.verify``. Replaces the first ``count`` ``rows`` and ``stars`` by all
+    matches and writes the rotation. Returns the numbers of matches and of predicted stars, and the false-match
+    probability; no matches if the hypothesis is inconsistent."""
     pixels, unit, sigma_rad, magnitude, typical_px, magnitude_spread = view
     icrs, v_mag, cells = sky
     visible, places, cam, radius, first_places, first_radius, to, back = work
@@ -236,7 +239,7 @@ def verify(view, sky, camera, work, rows, stars, count, hypotheses, turn):
                 rows[count], stars[count] = m, visible[p]
                 count += 1
         if settled:
-            break  # another round would repeat this one
+            break  # another round would give the same matches
     mean = squares = 0.0
     for p in range(predicted):
         mean += v_mag[visible[p]]

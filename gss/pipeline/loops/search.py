@@ -1,4 +1,4 @@
-"""Compiled search of the pairs of a list for identification without a prior attitude; equivalent to ``pair_search.PairSearch`` and
+"""Compiled pair search for identification without a prior attitude; equivalent to ``pair_search.PairSearch`` and
 ``pyramid.identify_lost``."""
 
 # The loops have no type annotations: numba compiles them for the argument types.
@@ -18,7 +18,8 @@ EXHAUSTED, TOO_LONG = 0, -1
 
 @loop
 def geometry(unit, sigma_rad, sigmas, scale_error):
-    """Return distance and tolerance of each pair of (n, 3) directions, and the middle and half width of its cosines."""
+    """Return distance and tolerance of each pair of (n, 3) directions, and middle and half width of the range of its
+    cosine."""
     n = len(unit)
     distance, tolerance = np.zeros((n, n)), np.zeros((n, n))
     middle, half = np.zeros((n, n)), np.zeros((n, n))
@@ -37,8 +38,8 @@ def geometry(unit, sigma_rad, sigmas, scale_error):
 
 @loop
 def _anchor(i, distance, tolerance, table_rad, first, second, start, stop, offsets, pool_k, pool_c, used):
-    """Store the candidates of all pairs with star i, grouped by the catalogue star of i, from ``used`` on in the pool. Return the
-    pool, which may have grown, and the end."""
+    """Store the candidates of all pairs with star i in the pool from row ``used`` on, grouped by the catalogue star of
+    i. Return the pool, which can be a larger copy, and the end of the rows used."""
     n, stars = len(distance), len(offsets) - 1
     offsets[:] = 0
     total = 0
@@ -77,8 +78,8 @@ def _anchor(i, distance, tolerance, table_rad, first, second, start, stop, offse
 def _join(
     i, j, h_first, h_second, slices, offsets, pool_k, pool_c, icrs, unit, handedness, flat, middle, half, need, out
 ):
-    """Write the best supported hypotheses of the pair (i, j) to ``out``, rows of (star of i, star of j, third, its star, votes).
-    Return their number."""
+    """Write the best supported hypotheses of the pair (i, j) to ``out``: rows (star of i, star of j, third, star of the
+    third, votes). Return their number."""
     count = 0
     for side in range(2):
         for p in range(slices[0], slices[1]):
@@ -113,10 +114,11 @@ def _join(
 
 @loop
 def next_pair(unit, icrs, table, geometry_of, anchors, pool_k, pool_c, state, limits, out):
-    """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG, and the pool.
+    """Examine pairs in order from ``state`` until one has candidates. Return their number, EXHAUSTED or TOO_LONG, and
+    the pool.
 
-    ``state``: sum of the rows of the next pair, its first row, hypotheses, joined rows, used rows of the pool. ``limits``: rows
-    per pair, rows at once, rows in all, COLLINEAR.
+    ``state``: sum of the rows of the next pair, its first row, number of hypotheses, joined rows, used rows of the
+    pool. ``limits``: rows per pair, rows of one join, rows in total, COLLINEAR.
     """
     first, second, table_rad = table
     distance, tolerance, middle, half = geometry_of
@@ -192,12 +194,13 @@ def next_pair(unit, icrs, table, geometry_of, anchors, pool_k, pool_c, state, li
 
 @loop
 def find(view, sky, table, camera, brightest, scale_error, sigmas, limits, accept, least, rows, stars, turn):
-    """Examine pairs of the ``brightest`` detections, verify their hypotheses, and stop at the first whose false-match probability
-    is at most ``accept``. Write its matches and rotation.
+    """Examine pairs of the ``brightest`` detections, verify their hypotheses, and stop at the first whose false-match
+    probability is at most ``accept``. Write its matches and rotation.
 
-    Returns the number of matches (negative: none accepted, and the number of the best candidate), predicted stars, false-match
-    probability, hypotheses, and True if the budget was used up. ``limits``: as in :func:`next_pair`, then the most candidates
-    of a pair and the first size of the pool. ``least``: smallest number of matches.
+    Returns the number of matches, predicted stars, false-match probability, hypotheses, and True if the budget was used
+    up. If no candidate is accepted, the number of matches is minus that of the best candidate. ``limits``: as in
+    :func:`next_pair`, then the maximum number of candidates of a pair and the initial size of the pool. ``least``:
+    minimum number of matches.
     """
     unit, sigma_rad = view[1], view[2]
     n = brightest

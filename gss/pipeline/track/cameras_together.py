@@ -1,5 +1,5 @@
-"""Body attitude from several cameras: one camera measures two angles well, two at right angles measure all three
-(Moniteq 1983 §6.2)."""
+"""Body attitude from several cameras. One camera measures two angles well; two cameras at right angles measure all
+three (Moniteq 1983 §6.2)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from gss.pipeline.track.differential import differential_attitude
 
 @dataclass(frozen=True)
 class CameraView:
-    """Matched stars of one camera: (n, 3) measured in the camera frame, (n, 3) in ICRS, (n,) standard deviation per axis, and the
-    (3, 3) mounting ``body_from_cam``."""
+    """Matched stars of one camera: (n, 3) measured directions in the camera frame, (n, 3) directions in ICRS, (n,)
+    standard deviations per axis, and the (3, 3) mounting ``body_from_cam``."""
 
     measured_cam: Array
     reference_icrs: Array
@@ -27,16 +27,19 @@ class CameraView:
 
 @dataclass(frozen=True)
 class BodyAttitude:
-    """``quaternion`` (4,) body_from_icrs; ``covariance_rad2`` (3, 3) of the small rotation vector in the body frame."""
+    """Attitude of the body. ``quaternion`` (4,) body_from_icrs; ``covariance_rad2`` (3, 3) of the small rotation vector
+    in the body frame."""
 
     quaternion: Array
     covariance_rad2: Array
 
 
 def body_attitude(views: Sequence[CameraView], body_from_icrs: Array | None = None) -> BodyAttitude | None:
-    """Fit the body attitude to the stars of all cameras, weighted by 1/σ²; None if they do not determine all three axes.
+    """Fit the body attitude to the stars of all cameras, weighted by 1/σ². None if the stars do not determine all three
+    axes.
 
-    ``body_from_icrs``: reference attitude of the differential method; without it, a closed-form solution is computed first.
+    ``body_from_icrs``: initial attitude of the differential method. Without it, a closed-form solution is computed
+    first.
     """
     used = [v for v in views if len(v.measured_cam)]
     if sum(len(v.measured_cam) for v in used) < 2:

@@ -13,9 +13,9 @@ from gss.pipeline.track.predictor import rotation_vector_rad
 
 
 def extrapolate(last: Array, before: Array, steps: float = 1.0) -> Array:
-    """(3, 3) attitude of the next frame from the (4,) quaternions of the last two, at the rate between them.
+    """Return the (3, 3) attitude of the next frame from the (4,) quaternions of the last two, at the rate between them.
 
-    ``steps``: time to the next frame in units of the time between the last two."""
+    ``steps``: time to the next frame in units of the time between the last two frames."""
     now, then = matrix_from_quaternion(last), matrix_from_quaternion(before)
     turn = now @ then.T
     if steps != 1.0:
@@ -26,13 +26,14 @@ def extrapolate(last: Array, before: Array, steps: float = 1.0) -> Array:
 def average_estimates(
     quaternions: Sequence[Array], weights: Sequence[float] | None = None, ages_s: Sequence[float] = ()
 ) -> Array:
-    """(4,) quaternion of the newest of n attitudes (newest first), smoothed by fitting a constant rate to all.
+    """Return the (4,) quaternion of the newest of n attitudes (newest first), smoothed by fitting a constant rate to
+    all.
 
-    ``ages_s``: (n,) time since each, by default equal steps.
+    ``ages_s``: (n,) ages of the attitudes, by default equal steps.
 
-    The document accumulates averages of successive estimates. Averaging lags behind a rotating satellite, so a straight
-    line is fitted to the small rotations relative to the newest attitude and evaluated there. One or two attitudes
-    return the newest unchanged; a line through n has about 2/√n of one estimate's error.
+    The document averages successive estimates, which lags behind a rotating satellite. Here a straight line is fitted
+    to the small rotations relative to the newest attitude and evaluated at its time. The newest of one or two attitudes
+    is returned unchanged. A line through n attitudes has about 2/√n of the error of one estimate.
     """
     newest = matrix_from_quaternion(quaternions[0])
     if len(quaternions) < 3:

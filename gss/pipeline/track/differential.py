@@ -1,9 +1,10 @@
-"""Differential correction of a known attitude: small angles from small deviations, repeated (Moniteq 1983 §6.2; Liebe 1992,
-"Predictional estimate").
+"""Differential correction of a known attitude: small angles from small deviations, repeated (Moniteq 1983 §6.2; Liebe
+1992, "Predictional estimate").
 
-For a small rotation w, a predicted direction p moves by w × p. Equating its components perpendicular to p with those of the
-deviation gives two equations per star. The least-squares solution is converted to an exact rotation and the deviations are
-computed again, because the documents' linear form alone leaves an error of 63″ for a correction of 1°.
+For a small rotation w, a predicted direction p moves by w × p. Its components perpendicular to p equal those of the
+measured deviation, which gives two equations per star. The least-squares solution is converted to an exact rotation,
+and the deviations are computed again. The linear form of the documents alone leaves an error of 63″ for a correction of
+1°.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ CONVERGED_RAD = 1e-12
 
 
 def small_rotation_rad(predicted_cam: Array, measured_cam: Array, weights: Array) -> Array | None:
-    """(3,) rotation vector from (n, 3) predicted to measured directions; None if the stars do not determine all three axes."""
+    """Return the (3,) rotation vector from (n, 3) predicted to measured directions. None if the stars do not determine
+    all axes."""
     normal = _information(predicted_cam, weights)
     if np.linalg.eigvalsh(normal)[0] <= 1e-14 * np.trace(normal):
         return None
@@ -34,8 +36,9 @@ def _information(unit: Array, weights: Array) -> Array:
 def differential_attitude(
     measured_cam: Array, reference_icrs: Array, cam_from_icrs: Array, weights: Array | None = None, steps: int = STEPS
 ) -> Array | None:
-    """(3, 3) cam_from_icrs from n pairs of unit vectors and a nearby attitude. None if the stars do not determine all three axes
-    or the corrections do not converge. ``steps`` = 1 is the documents' single linear solution."""
+    """Return the (3, 3) cam_from_icrs from n pairs of unit vectors and a nearby attitude. None if the stars do not
+    determine all three axes or the corrections do not converge. ``steps`` = 1 gives the single linear solution of the
+    documents."""
     attitude = np.asarray(cam_from_icrs, float)
     w = np.ones(len(measured_cam)) if weights is None else np.asarray(weights, float)
     if len(measured_cam) < 2:

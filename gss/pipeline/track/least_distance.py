@@ -11,10 +11,12 @@ Index = NDArray[np.intp]
 
 
 def pair_least_distance(unit_cam: Array, predicted_cam: Array, radius_rad: float) -> tuple[Index, Index]:
-    """Pair (n, 3) measured with (m, 3) predicted directions; return their rows, none used twice.
+    """Pair (n, 3) measured with (m, 3) predicted directions. Returns the rows of the pairs; each row is used once at
+    most.
 
-    The closest pair is chosen first, then the closest of the remaining stars, up to ``radius_rad``. Ties go to the lower
-    rows. The document pairs any two stars of the two images with the least distance.
+    The closest pair is chosen first, then the closest pair of the remaining stars, up to ``radius_rad``. Of equal
+    distances, the lower rows are chosen. The document pairs the stars of the two images by least distance without
+    further rules.
     """
     none = np.empty(0, np.intp)
     if not len(unit_cam) or not len(predicted_cam):

@@ -1,8 +1,9 @@
-"""Find the stars in the new field by following links from the stars of the last field (Moniteq 1983 §6.1, Fig. 6.1 step 2b).
+"""Search for the stars in the new field along links from the stars of the last field (Moniteq 1983 §6.1, Fig. 6.1 step
+2b).
 
-On the links of a convex hull, every star has a neighbour that is closer to a given point, and the stars inside a circle are
-connected. The walk therefore goes to the field's centre and spreads from there. It examines about a hundred stars, whereas a
-linear search examines the whole list.
+On the links of a convex hull, every star except the closest has a neighbour closer to a given point, and the stars
+inside a circle are connected. The walk therefore goes to the centre of the field and spreads from there. It examines
+about a hundred stars, whereas a linear search examines the whole list.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class Walk:
-    """``rows`` of the stars in the field, ascending; ``checks``: number of stars examined."""
+    """Result of a walk. ``rows``: rows of the stars in the field, ascending; ``checks``: number of stars examined."""
 
     rows: Index
     checks: int
 
 
 def walk(links: NeighbourLinks, icrs: Array, seeds: Index, centre_icrs: Array, radius_rad: float) -> Walk:
-    """Find the stars within ``radius_rad`` of a direction, starting from the ``seeds`` rows of the previous field. Without known
-    stars, or if the list is too small for links, use a linear search."""
+    """Find the stars within ``radius_rad`` of a direction, starting from the rows ``seeds`` of the previous field.
+    Without seeds, or if the list is too small for links, a linear search is used."""
     if not len(seeds):
         return linear_search(icrs, centre_icrs, radius_rad)
     least = float(np.cos(radius_rad))
@@ -61,5 +62,5 @@ def _downhill(links: NeighbourLinks, icrs: Array, centre: Array, row: int, cosin
 
 
 def linear_search(icrs: Array, centre_icrs: Array, radius_rad: float) -> Walk:
-    """Find the stars in the field by examining all (Fig. 6.1 step 2a)."""
+    """Find the stars in the field by examining all stars (Fig. 6.1 step 2a)."""
     return Walk(np.flatnonzero(icrs @ centre_icrs >= np.cos(radius_rad)), len(icrs))

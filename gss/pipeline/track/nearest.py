@@ -12,8 +12,8 @@ def match_nearest(unit_cam: Array, predicted_cam: Array, allowed: Mask, radius_r
     """Return the (n,) catalogue row of each centroid, or −1.
 
     ``unit_cam``: (n, 3) measured directions; ``predicted_cam``: (m, 3) catalogue directions at the previous attitude.
-    The document compares with every star of the reduced list and considers a match under 0.3° unambiguous; if two stars
-    qualify, the nearest is used.
+    The document compares each centroid with every star of the reduced list and considers a match under 0.3°
+    unambiguous. If two stars qualify, the nearest is used here.
     """
     row = np.full(len(unit_cam), -1, np.intp)
     rows = np.flatnonzero(allowed)

@@ -1,5 +1,5 @@
-"""Predictional estimate: predict stars from a coarse attitude, match by least distance, and correct the attitude until both
-images coincide (Liebe 1992, "Predictional estimate", Figs. 15 to 17)."""
+"""Predictional estimate: predict stars from a coarse attitude, match them by least distance, and correct the attitude
+until the predicted and measured images coincide (Liebe 1992, "Predictional estimate", Figs. 15 to 17)."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ ROUNDS = 6
 
 @dataclass(frozen=True)
 class Fit:
-    """``cam_from_icrs`` (3, 3); ``measured`` and ``row``: matched measured stars and list rows. ``compared``: number of distances
-    compared."""
+    """Result of the estimate. ``cam_from_icrs`` (3, 3); ``measured``, ``row``: matched measured stars and their rows in
+    the list; ``compared``: number of distances compared."""
 
     cam_from_icrs: Array
     measured: Index
@@ -31,10 +31,11 @@ class Fit:
 def predictional_fit(
     unit_cam: Array, icrs: Array, rows: Index, cam_from_icrs: Array, radii_rad: Sequence[float], view_rad: float
 ) -> Fit | None:
-    """Fit (n, 3) measured directions to the ``rows`` of a star list (m, 3) that are within ``view_rad`` of the boresight.
+    """Fit (n, 3) measured directions to the ``rows`` of a star list (m, 3) that are within ``view_rad`` of the
+    boresight.
 
-    ``radii_rad`` decrease from the error of the attitude to the error of a star's position; the last one is repeated until the
-    pairs no longer change. None if there are fewer than two pairs or the attitude does not converge.
+    ``radii_rad`` decrease from the error of the attitude to the error of a star's position. The last radius is repeated
+    until the pairs no longer change. None if there are fewer than two pairs or the attitude does not converge.
     """
     attitude, compared = np.asarray(cam_from_icrs, float), 0
     before: tuple[bytes, bytes] | None = None
@@ -54,7 +55,7 @@ def predictional_fit(
 
 
 def shrinking_radii_rad(coarse_rad: float, fine_rad: float) -> tuple[float, ...]:
-    """Return the radii from coarse to fine, each half of the previous."""
+    """Return the radii from coarse to fine; each is half of the previous radius."""
     radii = [coarse_rad]
     while radii[-1] > fine_rad:
         radii.append(max(fine_rad, radii[-1] / 2))

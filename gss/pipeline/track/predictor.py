@@ -11,13 +11,14 @@ from gss.domain.rotation import matrix_from_quaternion, quaternion_from_matrix, 
 
 EVERY_SECOND_S = (1.0, 2.0, 3.0)
 MAX_CURVED = 1.5
-"""Steps ahead up to which the acceleration is used; further ahead its error, which grows quadratically, exceeds its benefit."""
+"""Steps ahead up to which the acceleration is used. Further ahead its error, which grows quadratically, exceeds its
+benefit."""
 
 
 def weights(ages_s: Sequence[float]) -> Array:
-    """(k,) weights of one to three samples, newest first, that predict the present value: ``ages_s`` are their ages;
-    constant acceleration, constant velocity or the last value. At equal steps they are 2.5, −2, 0.5 (eq. 4.22) and 2, −1
-    (eq. 4.23)."""
+    """Return the (k,) weights of one to three samples, newest first, that predict the present value. ``ages_s``: ages
+    of the samples. Three samples assume constant acceleration, two constant velocity, one a constant value. At equal
+    steps the weights are 2.5, −2, 0.5 (eq. 4.22) and 2, −1 (eq. 4.23)."""
     age = np.asarray(ages_s[:3], float)
     if len(age) == 1:
         return np.ones(1)
@@ -48,7 +49,7 @@ def predict_attitude(last: Array, earlier: tuple[Array, ...], ages_s: Sequence[f
 
 
 def rotation_vector_rad(matrix: Array) -> Array:
-    """(3,) rotation vector of a (3, 3) rotation; inverse of ``rotation_from_vector``."""
+    """Return the (3,) rotation vector of a (3, 3) rotation; inverse of ``rotation_from_vector``."""
     q = quaternion_from_matrix(matrix)
     sine = float(np.linalg.norm(q[:3]))
     scale = 2 * np.arctan2(sine, q[3]) / sine if sine > 1e-300 else 2.0

@@ -1,8 +1,8 @@
 """Guidance error of the search-and-track loop (Moniteq 1983 §6.1, Fig. 6.1).
 
-The loop itself is the chain's modes: tracking verifies the stars expected in the field along the links, a guidance error leads to
-the blind search of the same frame, and after a frame without an attitude the next one is searched for in part of the sky, then in
-all of it.
+The modes of the chain implement the loop. Tracking verifies the stars expected in the field along the links. A guidance
+error starts a blind search with the same frame. After a frame without an attitude, the next frame is matched with part
+of the sky, and then with the whole sky.
 """
 
 from __future__ import annotations

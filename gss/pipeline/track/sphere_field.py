@@ -1,8 +1,8 @@
-"""Catalogue stars in a field of view, determined in right ascension and declination (Jacobs 1995 §4.1.2, app. B).
+"""Catalogue stars in a field of view, selected by right ascension and declination (Jacobs 1995 §4.1.2, app. B).
 
 A straight edge of the detector is a great circle. At a star's right ascension the field has two edges, and the star is
-inside if its declination is between them. The number of edges that cross right ascension zero distinguishes the special cases:
-none, one (a pole is inside: there is one edge at every right ascension), two (the field lies across zero).
+inside if its declination is between them. The number of edges that cross right ascension zero distinguishes three
+cases: none; one if a pole is inside, so that every right ascension has one edge; two if the field lies across zero.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from gss.domain.angles import TWO_PI_RAD, Array, ra_dec_from_unit
 
 @dataclass(frozen=True)
 class SphereField:
-    """Edges of a field. (4,) ``left_rad`` and ``width_rad`` of each edge in right ascension, (4, 3) ``normal`` of its great
-    circle. ``zero_crossings``: counted as in the document; ``pole``: +1 or −1 if that pole is inside, else 0."""
+    """Edges of a field. ``left_rad``, ``width_rad`` (4,): right ascension and extent of each edge; ``normal`` (4, 3):
+    normal of its great circle. ``zero_crossings``: counted as in the document; ``pole``: +1 or −1 if the north or south
+    pole is inside, else 0."""
 
     left_rad: Array
     width_rad: Array
@@ -28,11 +29,12 @@ class SphereField:
 
     @property
     def first_ra_rad(self) -> float:
-        """Right ascension where an ascending search starts: the leftmost corner, or zero if a pole is inside."""
+        """Return the right ascension at which an ascending search starts: the leftmost corner, or zero if a pole is
+        inside."""
         if self.pole:
             return 0.0
-        # The leftmost corner is the left end that is neither inside another edge nor a right end: all other left ends follow it
-        # within 180°.
+        # The leftmost corner is a left end that is neither inside another edge nor a right end. All other left ends
+        # follow within 180°.
         reach = np.mod(self.left_rad[None, :] - self.left_rad[:, None], TWO_PI_RAD)
         return float(self.left_rad[int(np.argmin(np.max(np.where(reach > TWO_PI_RAD - 1e-12, 0.0, reach), axis=1)))])
 
@@ -51,13 +53,14 @@ def sphere_field(corners: Array) -> SphereField:
 
 
 def edge_dec_rad(normal: Array, ra_rad: Array) -> Array:
-    """Declination of a great circle at the given right ascensions (app. B)."""
+    """Return the declinations of a great circle at the given right ascensions (app. B)."""
     slope = -(normal[0] * np.cos(ra_rad) + normal[1] * np.sin(ra_rad))
     return np.asarray(np.arctan2(slope * np.sign(normal[2]), np.abs(normal[2])))
 
 
 def stars_inside(field: SphereField, ra_rad: Array, dec_rad: Array) -> NDArray[np.intp]:
-    """Rows of the stars inside the field, by ascending right ascension from its leftmost corner (eq. 4.4–4.7)."""
+    """Return the rows of the stars inside the field, by ascending right ascension from its leftmost corner (eq.
+    4.4–4.7)."""
     lowest, highest = np.full(len(ra_rad), np.inf), np.full(len(ra_rad), -np.inf)
     for left, width, normal in zip(field.left_rad, field.width_rad, field.normal, strict=True):
         over = np.flatnonzero(np.mod(ra_rad - left, TWO_PI_RAD) < width)

@@ -1,4 +1,4 @@
-"""Identification of three stars by their distances, from a few reference stars with several candidates each (Jacobs 1995
+"""Identification of three stars by their distances. Each of a few reference stars has several candidates (Jacobs 1995
 §4.1.4)."""
 
 from __future__ import annotations
@@ -27,10 +27,11 @@ class Candidates:
 
 @dataclass
 class ThreeStars:
-    """Search for three fitting stars. Columns are added one by one; all sets of three with the new column are tested.
+    """Search for three stars with the right distances. Columns are added one by one, and all sets of three with the new
+    column are tested.
 
-    ``unit_cam`` (n, 3) observed and ``reference_unit`` (m, 3) unit vectors. ``result``: (observed, reference) of the three stars,
-    ``pair``: the first two that fit, used if no three do. ``operations``: number of distances compared.
+    ``unit_cam`` (n, 3) observed and ``reference_unit`` (m, 3) unit vectors. ``result``: (observed, reference) of the
+    three stars, ``pair``: the first two that fit, used if no three do. ``operations``: number of distances compared.
     """
 
     unit_cam: Array
@@ -58,7 +59,7 @@ class ThreeStars:
         return bool(self.result)
 
     def _fit(self, columns: tuple[Candidates, ...]) -> list[tuple[int, int]]:
-        """Return the first choice of one candidate per column whose distances all fit, by depth-first search."""
+        """Return the first choice of one candidate per column for which all distances fit, by depth-first search."""
 
         def grow(chosen: list[tuple[int, int]]) -> list[tuple[int, int]]:
             if len(chosen) == len(columns):
@@ -87,8 +88,9 @@ def _angle_rad(a: Array, b: Array) -> float:
 
 
 def by_boxes(pixels: Array, columns: int, rows: int) -> Rows:
-    """Order in which (n, 2) expected stars are searched: the first of each of nine boxes, then the second of each, and so
-    on (Fig. 4-4, 4-5). Boxes are numbered along the rows; within a box the given order is kept."""
+    """Return the order in which (n, 2) expected stars are searched: the first star of each of nine boxes, then the
+    second of each, and so on (Fig. 4-4, 4-5). Boxes are numbered along the rows; the order within a box does not
+    change."""
     col = np.clip(np.floor((pixels[:, 0] + 0.5) * 3 / columns), 0, 2).astype(np.intp)
     row = np.clip(np.floor((pixels[:, 1] + 0.5) * 3 / rows), 0, 2).astype(np.intp)
     box = 3 * row + col
