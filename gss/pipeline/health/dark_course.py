@@ -1,4 +1,4 @@
-"""Dark level of a detector against temperature and over the years."""
+"""Dark current of a detector as a function of temperature and time."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ MIN_SAMPLES = 20
 
 @dataclass(frozen=True)
 class DarkCourse:
-    """Dark current of the typical pixel: ``at_reference_e_s`` at ``reference_c`` and the middle of the mission, growth per year
-    relative to it, and the temperature increase that doubles it. ``law_known``: False if the temperatures do not determine the
-    law; the figures are then NaN and factors use that of silicon."""
+    """Dark current of the typical pixel: ``at_reference_e_s`` at ``reference_c`` and the middle of the mission, growth
+    per year relative to it, and the temperature increase that doubles it. ``law_known``: False if the temperatures do
+    not determine the law; the figures are then NaN, and ``factor`` uses the law of silicon."""
 
     reference_c: float
     exponent_k: float
@@ -34,13 +34,13 @@ class DarkCourse:
     growth_per_year: Estimate
 
     def factor(self, temperature_c: ArrayLike) -> Array:
-        """Dark current at temperatures relative to that at the reference; 1 where the temperature is not known."""
+        """Return the dark current at temperatures relative to that at the reference; 1 if a temperature is unknown."""
         t = np.asarray(temperature_c, float)
         return np.where(np.isfinite(t), _law(self.exponent_k, t, self.reference_c), 1.0)
 
 
 def _law(exponent_k: float, temperature_c: Array, reference_c: float) -> Array:
-    """Dark current relative to that at the reference (Jacobs 1995 eq. H.1–H.2)."""
+    """Return the dark current relative to that at the reference (Jacobs 1995 eq. H.1–H.2)."""
     step = 1 / (reference_c + ZERO_C_K) - 1 / (np.asarray(temperature_c) + ZERO_C_K)
     return np.asarray(np.exp(exponent_k * step))
 
@@ -48,8 +48,8 @@ def _law(exponent_k: float, temperature_c: Array, reference_c: float) -> Array:
 def dark_course(
     times_s: Array, temperature_c: Array, exposure_s: Array, level_dn: Array, noise_dn: Array, e_per_dn: float
 ) -> DarkCourse:
-    """Fit (n,) sky levels: a constant, light that grows with the exposure, and dark current that also follows the diode law
-    and grows evenly with time."""
+    """Fit (n,) sky levels by a constant, light proportional to the exposure, and dark current, which follows the diode
+    law and grows linearly with time."""
     good = np.isfinite(temperature_c) & np.isfinite(level_dn)
     t, warm = times_s[good], temperature_c[good]
     nothing = Estimate(float("nan"), float("nan"), float("nan"))
@@ -67,7 +67,7 @@ def dark_course(
             fit_linear(np.column_stack([d, d * years, np.ones(len(t)), *sky]), level, sigma)
             for d in (exposure * _law(e, warm, reference_c) for e in exponents)
         ]
-        # Deviations beyond the rejection count as such, or a law could win by rejecting more frames.
+        # Deviations are limited to the rejection threshold. Otherwise a law could win by rejecting more frames.
         chi2 = np.array([np.sum(np.minimum(np.abs(f.residual / sigma), CLIP_SIGMAS * f.sigma) ** 2) for f in fits])
         k = int(np.argmin(chi2))
         if not 0 < k < len(exponents) - 1:

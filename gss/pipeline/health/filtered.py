@@ -1,4 +1,4 @@
-"""Sequential calibration: a figure filtered over the mission, without its dependence on temperature."""
+"""Sequential calibration: a figure filtered over the mission after its temperature dependence is subtracted."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from gss.domain.angles import Array
 from gss.pipeline.health.trend import CLIP_SIGMAS, DAY_S, Trend
 
 WANDERINGS = np.geomspace(1e-4, 3.0, 24)
-"""Random walk in a day relative to the error of one sample; the likeliest is used."""
+"""Random walk per day relative to the error of one sample. The value with the highest likelihood is used."""
 MIN_SCATTER = 0.1
 
 
 @dataclass(frozen=True)
 class FilteredCourse:
-    """Estimates (n,) after each sample from it and the earlier ones, at the mean temperature, and their standard deviations.
-    ``walk_per_day``: standard deviation of the random walk in a day."""
+    """Filtered course of a figure: (n,) estimates at the mean temperature, each from its sample and the earlier ones,
+    and their standard deviations. ``walk_per_day``: standard deviation of the random walk in a day."""
 
     values: Array
     sigma: Array
@@ -25,7 +25,8 @@ class FilteredCourse:
 
 
 def filtered_course(times_s: Array, values: Array, sigma: Array, temperature_c: Array, trend: Trend) -> FilteredCourse:
-    """Filter (n,) samples in order of time: a level that drifts as the trend and wanders, and that starts again at each jump."""
+    """Filter (n,) samples in order of time. The level follows the drift of the trend and a random walk; the filter
+    restarts at each jump."""
     days = np.asarray(times_s, float) / DAY_S
     warmth = np.zeros(len(days))
     if trend.per_k is not None:

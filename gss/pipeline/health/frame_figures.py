@@ -1,4 +1,5 @@
-"""Figures of one frame that age with the sensor: lens, focus, sensitivity per star colour, and counts of matched stars."""
+"""Figures of one frame that change as the sensor ages: lens, focus, sensitivity per star colour, and counts of matched
+stars."""
 
 from __future__ import annotations
 
@@ -22,13 +23,13 @@ from gss.pipeline.star_mask import star_mask
 from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
 
 LENS_STARS = 10
-"""Fewest stars that give focal length, centre and distortion beside the attitude."""
+"""Minimum number of stars to determine focal length, centre and distortion in addition to the attitude."""
 LENS_UNKNOWNS = 7
 COLOUR_STARS = 3
 FOCUS_STARS = 3
 FOCUS_SNR = 20.0
 CLIPPED_SHARE = 0.9
-"""Peak over saturation, from which the light of a star is not measured completely."""
+"""Ratio of peak to saturation above which the light of a star is not measured completely."""
 COLOURS = (("blue", -1.0, 0.3), ("white", 0.3, 0.8), ("red", 0.8, 4.0))
 """Name and range of B−V."""
 MIN_ERROR_PX = 0.01
@@ -40,7 +41,7 @@ MIN_APERTURE_SNR = 12.0
 NEIGHBOUR_SHARE = 0.02
 Map = NDArray[np.float32]
 COUNTS = ("matched stars", "sources without a star")
-"""They vary with the part of the sky, so jumps of them mean nothing."""
+"""Figures that vary with the part of the sky, so their jumps are not significant."""
 FIGURES = {
     "focal length": "px",
     "centre column": "px",
@@ -50,14 +51,16 @@ FIGURES = {
     **{f"light of {name} stars": "mag" for name, _, _ in COLOURS},
     **dict.fromkeys(COUNTS, ""),
 }
-"""Unit of every figure. Distortion: displacement at the corner; light: magnitudes lost against the sensor's zero point."""
+"""Unit of each figure. Distortion: displacement at the corner; light: magnitudes lost relative to the sensor's zero
+point."""
 
 
 @dataclass(frozen=True)
 class HealthFrame:
-    """One frame of a mission. ``time_s``: Unix seconds of mid exposure; ``pixels`` reads it, possibly more than once; ``result``:
-    None if it could not be run; ``stars``: apparent places at its date, deeper than the frame; ``temperature_c``: NaN if unknown;
-    ``place_rad``: latitude and longitude below the spacecraft, None if unknown."""
+    """One frame of a mission. ``time_s``: Unix seconds of mid exposure; ``pixels``: function that reads the frame,
+    possibly called more than once; ``result``: None if the chain could not run; ``stars``: apparent places at the date
+    of the frame, fainter than the frame shows; ``temperature_c``: NaN if unknown; ``place_rad``: latitude and longitude
+    below the spacecraft, None if unknown."""
 
     name: str
     time_s: float
@@ -76,8 +79,8 @@ class HealthFrame:
 
 @dataclass(frozen=True)
 class OverSky:
-    """Digital numbers above the local sky (rows, columns), whether catalogue stars add light there, and the median of sky level and
-    noise of a pixel."""
+    """Frame above its local sky: (rows, columns) digital numbers, a mask of the pixels lit by catalogue stars, and the
+    medians of sky level and pixel noise."""
 
     excess_dn: Map
     lit: NDArray[np.bool_]
@@ -86,7 +89,7 @@ class OverSky:
 
     @property
     def dark_dn(self) -> Map:
-        """Excess, NaN under stars."""
+        """Return the excess over the sky, NaN under stars."""
         return np.where(self.lit, np.float32(np.nan), self.excess_dn)
 
 
@@ -101,19 +104,19 @@ def over_sky(frame: HealthFrame, pixels: NDArray[Any], sensor: Sensor) -> OverSk
 
 
 def _on_detector(frame: HealthFrame, result: SolveResult, beside_px: float) -> tuple[Array, Array, Array]:
-    """Places (m, 2), V and B−V of catalogue stars on the detector and up to ``beside_px`` beside it."""
+    """Return positions (m, 2), V and B−V of the catalogue stars on the detector or up to ``beside_px`` beside it."""
     assert result.attitude is not None  # noqa: S101 - the caller has looked
     cam = frame.stars.icrs @ result.attitude.cam_from_icrs.T
     ahead = np.flatnonzero(cam[:, 2] > np.cos(min(result.camera.half_diagonal_rad + 0.02, 1.5)))
-    places = result.camera.project(cam[ahead])
-    on = result.camera.contains(places, -beside_px)
-    return places[on], frame.stars.v_mag[ahead][on], frame.stars.b_v[ahead][on]
+    positions = result.camera.project(cam[ahead])
+    on = result.camera.contains(positions, -beside_px)
+    return positions[on], frame.stars.v_mag[ahead][on], frame.stars.b_v[ahead][on]
 
 
 def _lit(
     frame: HealthFrame, result: SolveResult, sensor: Sensor, noise_dn: float, shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
-    """(rows, columns), True under catalogue stars."""
+    """Return a (rows, columns) mask, True under catalogue stars."""
     places, v_mag, _ = _on_detector(frame, result, BESIDE_PX)
     light_dn = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn
     trails = np.zeros_like(places)
@@ -125,8 +128,8 @@ def _lit(
 def frame_figures(
     frame: HealthFrame, pixels: NDArray[Any], sky: OverSky, camera: Camera, sensor: Sensor
 ) -> dict[str, tuple[float, float]]:
-    """Return value and standard deviation of the figures that a solved frame gives. ``camera``: the calibration whose change is
-    measured."""
+    """Return value and standard deviation of each figure that can be measured in a solved frame. ``camera``: the
+    calibration relative to which changes are measured."""
     result = frame.result
     assert result is not None  # noqa: S101 - the caller has looked
     assert result.matches is not None  # noqa: S101 - the caller has looked
@@ -142,7 +145,7 @@ def frame_figures(
 
 
 def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]:
-    """Focal length, centre and third-order distortion of this frame, fitted together with its attitude."""
+    """Return focal length, centre and third-order distortion of the frame, fitted together with its attitude."""
     matches = result.matches
     assert matches is not None  # noqa: S101 - the caller has looked
     used = np.isfinite(matches.residual_px).all(axis=1)
@@ -156,7 +159,8 @@ def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]
     half_px = np.hypot(camera.columns, camera.rows) / 2
     from_centre = places - np.array([camera.centre_col_px, camera.centre_row_px])
     radius2 = np.sum(from_centre**2, axis=1, keepdims=True) / half_px**2
-    # A motion of the centre moves all stars alike; a rotation does the same except for the projection's own distortion.
+    # A shift of the centre moves all stars equally. A rotation has the same effect, except for the distortion of the
+    # projection.
     columns = [
         trail_per_rad(camera, places) / 1e3,
         from_centre[:, :, None] / half_px,
@@ -202,8 +206,8 @@ def _focus(pixels: NDArray[Any], sensor: Sensor) -> dict[str, tuple[float, float
 def _light(
     result: SolveResult, frame: HealthFrame, excess_dn: Map, noise_dn: float, sensor: Sensor
 ) -> dict[str, tuple[float, float]]:
-    """Measured minus catalogue magnitude by colour; positive: light is lost. All light within a wide aperture counts, so that a
-    change of focus does not look like one of sensitivity."""
+    """Return measured minus catalogue magnitude by colour; positive if light is lost. A wide aperture is used, so that
+    a change of focus is not mistaken for a change of sensitivity."""
     places, v_mag, b_v = _on_detector(frame, result, 0.0)
     reach = int(np.ceil(APERTURE_SIGMAS * sensor.psf_sigma_px))
     flux = np.full(len(places), np.nan)
@@ -211,7 +215,7 @@ def _light(
         2 * reach + 1
     )
     gap = np.linalg.norm(places[:, None] - places[None, bright], axis=2).T
-    # The light of the neighbours that reaches the aperture must be small.
+    # Stars with much light from neighbours in the aperture are excluded.
     fainter = 10 ** (-0.4 * (v_mag[None, :] - v_mag[bright][:, None]))
     alone = (np.where((gap < 2 * reach) & (gap > 0), fainter, 0.0).sum(axis=1)) < NEIGHBOUR_SHARE
     for k in np.flatnonzero(bright)[alone]:
@@ -232,6 +236,6 @@ def _light(
 
 
 def _middle(values: Array, least: float) -> tuple[float, float]:
-    """Median and its standard deviation."""
+    """Return the median and its standard deviation."""
     spread = max(robust_sigma(values), least)
     return float(np.median(values)), 1.2533 * spread / float(np.sqrt(len(values)))

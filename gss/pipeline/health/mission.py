@@ -35,9 +35,9 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class FigureCourse:
-    """One figure over the mission: (n,) samples at Unix seconds with standard deviations; ``trend``: None with too few samples.
-    ``reference``: of the calibration, or the fitted start; ``leaves``: None without a tolerance; ``filtered``: None without a
-    trend."""
+    """Course of one figure over the mission: (n,) samples at Unix seconds with standard deviations. ``trend``: None
+    with too few samples. ``reference``: value in the calibration, or the fitted value at the start; ``leaves``: when
+    the figure leaves its tolerance, None without a tolerance; ``filtered``: None without a trend."""
 
     name: str
     unit: str
@@ -54,9 +54,9 @@ class FigureCourse:
 
 @dataclass(frozen=True)
 class MissionHealth:
-    """Health of one camera. n solved frames: ``times_s``, ``temperature_c``, ``exposure_s``, ``level_dn``, ``particles`` (hits in
-    each frame), ``place_rad`` (n, 2) latitude and longitude, NaN if unknown. ``warm_e_s``: least dark current of a warm pixel at
-    the reference temperature."""
+    """Health of one camera. n solved frames: ``times_s``, ``temperature_c``, ``exposure_s``, ``level_dn``,
+    ``particles`` (hits in each frame), ``place_rad`` (n, 2) latitude and longitude, NaN if unknown. ``warm_e_s``:
+    minimum dark current of a warm pixel at the reference temperature."""
 
     frames: int
     times_s: Array
@@ -76,8 +76,8 @@ class MissionHealth:
 
 
 def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor, progress: Progress) -> MissionHealth:
-    """Return the health from frames of any attitude, of one camera, in any order. Each is read twice. Raises BadInput with fewer
-    than 30 solved frames."""
+    """Compute the health of one camera from frames at any attitudes, in any order. Each frame is read twice. Raises
+    BadInput with fewer than 30 solved frames."""
     solved = sorted((f for f in frames if f.solved), key=lambda f: f.time_s)
     if len(solved) < MIN_FRAMES:
         raise BadInput(
@@ -137,7 +137,8 @@ def _second_reading(
     followed: NDArray[np.intp],
     progress: Progress,
 ) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-    """Return (n, k) values of the followed pixels, and (n,) particle hits beside them."""
+    """Read the frames again. Returns (n, k) values of the followed pixels, and the (n,) numbers of particle hits in
+    other pixels."""
     values = np.empty((len(solved), len(followed)), np.float32)
     full = np.zeros(values.shape, bool)
     particles = np.zeros(len(solved), np.intp)
@@ -155,15 +156,15 @@ def _second_reading(
 
 
 def _always_full(full: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(k,) True for pixels that are saturated in most of the (n, k) frames since the first time: their value is a lower limit. In
-    others a saturated value is a particle, or a frame that was too warm."""
+    """True for each of k pixels that is saturated in most frames after its first saturation; its value is then a lower
+    limit. In other pixels, a saturated value is due to a particle or to a frame that was too warm."""
     since = np.maximum.accumulate(full, axis=0).sum(axis=0)
     times = full.sum(axis=0)
     return np.asarray((times >= FULL_FRAMES) & (2 * times > since))
 
 
 def _hits(excess_dn: Map, usual_dn: Map, noise_dn: float, e_per_dn: float) -> int:
-    """Count connected groups of pixels above their usual value. NaN pixels are left out."""
+    """Count connected groups of pixels above their usual value. NaN pixels are ignored."""
     limit = usual_dn + PARTICLE_SIGMAS * np.sqrt(noise_dn**2 + np.maximum(usual_dn, 0) / e_per_dn)
     return int(ndimage.label(excess_dn > limit, structure=np.ones((3, 3)))[1])
 
@@ -197,7 +198,8 @@ def _figure(
 
 
 def _tolerance(name: str, camera: Camera, start: float) -> tuple[float, float | None]:
-    """Reference value and tolerance of a figure: the calibration for the lens, the start of the mission for the others."""
+    """Return reference value and tolerance of a figure. The reference is the calibration for the lens, and the start of
+    the mission for other figures."""
     half_px = float(np.hypot(camera.columns, camera.rows)) / 2
     lens = {
         "focal length": (camera.focal_col_px, LENS_TOLERANCE_PX * camera.focal_col_px / half_px),

@@ -1,7 +1,8 @@
 """Course of single warm pixels: onset, growth and annealing, fitted to their values in every frame.
 
-The model of a pixel is an offset of the read-out, a dark current from the start, and from the onset on a further one that is
-steady, grows evenly, or decays by half in each half-life to a level that remains. Dark currents follow the temperature.
+The model of a pixel is a read-out offset, a dark current from the start, and after the onset an additional dark
+current. The additional current is steady, grows linearly, or decays with a half-life to a remaining level. Dark
+currents follow the temperature.
 """
 
 from __future__ import annotations
@@ -17,13 +18,13 @@ from gss.pipeline.health.trend import DAY_S, TIME_GAIN, Z95, Estimate
 
 STEADY, ANNEALING, GROWING = "steady", "annealing", "growing"
 SURE_GAIN = 45.0
-"""Improvement of χ² by an onset. It is searched for in every candidate and at every frame, and one false pixel in a megapixel
-is the most that may remain."""
+"""Minimum improvement of χ² by an onset. Onsets are searched for in every candidate and at every frame; this limit
+leaves at most one false pixel per megapixel."""
 SHAPE_GAIN = 16.0
-"""Further improvement by annealing or growth over a steady level."""
+"""Minimum additional improvement of χ² by annealing or growth over a steady level."""
 HALF_LIFE_GAIN = 3.84
 LAW_ERROR = 0.02
-"""Relative error of the dark law and the temperature, by which a hot pixel may vary beyond its noise."""
+"""Relative error of the dark law and the temperature, which adds to the noise of a hot pixel."""
 CLIP_SIGMAS = 6.0
 MIN_FRAMES = 12
 MIN_EACH_SIDE = 3
@@ -32,14 +33,15 @@ FINE = 61
 YEAR_S = 365.25 * DAY_S
 DEGENERATE = 1e-9
 OFFSET_SPREAD = 0.05
-"""Relative spread of exposure times dark factor, from which an offset can be separated from a dark current."""
+"""Minimum relative spread of exposure × dark factor that separates an offset from a dark current."""
 
 
 @dataclass(frozen=True)
 class PixelCourse:
-    """One pixel. ``onset_s``: Unix seconds, None if it was warm from the start; ``shape``: of its course since. ``first_e_s``: dark
-    current above the typical pixel in the first frame after the onset; ``now_e_s``: in the last frame; both at the reference
-    temperature of the dark course. ``half_life_s``: of the part that anneals; ``growth_e_s_year``: of one that grows."""
+    """Course of one pixel. ``onset_s``: Unix seconds, None if it was warm from the start; ``shape``: shape of the
+    course after the onset. ``first_e_s``: dark current above the typical pixel in the first frame after the onset;
+    ``now_e_s``: in the last frame; both at the reference temperature of the dark course. ``half_life_s``: half-life of
+    annealing; ``growth_e_s_year``: growth per year."""
 
     col: int
     row: int
@@ -53,8 +55,8 @@ class PixelCourse:
 
 @dataclass(frozen=True)
 class PixelSeries:
-    """Values of one pixel in n frames in order of time: ``excess_dn`` (n,), NaN under stars; ``noise_dn`` (n,) of a typical pixel;
-    ``drive_s`` (n,): exposure times the dark factor, which turns e/s at the reference into electrons."""
+    """Values of one pixel in n frames in order of time: ``excess_dn`` (n,), NaN under stars; ``noise_dn`` (n,) of a
+    typical pixel; ``drive_s`` (n,): exposure × dark factor, which converts e/s at the reference to electrons."""
 
     times_s: Array
     excess_dn: Array
@@ -65,8 +67,8 @@ class PixelSeries:
 
 @dataclass(frozen=True)
 class _Grid:
-    """Improvement of χ² over a pixel without onset, −inf where the pixel would become dimmer: ``steady`` (s,), ``growing`` (s,),
-    ``annealing`` (s, h)."""
+    """Improvement of χ² over a pixel without onset, for s onsets and h half-lives: ``steady`` (s,), ``growing`` (s,),
+    ``annealing`` (s, h). It is −inf if the pixel would become dimmer."""
 
     steady: Array
     growing: Array
@@ -110,7 +112,7 @@ def _fit_of(series: PixelSeries) -> _Fit | None:
     if len(measured) < MIN_FRAMES:
         return None
     y = series.excess_dn[measured].astype(float)
-    # A running median follows the pixel without the particles that hit it; it also gives its shot noise.
+    # A running median follows the pixel but not the particle hits. It also gives the shot noise.
     smooth = np.array([np.median(y[max(0, i - 2) : i + 3]) for i in range(len(y))])
     dark_dn = np.maximum(smooth, 0)
     sigma = np.sqrt(series.noise_dn[measured] ** 2 + dark_dn / series.e_per_dn + (LAW_ERROR * dark_dn) ** 2)
@@ -123,7 +125,7 @@ def _fit_of(series: PixelSeries) -> _Fit | None:
 
 
 class _Fit:
-    """Weighted least squares of one pixel: all sums are relative to the model without onset, which is projected out."""
+    """Weighted least squares for one pixel. The model without onset is projected out of all sums."""
 
     def __init__(self, t: Array, x: Array, y: Array, sigma: Array) -> None:
         self.t, self.x, self.y, self.sigma = t, x, y, sigma
@@ -136,7 +138,7 @@ class _Fit:
         self._columns = columns
 
     def gains(self, starts: NDArray[np.intp], lives_s: Array) -> _Grid:
-        """Improvements for onsets at the frames ``starts`` and half-lives."""
+        """Return the improvements of χ² for onsets at the frames ``starts`` and for the half-lives."""
         steady, growing = np.empty(len(starts)), np.empty(len(starts))
         annealing = np.empty((len(starts), len(lives_s)))
         for i, s in enumerate(starts):
@@ -151,7 +153,7 @@ class _Fit:
             good = det > DEGENERATE * step2 * shape2
             safe = np.where(good, det, 1.0)
             level, shaped = (right * shape2 - rights * cross) / safe, (rights * step2 - right * cross) / safe
-            # It becomes brighter at the onset, and by the shape.
+            # The pixel must become brighter at the onset, and the shape must make it brighter.
             rises = good & (shaped > 0) & (level + np.r_[0.0, np.ones(len(lives_s))] * shaped > 0)
             both = np.where(rises, right * level + rights * shaped, -np.inf)
             steady[i] = right**2 / step2 if right > 0 and step2 > DEGENERATE * float(drive @ drive) else -np.inf
@@ -159,7 +161,8 @@ class _Fit:
         return _Grid(steady, growing, annealing)
 
     def solve(self, start: int | None = None, shape: str = STEADY, half_life_s: float = 0.0) -> tuple[Array, Array]:
-        """Values and covariance of the level and, except for a steady one, the shape since the onset; then those of the start."""
+        """Return values and covariance of the parameters: the level and, unless steady, the shape after the onset; then
+        those before it."""
         columns: list[Array] = []
         if start is not None:
             after_s = np.maximum(self.t - self.t[start], 0)
@@ -171,7 +174,7 @@ class _Fit:
         values = np.linalg.lstsq(design, self.y / self.sigma, rcond=None)[0]
         if start is not None and shape == ANNEALING:
             after_s = np.maximum(self.t - self.t[start], 0)
-            # The error of the half-life belongs to those of the levels.
+            # The error of the half-life adds to the errors of the levels.
             slope = values[1] * columns[1] * np.log(2) * after_s / half_life_s
             design = np.column_stack([design, slope])
         covariance = np.linalg.pinv(design.T @ design)[: len(values), : len(values)]

@@ -1,4 +1,4 @@
-"""Search for warm pixels over a mission: which pixels to follow frame by frame."""
+"""Search for warm pixels over a mission: selection of the pixels to follow frame by frame."""
 
 from __future__ import annotations
 
@@ -12,21 +12,23 @@ from gss.pipeline.calibration.robust import robust_sigma
 
 Map = NDArray[np.float32]
 TRIMMED = 0.2
-"""Share of the lowest and of the highest values of a pixel that a block leaves out: particles, and stars not in the catalogue."""
+"""Share of the lowest and of the highest values of a pixel that a block ignores, because of particles and uncatalogued
+stars."""
 MAX_BLOCKS = 40
 MIN_FRAMES = 5
-"""Frames of a block."""
+"""Minimum number of frames in a block."""
 STEP_SIGMAS = 5.0
 ALWAYS_SIGMAS = 6.0
 MAX_CANDIDATES = 20_000
 SAMPLED = 7
-"""One pixel in this many gives the noise."""
+"""The noise is measured on every pixel with a flat index divisible by this."""
 WINDOWS = (1, 2, 4, 8, MAX_BLOCKS)
-"""Blocks after an onset that are averaged: short ones for pixels that anneal soon."""
+"""Numbers of blocks that are averaged after an onset; small numbers detect pixels that anneal soon."""
 
 
 def block_edges(count: int) -> list[int]:
-    """Return where blocks of ``count`` frames in order begin, and the end of the last."""
+    """Divide ``count`` frames in order into blocks. Returns the first frame of each block, and the end of the last
+    block."""
     blocks = max(1, min(MAX_BLOCKS, count // MIN_FRAMES))
     return [round(count * b / blocks) for b in range(blocks + 1)]
 
@@ -39,7 +41,7 @@ class BlockMaps:
         self._maps: list[Map] = []
 
     def add(self, excess_dn: Map) -> None:
-        """Add the next frame: (rows, columns), NaN where stars are."""
+        """Add the next frame: (rows, columns), NaN under stars."""
         self._waiting.append(excess_dn)
         done = len(self._maps)
         if len(self._waiting) == self._edges[done + 1] - self._edges[done]:
@@ -48,12 +50,13 @@ class BlockMaps:
 
     @property
     def maps(self) -> NDArray[np.float32]:
-        """(blocks, rows, columns)."""
+        """Return the (blocks, rows, columns) trimmed means."""
         return np.stack(self._maps)
 
 
 def trimmed_mean(values: NDArray[np.float32]) -> Map:
-    """(rows, columns) mean of (n, rows, columns) values without the lowest and highest fifth; 0 where all are NaN."""
+    """Return the (rows, columns) mean of (n, rows, columns) values without the lowest and highest fifth; 0 if all
+    values are NaN."""
     ordered = np.sort(values, axis=0)  # NaN last
     n = len(values)
     if not np.isnan(ordered[-1]).any():
@@ -68,9 +71,11 @@ def trimmed_mean(values: NDArray[np.float32]) -> Map:
 
 
 def candidates(maps: NDArray[np.float32]) -> NDArray[np.intp]:
-    """Return the flat indices of pixels that are brighter than the others, or become brighter, in (blocks, rows, columns) means.
+    """Return the flat indices of pixels that are brighter than the others, or become brighter, in (blocks, rows,
+    columns) means.
 
-    Only a preselection: several per megapixel are accidents, which :mod:`gss.pipeline.health.pixel_course` rejects.
+    This is a preselection. Several candidates per megapixel are false and are rejected by
+    :mod:`gss.pipeline.health.pixel_course`.
     """
     blocks = len(maps)
     flat = maps.reshape(blocks, -1)
@@ -86,7 +91,8 @@ def candidates(maps: NDArray[np.float32]) -> NDArray[np.intp]:
 
 
 def _block_noise(flat: NDArray[np.float32]) -> Array:
-    """(blocks,) noise of the means, from differences of neighbouring blocks, in which the fixed pattern cancels."""
+    """Return the (blocks,) noise of the means, from differences of neighbouring blocks, in which the fixed pattern
+    cancels."""
     sample = flat[:, ::SAMPLED].astype(float)
     if len(flat) < 2:
         return np.array([robust_sigma(sample[0])])
@@ -95,7 +101,7 @@ def _block_noise(flat: NDArray[np.float32]) -> Array:
 
 
 def _steps(flat: NDArray[np.float32], noise: Array) -> Iterator[Array]:
-    """Yield (pixels,) significance of a rise at each block, for each window after it."""
+    """Yield the (pixels,) significance of an increase at each block, for each number of averaged blocks."""
     blocks = len(flat)
     total = np.cumsum(flat, axis=0, dtype=np.float32)
     power = np.cumsum(noise**2)

@@ -1,4 +1,4 @@
-"""A calibration proposed from the health of a sensor: the camera as its newest trends describe it, and its bad pixels."""
+"""Calibration proposed from the health of a sensor: camera parameters from the latest trends, and bad pixels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gss.pipeline.health.trend import DAY_S, Z95, Estimate, Trend
 
 @dataclass(frozen=True)
 class ProposedChange:
-    """One value of the calibration: old, and new with its 95 % interval."""
+    """Change of one value of the calibration: the old value, and the new value with its 95 % interval."""
 
     name: str
     unit: str
@@ -26,8 +26,8 @@ class ProposedChange:
 
 @dataclass(frozen=True)
 class Proposal:
-    """``profile``: with the changed values; ``changes``: those that are significant; ``bad`` (k, 2): column and row of the pixels
-    that are warm at the end; ``left_out``: changes that the lens model cannot express."""
+    """Proposed calibration. ``profile``: profile with the new values; ``changes``: significant changes; ``bad`` (k, 2):
+    column and row of the pixels that are warm at the end; ``left_out``: changes that the lens model cannot express."""
 
     profile: CameraProfile
     changes: tuple[ProposedChange, ...]
@@ -36,7 +36,7 @@ class Proposal:
 
 
 def value_at(trend: Trend, time_s: float) -> Estimate:
-    """Return the fitted value with its interval at a time, at the mean temperature."""
+    """Return the fitted value and its interval at a time and the mean temperature."""
     row = np.zeros(len(trend.covariance))
     row[0], row[1] = 1.0, (time_s - trend.middle_s) / DAY_S
     first = 2 if trend.per_k is None else 3
@@ -47,8 +47,8 @@ def value_at(trend: Trend, time_s: float) -> Estimate:
 
 
 def proposed(health: MissionHealth, profile: CameraProfile) -> Proposal:
-    """Return the calibration at the time of the last frame. ``profile``: the one whose change was measured. A value whose interval
-    contains the old one is kept."""
+    """Return the calibration at the time of the last frame. ``profile``: the calibration relative to which changes were
+    measured. A value does not change if its interval contains the old value."""
     end_s = float(health.times_s[-1])
     changes: list[ProposedChange] = []
     left_out: list[str] = []
@@ -96,7 +96,7 @@ def proposed(health: MissionHealth, profile: CameraProfile) -> Proposal:
 
 
 def _bent(camera: Camera, corner_px: float) -> Camera | None:
-    """Return the camera with a further third-order distortion, None if its lens model has none."""
+    """Return the camera with additional third-order distortion. None if its lens model has no such term."""
     half_px = float(np.hypot(camera.columns, camera.rows)) / 2
     k1 = corner_px * camera.focal_col_px**2 / half_px**3
     if isinstance(camera.distortion, Brown):
@@ -105,8 +105,8 @@ def _bent(camera: Camera, corner_px: float) -> Camera | None:
 
 
 def _light(health: MissionHealth, end_s: float) -> Estimate | None:
-    """Return the magnitudes lost against the zero point, as the weighted mean over the star colours; None without a trend. The
-    interval includes how much the colours differ."""
+    """Return the magnitudes lost relative to the zero point, as the weighted mean over the star colours. None without a
+    trend. The interval includes the difference between the colours."""
     trends = [health.figure(f"light of {name} stars").trend for name, _, _ in COLOURS]
     trend_values = [value_at(t, end_s) for t in trends if t is not None]
     if not trend_values:

@@ -14,18 +14,19 @@ DAY_S = 86_400.0
 Z95 = 1.96
 MIN_SAMPLES = 12
 MIN_EACH_SIDE = 5
-"""Samples before and after a jump."""
+"""Minimum number of samples before and after a jump."""
 MAX_JUMPS = 4
 JUMP_GAIN = 30.0
-"""Improvement of χ² for a jump. One jump is searched for at every sample, so this is far above that of a single test."""
+"""Minimum improvement of χ² by a jump. Every sample is tested for a jump, so the limit is far above that of a single
+test."""
 TIME_GAIN = 6.0
-"""Loss of χ² at the ends of the 95 % interval of a jump's time, which moves in steps, so more than 3.84."""
+"""Increase of χ² at the ends of the 95 % interval of a jump's time. It exceeds 3.84 because the time moves in steps."""
 MIN_KELVIN = 3.0
 CLIP_SIGMAS = 5.0
 DRAWS = 2000
 EXIT_SEED = 1
 NEVER_S = 30 * 365.25 * DAY_S
-"""A tolerance that is left later than this counts as kept."""
+"""A figure that leaves its tolerance later than this counts as staying within it."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Jump:
-    """A sudden change: Unix seconds, and its size in the unit of the figure."""
+    """Sudden change of a figure: Unix seconds, and size in the unit of the figure."""
 
     time_s: Estimate
     size: Estimate
@@ -51,10 +52,10 @@ class Jump:
 
 @dataclass(frozen=True)
 class Trend:
-    """Fit of a figure: value at ``middle_s`` and ``temperature_c`` without later jumps, ``per_day``, ``per_k`` (None: the
-    temperature is unknown or steady), and jumps in order of time. ``scatter``: standard deviation of the samples about the fit, in
-    units of their stated errors; ``used``: samples that were not rejected. ``covariance``: of value, ``per_day``, ``per_k`` if any,
-    and the sizes of the jumps."""
+    """Fitted trend of a figure: value at ``middle_s`` and ``temperature_c`` without later jumps, ``per_day``, ``per_k``
+    (None if the temperature is unknown or steady), and jumps in order of time. ``scatter``: standard deviation of the
+    samples about the fit, in units of their stated errors; ``used``: samples that were not rejected. ``covariance``: of
+    value, ``per_day``, ``per_k`` if fitted, and the sizes of the jumps."""
 
     middle_s: float
     temperature_c: float
@@ -67,7 +68,7 @@ class Trend:
     covariance: Array
 
     def at(self, times_s: Array, temperature_c: Array | float | None = None) -> Array:
-        """(n,) fitted values at Unix seconds, at the given or the mean temperature."""
+        """Return the (n,) fitted values at Unix seconds, at the given temperatures or the mean temperature."""
         t = np.asarray(times_s, float)
         values = self.value.value + self.per_day.value * (t - self.middle_s) / DAY_S
         if self.per_k is not None and temperature_c is not None:
@@ -79,7 +80,8 @@ class Trend:
 
 @dataclass(frozen=True)
 class ToleranceExit:
-    """When a figure leaves its tolerance: Unix seconds, infinite if not within 30 years. ``outside``: it has left already."""
+    """Time at which a figure leaves its tolerance: Unix seconds, infinite if not within 30 years. ``outside``: True if
+    the figure is already out of tolerance."""
 
     time_s: Estimate
     outside: bool
@@ -88,10 +90,11 @@ class ToleranceExit:
 def fit_trend(
     times_s: Array, values: Array, sigma: Array, temperature_c: Array | None = None, most_jumps: int = MAX_JUMPS
 ) -> Trend:
-    """Fit (n,) values with standard deviations at (n,) Unix seconds. Temperatures that vary by less than 3 K are ignored.
+    """Fit (n,) values with standard deviations at (n,) Unix seconds. Temperatures that vary by less than 3 K are
+    ignored.
 
-    Jumps are added one by one where they improve χ² most. Intervals assume independent errors whose size is that of the scatter.
-    Raises BadInput with fewer than 12 samples.
+    Jumps are added one by one at the sample with the largest improvement of χ². Intervals assume independent errors of
+    the size of the scatter. Raises BadInput with fewer than 12 samples.
     """
     t, y, s = (np.asarray(a, float) for a in (times_s, values, sigma))
     warm = None if temperature_c is None else np.asarray(temperature_c, float)
@@ -109,7 +112,7 @@ def fit_trend(
     middle_s = float((t[0] + t[-1]) / 2)
     columns = [np.ones(len(t)), (t - middle_s) / DAY_S]
     if np.ptp(t) <= 0:
-        raise BadInput("no trend follows from one moment", expected="samples at different times")
+        raise BadInput("a trend cannot be fitted to samples of a single time", expected="samples at different times")
     mean_c = float("nan") if warm is None else float(np.mean(warm[order]))
     if warm is not None and np.ptp(warm[order]) >= MIN_KELVIN:
         columns.append(warm[order] - mean_c)
@@ -128,8 +131,8 @@ def fit_trend(
 
 
 def _gains(design: Array, y: Array, s: Array, fit: Linear, skip: list[int]) -> Array:
-    """(n,) improvement of χ² by a jump at each sample, in units of the scatter; −inf where it is not allowed. ``skip``: samples of
-    other jumps."""
+    """Return the (n,) improvements of χ² by a jump at each sample, in units of the scatter; −inf if a jump is not
+    allowed. ``skip``: samples of other jumps."""
     n = len(y)
     scale = s * max(_core(fit, s), 1e-12)
     residual = np.clip(fit.residual / scale, -1e3, 1e3)
@@ -138,7 +141,7 @@ def _gains(design: Array, y: Array, s: Array, fit: Linear, skip: list[int]) -> A
     residual = np.clip(residual, smooth - CLIP_SIGMAS, smooth + CLIP_SIGMAS)
     basis = np.linalg.qr(design / scale[:, None])[0]
     residual = residual - basis @ (basis.T @ residual)
-    # A step at sample k is the sum of all unit vectors from k on, so every product is a reversed cumulative sum.
+    # A step at sample k is the sum of all unit vectors from k on, so each product with it is a reversed cumulative sum.
     inverse = 1 / scale
     overlap = np.cumsum((basis * inverse[:, None])[::-1], axis=0)[::-1]
     norm = np.cumsum(inverse[::-1] ** 2)[::-1] - np.sum(overlap**2, axis=1)
@@ -152,7 +155,8 @@ def _gains(design: Array, y: Array, s: Array, fit: Linear, skip: list[int]) -> A
 
 
 def _core(fit: Linear, s: Array) -> float:
-    """Scatter in units of the errors that neighbouring samples share no jump in."""
+    """Return the scatter in units of the stated errors, from differences of neighbouring samples, which jumps hardly
+    affect."""
     step = np.diff(fit.residual / s)
     return float(robust_sigma(step) / np.sqrt(2.0))
 
@@ -166,7 +170,8 @@ def _best_jump(design: Array, y: Array, s: Array, at: list[int], fit: Linear) ->
 def _moved(
     columns: list[Array], smooth: int, at: list[int], y: Array, s: Array, fit: Linear
 ) -> tuple[list[int], list[Array], Linear]:
-    """Search for every jump again with the others held, because the first ones were placed without the later ones."""
+    """Search for each jump again with the other jumps fixed, because the first jumps were located before the later ones
+    were known."""
     for j in range(len(at)):
         others = [c for i, c in enumerate(columns) if i != smooth + j]
         without = fit_linear(np.column_stack(others), y, s)

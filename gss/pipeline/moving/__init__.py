@@ -1,1 +1,1 @@
-"""Objects that move against the stars: light sources without a star, linked over the frames of a sequence; pure."""
+"""Objects that move against the stars: light sources that are not stars, linked over the frames of a sequence."""

@@ -1,4 +1,4 @@
-"""Solved frames of a sequence as views: attitude, covariance, and the camera's rate from neighbouring frames."""
+"""Views of the solved frames of a sequence: attitude, covariance, and rate of the camera from neighbouring frames."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from gss.domain.rotation import vector_from_rotation
 from gss.pipeline.moving.spots import SolvedView
 
 MAX_STEP_S = 20.0
-"""Attitudes farther apart do not give the camera's rate."""
+"""Attitudes farther apart are not used to compute the camera's rate."""
 UNSTEADY = 0.2
-"""Relative difference of the rates before and after a frame, beyond which its rate is not known."""
+"""Maximum relative difference of the rates before and after a frame. Beyond it, the rate at the frame is unknown."""
 STEADY_PX = 1.0
 
 
@@ -51,7 +51,7 @@ def views_of(
 
 
 def rate_between(first: Array, second: Array, step_s: float) -> Array:
-    """(3,) angular velocity of the camera in its axes that turns one (3, 3) attitude into another."""
+    """Return the (3,) angular velocity, in camera axes, that rotates the camera from one (3, 3) attitude to another."""
     return np.asarray(-vector_from_rotation(second @ first.T) / step_s)
 
 

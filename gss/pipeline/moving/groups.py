@@ -1,4 +1,4 @@
-"""Connected groups of pixels above the noise in a frame whose stars are masked."""
+"""Connected groups of pixels above the noise in a frame with masked stars."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ GROUP_SIGMA = 3.0
 """Level in the filtered frame above which pixels form a group."""
 PEAK_SIGMA = 5.0
 SUM_SIGMA = 8.0
-"""A group without a high peak needs this total, as a faint streak has."""
+"""Minimum total significance of a group without a high peak, for example a faint streak."""
 MAX_GROUPS = 60
 
 
 @dataclass(frozen=True)
 class PixelGroup:
-    """Connected pixels above threshold: middle, first guess of the trail and its flux."""
+    """Connected group of pixels above the threshold: middle, and first guess of the trail and its flux."""
 
     col: int
     row: int
@@ -34,7 +34,8 @@ def pixel_groups(
     """Return the groups in order of significance, at most ``MAX_GROUPS``."""
     sigma = float(np.sqrt(variance))
     smooth = ndimage.gaussian_filter(image, sigma, mode="nearest")
-    # The noise is measured on the filtered frame, because that of neighbouring pixels is not independent on every detector.
+    # The noise is measured on the filtered frame, because the noise of neighbouring pixels is correlated on some
+    # detectors.
     sample = smooth[::3, ::3][~mask[::3, ::3]]
     middle = float(np.median(sample)) if len(sample) else 0.0
     spread = 1.4826 * float(np.median(np.abs(sample - middle))) if len(sample) else noise
@@ -47,7 +48,7 @@ def pixel_groups(
         inside = labels[place] == label
         weight = np.where(inside, significance[place], 0.0)
         total = float(weight.sum())
-        # The filter correlates 4πσ² pixels.
+        # The filter correlates the noise of 4πσ² pixels.
         whole = total / np.sqrt(inside.sum() * 4 * np.pi * variance)
         if weight.max() < PEAK_SIGMA and whole < SUM_SIGMA:
             continue

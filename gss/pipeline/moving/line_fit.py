@@ -1,4 +1,4 @@
-"""Fit of one light source as a line: the point-spread function drawn out between two ends."""
+"""Fit of one light source as a line, i.e. as a point-spread function moved from one end to the other."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ POINT = (0, 1, 2)
 LINE = (0, 1, 2, 3, 4)
 WIDTH = 5
 ENDS = np.array([[[1.0, 0.0, -0.5, 0.0], [0.0, 1.0, 0.0, -0.5]], [[1.0, 0.0, 0.5, 0.0], [0.0, 1.0, 0.0, 0.5]]])
-"""(end, axis, parameter): the two ends from the centre and the trail."""
+"""Derivatives (end, axis, parameter) of the two ends with respect to centre and trail."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +33,9 @@ class Cutout:
 
 @dataclass(frozen=True)
 class LineFit:
-    """A fitted source. ``centre_px`` (2,) from the middle of the cut-out; ``trail_px`` (2,) from one end to the other, its sign
-    is arbitrary, zero for a point; ``variance_px2`` of the point-spread function; ``covariance`` (4, 4) of centre and trail, px²,
-    zero for parameters that were not fitted."""
+    """Fitted source. ``centre_px`` (2,) from the middle of the cut-out; ``trail_px`` (2,) from one end to the other,
+    with arbitrary sign, zero for a point; ``variance_px2`` of the point-spread function; ``covariance`` (4, 4) of
+    centre and trail, px², zero for parameters that were not fitted."""
 
     centre_px: Array
     trail_px: Array
@@ -48,7 +48,7 @@ class LineFit:
 
     @property
     def snr(self) -> float:
-        """Flux over its error."""
+        """Return the flux divided by its error."""
         return self.flux_dn / self.flux_sigma_dn
 
     @property
@@ -64,7 +64,7 @@ class LineFit:
 
     @property
     def excess(self) -> float:
-        """χ² per degree of freedom, at least 1: the factor by which variances are increased."""
+        """Return the factor by which variances are increased: χ² per degree of freedom, at least 1."""
         return max(self.chi2 / max(self.freedom, 1), 1.0)
 
     def end_covariance(self) -> Array:
@@ -75,8 +75,8 @@ class LineFit:
 def cut_out(
     image: NDArray[np.float32], noise: float, col: int, row: int, half: int, saturation_dn: float, e_per_dn: float
 ) -> Cutout:
-    """Cut a square of 2·half + 1 pixels from a frame whose sky was subtracted. Pixels at saturation or off the detector are
-    left out."""
+    """Cut a square of 2·half + 1 pixels from a frame whose sky was subtracted. Saturated pixels and pixels off the
+    detector are excluded."""
     top, left = max(row - half, 0), max(col - half, 0)
     part = image[top : row + half + 1, left : col + half + 1]
     y, x = (np.asarray(v) for v in np.indices(part.shape))
@@ -91,8 +91,9 @@ def cut_out(
 
 
 def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None:
-    """Fit by Levenberg–Marquardt from ``start`` (6,): flux, col, row, trail col, trail row, variance of the point-spread
-    function. ``free``: indices of the fitted ones. None if the pixels do not determine them."""
+    """Fit by Levenberg–Marquardt from ``start`` (6,): flux, col, row, trail col, trail row, variance of the
+    point-spread function. ``free``: indices of the fitted ones. None if the pixels do not determine these
+    parameters."""
     p = np.array(start, float)
     which = np.array(free)
     if len(cut.value) <= len(free):
@@ -112,7 +113,8 @@ def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None
         tried[1:5] = np.clip(tried[1:5], -longest, longest)
         tried[WIDTH] = np.clip(tried[WIDTH], 0.5 * p[WIDTH], 2 * p[WIDTH])
         state = _state(cut, tried)
-        # Shot noise makes the weights follow the model; a step is compared under those of the point it leaves.
+        # With shot noise the weights depend on the model. Both ends of a step are compared with the weights of its
+        # start.
         after = float((weight * (cut.value - state[0]) ** 2).sum())
         if after > chi2:
             damping *= 10
@@ -145,7 +147,8 @@ def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None
 
 
 def _state(cut: Cutout, p: Array) -> tuple[Array, Array, Array, float]:
-    """(k,) expected values, (k, 6) derivatives by the parameters, (k,) weights and χ²."""
+    """Return the (k,) expected values, their (k, 6) derivatives with respect to the parameters, the (k,) weights and
+    χ²."""
     shape, by = trailed_gaussian((cut.dx - p[1])[None], (cut.dy - p[2])[None], p[None, 3:5], float(p[WIDTH]))
     slopes = np.column_stack([shape[0], p[0] * by[0]])
     slopes[:, 1:3] *= -1

@@ -1,4 +1,4 @@
-"""Smooth motion of one object over the sky, fitted to its sources in several frames."""
+"""Smooth motion of one object over the sky, fitted to its light sources in several frames."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ MIN_GATE_PX = 0.5
 MIN_PROBABILITY = 1e-4
 MAX_DEGREE = 3
 ACCELERATION = 1.0
-"""Standard deviation of the angular acceleration in units of rate²: an object that passes at a constant velocity has at most
-about twice that."""
+"""Standard deviation of the angular acceleration in units of rate². An object that passes at a constant velocity
+reaches at most about twice this value."""
 TRAIL_PX, TRAIL_SHARE = 2.5, 0.25
 
 
 class Hit(NamedTuple):
-    """Source ``row`` of frame ``frame``."""
+    """Reference to a source: its row in a frame."""
 
     frame: int
     row: int
@@ -32,10 +32,10 @@ class Hit(NamedTuple):
 
 @dataclass(frozen=True)
 class SkyMotion:
-    """Polynomial in time in the tangent plane at ``centre`` (3,), spanned by ``plane`` (2, 3) towards east and north.
-    ``start_s``, ``span_s``: mean and half span of the times ``knots_s`` (n,). ``coefficients`` (degree + 1, 2) of powers of the
-    time in half spans, ``covariance`` (degree + 1, degree + 1) of each axis; ``residual_rad`` (n, 2); ``velocity`` (n, 3) at the
-    sources, rad/s, tangent to the sphere."""
+    """Fitted motion: polynomial in time in the tangent plane at ``centre`` (3,), spanned by ``plane`` (2, 3) towards
+    east and north. ``start_s``, ``span_s``: mean and half span of the times ``knots_s`` (n,). ``coefficients`` (degree
+    + 1, 2) of powers of the time in half spans, ``covariance`` (degree + 1, degree + 1) of each axis; ``residual_rad``
+    (n, 2); ``velocity`` (n, 3) at the sources, rad/s, tangent to the sphere."""
 
     centre: Array
     plane: Array
@@ -61,7 +61,7 @@ class SkyMotion:
 
     @property
     def sound(self) -> bool:
-        """True if the residuals are as large as their errors."""
+        """True if the residuals are consistent with their errors."""
         return self.freedom <= 0 or bool(gammaincc(self.freedom / 2, self.chi2 / 2) > MIN_PROBABILITY)
 
     def covers(self, time_s: float) -> bool:
@@ -71,25 +71,27 @@ class SkyMotion:
 
     @property
     def slack_rad(self) -> float:
-        """Error of the position one span after the middle by acceleration that two sources do not show."""
+        """Return the position error, one span from the middle, due to an acceleration that two sources cannot
+        determine."""
         return float(ACCELERATION * np.sum(self.rate_rad_s**2) * self.span_s**2)
 
     def at(self, time_s: float) -> tuple[Array, float]:
-        """(3,) direction at a time, and its standard deviation including the neglected next power of time."""
+        """Return the (3,) direction at a time, and its standard deviation including the neglected next power of
+        time."""
         x = (time_s - self.start_s) / self.span_s
         powers = x ** np.arange(len(self.coefficients))
         place = self.centre + (powers @ self.coefficients) @ self.plane
         spread = float(powers @ self.covariance @ powers)
         speed = float(np.hypot(*self.rate_rad_s))
-        # The next power is bounded by the geometry of a straight pass: each derivative brings one more factor of the rate.
+        # The geometry of a straight pass limits the next power: each derivative has one more factor of the rate.
         nodes = np.sort(np.abs(time_s - self.knots_s))[: len(self.coefficients)]
         model_error_rad = ACCELERATION * speed ** len(self.coefficients) * float(np.prod(nodes)) / 2
         return np.asarray(place / np.linalg.norm(place)), float(np.hypot(np.sqrt(max(spread, 0.0)), model_error_rad))
 
 
 def fit_motion(frames: Sequence[FrameSpots], hits: Sequence[Hit]) -> SkyMotion | None:
-    """Fit the lowest degree that agrees with the errors, leaving two sources more than coefficients from degree 2 on. None if the
-    sources lie too far apart for one tangent plane."""
+    """Fit the polynomial of the lowest degree that agrees with the errors. From degree 2 on, there must be at least one
+    more source than coefficients. None if the sources are too far apart for one tangent plane."""
     times = np.array([frames[h.frame].view.time_s for h in hits])
     icrs = np.array([frames[h.frame].icrs[h.row] for h in hits])
     covariance = np.array([frames[h.frame].covariance_rad2[h.row] for h in hits])
@@ -100,7 +102,7 @@ def fit_motion(frames: Sequence[FrameSpots], hits: Sequence[Hit]) -> SkyMotion |
         return None
     plane = tangent(centre[None])[0]
     place = icrs @ plane.T / height[:, None]
-    # The gate and the fit use one error for both axes; that of a trail's direction is the larger.
+    # Gate and fit use the same error for both axes; for a trail, this is the larger error, along its direction.
     sigma: Array = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     middle, span = float(times.mean()), float(max(np.ptp(times) / 2, 1e-6))
     best = None
@@ -139,15 +141,15 @@ def _fitted(
 
 
 def gate_rad(frame: FrameSpots, rows: NDArray[np.intp], sigma_rad: float) -> Array:
-    """(n,) distance within which these sources belong to a prediction with that error."""
+    """Return the (n,) distances within which sources are assigned to a prediction with error ``sigma_rad``."""
     star_variance = np.linalg.eigvalsh(frame.covariance_rad2[rows])[:, 1]
     least = MIN_GATE_PX * frame.view.camera.pixel_rad
     return np.asarray(np.maximum(GATE_SIGMA * np.sqrt(star_variance + sigma_rad**2), least))
 
 
 def trail_agrees(frames: Sequence[FrameSpots], hits: Sequence[Hit], motion: SkyMotion) -> bool:
-    """True if most trails have the length and direction that the motion and the camera's rotation give in one exposure. Frames of
-    a camera whose rate is not known are not compared."""
+    """True if most trails have the length and direction expected from the motion and the camera's rotation in one
+    exposure. Frames with unknown camera rate are ignored."""
     compared, agreeing = 0, 0
     for number, hit in enumerate(hits):
         frame = frames[hit.frame]

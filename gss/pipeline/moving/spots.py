@@ -1,8 +1,8 @@
-"""Light sources of one solved frame that no catalogue star explains, as directions on the sky with covariance.
+"""Light sources of one solved frame that are not catalogue stars, as directions on the sky with covariance.
 
-The frame is filtered with the width measured on its stars, catalogue stars are masked along their trails, and each connected
-group of pixels above threshold is fitted as a point and as a line (``line_fit``). A line is accepted if it improves χ²
-significantly.
+The frame is filtered with the width measured on its stars, catalogue stars are masked along their trails, and each
+connected group of pixels above threshold is fitted as a point and as a line (``line_fit``). A line is accepted if it
+improves χ² significantly.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from gss.pipeline.streaks import PIXEL_VARIANCE_PX2, trail_per_rad
 
 MIN_SNR = 5.0
 LONGER, LENGTH_SIGMA = 25.0, 3.0
-"""Improvement of χ² for a line over a point."""
+"""Minimum improvement of χ² by a line over a point."""
 MIN_LINE_LENGTH = 2.0
-"""Length of a line in widths of the point-spread function."""
+"""Minimum length of a line in widths of the point-spread function."""
 LONG_WIDTHS = 5.0
-"""Length in widths of the point-spread function, from which a line is fitted again with longer ones."""
+"""Length, in widths of the point-spread function, above which a line is fitted again from longer first guesses."""
 PIECE_WIDTHS = 2.0
 STRETCHES = (1.0, 1.5, 2.2)
 REACH = 1.3
-"""Half width of the cut-out of a long line in lengths."""
+"""Half width of the cut-out of a long line, in lengths of the line."""
 SHARPER = 25.0
 SHARP_SHARE = 0.6
-"""A source narrower than this share of the stars' width, with that improvement of χ², did not pass the lens."""
+"""A source narrower than this share of the stars' width, with this improvement of χ², did not come through the lens."""
 MAX_HALF_PX = 150
 WIDTH_STARS = 5
 STAR_GATE_PX = 2.0
@@ -48,9 +48,9 @@ STEP_PX = 0.01
 
 @dataclass(frozen=True)
 class SolvedView:
-    """What is known of a frame: time of mid exposure (Unix seconds), attitude with its covariance (rad², camera axes), camera,
-    ``rate_rad_s`` (3,) of the camera in its axes (None: unknown), ``velocity_c`` (3,) whose aberration the attitude contains
-    (None: none)."""
+    """Solved frame: time of mid exposure (Unix seconds), attitude with its covariance (rad², camera axes), camera,
+    ``rate_rad_s`` (3,) of the camera in its axes (None: unknown), ``velocity_c`` (3,): velocity whose aberration is
+    included in the attitude, or None."""
 
     time_s: float
     exposure_s: float
@@ -63,13 +63,13 @@ class SolvedView:
 
 @dataclass(frozen=True)
 class FrameSpots:
-    """n sources of one frame.
+    """Light sources of one frame; n is their number.
 
-    ``pixels``, ``trail_px`` (n, 2), trail zero for points, whose trail may be ``longest_px`` (n,) at most. ``icrs`` (n, 3) in the
-    system of the catalogue (without aberration), ``covariance_rad2`` (n, 2, 2) towards east and north. ``ends_icrs``
-    (n, 2, 2, 3): each end of the trail, if the light was there at the start and if at the end of the exposure;
-    ``ends_sigma_rad`` (n, 2). ``v_mag``, ``v_sigma``, ``snr`` (n,); ``sharp`` (n,) True for sources narrower than stars.
-    ``limit_mag``: faintest point that passes the threshold; ``star_sigma_px``: width of the stars.
+    ``pixels``, ``trail_px`` (n, 2), trail zero for points; ``longest_px`` (n,): longest trail that agrees with a point.
+    ``icrs`` (n, 3) in the system of the catalogue (without aberration), ``covariance_rad2`` (n, 2, 2) towards east and
+    north. ``ends_icrs`` (n, 2, 2, 3): direction of each end of the trail, if the object was there at the start or at
+    the end of the exposure; ``ends_sigma_rad`` (n, 2). ``v_mag``, ``v_sigma``, ``snr`` (n,); ``sharp`` (n,) True for
+    sources narrower than stars. ``limit_mag``: faintest detectable point; ``star_sigma_px``: width of stars.
     """
 
     view: SolvedView
@@ -93,7 +93,7 @@ class FrameSpots:
 
 @dataclass(frozen=True)
 class _Photometry:
-    """Magnitude of one digital number, and how far stars scatter from their predicted positions beyond their errors."""
+    """Magnitude of one digital number, and excess scatter of stars about their predicted positions."""
 
     zero_mag: float
     floor_px2: float
@@ -101,8 +101,8 @@ class _Photometry:
 
 
 def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor: Sensor) -> FrameSpots | None:
-    """Find the sources of a (rows, columns) frame that are not in ``stars`` (apparent places at its date). None if too few stars
-    are seen to measure brightness and width."""
+    """Find the sources of a (rows, columns) frame that are not in ``stars`` (apparent places at its date). None if too
+    few stars are detected to measure brightness and width."""
     detections = find_stars(
         pixels,
         psf_sigma_px=sensor.psf_sigma_px,
@@ -132,7 +132,7 @@ def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor:
 
 
 def star_trail_px(view: SolvedView, pixels: Array) -> Array:
-    """(n, 2) trail in one exposure of sources that rest on the sky, from the camera's rotation; zero if that is unknown."""
+    """Return the (n, 2) trails of stars in one exposure, from the camera's rotation; zero if it is unknown."""
     if view.rate_rad_s is None or not len(pixels):
         return np.zeros((len(pixels), 2))
     trail = trail_per_rad(view.camera, pixels) @ (view.rate_rad_s * view.exposure_s)
@@ -140,7 +140,7 @@ def star_trail_px(view: SolvedView, pixels: Array) -> Array:
 
 
 def _stars_on(view: SolvedView, stars: StarTable) -> tuple[Array, Array]:
-    """Pixels and magnitudes of the catalogue stars on the detector and a little beside it."""
+    """Return pixels and magnitudes of the catalogue stars on the detector or slightly beside it."""
     cam = stars.icrs @ view.cam_from_icrs.T
     ahead = np.flatnonzero(cam[:, 2] > np.cos(min(view.camera.half_diagonal_rad + 0.02, 1.5)))
     at = view.camera.project(cam[ahead])
@@ -186,8 +186,8 @@ def _photometry(
 
 @dataclass(frozen=True)
 class _Source:
-    """A fitted group: its middle pixel, the point or line, the longest trail that agrees with it, and whether it is narrower than
-    the stars."""
+    """Fitted group: middle pixel, point or line fit, longest trail that agrees with the fit, and True if narrower than
+    stars."""
 
     pixel: tuple[int, int]
     fit: LineFit
@@ -203,7 +203,8 @@ def _fitted(
     sensor: Sensor,
     variance: float,
 ) -> _Source | None:
-    """Fit a group as a point and as a line; None if neither is significant. ``images``: the frame, and without its stars."""
+    """Fit a group as a point and a line; None if neither is significant. ``images``: frame with and without its
+    stars."""
     image, free_image = images
     length = float(np.hypot(*group.trail))
     half = int(min(np.ceil(4 * np.sqrt(variance) + 0.65 * length), MAX_HALF_PX))
@@ -236,8 +237,8 @@ def _whole_line(
     sensor: Sensor,
     variance: float,
 ) -> tuple[Cutout, LineFit] | None:
-    """Fit a long line again on more pixels and from longer lines: of a faint trail only a part exceeds the threshold. The centre
-    stays relative to the group. None if no fit succeeds."""
+    """Fit a long line again, on more pixels and from longer first guesses, because only part of a faint trail exceeds
+    the threshold. The centre stays relative to the group. None if no fit succeeds."""
     half = int(min(np.ceil(4 * np.sqrt(variance) + REACH * line.length_px), MAX_HALF_PX))
     cut = cut_out(image, noise, group.col, group.row, half, ceiling, sensor.gain_e_per_dn)
     fits = []
@@ -252,7 +253,7 @@ def _whole_line(
 
 
 def _without_pieces(sources: list[_Source], variance: float) -> list[_Source]:
-    """Drop the sources that are parts of a brighter line: a faint trail exceeds the threshold in several pieces."""
+    """Drop sources that are parts of a brighter line: a faint trail can exceed the threshold in several pieces."""
     complete: list[_Source] = []
     margin_px = PIECE_WIDTHS * float(np.sqrt(variance))
     for source in sorted(sources, key=lambda s: -s.fit.flux_dn):
@@ -312,7 +313,7 @@ def _spots(view: SolvedView, sources: list[_Source], photometry: _Photometry, li
 
 
 def _on_sky(view: SolvedView, pixels: Array, spread_px2: Array) -> tuple[Array, Array]:
-    """(n, 3) directions and (n, 2, 2) covariances, east and north, of (n, 2) pixels with (n, 2, 2) covariances."""
+    """Return (n, 3) directions and their (n, 2, 2) covariances, east and north, from (n, 2) pixels and covariances."""
     if not len(pixels):
         return np.zeros((0, 3)), np.zeros((0, 2, 2))
     camera, icrs_from_cam = view.camera, view.cam_from_icrs.T
@@ -335,7 +336,7 @@ def _on_sky(view: SolvedView, pixels: Array, spread_px2: Array) -> tuple[Array, 
 
 
 def tangent(icrs: Array) -> Array:
-    """(n, 2, 3) unit vectors towards east and north at (n, 3) directions."""
+    """Return the (n, 2, 3) unit vectors towards east and north at (n, 3) directions."""
     east = np.stack([-icrs[:, 1], icrs[:, 0], np.zeros(len(icrs))], axis=1)
     flat = np.hypot(icrs[:, 0], icrs[:, 1]) < 1e-12
     east[flat] = (0.0, 1.0, 0.0)
@@ -344,7 +345,7 @@ def tangent(icrs: Array) -> Array:
 
 
 def attitude_at(view: SolvedView, after_s: float) -> Array:
-    """(3, 3) attitude some seconds after mid exposure, at the camera's rate."""
+    """Return the (3, 3) attitude ``after_s`` seconds after mid exposure, at the camera's rate."""
     if view.rate_rad_s is None:
         return view.cam_from_icrs
     return np.asarray(rotation_from_vector(-view.rate_rad_s * after_s) @ view.cam_from_icrs)

@@ -1,9 +1,11 @@
-"""Link the sources of successive frames into tracklets: one object moving smoothly over the sky.
+"""Linking of the sources of successive frames into tracklets. A tracklet is one object that moves smoothly over the
+sky.
 
-Every pair of sources in near frames is extrapolated along its great circle; a third source within the gate starts a tracklet, which
-then grows over later and earlier frames by a polynomial of degree 1 to 3 in the tangent plane. The expected number of tracklets
-that chance would make of as many sources decides whether one is accepted, and the trail of each source must agree with the motion.
-After the linking of Kubica et al. 2007 (Icarus 189, 151) in its simplest form, without trees.
+Every pair of sources in nearby frames is extrapolated along its great circle. A third source within the gate starts a
+tracklet, which is extended to later and earlier frames by a polynomial of degree 1 to 3 in the tangent plane. A
+tracklet is accepted if the expected number of accidental tracklets of this quality is small, and the trail of each
+source must agree with the motion. The method is the simplest form of the linking of Kubica et al. 2007 (Icarus 189,
+151), without trees.
 """
 
 from __future__ import annotations
@@ -20,18 +22,19 @@ from gss.pipeline.moving.motion import Hit, SkyMotion, fit_motion, gate_rad, tra
 from gss.pipeline.moving.spots import FrameSpots, star_trail_px
 
 SEED_FRAMES = 3
-"""Pairs are formed up to this many frames apart, and a third source is searched for as many frames later."""
+"""Maximum number of frames between the sources of a pair, and between the pair and its third source."""
 MAX_STEP_S = 120.0
-"""Sources farther apart in time are not linked: the motion between them is not known well enough."""
+"""Sources farther apart in time are not linked, because the motion between them is too uncertain."""
 MAX_MISSES = 3
 MIN_HITS = 3
 MAX_CHANCE = 0.01
-"""Expected number of accidental tracklets in the whole sequence above which one is not accepted."""
+"""A tracklet is accepted if the expected number of accidental tracklets of its quality in the sequence is at most
+this."""
 SAME_PIXEL_PX = 0.8
 SKY_MOVED_PX = 2.0
 STREAK_SNR = 8.0
 STREAK_LENGTH = 4.0
-"""Length, in widths of the stars, from which a line in a single frame is reported."""
+"""Minimum length, in widths of the stars, of a line that is reported from a single frame."""
 REST_SIGMA = 4.0
 
 HOT = "fixed on the detector: hot pixel or defect"
@@ -44,11 +47,12 @@ BESIDE = "disturbed: on the path of an object that other frames show"
 
 @dataclass(frozen=True)
 class Tracklet:
-    """One object. ``frames``, ``rows``: (n,) frame and row in it of each source; ``times_s`` (n,); ``icrs`` (n, 3);
-    ``covariance_rad2`` (n, 2, 2) east and north; ``v_mag``, ``snr`` (n,); ``rate_rad_s`` (2,) east and north at the middle and its
-    (2, 2) covariance; ``residual_rad`` (n, 2) from the fitted motion; ``chance``: expected number of such tracklets by accident;
-    ``ends_icrs`` (n, 2, 3): directions at the start and the end of the exposure from both ends of the trail, and
-    ``ends_sigma_rad`` (n, 2), NaN for points. The rate of a line in one frame is NaN and the order of its ends arbitrary."""
+    """Object linked over n sources. ``frames``, ``rows``: (n,) frame of each source and row in the frame; ``times_s``
+    (n,); ``icrs`` (n, 3); ``covariance_rad2`` (n, 2, 2) east and north; ``v_mag``, ``snr`` (n,); ``rate_rad_s`` (2,)
+    east and north at the middle and its (2, 2) covariance; ``residual_rad`` (n, 2) from the fitted motion; ``chance``:
+    expected number of such tracklets by accident; ``ends_icrs`` (n, 2, 3): directions at the start and the end of the
+    exposure from both ends of the trail, and ``ends_sigma_rad`` (n, 2), NaN for points. The rate of a line in one frame
+    is NaN and the order of its ends arbitrary."""
 
     frames: NDArray[np.intp]
     rows: NDArray[np.intp]
@@ -69,7 +73,7 @@ class Tracklet:
 
     @property
     def speed_rad_s(self) -> float:
-        """Angular rate."""
+        """Return the angular rate."""
         return float(np.hypot(*self.rate_rad_s))
 
     @property
@@ -82,8 +86,8 @@ class Tracklet:
 
 @dataclass(frozen=True)
 class Linked:
-    """Result of a sequence: ``moving`` and ``resting`` tracklets, ``streaks``: lines seen in one frame, and per frame the (n,)
-    reason why a source belongs to none of them, "" if it does."""
+    """Result for a sequence: ``moving`` and ``resting`` tracklets; ``streaks``: lines in a single frame; and per frame
+    the (n,) reasons why a source is in none of these, "" if it is."""
 
     moving: list[Tracklet]
     resting: list[Tracklet]
@@ -94,7 +98,7 @@ class Linked:
 def link(
     frames: Sequence[FrameSpots], top_rate_rad_s: float, progress: Callable[[float], None] = lambda _: None
 ) -> Linked:
-    """Link the sources of frames in order of time. ``top_rate_rad_s``: largest rate that is searched for."""
+    """Link the sources of frames in order of time. ``top_rate_rad_s``: largest rate of an object."""
     reasons = [["" for _ in range(len(f))] for f in frames]
     for k, row in _fixed_on_detector(frames):
         reasons[k][row] = HOT
@@ -137,7 +141,8 @@ def link(
 
 
 def _fixed_on_detector(frames: Sequence[FrameSpots]) -> list[tuple[int, int]]:
-    """(frame, row) of sources that keep their pixel in three frames or more while the sky moves over the detector."""
+    """Return (frame, row) of sources that stay at their pixel in three or more frames while the sky moves over the
+    detector."""
     owner = [(k, row) for k, frame in enumerate(frames) for row in range(len(frame))]
     if len(owner) < MIN_HITS:
         return []
@@ -160,7 +165,8 @@ def _candidates(
     top_rate_rad_s: float,
     progress: Callable[[float], None],
 ) -> list[tuple[list[Hit], SkyMotion, float]]:
-    """Grow a tracklet from every pair that a third source supports."""
+    """Return sources, motion and expected number of accidents of a tracklet from every pair that a third source
+    supports."""
     seeds: list[tuple[Hit, Hit]] = []
     pairs = 0
     rows = [np.flatnonzero(f) for f in free]
@@ -176,7 +182,7 @@ def _candidates(
             pairs += len(a)
             for m, k in zip(a, b, strict=True):
                 seeds.append((Hit(i, int(rows[i][m])), Hit(j, int(rows[j][k]))))
-    done: set[frozenset[Hit]] = set()
+    seen: set[frozenset[Hit]] = set()
     candidates = []
     inside: set[tuple[Hit, Hit]] = set()
     for number, seed in enumerate(seeds):
@@ -184,10 +190,10 @@ def _candidates(
             progress(number / len(seeds))
         if seed in inside:
             continue
-        hits = _grown(frames, rows, list(seed))
-        if len(hits) < MIN_HITS or frozenset(hits) in done:
+        hits = _extended_both_ways(frames, rows, list(seed))
+        if len(hits) < MIN_HITS or frozenset(hits) in seen:
             continue
-        done.add(frozenset(hits))
+        seen.add(frozenset(hits))
         inside |= {(a, b) for a in hits for b in hits if a.frame < b.frame}
         motion = fit_motion(frames, hits)
         if motion is not None and trail_agrees(frames, hits, motion):
@@ -195,8 +201,8 @@ def _candidates(
     return candidates
 
 
-def _grown(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: list[Hit]) -> list[Hit]:
-    """Extend a pair over later frames, then over earlier ones."""
+def _extended_both_ways(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: list[Hit]) -> list[Hit]:
+    """Extend a pair to later frames, then to earlier frames."""
     hits = _extended(frames, rows, hits, range(hits[-1].frame + 1, len(frames)))
     if len(hits) < MIN_HITS:
         return hits
@@ -230,12 +236,12 @@ def _extended(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: 
 def _chance(
     frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: list[Hit], motion: SkyMotion, pairs: int
 ) -> float:
-    """Expected number of tracklets with as many sources in a sequence of unrelated sources."""
+    """Return the expected number of tracklets with as many sources as this one in a sequence of unrelated sources."""
     camera = frames[0].view.camera
     field_rad2 = camera.columns * camera.rows * camera.pixel_rad**2
     expected = float(pairs)
     for number, hit in enumerate(hits[2:]):
-        # The gate was widest when the motion was known from the fewest sources.
+        # The gate was widest when the motion was fitted to the fewest sources.
         sigma_rad = motion.slack_rad if number == 0 else 0.0
         gate = float(gate_rad(frames[hit.frame], np.array([hit.row]), sigma_rad)[0])
         expected *= min(1.0, len(rows[hit.frame]) * np.pi * gate**2 / field_rad2)
@@ -250,7 +256,7 @@ def _tracklet(frames: Sequence[FrameSpots], hits: list[Hit], motion: SkyMotion, 
 
     ends, sigma = column("ends_icrs"), column("ends_sigma_rad")
     drawn = np.asarray(column("trail_px").any(axis=1))
-    # A trail has no direction; the motion over the frames gives it.
+    # A trail has no direction. The motion between frames determines which end is the start.
     orders = [np.stack([ends[:, 0, 0], ends[:, 1, 1]], axis=1), np.stack([ends[:, 1, 0], ends[:, 0, 1]], axis=1)]
     along = [np.einsum("ni,ni->n", e[:, 1] - e[:, 0], motion.velocity) for e in orders]
     forward = along[0] >= along[1]
@@ -275,14 +281,14 @@ def _tracklet(frames: Sequence[FrameSpots], hits: list[Hit], motion: SkyMotion, 
 
 
 def _on_path(frame: FrameSpots, row: int, paths: list[SkyMotion]) -> bool:
-    """True if an object of other frames passes through this source."""
+    """True if an object detected in other frames passes through this source."""
     at_s, reach_px = frame.view.time_s, 0.5 * float(np.hypot(*frame.trail_px[row])) + 2 * frame.star_sigma_px
     gap = [separation_rad(frame.icrs[row], p.at(at_s)[0]) for p in paths if p.covers(at_s)]
     return bool(gap) and float(min(gap)) < reach_px * frame.view.camera.pixel_rad
 
 
 def _is_streak(frame: FrameSpots, row: int) -> bool:
-    """True for a line in one frame that is neither short nor the trail of a star."""
+    """True for a line in one frame that is long and not the trail of a star."""
     trail = frame.trail_px[row]
     star = star_trail_px(frame.view, frame.pixels[row][None])[0]
     least = STREAK_LENGTH * frame.star_sigma_px
@@ -291,7 +297,7 @@ def _is_streak(frame: FrameSpots, row: int) -> bool:
 
 
 def _streak(frames: Sequence[FrameSpots], k: int, row: int) -> Tracklet:
-    """A line in one frame: its rate is known without sign, from its length."""
+    """Return the tracklet of a line in one frame. Its length gives the rate without sign."""
     frame = frames[k]
     single = np.array([row])
     nothing = np.full(2, np.nan)
