@@ -1,1 +1,1 @@
-"""Star identification: matching centroids with catalogue stars."""
+"""Star identification: matching of centroids with catalogue stars."""

@@ -1,4 +1,4 @@
-"""Expected number of accidental identifications if votes led to the hypothesis (CubeStar's chain)."""
+"""Expected number of accidental identifications for hypotheses that result from votes (CubeStar's chain)."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ PAIR = 2
 
 
 def chance_within(stars_per_sr: float, radius_rad: float) -> float:
-    """Probability that a direction lies by chance within ``radius_rad`` of a star, for a density of ``stars_per_sr``."""
+    """Return the probability that a random direction is within ``radius_rad`` of a star, for ``stars_per_sr``."""
     return min(1.0, float(stars_per_sr * np.pi * radius_rad**2))
 
 
 def tracking_hypotheses(centroids: int, stars_per_sr: float, tolerance_rad: float, radius_rad: float) -> float:
-    """Expected number of centroid pairs that lie by chance within the radius of predicted stars and have their separation."""
+    """Return the expected number of centroid pairs that by chance are within the radius of predicted stars and have
+    their separation."""
     same_distance = min(1.0, 1.1 * tolerance_rad / radius_rad)
     return centroids * (centroids - 1) / 2 * chance_within(stars_per_sr, radius_rad) ** 2 * same_distance
 
 
 def accidental_bound(hypotheses: float, identified: int, centroids: int, chance: float) -> float:
-    """Upper bound on the expected number of accidental identifications with at least ``identified`` stars.
+    """Return an upper bound on the expected number of accidental identifications with at least ``identified`` stars.
 
-    A pair of centroids defines a hypothesis; each other centroid then lies on some star with probability ``chance``:
-    hypotheses x P(binomial(centroids − 2, chance) ≥ identified − 2), at most 1.
+    A pair of centroids defines a hypothesis. Each other centroid then coincides with a star with probability
+    ``chance``. The bound is hypotheses x P(binomial(centroids − 2, chance) ≥ identified − 2), at most 1.
     """
-    others = 1.0 if identified <= PAIR else float(bdtrc(identified - 3, centroids - PAIR, chance))
-    return float(min(1.0, hypotheses * others))
+    other_centroids = 1.0 if identified <= PAIR else float(bdtrc(identified - 3, centroids - PAIR, chance))
+    return float(min(1.0, hypotheses * other_centroids))

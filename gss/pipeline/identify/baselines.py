@@ -1,7 +1,8 @@
-"""Candidate matrix of the n-vertex match: the directory's candidates for every baseline (Huffman 2006 §5.5.4, matrix C).
+"""Candidate matrix of the n-vertex match: the candidates of every baseline from the directory (Huffman 2006 §5.5.4,
+matrix C).
 
-A baseline is a pair of imaged stars. Its candidates are stored in both directions, p → q and q → p, sorted by p then q. This
-is a column of the document's matrix S, in which a star may have several partners.
+A baseline is a pair of imaged stars. Its candidates are stored in both directions, p → q and q → p, sorted by p, then
+q. They form a column of the document's matrix S, in which a star can have several partners.
 """
 
 from __future__ import annotations
@@ -24,20 +25,20 @@ class BaselineCandidates:
     stars: int
 
     def pairs(self) -> Rows:
-        """(m, 2) candidates p, q."""
+        """Return the (m, 2) candidates p, q."""
         return np.stack(np.divmod(self.key, self.stars), axis=1)
 
     def partners(self, of: Rows) -> tuple[Rows, Rows]:
-        """Return every partner of the (n,) stars ``of``, with the index into ``of`` it belongs to."""
+        """Return every partner of the (n,) stars ``of``, and for each partner the index into ``of`` of its star."""
         low = np.searchsorted(self.key, of * self.stars)
         high = np.searchsorted(self.key, (of + 1) * self.stars)
         count = high - low
-        which = np.repeat(np.arange(len(of)), count)
-        entry = np.arange(len(which)) + np.repeat(low - np.cumsum(count) + count, count)
-        return which, self.key[entry] % self.stars
+        index = np.repeat(np.arange(len(of)), count)
+        entry = np.arange(len(index)) + np.repeat(low - np.cumsum(count) + count, count)
+        return index, self.key[entry] % self.stars
 
     def holds(self, p: Rows, q: Rows) -> np.ndarray:
-        """True for each of the (n,) pairs that is a candidate."""
+        """True for each of n pairs that is a candidate."""
         if not len(self.key):
             return np.zeros(len(p), bool)
         keys = p * self.stars + q
@@ -57,7 +58,7 @@ class Baselines:
     _columns: dict[tuple[int, int], BaselineCandidates] = field(default_factory=dict, repr=False)
 
     def column(self, i: int, j: int) -> BaselineCandidates:
-        """Candidates of baseline (i, j); the same for (j, i)."""
+        """Return the candidates of baseline (i, j), which equal those of (j, i)."""
         key = (i, j) if i < j else (j, i)
         if key not in self._columns:
             low, high = int(self.low[key]), int(self.high[key])

@@ -30,7 +30,7 @@ STRONG_HITS = 3
 MAX_PROVED = 40
 MAX_CANDIDATES = 40_000
 MAX_FULL_CHECKS = 400
-MAX_UNSETTLED = 15  # verified pointings without a lens that fits the single stars: more candidates would not help
+MAX_UNSETTLED = 15  # maximum number of verified pointings without a lens that fits the single stars
 NO_LENS = (
     "a place on the sky was found, but no lens under which its stars fit one by one: "
     "pixels that are not square, or a middle far from the optical axis"
@@ -39,15 +39,15 @@ NO_LENS = (
 
 @dataclass(frozen=True)
 class Guess:
-    """Camera geometry other than the field of view: ``aspect``, the vertical over the horizontal focal length; ``right`` and
-    ``down``, the optical axis's offset from the frame's middle as a share of the width."""
+    """Assumed camera geometry, except for the field of view. ``aspect``: vertical divided by horizontal focal length.
+    ``right``, ``down``: offset of the optical axis from the frame's middle, as a share of the width."""
 
     aspect: float = 1.0
     right: float = 0.0
     down: float = 0.0
 
     def camera(self, columns: int, rows: int, fov_rad: float) -> Camera:
-        """Return the camera with a lens that can be fitted."""
+        """Return a camera with this geometry and a Brown lens, which can be fitted."""
         plain = Camera.from_fov(columns, rows, fov_rad)
         return replace(
             plain,
@@ -67,18 +67,18 @@ CENTRES = tuple(
     for turn in np.arange(8) * np.pi / 4
 )
 ALSO = ("aspect", "col", "row")
-MAX_ODD_CHECKS = 120  # limit on the verifications for all these guesses together
+MAX_ODD_CHECKS = 120  # limit on the number of verifications for all these guesses together
 WIDE_RAD = np.radians(30.0)
 FULLER_ROUNDS = 3
 LOOSE, BETTER, FAR_BETTER = 1.5, 0.9, 0.5
 THIN, THIN_AMONG = 0.5, 24
-ODD_BATCHES = 2  # only figures of the brightest stars, because many cameras have to be tried
+ODD_BATCHES = 2  # only figures of the brightest stars, because many geometries are tried
 
 
 @dataclass(frozen=True)
 class BlindFound:
-    """``solved``, or None with the ``reason``; ``hypotheses``: number of candidates tested. ``placed``: True if the pointing was
-    verified, even if no lens was found that fits the single stars."""
+    """Result of a blind search. ``solved``: the solution, or None with a ``reason``. ``hypotheses``: number of
+    candidates tested. ``placed``: True if the pointing was verified, even if no lens fits the single stars."""
 
     solved: BlindSolution | None
     hypotheses: int
@@ -98,11 +98,12 @@ def identify_blind(
 ) -> BlindFound:
     """Identify detections, brightest first, in a frame of (columns, rows) ``shape``.
 
-    A camera with square pixels and a centred optical axis is tried first; with ``odd``, then non-square pixels and off-centre
-    axes.
+    A camera with square pixels and a centred optical axis is tried first. If ``odd``, non-square pixels and off-centre
+    axes are tried next.
 
-    ``fov_range_rad``: (low, high) horizontal field of view; ``level(radius_rad)`` returns the dictionary of one size (the
-    caller caches them). The result identifies every star that can be identified, not only those used in the verification.
+    ``fov_range_rad``: (low, high) horizontal field of view; ``level(radius_rad)`` returns the dictionary of one size
+    (the caller caches them). The result identifies every star that can be identified, not only those used in the
+    verification.
     """
     n = len(spots.pixels)
     if n < 5:
@@ -139,7 +140,7 @@ def _search(
 
 
 class _BlindSearch:
-    """State of a search: counts the candidates tested and keeps the best rejected one."""
+    """State of a search: number of candidates tested, and best rejected candidate."""
 
     def __init__(
         self,
@@ -157,7 +158,7 @@ class _BlindSearch:
         self.guess, self.also = SQUARE, tuple[str, ...]()
 
     def suppose(self, guess: Guess) -> None:
-        """Switch to another camera geometry; the candidates tested so far still count."""
+        """Switch to another camera geometry without resetting the number of candidates tested."""
         if not self.also:
             self.full = 0
         self.guess, self.also = guess, ALSO
@@ -166,7 +167,8 @@ class _BlindSearch:
     def run(
         self, pattern_rows: NDArray[np.int32], fov_rad: float, level: Callable[[float], PatternLevel]
     ) -> BlindSolution | None:
-        """Test the figures ``pattern_rows`` under one field of view, large circles first because they are few and quickly built."""
+        """Test the figures ``pattern_rows`` under one field of view. Large circles are first, because they are few and
+        quick to build."""
         columns, rows = self.shape
         ratio = min(1.0, rows / columns)
         window = _fov_window(fov_rad, self.limits)
@@ -218,7 +220,8 @@ class _BlindSearch:
         return None
 
     def _settle(self, solved: BlindSolution) -> BlindSolution | None:
-        """Fit lens and attitude to all stars that can be identified; None if strong distortion led the first fit astray."""
+        """Fit lens and attitude to all stars that can be identified. None if the first fit was wrong because of strong
+        distortion."""
         settled = self._name(solved, self.also)
         for _ in range(FULLER_ROUNDS):
             if settled is None or not self._is_loose(settled):
@@ -226,12 +229,13 @@ class _BlindSearch:
             fuller = self._name(settled, ALSO)
             if fuller is None or not _is_better(fuller, settled):
                 break
-            # A standard camera is replaced only by one that fits everything and far better, because real lenses have more terms
-            # than are fitted.
+            # A standard camera is replaced only by a camera that fits all detections and far better, because real
+            # lenses have more
+            # terms than are fitted.
             if not self.also and (self._is_loose(fuller) or fuller.fit.rms_px > FAR_BETTER * settled.fit.rms_px):
                 break
             settled = fuller
-        # A camera with this many free parameters must fit all detections; otherwise it could fit any frame.
+        # A camera with this number of free parameters must fit all detections; otherwise it could fit any frame.
         return None if settled is not None and self.also and self._is_loose(settled) else settled
 
     def _name(self, solved: BlindSolution, also: tuple[str, ...]) -> BlindSolution | None:
@@ -255,8 +259,8 @@ class _BlindSearch:
         return int((settled.rows < among).sum()) < THIN * among
 
     def is_doubtful(self, settled: BlindSolution) -> bool:
-        """True if so few stars of a wide field are identified that the optical axis may be off-centre. A narrow field is not
-        sensitive to that."""
+        """True if so few stars of a wide field are identified that the optical axis is possibly off-centre. A narrow
+        field is not sensitive to the position of the axis."""
         return settled.fit.camera.fov_rad[0] > WIDE_RAD and self.is_thin(settled)
 
     def why(self, prefix: str) -> str:
@@ -273,13 +277,13 @@ class _BlindSearch:
 
 
 def _is_better(fuller: BlindSolution, settled: BlindSolution) -> bool:
-    """True if ``fuller`` identifies more stars, or as many with clearly smaller residuals."""
+    """True if ``fuller`` identifies more stars, or the same number with clearly smaller residuals."""
     extra = len(fuller.rows) - len(settled.rows)
     return extra > 0 or (extra == 0 and fuller.fit.rms_px < BETTER * settled.fit.rms_px)
 
 
 def _rank_batches(n: int) -> Iterator[NDArray[np.int32]]:
-    """Yield (q, 4) quadruples of detections, those of the brightest first, without repetition."""
+    """Yield (q, 4) quadruples of detections without repetition. Quadruples of the brightest detections are first."""
     done = 0
     for top in BATCHES:
         top_here = min(top, n)
@@ -304,7 +308,7 @@ def _fov_hypotheses(low: float, high: float) -> list[float]:
 
 
 def _fov_window(fov: float, limits: tuple[float, float]) -> tuple[float, float]:
-    """Range of true fields of view covered by one hypothesis."""
+    """Return the range of true fields of view that one hypothesis covers."""
     low, high = limits
     if fov < FLAT_FIELD_RAD:
         return low * 0.97, min(high, FLAT_FIELD_RAD) * 1.03

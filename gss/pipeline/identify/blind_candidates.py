@@ -1,4 +1,4 @@
-"""Pointing candidates from figures: matches with one dictionary level that other bright detections support."""
+"""Pointing candidates from figures: matches with a dictionary level that are supported by other bright detections."""
 
 from __future__ import annotations
 
@@ -34,14 +34,15 @@ def look_up(
     pixels: Array,
     sky: SkyCatalogue,
 ) -> tuple[list[Candidate], int]:
-    """Return the candidates of one level that at least one more star supports, and the number before that test."""
+    """Return the candidates of one level that at least one more star supports, and the number of candidates before this
+    test."""
     near = level.tree.query_ball_point(codes, CODE_RADIUS, return_sorted=False)
     count = np.fromiter((len(x) for x in near), np.intp, len(near))
     if not count.sum():
         return [], 0
     figure = np.repeat(np.arange(len(codes)), count)
     pattern = np.concatenate([np.asarray(x, np.intp) for x in near if x])
-    # The ratio of sizes at the hypothesised focal length to true sizes gives the focal length.
+    # The focal length follows from the ratio of the sizes at the assumed focal length to the true sizes.
     factor = size[figure] / level.size_rad[pattern]
     low, high = (np.tan(camera.fov_rad[0] / 2) / np.tan(w / 2) for w in (window[1], window[0]))
     ok = (factor > low) & (factor < high)

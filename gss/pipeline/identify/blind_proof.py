@@ -1,4 +1,5 @@
-"""Verification of a blind candidate: match and refine alternately, then compute how likely the coincidences are by chance."""
+"""Verification of a blind candidate: alternate matching and refinement, then the probability that the matches are
+accidental."""
 
 from __future__ import annotations
 
@@ -20,10 +21,10 @@ WIDE_LENS = ("k1", "k2", "p1", "p2")
 ENOUGH_FOR_MORE = 8
 MERGE_PX = 2.5
 BRIGHTNESS_GATE_MAG = 1.8  # largest difference that filter, colour and saturation cause
-ACQUIRE = (0.003, 0.008)  # of the frame's width: a good lens, and one with strong distortion
-# Coincidences are counted within these fractions of the acquisition radius and among these numbers of the brightest detections.
-# The most significant count is used, with a correction for the number of counts. False detections are mostly faint, and good
-# lenses predict well.
+ACQUIRE = (0.003, 0.008)  # acquisition radii, relative to the frame's width, for a good lens and for strong distortion
+# Coincidences are counted within these fractions of the acquisition radius and among these numbers of the brightest
+# detections. The most significant count is used, with a correction for the number of counts. Small numbers and radii
+# help because false detections are mostly faint and the prediction is accurate for good lenses.
 COUNT_WITHIN = (1.0, 0.5, 0.2)
 COUNT_AMONG = (8, 16, 40, 10_000)
 
@@ -49,7 +50,7 @@ def prove(
     hypotheses: float,
     also: tuple[str, ...] = (),
 ) -> BlindSolution | None:
-    """Match and refine alternately from a narrow and from a wide acquisition radius; return the more certain result.
+    """Match and refine alternately, from a narrow and from a wide acquisition radius. Return the more certain result.
 
     ``also``: camera parameters that are free in addition to focal length and lens once enough stars are matched. The
     false-match probability uses the first prediction, before any fit.
@@ -147,10 +148,10 @@ def _tail(
     camera: Camera,
     brightness: float,
 ) -> float:
-    """Probability that randomly scattered detections coincide with the first prediction this often.
+    """Return the probability that randomly scattered detections coincide with the first prediction this often.
 
-    ``offset``: (m,) px of the matched detections ``rows`` before any fit, which would reduce the offsets. Four detections are
-    not counted because the figure used them.
+    ``offset``: (m,) px of the matched detections ``rows`` before any fit, which would reduce the offsets. Four
+    detections are not counted because they form the figure.
     """
     area_px2 = camera.columns * camera.rows
     tails = []
@@ -164,6 +165,6 @@ def _tail(
 
 
 def _plausible(fit: Refined) -> bool:
-    """True if the fit is plausible: distortion below a fifth at the corners and small residuals."""
+    """True if the fit is plausible, i.e. has a distortion below a fifth at the corners and small residuals."""
     k1 = fit.camera.distortion.k1 if isinstance(fit.camera.distortion, Brown) else 0.0
     return abs(k1) * np.tan(min(fit.camera.half_diagonal_rad, 1.2)) ** 2 < 0.2 and fit.rms_px < 3.0

@@ -30,9 +30,11 @@ MEDIAN_SQUARE = 1.386  # median of the squared length of a two-dimensional norma
 ERROR_MARGIN = 1.3
 FLOOR_PX = 0.05  # errors of lens calibration and proper motion that are not in the error budget
 MAX_GATE_PX = 4.0
-MAX_EXCESS_PX = 1.0  # with more excess scatter, the matches are coincidences in wide gates, not real stars
+MAX_EXCESS_PX = 1.0  # with more excess scatter, the matches are accidental matches in wide gates
 BRIGHTNESS_SIGMA = 3.5
-VERIFIED_WINDOW_MAG = 1.8  # for verified stars, because saturation and colour change their brightness
+VERIFIED_WINDOW_MAG = (
+    1.8  # brightness window of verified stars; wide, because saturation and colour change their brightness
+)
 MAX_CHANCE = 5e-4
 CROWDED = 0.05  # if more stars are expected in a gate, the position does not identify a star
 OWN_SHARE = 0.65  # minimum share of the light at a star's position that comes from the star
@@ -40,7 +42,7 @@ BLEND_REACH_SIGMA = 4.0
 COMPARABLE = 0.5  # minimum flux ratio at which a companion and a star can blend into one detection between them
 FEW_PAIRS = 20_000  # up to this number, computing all distances is faster than building a tree
 UNRESOLVED_SIGMA = 2.8
-RESOLVED = 0.28  # a detection nearer to the star than this fraction of its distance to such a companion is the star
+RESOLVED = 0.28  # a detection closer to the star than this fraction of the companion's distance is the star
 
 
 @dataclass(frozen=True)
@@ -55,14 +57,15 @@ class Spots:
 
     @property
     def magnitude_sigma(self) -> Array:
-        """(n,) magnitude error from photon and sky noise, on the assumption that the relative flux error equals the position error
-        divided by the PSF width."""
+        """Return the (n,) magnitude errors from photon and sky noise. Assumes that the relative flux error equals the
+        position error divided by the PSF width."""
         return np.asarray(1.0857 * np.minimum(self.sigma_px / self.psf_sigma_px, 0.5))
 
 
 @dataclass(frozen=True)
 class AllMatches:
-    """Matched rows of the detections, their rows in the catalogue, and the fit to all matches."""
+    """Result of the matching: rows of the detections, their stars' rows in the catalogue, and the fit to all
+    matches."""
 
     rows: Rows
     stars: Rows
@@ -71,9 +74,10 @@ class AllMatches:
 
 @dataclass(frozen=True)
 class _Expected:
-    """m stars that may be detected, with their expected appearance. ``stars``: rows in the catalogue. ``v_mag``: V magnitude
-    including companions. ``shift_px``: (m, 2) displacement by companions. ``share``: fraction of the light that comes from the
-    star. ``reach_px``: a detection farther from the star than this could be a blend with a comparable companion."""
+    """m stars that can be detected, with their expected appearance. ``stars``: rows in the catalogue. ``v_mag``: V
+    magnitude including companions. ``shift_px``: (m, 2) displacement by companions. ``share``: fraction of the light
+    that comes from the star. ``reach_px``: maximum distance of a detection; a more distant one could be a blend with a
+    comparable companion."""
 
     stars: Rows
     pixels: Array
@@ -89,10 +93,10 @@ def match_all(
 ) -> AllMatches | None:
     """Match all detections, given a verified ``fit`` and its matches (``rows`` of the spots are ``stars`` of the sky).
 
-    ``sky`` is the whole catalogue, brightest first. ``refit(rows, stars, sigma_px)`` fits the attitude, and the camera if it is
-    free, to all matches. Verified matches are tested like the others, but with a wider brightness window. Returns None if fewer
-    than half as many stars match as were verified, or if the residuals are too large. The pointing may then be correct, but the
-    camera geometry is wrong.
+    ``sky`` is the whole catalogue, brightest first. ``refit(rows, stars, sigma_px)`` fits the attitude, and the camera
+    if it is free, to all matches. Verified matches are tested like the others, but with a wider brightness window.
+    Returns None if the number of matches is less than half the number of verified stars, or if the residuals are too
+    large. In this case the camera geometry is wrong, although the pointing can be correct.
     """
     verified = np.full(len(spots.pixels), -1, np.intp)
     verified[rows] = stars
@@ -107,7 +111,7 @@ def match_all(
         shift2 = (expected.shift_px[star_rows] ** 2).sum(1)
         converged = _same(spot_rows, matched.rows) and _same(expected.stars[star_rows], matched.stars)
         if converged and not excess and not shift2.any():
-            break  # the current fit already used these stars with these errors
+            break  # the current fit already uses these stars and errors
         sigma = np.sqrt(spots.sigma_px[spot_rows] ** 2 + shift2 + excess**2)
         matched = AllMatches(spot_rows, expected.stars[star_rows], refit(spot_rows, expected.stars[star_rows], sigma))
         if converged:
@@ -189,7 +193,7 @@ def _assign(
 
 
 def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:
-    """Return the row pairs of (n, 2) and (m, 2) pixels that are within ``within_px`` of each other."""
+    """Return the row pairs of (n, 2) and (m, 2) pixels with a distance of at most ``within_px``."""
     if len(first) * len(second) <= FEW_PAIRS:
         a, b = np.nonzero(distances2(first, second) <= within_px**2)
         return a, b
@@ -199,8 +203,9 @@ def _close(first: Array, second: Array, within_px: float) -> tuple[Rows, Rows]:
 
 
 def _chance(s: Rows, e: Rows, gate: Array, window: Array, expected: _Expected, spots: int, fit: Refined) -> Array:
-    """(pairs,) probability that a detection that is not a catalogue star fits the star by chance: estimated share of such
-    detections × expected number of stars of that brightness in the gate; 1 in crowded fields."""
+    """Return the (pairs,) probabilities that a detection is not a catalogue star but fits the star by chance: the
+    estimated share of such detections × the expected number of stars of this brightness in the gate; 1 in crowded
+    fields."""
     ranked = np.sort(expected.v_mag)
     v = expected.v_mag[e]
     among = np.searchsorted(ranked, v + window, side="right") - np.searchsorted(ranked, v - window)

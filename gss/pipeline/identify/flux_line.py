@@ -10,16 +10,17 @@ import numpy as np
 from gss.domain.angles import Array
 from gss.pipeline.small import median
 
-SLOPE_SIGMA = 0.08  # prior sigma of the slope about 1: a detector is linear, a processed photograph less so
+SLOPE_SIGMA = 0.08  # prior sigma of the slope about 1; a detector is linear, a processed photograph only approximately
 SCATTER_MAG, SCATTER_STARS = 0.35, 4.0  # prior scatter from colour and filter, and its weight in stars
 MIN_SCATTER_MAG = 0.05
 ROUNDS = 8
-SETTLED_MAG = 1e-3  # convergence limit: even a thirtieth of the narrowest window would be negligible
+SETTLED_MAG = 1e-3  # convergence limit, far below a thirtieth of the narrowest window
 
 
 @dataclass(frozen=True)
 class FluxLine:
-    """V = ``level`` + ``slope`` · (m − ``middle``) for an instrumental magnitude m; ``scatter``: of single stars about the line."""
+    """Line V = ``level`` + ``slope`` · (m − ``middle``) for an instrumental magnitude m; ``scatter``: of single stars
+    about the line."""
 
     level: float
     slope: float
@@ -33,7 +34,8 @@ class FluxLine:
         return np.asarray(self.level + self.slope * (magnitude - self.middle))
 
     def sigma(self, magnitude: Array) -> Array:
-        """Standard deviation of a star about the line: its scatter and the line's error, without photon noise."""
+        """Return the standard deviation of a star about the line: scatter and error of the line, without photon
+        noise."""
         away = self.slope_sigma * (magnitude - self.middle)
         return np.asarray(np.sqrt(self.scatter**2 + self.level_sigma**2 + away**2))
 
@@ -72,7 +74,8 @@ def flux_line(magnitude: Array, v_mag: Array, sigma: Array) -> FluxLine:
 
 
 def _scatter(residual: Array, photons2: float) -> float:
-    """Robust scatter in excess of photon noise of variance ``photons2``, combined with the prior if there are few stars."""
+    """Return the robust scatter in excess of photon noise with variance ``photons2``, combined with the prior for few
+    stars."""
     n = len(residual)
     observed2 = (1.4826 * median(np.abs(residual))) ** 2 - photons2
     mixed = (n * max(observed2, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)

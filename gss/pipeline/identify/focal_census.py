@@ -22,14 +22,15 @@ STEP, LARGEST = 0.0025, 0.03
 # A calibration error of one step is accepted: 1.5 px at 600 px does not make the attitude wrong.
 AS_KNOWN = (1 + STEP, 1 - STEP)
 OTHERS = tuple(round(1 + sign * k * STEP, 6) for k in range(2, round(LARGEST / STEP) + 1) for sign in (1, -1))
-# If this share of the possible matches is found, they cannot all lie in one corner.
+# Matches with this share of the possible number cannot all be in one corner.
 PLENTY = 0.8
 # The first attitude comes from a few stars, perhaps close together: the search radius grows with the distance from them,
 # according to the attitude error.
 ROUNDS = 4
 MAX_PX = 30.0
 BESIDE_RAD = 0.05
-# Probability of rejecting a correct solution by chance. It may be large: a rejection costs one frame, a false attitude far more.
+# Probability of rejecting a correct solution by chance. It can be large, because a false attitude costs far more than
+# the rejection of one frame.
 ACCIDENT = 1e-2
 
 
@@ -38,8 +39,9 @@ def focal_objection(
 ) -> str:
     """Return why the camera's focal length cannot be right, or "".
 
-    ``pixels``: (n, 2) of all centroids; ``matched``: (k,) rows of the identified ones; ``icrs_of_matched``: (k, 3) their stars;
-    ``bank``: (m, 3) directions of all stars that the camera may see; ``radius_px``: largest distance of a match.
+    ``pixels``: (n, 2) of all centroids; ``matched``: (k,) rows of the identified ones; ``icrs_of_matched``: (k, 3)
+    their stars; ``bank``: (m, 3) directions of all stars that the camera can see; ``radius_px``: largest distance of a
+    match.
     """
     known_unit = camera.unproject(pixels)
     cam_from_icrs = best_rotation(known_unit[matched], icrs_of_matched, np.ones(len(matched)))
@@ -76,30 +78,32 @@ def focal_objection(
 
 
 def _seen_with(camera: Camera, scales: tuple[float, ...], pixels: Array) -> Array:
-    """(scales, n, 3) directions of the pixels with each focal length, all distortions inverted in one call."""
+    """Return the (scales, n, 3) directions of the pixels with each focal length. All distortions are inverted in one
+    call."""
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
     nearer = centre + (pixels - centre) / np.array(scales)[:, None, None]
     return camera.unproject(nearer.reshape(-1, 2)).reshape(len(scales), len(pixels), 3)
 
 
 def _without_furthest(pixels: Array) -> Rows:
-    """Return all rows except the one furthest from their median, which is often the false match if there is one."""
+    """Return all rows except the row furthest from the median, which is often a false match."""
     off = np.linalg.norm(pixels - np.median(pixels, axis=0), axis=1)
     return np.delete(np.arange(len(pixels)), int(np.argmax(off)))
 
 
 def plenty(met: int, in_view: int, centroids: int) -> bool:
-    """True if enough of the possible matches are found that no other focal length needs to be tried."""
+    """True if the share of possible matches is so large that no other focal length needs to be tried."""
     return met >= PLENTY * min(centroids, in_view)
 
 
 def _met(
     pixels: Array, unit: Array, rows: Rows, icrs: Array, near: Array, camera: Camera, radius_px: float
 ) -> tuple[int, int]:
-    """Return how many stars coincide with centroids and how many are in view, after iterating the attitude on the matches.
+    """Return how many stars coincide with centroids and how many are in view, after iterating the attitude on the
+    matches.
 
-    ``unit``: (n, 3) directions of the pixels with that camera. The iteration has converged if a round matches the same stars as
-    the one before.
+    ``unit``: (n, 3) directions of the pixels with that camera. The iteration has converged if a round matches the same
+    stars as the previous round.
     """
     stars, spots, weight = icrs, rows, np.ones(len(rows))
     met, in_view, settled = 0, 0, False
@@ -122,18 +126,18 @@ def _met(
     return met, in_view
 
 
-def _lever(places: Array, fitted: Array, weight: Array, most: float) -> Array:
-    """(n,) ratio of the prediction error at ``places`` to one star's error; it grows with the distance from the fitted stars and
-    is at most ``most``."""
+def _lever(places: Array, fitted: Array, weight: Array, limit: float) -> Array:
+    """Return the (n,) ratios of the prediction error at ``places`` to the error of one star, at most ``limit``. The
+    ratio grows with the distance from the fitted stars."""
     total = float(weight.sum())
     middle = weight @ fitted / total
     extent2 = float(weight @ ((fitted - middle) ** 2).sum(1))
     far2 = ((places - middle) ** 2).sum(1)
-    return np.asarray(np.minimum(np.sqrt(1 + 1 / total + far2 / max(extent2, 1.0)), most))
+    return np.asarray(np.minimum(np.sqrt(1 + 1 / total + far2 / max(extent2, 1.0)), limit))
 
 
 def _nearest(predicted: Array, pixels: Array, radius_px: Array) -> tuple[Rows, Rows]:
-    """Mutually nearest (star, centroid) within the star's radius."""
+    """Return the mutually nearest pairs (star, centroid) within the star's radius."""
     if not len(predicted):
         return np.empty(0, np.intp), np.empty(0, np.intp)
     off2 = distances2(predicted, pixels)

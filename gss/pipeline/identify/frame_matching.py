@@ -1,7 +1,7 @@
 """Matching two frames of one camera without a catalogue: pair match and triangle match (Huffman 2006 §5.5.1–2).
 
-Both compare angles within one frame with angles within the other, so a rotation between them does not matter. Results are
-(m, 2) rows of (star of frame 1, star of frame 2), empty if there is no match.
+Both compare angles within the first frame with angles within the second, so the rotation between the frames does not
+matter. Results are (m, 2) rows of (star of frame 1, star of frame 2), empty without a match.
 """
 
 from __future__ import annotations
@@ -17,16 +17,18 @@ NOTHING = np.empty((0, 2), np.intp)
 
 
 def angle_matrix_rad(unit_cam: Array) -> Array:
-    """(n, n) angles between (n, 3) directions (§5.5.2 step 2)."""
+    """Return the (n, n) angles between (n, 3) directions (§5.5.2 step 2)."""
     half_chord = 0.5 * np.linalg.norm(unit_cam[:, None] - unit_cam[None], axis=2)
     return np.asarray(2 * np.arcsin(np.minimum(half_chord, 1.0)))
 
 
 def pair_match(before: Array, after: Array, flux_before: Array, flux_after: Array, tolerance_rad: float) -> Rows:
-    """Match two stars by their separation (§5.5.1). ``before``, ``after``: (n, 3) and (m, 3) directions, brightest first.
+    """Match two stars by their separation (§5.5.1). ``before``, ``after``: (n, 3) and (m, 3) directions, brightest
+    first.
 
-    Pairs are tried brightest first; one is accepted if exactly one pair of the other frame has the same separation. The order
-    of the two stars follows from brightness, the document's fallback if the motion is unknown. Duplicate separations do not match.
+    Pairs are tried brightest first. A pair is accepted if exactly one pair of the other frame has the same separation;
+    ambiguous separations do not match. The order of the two stars follows from their brightness, the document's
+    fallback for an unknown motion.
     """
     angles_before, angles_after = angle_matrix_rad(before), angle_matrix_rad(after)
     a, b = np.triu_indices(len(after), 1)
@@ -42,7 +44,8 @@ def pair_match(before: Array, after: Array, flux_before: Array, flux_after: Arra
 
 
 def triangle_match(before: Array, after: Array, tolerance_rad: float, most_figures: int = 500) -> Rows:
-    """Match three stars by their three angles (§5.5.2): the first triad in the order of ``figures`` with exactly one partner."""
+    """Match three stars by their three angles (§5.5.2). Returns the first triad, in the order of ``figures``, with
+    exactly one partner."""
     angles_before, angles_after = angle_matrix_rad(before), angle_matrix_rad(after)
     for triad in figures(len(before), 3)[:most_figures]:
         partner = triad_partner(triad, before, after, angles_before, angles_after, tolerance_rad)
@@ -70,11 +73,12 @@ def triad_partner(
 
 
 def candidate_star_matrix(side_a: NDArray[np.bool_], side_b: NDArray[np.bool_], side_c: NDArray[np.bool_]) -> Rows:
-    """Return the document's candidate star matrix after deletions; columns are stars 1, 2, 3 of the triad, −1 an empty cell.
+    """Return the document's candidate star matrix after deletions; its columns are stars 1, 2, 3 of the triad, and −1
+    is an empty cell.
 
-    Each (m, m) symmetric mask marks the pairs of the other frame that are as long as sides a = 12, b = 23, c = 13. Every pair is
-    entered in both orders; rows with a star that occurs fewer than twice in its column are deleted repeatedly (the document
-    deletes once). Three remaining rows are a match, more are ambiguous.
+    The (m, m) symmetric masks mark the pairs of the other frame that are as long as the sides a = 12, b = 23 and c =
+    13. Every pair is entered in both orders. Rows with a star that occurs fewer than twice in its column are deleted
+    repeatedly (the document deletes once). Three remaining rows are a match; more than three are ambiguous.
     """
     rows = []
     for mask, (p, q) in zip((side_a, side_b, side_c), ((0, 1), (1, 2), (0, 2)), strict=True):

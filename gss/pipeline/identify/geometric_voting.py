@@ -1,9 +1,9 @@
 """Geometric voting (Kolomenkin 2008, as used in Erlank 2013 §4.3.3 and Algorithm 2).
 
-For each pair of imaged stars, the distance table gives the catalogue pairs of the same separation; each of the two catalogue
-stars votes for both imaged stars. The catalogue star with the most votes for each imaged star is then checked against the
-others: every pair whose assumed catalogue stars have the measured separation gives a verification vote. All counts are integers
-and ties go to the lower row, so the same input gives the same result on any machine.
+For each pair of imaged stars, the distance table gives the catalogue pairs of the same separation. Each of the two
+catalogue stars votes for both imaged stars, and each imaged star is assigned the catalogue star with the most votes. In
+a second round, every pair of imaged stars whose assigned catalogue stars have the measured separation gives a
+verification vote. All counts are integers and the lower row wins a tie, so the result is the same on any machine.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def vote(pairs: ImagePairs, stars: int, table: DistanceTable, rows: int, toleran
 
 
 def agreement(pairs: ImagePairs, row: Rows, catalogue: OnboardCatalogue, tolerance_rad: float) -> NDArray[np.int64]:
-    """(n, n) symmetric 0/1 matrix: 1 if the assumed catalogue stars of two imaged stars have the measured separation. Two imaged
-    stars with the same catalogue star never agree."""
+    """Return the (n, n) symmetric 0/1 matrix, 1 if the assigned catalogue stars of two imaged stars have the measured
+    separation. Two imaged stars with the same catalogue star never agree."""
     agree = np.zeros((len(row), len(row)), np.int64)
     a, b = row[pairs.i], row[pairs.j]
     voted = np.flatnonzero((a >= 0) & (b >= 0) & (a != b))
@@ -83,22 +83,24 @@ def agreement(pairs: ImagePairs, row: Rows, catalogue: OnboardCatalogue, toleran
 
 
 def cluster(verification: NDArray[np.int64], margin: int) -> Rows:
-    """Stars whose verification votes are within ``margin`` of the highest count (Kolomenkin; Erlank 2013 §4.3.3 uses one)."""
+    """Return the stars with verification votes within ``margin`` of the highest count (Kolomenkin; Erlank 2013 §4.3.3
+    uses one)."""
     most = int(verification.max(initial=0))
     return np.flatnonzero(verification >= max(1, most - margin))
 
 
 def mutually_consistent(agree: NDArray[np.int64], chosen: Rows) -> Rows:
-    """Return a subset of ``chosen`` in which every pair agrees, removing the star that disagrees most until none does.
+    """Return a subset of ``chosen`` in which every pair agrees. The star with the most disagreements is removed
+    repeatedly.
 
-    This is not in the document, where a false star that gets nearly the most votes by chance is used for the attitude.
+    This step is not in the document, whose attitude uses false stars that receive nearly the most votes by chance.
     """
     chosen = chosen.copy()
     while len(chosen) > 1:
         friends = agree[np.ix_(chosen, chosen)].sum(axis=1)
         if friends.min() == len(chosen) - 1:
             break
-        # Ties are resolved by fewer votes in total, then by the later, fainter star.
+        # Of equal candidates, the star with fewer votes in total is removed, then the later, fainter star.
         total = agree[chosen].sum(axis=1)
         worst = np.lexsort((-np.arange(len(chosen)), total, friends))[0]
         chosen = np.delete(chosen, worst)

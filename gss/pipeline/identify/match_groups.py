@@ -1,10 +1,11 @@
 """Van Bezooijen's match groups as used by Sunsat (Jacobs 1995 §3.3, app. D.2).
 
-For every pair of observed stars, the distance table gives the guide pairs of the same separation whose magnitudes fit. A *match*
-is an observed star with a guide star; two matches are joined if their pair was found. Each match is the kernel of a group, and
-its confidence is the number of observed stars joined to it. Small groups are dropped (ICLim), the others are split until every
-pair inside is joined. The resulting complete subgroups are found here as the cliques of the graph of matches. The largest
-one that is not a mirror image wins; each failure lowers ICLim by one, down to three stars.
+For every pair of observed stars, the distance table gives the guide pairs with the same separation and fitting
+magnitudes. A *match* is an observed star with a guide star. Two matches are joined if their pair is in the table. Each
+match is the kernel of a group, and its confidence is the number of observed stars joined to it. Small groups are
+dropped (limit ICLim), and large groups are split until all matches inside are joined with each other. Here, these
+complete subgroups are computed as the cliques of the graph of matches. The largest group that is not a mirror image
+wins. Each failure lowers ICLim by one, down to three stars.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ SPLIT_TOLERANCES = 4.0
 
 @dataclass(frozen=True)
 class GroupLimits:
-    """Tolerances of eqs. 3.1 and 3.2, the smallest group size, and the maximum number of splitting steps (``budget``)."""
+    """Limits of a search: tolerances of eqs. 3.1 and 3.2, smallest group size, and maximum number of splitting steps
+    (``budget``)."""
 
     distance_rad: float
     magnitude_mag: float
@@ -35,8 +37,8 @@ class GroupLimits:
 
 @dataclass(frozen=True)
 class MatchGroup:
-    """Observed stars and their guide stars, (k,) each. ``misfit_rad``: sum of the differences of all distances, the document's
-    quality measure of a group."""
+    """Group of k observed stars and their guide stars, (k,) each. ``misfit_rad``: sum of the differences of all
+    distances, which measures the quality of a group in the document."""
 
     observed: Rows
     guide: Rows
@@ -48,8 +50,9 @@ class MatchGroup:
 
 @dataclass(frozen=True)
 class Grouping:
-    """``group``: the winner, or None with a ``reason``. ``largest``: all groups of the largest size, best first. ``pairs``: number
-    of matching star pairs, ``operations``: number of table entries read and splitting steps."""
+    """Result of a search. ``group``: the winner, or None with a ``reason``. ``largest``: all groups of the largest
+    size, best first. ``pairs``: number of matching star pairs, ``operations``: number of table entries read and
+    splitting steps."""
 
     group: MatchGroup | None
     largest: tuple[MatchGroup, ...]
@@ -69,7 +72,7 @@ class Guides:
 
 @dataclass(frozen=True)
 class _Graph:
-    """Matches (observed, guide) and the joins between them, both ways."""
+    """Graph of matches (observed, guide). The joins between them are stored in both directions."""
 
     observed: Rows
     guide: Rows
@@ -83,18 +86,18 @@ class _Graph:
         return np.bitwise_count(bits).astype(np.intp)
 
     def keep(self, nodes: Flags) -> _Graph:
-        """Return the graph with only the matches ``nodes``; the others are removed from all their groups (§3.3.2)."""
+        """Return the graph of the matches ``nodes`` only; other matches are removed from all groups (§3.3.2)."""
         number = np.cumsum(nodes) - 1
         joins = nodes[self.a] & nodes[self.b]
         return _Graph(self.observed[nodes], self.guide[nodes], number[self.a[joins]], number[self.b[joins]])
 
 
 def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits) -> Grouping:
-    """Find the best group for (n, 3) observed unit vectors with (n,) magnitudes; NaN directions or magnitudes are ignored.
+    """Find the best group for (n, 3) observed unit vectors with (n,) magnitudes. Stars with NaN are ignored.
 
-    If two largest groups do not have two matches in common, the result is ambiguous and rejected (§3.3.5), unless they are parts
-    of one constellation; of groups that agree, the one with the better quality is used. The mirror test uses vectors because
-    eq. 3.3's right ascensions fail at the poles.
+    If two largest groups do not have two matches in common, the result is ambiguous and rejected (§3.3.5), unless they
+    are parts of one constellation. Of groups that agree, the group with the better quality is used. The mirror test
+    uses vectors because eq. 3.3's right ascensions fail at the poles.
     """
     graph, entries = _joined_matches(unit, v_mag, guides, limits)
     pairs = len(graph.a) // 2
@@ -107,7 +110,7 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
         cliques = _cliques(pruned, size, spent)
         groups = [g for g in (group_of(c, unit, guides) for c in cliques) if not mirrored(g, unit, guides.unit)]
         if spent.remaining < 0:
-            return Grouping(None, (), pairs, entries + limits.budget, "groups are too many to be split")
+            return Grouping(None, (), pairs, entries + limits.budget, "too many groups to split")
         if groups:
             best, reason = winner(groups, unit, guides, limits)
             return Grouping(best, ranked(groups), pairs, entries + limits.budget - spent.remaining, reason)
@@ -117,7 +120,7 @@ def match_groups(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimits)
 
 
 def largest_possible(confidence: Rows) -> int:
-    """Largest n for which n groups have a confidence of n − 1 or more (§3.3.2)."""
+    """Return the largest n for which n groups have a confidence of at least n − 1 (§3.3.2)."""
     falling = np.sort(confidence)[::-1] + 1
     return int(np.max(np.minimum(falling, np.arange(1, len(falling) + 1)), initial=0))
 
@@ -141,12 +144,12 @@ def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimi
 
 
 def _angle_rad(a: Array, b: Array) -> Array:
-    """Angle from the chord, because eq. C.7's arccosine loses 1e-8 rad for close stars."""
+    """Return the angle from the chord, because the arccosine of eq. C.7 loses 1e-8 rad for close stars."""
     return np.asarray(2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=-1), 1.0)))
 
 
 def _pruned(graph: _Graph, least: int) -> _Graph:
-    """Remove groups below the confidence ``least`` repeatedly until none is removed."""
+    """Remove groups with a confidence below ``least`` repeatedly until no more are removed."""
     while len(graph.observed):
         strong = graph.confidence() >= least
         if strong.all():
@@ -161,7 +164,8 @@ class _Budget:
 
 
 def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]]:
-    """Maximal complete sets of at least ``size`` matches (Bron and Kerbosch with pivot), in a fixed order."""
+    """Return the maximal complete sets of at least ``size`` matches (Bron and Kerbosch with pivot), in a fixed
+    order."""
     joined: list[set[int]] = [set() for _ in graph.observed]
     for a, b in zip(graph.a.tolist(), graph.b.tolist(), strict=True):
         joined[a].add(b)
@@ -219,8 +223,8 @@ def winner(groups: list[MatchGroup], unit: Array, guides: Guides, limits: GroupL
 
 
 def _one_answer(group: MatchGroup, other: MatchGroup, unit: Array, guides: Guides, limits: GroupLimits) -> bool:
-    """True if both groups give the same answer: they have two matches in common (§3.3.5), or all distances between the two are
-    nearly right (stars with a large error can split a constellation into parts that share fewer matches)."""
+    """True if both groups agree: they have two matches in common (§3.3.5), or all distances between the two groups are
+    nearly right. Stars with a large error can split a constellation into parts that share fewer than two matches."""
     first = dict(zip(group.observed.tolist(), group.guide.tolist(), strict=True))
     if sum(first.get(o) == g for o, g in zip(other.observed.tolist(), other.guide.tolist(), strict=True)) > 1:
         return True

@@ -1,8 +1,8 @@
 """n-vertex match, n = 3, 4, 5: all n(n − 1)/2 baselines of n imaged stars at once (Huffman 2006 §5.5.4).
 
-A set of catalogue stars is consistent if every pair is a candidate of its baseline (matrix S). The document accepts a unique
-consistent set; callers that need more certainty verify it. A mirrored figure has the opposite sign of the triple product and
-is rejected here, but not in the document.
+A set of catalogue stars is consistent if every pair is a candidate of its baseline (matrix S). The document accepts a
+unique consistent set. Callers that need more certainty verify the set. A mirrored figure has the opposite sign of the
+triple product and is rejected here, but not in the document.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ FLATTEST = 1e-7
 
 
 def consistent_names(figure: tuple[int, ...], baselines: Baselines) -> Rows:
-    """(m, n) all sets of catalogue rows for the imaged stars ``figure`` that are consistent on every baseline."""
+    """Return all (m, n) sets of catalogue rows for the imaged stars ``figure`` that are consistent on every
+    baseline."""
     names = baselines.column(figure[0], figure[1]).pairs()
     for k in range(2, len(figure)):
         if not len(names):
@@ -33,7 +34,8 @@ def consistent_names(figure: tuple[int, ...], baselines: Baselines) -> Rows:
 
 
 def same_handed(names: Rows, figure: tuple[int, ...], unit_cam: Array, icrs: Array) -> Rows:
-    """Return the sets whose first three stars have the handedness of the imaged ones. Nearly flat figures are not tested."""
+    """Return the sets whose first three stars have the handedness of the imaged stars. Nearly flat figures are not
+    tested."""
     handedness = float(np.linalg.det(unit_cam[list(figure[:3])]))
     if not len(names) or abs(handedness) < FLATTEST:
         return names
@@ -41,14 +43,15 @@ def same_handed(names: Rows, figure: tuple[int, ...], unit_cam: Array, icrs: Arr
 
 
 def match_figure(figure: tuple[int, ...], baselines: Baselines, unit_cam: Array, icrs: Array) -> Rows:
-    """(m, n) consistent sets of catalogue rows with the right handedness; a single row is the document's unique match."""
+    """Return the (m, n) consistent sets of catalogue rows with the right handedness. A single set is the document's
+    unique match."""
     return same_handed(consistent_names(figure, baselines), figure, unit_cam, icrs)
 
 
 @lru_cache(maxsize=64)
 def figures(stars: int, vertices: int) -> tuple[tuple[int, ...], ...]:
-    """Return all figures of ``vertices`` imaged stars (brightest first), those with a narrow range of brightness ranks first, so
-    that a false star is soon left out.
+    """Return all figures of ``vertices`` imaged stars (brightest first). Figures with a narrow range of brightness
+    ranks come first, so that figures without a given false star are reached soon.
 
     The document's loops (§5.5.2) exclude stars in turn, but are ambiguous as printed. This generalises Mortari's triads
     (i, i + dj, i + dj + dk) to any number of stars, ordered by the widest step.

@@ -1,4 +1,5 @@
-"""Identification with a prior attitude (assisted and tracking modes): each detection has few candidates, and pairs select them."""
+"""Identification with a prior attitude (assisted and tracking modes). Each detection has few candidates, and pairs of
+candidates vote."""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ NO_THREE = "no three stars agree with the catalogue near the hint"
 
 @dataclass(frozen=True)
 class BoundedPrior:
-    """A prior attitude and the largest rotation, rad, by which it may be off."""
+    """Prior attitude and its maximum error, rad."""
 
     cam_from_icrs: Array
     radius_rad: float
@@ -81,7 +82,7 @@ def identify_near(
             field.unit[observed[q]] - field.unit[observed[p]],
             field.unit[observed[members]] - field.unit[observed[p]],
         )
-        # Square of twice the triangle's area.
+        # square of twice the area of the triangle
         area2 = (side @ side) * (others * others).sum(1) - (others @ side) ** 2
         trio = np.array([p, q, members[area2.argmax()]])
         evidence = verify(
@@ -139,7 +140,7 @@ def _compiled(
 
 
 def _agreement(field: FrameDetections, observed: Rows, unit: Array, expected: Array, reference: Rows) -> Mask:
-    """(k, k) mask of candidate pairs with the right separation and different stars."""
+    """Return the (k, k) mask of candidate pairs with the right separation and different stars."""
     variance = field.sigma_rad[observed] ** 2
     tolerance = TOLERANCE_SIGMA * np.sqrt(variance[:, None] + variance)
     a, b = _distances(np.stack([unit, expected]))
@@ -147,7 +148,7 @@ def _agreement(field: FrameDetections, observed: Rows, unit: Array, expected: Ar
 
 
 def _distances(unit: Array) -> Array:
-    """(…, k, k) angles between (…, k, 3) directions."""
+    """Return the (…, k, k) angles between (…, k, 3) directions."""
     # The rounding error of the chord from the Gram matrix is far below any centroid error.
     half2 = 0.5 - 0.5 * (unit @ unit.swapaxes(-1, -2))
     return np.asarray(2 * np.arcsin(np.sqrt(np.minimum(np.maximum(half2, 0.0), 1.0))))

@@ -1,8 +1,9 @@
 """Blind search for a pattern of linked neighbours (Moniteq 1983 §6.1, Fig. 6.1 step 3).
 
-Two spots give a hypothesis if some link of the star list has their separation and both ends have the spots' brightness. The
-hypothesis defines an attitude, and the other spots that coincide with stars support it. The brightest spots are tried
-first because they have the fewest candidates, and the number of hypotheses is counted and limited.
+Two spots give a hypothesis if a link of the star list has their separation and its stars have the spots' brightness.
+The hypothesis defines an attitude. Other spots that coincide with stars at this attitude support the hypothesis. The
+brightest spots are tried first because they have the fewest candidates, and the number of hypotheses is counted and
+limited.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ MAX_AMPLIFIED = 3.0
 
 @dataclass(frozen=True)
 class PairHypotheses:
-    """h hypotheses: spot ``i`` is star ``a`` and spot ``j`` is star ``b``; ``checks``: number of links examined, ``left_out``:
-    number of hypotheses not tried."""
+    """List of h hypotheses: spot ``i`` is star ``a`` and spot ``j`` is star ``b``; ``checks``: number of links
+    examined, ``left_out``: number of hypotheses not tried."""
 
     i: Index
     j: Index
@@ -39,8 +40,8 @@ class PairHypotheses:
 
 
 def magnitude_fits(spot_mag: Array, saturated: Mask, star_mag: Array, error_mag: float) -> Mask:
-    """(…) True where a spot and a star are equally bright; unknown magnitudes fit, and a ``saturated`` spot may be a brighter
-    star."""
+    """True for spots and stars (…) of equal brightness. Unknown magnitudes fit, and a ``saturated`` spot fits a
+    brighter star."""
     too_faint, too_bright = spot_mag - star_mag > error_mag, star_mag - spot_mag > error_mag
     return np.asarray(~too_bright & (~too_faint | saturated))
 
@@ -58,7 +59,7 @@ def pair_hypotheses(
 ) -> PairHypotheses:
     """Return at most ``most`` hypotheses that match pairs of (n, 3) spots, brightest first, with links of ``allowed`` stars."""
     i, j = np.triu_indices(len(unit_cam), 1)
-    # Pairs of the brightest spots first: 01, 02, 12, 03 …
+    # The pairs of the brightest spots are first: 01, 02, 12, 03 …
     order = np.lexsort((i, j))
     i, j = i[order], j[order]
     apart = separation_rad(unit_cam[i], unit_cam[j])
@@ -77,13 +78,14 @@ def pair_hypotheses(
 
 
 def pair_attitudes(unit_cam: Array, icrs: Array, h: PairHypotheses) -> Array:
-    """(h, 3, 3) attitudes that align the midpoint and direction of each pair of spots with those of its stars."""
+    """Return the (h, 3, 3) attitudes that align midpoint and direction of each pair of spots with those of its
+    stars."""
     camera_axes, icrs_axes = _axes(unit_cam[h.i], unit_cam[h.j]), _axes(icrs[h.a], icrs[h.b])
     return np.asarray(np.einsum("hka,hkb->hab", camera_axes, icrs_axes))
 
 
 def _axes(p: Array, q: Array) -> Array:
-    """(h, 3, 3) rows: midpoint, across, along."""
+    """Return (h, 3, 3) axes with rows midpoint, across, along."""
     middle = p + q
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     across = np.cross(p, q)
@@ -103,9 +105,11 @@ def supporters(
     tolerance_rad: float,
     error_mag: float,
 ) -> NDArray[np.intp]:
-    """(h,) number of spots that coincide with a star of similar brightness at the attitude of each hypothesis.
+    """Return the (h,) numbers of spots that coincide with a star of similar brightness at the attitude of each
+    hypothesis.
 
-    A close pair determines the roll poorly, so the tolerance grows with the distance from its midpoint, up to three times.
+    A close pair determines the roll poorly, so the tolerance grows with the distance from its midpoint, up to a factor
+    of three.
     """
     count = np.zeros(len(h), np.intp)
     for begin in range(0, len(h), CHUNK):

@@ -1,7 +1,7 @@
-"""Selection of bank stars for the pair directory: the few brightest of every field (Huffman 2006 §5.5.4, eight).
+"""Selection of bank stars for the pair directory: the brightest stars of every field (Huffman 2006 §5.5.4: eight).
 
-This is the on-board, coarse version: circles instead of frames, on an even lattice of pointings. The ground version, with real
-frames in 1° steps and a coverage report, is ``gss.catalogue_tools.selection.uniform_density``.
+This is the coarse on-board version, which uses circles instead of frames on an even lattice of pointings. The ground
+version, with real frames in 1° steps and a coverage report, is ``gss.catalogue_tools.selection.uniform_density``.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from gss.skytables.cells import lattice
 
 
 def brightest_per_field(icrs: Array, order: NDArray[np.intp], radius_rad: float, count: int) -> NDArray[np.bool_]:
-    """(n,) mask of stars among the ``count`` brightest of at least one circle of ``radius_rad``. ``order``: (n,) indices,
-    brightest first."""
+    """Return the (n,) mask of stars that are among the ``count`` brightest in at least one circle of ``radius_rad``.
+    ``order``: (n,) indices, brightest first."""
     chosen = np.zeros(len(order), bool)
     if not len(order):
         return chosen

@@ -1,6 +1,7 @@
-"""Pairs of a list, in the order of brightness, with the hypotheses that third stars support.
+"""Search over pairs of detections, in order of brightness, for hypotheses that third stars support.
 
-All third stars of a pair are examined together. ``gss.pipeline.loops.search`` gives the same trials with compiled loops.
+All third stars of a pair are examined together. ``gss.pipeline.loops.search`` computes the same trials with compiled
+loops.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ ROWS_AT_ONCE = 4_000_000
 ROWS_PER_PAIR = 600  # fixed cost of one join, in rows
 COLLINEAR = 4.0
 MAX_CANDIDATES = 8
-FIRST_POOL_ROWS = 1 << 16  # of the compiled search
+FIRST_POOL_ROWS = 1 << 16  # initial size of the compiled search's pool
 
 
 def limits() -> tuple[int, int, int, float, int, int]:
@@ -30,21 +31,22 @@ def limits() -> tuple[int, int, int, float, int, int]:
 
 
 class Trial(NamedTuple):
-    """Three rows of the list and their stars."""
+    """Hypothesis: three rows of the list of detections, and their stars."""
 
     rows: tuple[int, int, int]
     stars: tuple[int, int, int]
 
 
 def _pair_order(n: int) -> Iterator[tuple[int, int]]:
-    """Yield pairs (i, j), i < j, bright ones first, in an order that spreads the pairs of any one (false) star."""
+    """Yield pairs (i, j), i < j, bright pairs first, in an order that spreads the pairs of a single (possibly false)
+    star."""
     for total in range(1, 2 * n - 2):
         for i in range(max(0, total - n + 1), (total + 1) // 2):
             yield i, total - i
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """(3, …) cross product; numpy's version has more overhead than the work on a dozen vectors."""
+    """Return the (3, …) cross product. For a dozen vectors, the overhead of numpy's version exceeds the computation."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
@@ -72,7 +74,8 @@ class PairSearch:
         self.is_too_long = False
 
     def _anchor(self, i: int) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]:
-        """Return all candidates of the pairs with star i, grouped by the catalogue star of i: (offsets, other star, partner)."""
+        """Return all candidates of the pairs with star i as (offsets, other star, partner), grouped by the catalogue
+        star of i."""
         if i not in self.anchors:
             lists = [(k, slice(self.start[i, k], self.stop[i, k])) for k in range(self.n) if k != i]
             first = np.concatenate([self.table.first[s] for _, s in lists])
@@ -96,7 +99,8 @@ class PairSearch:
                 yield Trial((i, j, third), (first, second, its))
 
     def _candidates(self, i: int, j: int) -> list[tuple[int, int, int, int]]:
-        """(star of i, star of j, third row, its star) that at least one more star agrees with, best supported first."""
+        """Return the hypotheses (star of i, star of j, third row, star of the third) that at least one more star
+        supports, best supported first."""
         s = slice(self.start[i, j], self.stop[i, j])
         a = np.concatenate([self.table.first[s], self.table.second[s]])
         b = np.concatenate([self.table.second[s], self.table.first[s]])
@@ -108,12 +112,12 @@ class PairSearch:
         rows = int(count.sum())
         self.joined_rows += rows + ROWS_PER_PAIR
         if rows > ROWS_AT_ONCE:
-            return []  # too unspecific to be evidence, and its join would take gigabytes
+            return []  # too many candidates to be evidence, and their join would need gigabytes
         h = np.repeat(np.arange(len(a)), count)
         pos = np.arange(len(h)) + (offsets[a] - (np.cumsum(count) - count))[h]
         k, c = anchor_k.take(pos), anchor_c.take(pos)
         off = -self.cos_middle[j].take(k)
-        for axis in self.xyz:  # by coordinate, because indexing whole vectors takes several times as long
+        for axis in self.xyz:  # one coordinate at a time, because indexing complete vectors is several times slower
             off += axis[b].take(h) * axis.take(c)
         fits = np.flatnonzero(np.abs(off) <= self.cos_half[j].take(k))
         h, k, c = h[fits], k[fits], c[fits]

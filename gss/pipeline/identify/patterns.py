@@ -26,8 +26,9 @@ OTHERS = np.array([[k for k in range(4) if k not in pair] for pair in PAIRS.toli
 
 @dataclass(frozen=True)
 class PatternLevel:
-    """Figures of one size. ``radius_rad``: radius of the circle they were taken from. ``stars``: (p, 4) rows of the sky in the
-    order A, B, C, D; ``size_rad``: (p,) distance A–B; ``tree``: over (p, 4) codes; ``bright``: tree over the circle's stars."""
+    """Dictionary of figures of one size. ``radius_rad``: radius of the circles that contain the figures. ``stars``: (p,
+    4) rows of the sky in the order A, B, C, D; ``size_rad``: (p,) distance A–B; ``tree``: over (p, 4) codes;
+    ``bright``: tree over the circle's stars."""
 
     radius_rad: float
     stars: NDArray[np.int32]
@@ -41,7 +42,7 @@ def radii_rad(lowest_fov_rad: float, highest_fov_rad: float) -> list[float]:
     """Circle radii suitable for fields of view in this range (shorter side)."""
     low, high = 0.2 * lowest_fov_rad, max(0.45 * highest_fov_rad, 0.2 * lowest_fov_rad * 1.01)
     count = int(np.ceil(np.log(high / low) / np.log(LEVEL_RATIO))) + 1
-    # The grid is the same for all calls, so that a caller can cache levels.
+    # All calls use the same grid of radii, so that a caller can cache levels.
     first = int(np.floor(np.log(low) / np.log(LEVEL_RATIO)))
     return [float(LEVEL_RATIO ** (first + k)) for k in range(count + 1)]
 
@@ -67,7 +68,7 @@ def build_level(sky: SkyCatalogue, radius_rad: float) -> PatternLevel:
 def _quads(
     anchors: NDArray[np.intp], other: NDArray[np.int64], offsets: NDArray[np.intp], have: NDArray[np.intp]
 ) -> NDArray[np.int32]:
-    """(p, 4) distinct quadruples."""
+    """Return the (p, 4) distinct quadruples."""
     parts = []
     for trio in combinations(range(BRIGHTEST - 1), 3):
         rows = anchors[have[anchors] > trio[2]]
@@ -80,9 +81,10 @@ def _quads(
 
 
 def codes_of(unit: Array, ids: NDArray[np.int32]) -> tuple[Array, NDArray[np.int32], Array]:
-    """Codes (p, 4), the ids (p, 4) reordered A B C D, and sizes (p,) of (p, 4, 3) unit vectors.
+    """Return codes (p, 4), ids (p, 4) in the order A B C D, and sizes (p,) of the figures (p, 4, 3), given as unit
+    vectors.
 
-    The figure is projected on the tangent plane at its centre, seen from inside the sphere as by a camera.
+    Each figure is projected on the tangent plane at its centre, as a camera inside the sphere sees it.
     """
     middle = unit.mean(axis=1)
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)

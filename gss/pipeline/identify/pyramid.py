@@ -1,5 +1,5 @@
-"""Lost-in-space identification with a known camera: pairs from the k-vector, supported by third and fourth stars, verified on
-the whole field.
+"""Lost-in-space identification with a known camera. Pairs from the k-vector are supported by third and fourth stars and
+verified on the whole field.
 
 After Mortari, Samaan, Bruccoleri & Junkins 2004 (pyramid), with two changes: all third stars of a pair are examined
 together, and a candidate is accepted by its false-match probability instead of by its fourth star alone.
@@ -20,12 +20,13 @@ from gss.skytables.pairs import DistanceTable
 
 ACCEPT = 1e-6
 MAX_STARS = 120
-MIN_MATCHED = 4  # three stars are not sufficient evidence over the whole sky, whatever their false-match probability
+MIN_MATCHED = 4  # three stars are never sufficient evidence over the whole sky, even with a low false-match probability
 
 
 @dataclass(frozen=True)
 class PyramidMatch:
-    """The accepted evidence, or None and the reason. ``hypotheses``: number of pointings tried."""
+    """Result of the identification: the accepted evidence, or None and the reason. ``hypotheses``: number of pointings
+    tried."""
 
     evidence: Evidence | None
     hypotheses: int
@@ -108,7 +109,7 @@ def counted(stars: int) -> str:
 
 
 def _why_not(field: FrameDetections, matched: int, probability: float, accept: float) -> str:
-    """Return the reason. ``matched``: stars of the best candidate, 0 without one."""
+    """Return the reason for the failure. ``matched``: number of stars of the best candidate, 0 without a candidate."""
     if not matched:
         return f"no four of the {len(field)} stars fit the catalogue: another camera than stated, or too few catalogue stars"
     return (

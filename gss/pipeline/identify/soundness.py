@@ -1,7 +1,8 @@
-"""Plausibility tests of an identification beyond its number of stars: separate stars, handedness, size of the residuals.
+"""Plausibility tests of an identification in addition to its number of stars: separate stars, handedness, size of the
+residuals.
 
-Close companions match together, so they count as one; a pattern that is its own mirror image also fits a mirrored frame; and
-the residuals of accidental matches fill the tolerance evenly instead of concentrating at zero.
+Close companions match together, so they count as one star. A pattern that is its own mirror image also fits a mirrored
+frame. The residuals of accidental matches fill the tolerance evenly instead of concentrating at zero.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ SIGMAS = 2.0
 
 
 def separate_stars(unit: Array, radius_rad: float) -> int:
-    """Number of (n, 3) directions that are further than ``radius_rad`` from every one counted before."""
+    """Return the number of (n, 3) directions that are further than ``radius_rad`` from every direction counted
+    before."""
     counted: list[Array] = []
     for direction in unit:
         if all(np.linalg.norm(direction - other) > radius_rad for other in counted):

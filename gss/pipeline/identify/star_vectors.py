@@ -1,8 +1,10 @@
-"""Star vectors (Baldini, as described in Jacobs 1995 §3.2.2, app. D.1): an alternative to match groups without distance table.
+"""Star vectors (Baldini, as described in Jacobs 1995 §3.2.2, app. D.1): an alternative to match groups without distance
+table.
 
-The vector of an observed star contains all guide stars of its magnitude. Guide stars without a partner at the right distance
-in the neighbouring vector are removed until nothing changes; the remaining ones are combined star by star with backtracking.
-Fast and simple, but a single false star makes it fail: only constellations of *all* observed stars are found.
+The vector of an observed star contains all guide stars of its magnitude. Guide stars without a partner at the right
+distance in the neighbouring vector are removed until nothing changes. The remaining guide stars are combined star by
+star with backtracking. The method is fast and simple, but it detects only constellations of *all* observed stars, so a
+single false star makes it fail.
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ Flags = NDArray[np.bool_]
 
 
 def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags, limits: GroupLimits) -> Grouping:
-    """As :func:`gss.pipeline.identify.match_groups.match_groups`, over the guide stars that are ``allowed``.
+    """Identify like :func:`gss.pipeline.identify.match_groups.match_groups`, with the guide stars in the mask
+    ``allowed``.
 
     ``pairs``: guide pairs that fit the first two observed stars. ``operations``: number of distances compared.
     """
@@ -41,7 +44,7 @@ def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags
     constellations, steps = _constellations(vectors, unit, guides, limits)
     operations = looked + steps
     if steps > limits.budget:
-        return Grouping(None, (), first_pairs, operations, "constellations are too many to be put together")
+        return Grouping(None, (), first_pairs, operations, "too many constellations to combine")
     everyone = np.arange(n)
     groups: list[MatchGroup] = [group_of((everyone, rows), unit, guides) for rows in constellations]
     groups = [g for g in groups if not mirrored(g, unit, guides.unit)]
@@ -52,8 +55,8 @@ def match_star_vectors(unit: Array, v_mag: Array, guides: Guides, allowed: Flags
 
 
 def _partners(a: Rows, b: Rows, unit: Array, i: int, j: int, guides: Guides, limits: GroupLimits) -> Flags:
-    """(len(a), len(b)) mask of guide pairs with the separation of observed stars i and j. Cosines are accurate enough because
-    all stars are at least 0.25° apart."""
+    """Return the (len(a), len(b)) mask of guide pairs with the separation of observed stars i and j. Cosines are
+    accurate enough because all stars are at least 0.25° apart."""
     apart = float(separation_rad(unit[i], unit[j]))
     cosine = guides.unit[a] @ guides.unit[b].T
     near, far = np.cos(max(0.0, apart - limits.distance_rad)), np.cos(apart + limits.distance_rad)
@@ -61,8 +64,8 @@ def _partners(a: Rows, b: Rows, unit: Array, i: int, j: int, guides: Guides, lim
 
 
 def _strike_out(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupLimits) -> int:
-    """Shorten the vectors in place, each against the next in a ring, until none changes. Returns the number of distances
-    compared."""
+    """Shorten the vectors in place until none changes, by comparing each vector with the next in a ring. Returns the
+    number of distances compared."""
     n, looked, still = len(vectors), 0, 0
     i = 0
     while still < n:
@@ -77,7 +80,8 @@ def _strike_out(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupL
 
 
 def _constellations(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[list[Rows], int]:
-    """Return all choices of one guide star per vector whose distances all fit, and the number of steps; stops at the budget."""
+    """Return all choices of one guide star per vector for which all distances fit, and the number of steps. Stops at
+    the budget."""
     n = len(vectors)
     if any(len(v) == 0 for v in vectors):
         return [], 0

@@ -13,7 +13,8 @@ from gss.skytables.kvector import Rows
 
 @dataclass(frozen=True)
 class Pyramid:
-    """``figure``: four imaged stars, ``names``: (4,) their catalogue rows."""
+    """Triangle confirmed by a fourth star. ``figure``: four imaged stars; ``names``: (4,) catalogue rows of these
+    stars."""
 
     figure: tuple[int, ...]
     names: Rows

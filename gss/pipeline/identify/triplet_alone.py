@@ -1,7 +1,8 @@
 """Attitude from a single triplet of stars.
 
-Not in Liebe 1992, whose candidates must support each other. In a field of ten stars often only one is far enough from the edge
-to have a triplet; its two neighbours are then searched in the star list at their distances from the candidate.
+This method is not in Liebe 1992, whose candidates must support each other. In a field of ten stars, often only one star
+is far enough from the edge to have a triplet. The star list is then searched for its two neighbours at their distances
+from the candidate.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from gss.pipeline.attitude import svd
 
 
 def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolerance_rad: float) -> list[Array]:
-    """Return the (3, 3) attitudes that map a measured triplet, (3, 3) rows star, nearest, second nearest, to ``candidate`` and two
-    of its neighbours in (m, 3) ``icrs`` with the same three distances and handedness."""
+    """Return the (3, 3) attitudes that map a measured triplet to ``candidate`` and two of its neighbours in (m, 3)
+    ``icrs`` with the same three distances and handedness. ``triplet_cam``: (3, 3), rows star, nearest, second
+    nearest."""
     star, first, second = triplet_cam
     distance = separation_rad(icrs[candidate], icrs)
     near = np.flatnonzero(np.abs(distance - separation_rad(star, first)) <= tolerance_rad)

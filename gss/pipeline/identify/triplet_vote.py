@@ -17,9 +17,10 @@ OUTLINE_PER_SIDE = 64
 
 @dataclass(frozen=True)
 class TripletVote:
-    """``row``: (n,) star-list row of each measured star, −1 if none. ``votes``: (n,) number of other measured stars that support
-    it. ``triplet``: (t, 3) measured star, nearest, second nearest. ``which``, ``candidate``: (c,) matching references as row of
-    ``triplet`` and row of the star list, best supported first. ``comparisons``: number of distances compared."""
+    """Result of the vote. ``row``: (n,) star-list row of each measured star, −1 if not identified. ``votes``: (n,)
+    number of other measured stars that support it. ``triplet``: (t, 3) measured star, nearest, second nearest.
+    ``which``, ``candidate``: (c,) matching references as row of ``triplet`` and row of the star list, best supported
+    first. ``comparisons``: number of distances compared."""
 
     row: Index
     votes: Index
@@ -30,14 +31,14 @@ class TripletVote:
 
 
 def rim_distance_rad(unit_cam: Array, camera: Camera) -> Array:
-    """(n,) angle to the nearest point of the detector's edge."""
+    """Return the (n,) angles to the nearest point of the detector's edge."""
     outline = camera.outline(OUTLINE_PER_SIDE)
     return np.asarray(separation_rad(unit_cam[:, None], outline[None]).min(axis=1))
 
 
 def triplets_in_image(unit_cam: Array, camera: Camera) -> tuple[Index, Index, Index]:
-    """(star, nearest, second nearest) of (n, 3) measured directions. A star that is closer to the edge than to its second
-    neighbour is omitted, because a nearer neighbour may be outside the frame."""
+    """Return the triplets (star, nearest, second nearest) of (n, 3) measured directions. A star that is closer to the
+    edge than to its second neighbour is omitted, because a nearer neighbour could be outside the frame."""
     none = np.empty(0, np.intp)
     if len(unit_cam) < 3:
         return none, none, none
@@ -67,7 +68,7 @@ def vote(
     which, candidate = which[keep], entries[keep].astype(np.intp)
     centroid = star[which]
     agree = agreement_of_candidates(unit_cam, centroid, icrs, candidate, tolerance_rad)
-    # Each measured star counts as one supporter, even if several of its candidates agree.
+    # A measured star counts as one supporter, even if several of its candidates agree.
     support = np.zeros((len(centroid), n), bool)
     a, b = np.nonzero(agree)
     support[a, centroid[b]] = True
@@ -82,7 +83,7 @@ def vote(
 def agreement_of_candidates(
     unit_cam: Array, centroid: Index, icrs: Array, candidate: Index, tolerance_rad: float
 ) -> NDArray[np.bool_]:
-    """(c, c) mask of candidate pairs for different stars whose distance is the measured one."""
+    """Return the (c, c) mask of candidate pairs for different stars with the measured distance."""
     observed, reference = unit_cam[centroid], icrs[candidate]
     off = np.abs(
         separation_rad(observed[:, None], observed[None]) - separation_rad(reference[:, None], reference[None])
@@ -92,7 +93,8 @@ def agreement_of_candidates(
 
 
 def consistent_set(agree: NDArray[np.bool_], count: Index) -> Index:
-    """Return the best supported candidate and, best first, every candidate that agrees with all chosen before it."""
+    """Return the best supported candidate and, best first, every candidate that agrees with all candidates chosen
+    before."""
     if not len(count) or not count.max():
         return np.empty(0, np.intp)
     leader = int(np.argmax(count))

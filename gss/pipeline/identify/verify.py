@@ -1,4 +1,4 @@
-"""Verification of an identification: predict the whole field from it and count the matching detections."""
+"""Verification of an identification: the whole field is predicted from it, and the matching detections are counted."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class SkyCatalogue:
 
     @cached_property
     def arrays(self) -> SkyArrays:
-        """What the compiled loops need: directions, magnitudes and the stars by cells of the sky."""
+        """Return the input of the compiled loops: directions, magnitudes, and stars by sky cells."""
         cells = sky_cells(self.icrs)
         by_cell = (cells.centre, cells.cos_extent, cells.sin_extent, cells.first, cells.star)
         return np.ascontiguousarray(self.icrs, float), np.ascontiguousarray(self.v_mag, float), by_cell
@@ -60,12 +60,12 @@ class FrameDetections:
 
     @cached_property
     def typical_sigma_px(self) -> float:
-        """Median position error."""
+        """Return the median position error."""
         return median(self.sigma_px) if len(self) else 0.1
 
     @cached_property
     def arrays(self) -> tuple[Array, Array, Array, Array, float, float]:
-        """What the compiled loops need."""
+        """Return the input of the compiled loops."""
         return (
             self.pixels,
             self.unit,
@@ -77,7 +77,7 @@ class FrameDetections:
 
     @cached_property
     def magnitude_spread(self) -> float:
-        """Standard deviation of the magnitudes."""
+        """Return the standard deviation of the magnitudes."""
         return float(self.magnitude.std())
 
 
@@ -102,7 +102,7 @@ def field_of(centroids: Centroids, camera: Camera, min_sigma_px: float = 0.03) -
 
 @dataclass(frozen=True)
 class Evidence:
-    """A verified hypothesis: rows of the field and the matching rows of the sky, attitude, number of predicted stars and
+    """Verified hypothesis: rows of the field and the matching rows of the sky, attitude, number of predicted stars and
     false-match probability."""
 
     rows: NDArray[np.intp]
@@ -115,7 +115,7 @@ class Evidence:
 def in_view(
     sky: SkyCatalogue, camera: Camera, cam_from_icrs: Array, margin_px: float = 0.0
 ) -> tuple[NDArray[np.intp], Array]:
-    """Return the rows of the sky on the detector, and their (m, 2) pixels."""
+    """Return the rows of the catalogue stars on the detector, and their (m, 2) pixels."""
     near = np.flatnonzero(sky.icrs @ cam_from_icrs[2] > reach_cosine(camera))
     pixels = camera.project(sky.icrs[near] @ cam_from_icrs.T)
     inside = camera.contains(pixels, -margin_px)
@@ -124,12 +124,13 @@ def in_view(
 
 @lru_cache(maxsize=64)
 def reach_cosine(camera: Camera) -> float:
-    """Cosine of the angle beyond which nothing is on the detector; cached because the corners need a Newton iteration."""
+    """Return the cosine of the angle beyond which no star is on the detector. Cached because the corners need a Newton
+    iteration."""
     return float(np.cos(min(camera.half_diagonal_rad * 1.02, 1.5)))
 
 
 def pair_up(predicted: Array, measured: Array, radius: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Mutually nearest (predicted row, measured row) within the predicted star's radius (p,) px."""
+    """Return the mutually nearest pairs (predicted row, measured row) within the predicted star's radius (p,) px."""
     if not len(predicted) or not len(measured):
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
     d2 = distances2(predicted, measured)
@@ -150,10 +151,10 @@ def verify(
     hypotheses: float,
     calibration_px: float = 0.0,
 ) -> Evidence | None:
-    """Verify a hypothesis of a few identified stars by prediction and counting; None if it is not even consistent.
+    """Verify a hypothesis of a few identified stars by prediction and counting. None if the hypothesis is inconsistent.
 
-    Two stars define the hypothesis; each further match is evidence. The probability of a coincidence uses the radius of the
-    first prediction, before any fit, which would reduce the offsets.
+    Two stars define the hypothesis, and each further match is evidence. The probability of a coincidence uses the
+    radius of the first prediction, before any fit, which would reduce the offsets.
     """
     first_seen, first, first_radius = np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros(0)
     for round_ in range(ROUNDS):
@@ -171,7 +172,7 @@ def verify(
         settled = len(m) == len(rows) and (m == rows).all() and (visible[p] == stars).all()
         rows, stars = m, visible[p]
         if settled:
-            break  # another round would repeat this one
+            break  # another round would give the same matches
     spread = float(np.hypot(sky.v_mag[visible].std(), field.magnitude_spread))
     brightness = brightness_tail(field.magnitude[rows], sky.v_mag[stars], spread)
     offset = _first_offset(first_seen, first, first_radius, stars, field.pixels[rows])
@@ -183,7 +184,8 @@ def verify(
 def _first_offset(
     visible: NDArray[np.intp], places: Array, radius: Array, stars: NDArray[np.intp], pixels: Array
 ) -> Array:
-    """(m,) distance of each match from its first prediction, in acceptance radii; infinite if it was not predicted."""
+    """Return the (m,) distances of the matches from their first predictions, in acceptance radii; infinite if not
+    predicted."""
     at = np.minimum(np.searchsorted(visible, stars), len(visible) - 1)
     off = places[at] - pixels
     return np.asarray(np.where(visible[at] == stars, np.sqrt((off * off).sum(1)) / radius[at], np.inf))
@@ -192,7 +194,8 @@ def _first_offset(
 def _radius(
     field: FrameDetections, camera: Camera, unit: Array, used: Array, weights: Array, calibration_px: float
 ) -> Array:
-    """Acceptance radius of each predicted star, px, from the centroid error and the attitude error at its position."""
+    """Return the acceptance radius of each predicted star, px, from the centroid error and the attitude error at its
+    position."""
     total = float(weights.sum())
     information = (total + 1e-12 * 2 * total) * _EYE - (used * weights[:, None]).T @ used
     covariance = np.linalg.inv(information)
@@ -204,11 +207,11 @@ def _radius(
 
 
 def _tail(offset: Array, radius: Array, detections: int, camera: Camera, brightness: float) -> float:
-    """Probability that randomly scattered detections agree this well with the first prediction.
+    """Return the probability that randomly scattered detections agree this well with the first prediction.
 
-    ``offset``: (m,) distances of the matches from it, in acceptance radii; ``radius``: (p,) px of all predicted stars. Two
-    matches are not counted because they define the hypothesis. The full and half the radius are both tested, and the result is
-    corrected for the two tests.
+    ``offset``: (m,) distances of the matches from this prediction, in acceptance radii; ``radius``: (p,) px of all
+    predicted stars. Two matches are not counted because they define the hypothesis. The coincidences are tested within
+    the full radius and within half of it, and the result is corrected for the two tests.
     """
     area_px2 = np.pi * float(np.sort(radius * radius)[2:].sum())
     tails = []

@@ -203,8 +203,7 @@ def _fitted(
     sensor: Sensor,
     variance: float,
 ) -> _Source | None:
-    """Fit a group as a point and a line; None if neither is significant. ``images``: frame with and without its
-    stars."""
+    """Fit a group as a point and a line; None if neither is significant. ``images``: with and without stars."""
     image, free_image = images
     length = float(np.hypot(*group.trail))
     half = int(min(np.ceil(4 * np.sqrt(variance) + 0.65 * length), MAX_HALF_PX))
