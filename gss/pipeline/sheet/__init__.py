@@ -1,2 +1,2 @@
-"""Performance sheet of a sensor in the terms of ECSS-E-ST-60-20C: each row is a figure with interval, method and
+"""Performance sheet of a sensor in the terms of ECSS-E-ST-60-20C. Each row has figures with intervals, method and
 conditions."""

@@ -1,4 +1,4 @@
-"""From results of single frames to the input of the performance sheet."""
+"""Conversion of results of single frames to the input of the performance sheet."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from gss.pipeline.sheet.spatial import StarSightings
 from gss.pipeline.sheet.trials import Trials
 
 BLOCK_PX = 2.0
-"""Frames whose image moved by less have their stars at nearly the same places."""
+"""Frames belong to the same block if the image moves by less than this, so that stars stay at nearly the same
+pixels."""
 
 
 def star_sightings(results: Sequence[SolveResult | None], camera: Camera) -> StarSightings | None:
-    """Collect the identified stars of frames in order of time; None if no frame was solved."""
+    """Collect the identified stars of frames in order of time. None if no frame was solved."""
     frames: list[NDArray[np.intp]] = []
     parts: list[tuple[Array, Array, Array, NDArray[np.int32]]] = []
     attitude = np.full((len(results), 4), np.nan)
@@ -40,7 +41,8 @@ def star_sightings(results: Sequence[SolveResult | None], camera: Camera) -> Sta
 
 
 def pointing_blocks(attitude: Array, camera: Camera) -> NDArray[np.intp]:
-    """(n,) label of each frame; it changes when the image has moved by ``BLOCK_PX``. Rows of NaN keep the label."""
+    """Return an (n,) block label for each frame. The label changes when the image has moved by ``BLOCK_PX``; a row of
+    NaN does not change the label."""
     labels, label = np.zeros(len(attitude), np.intp), 0
     start: Array | None = None
     for k, q in enumerate(attitude):
@@ -58,7 +60,8 @@ def pointing_blocks(attitude: Array, camera: Camera) -> NDArray[np.intp]:
 
 
 def trials_of(condition: str, scores: Sequence[Score]) -> Trials:
-    """Count verdicts under one condition; an imprecise attitude counts as correct, its error is in the errors."""
+    """Count the verdicts under one condition. An imprecise attitude counts as correct; its error is included in the
+    errors."""
     good = [s for s in scores if s.verdict in (Verdict.CORRECT, Verdict.IMPRECISE)]
     false = sum(s.verdict is Verdict.WRONG for s in scores)
     return Trials(condition, len(scores), len(good), false, np.array([s.cross_rad for s in good], float))

@@ -1,7 +1,7 @@
 """Errors against a reference attitude: a second head on the same body, or the attitude of a simulation.
 
-The rotation between the two is a constant bias plus what temperature, a date error and uncorrected aberration add.
-All are fitted together, so that none is mistaken for another; a term is fitted only if the data excite it.
+The rotation from the reference is a constant bias plus the effects of temperature, a date error and uncorrected
+aberration. All terms are fitted together to separate them; a term is fitted only if the data excite it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ WEIGHT_ROUNDS = 4
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted quantity with its 95 % interval; scalars or (3,) per axis of the camera."""
+    """Fitted quantity with its 95 % interval; scalars, or (3,) per camera axis."""
 
     value: Array
     low: Array
@@ -38,10 +38,10 @@ class Fitted:
 
 @dataclass(frozen=True)
 class ReferenceErrors:
-    """Errors of a camera against a reference. ``bias``: constant rotation, rad, against the ``expected`` mounting,
-    None if that is not known. ``drift``: rad per day. ``thermal``: rad/K. ``date_s``: how much later than stated the
-    attitude was measured. ``aberration``: share of the aberration that is left, 0 if corrected, 1 if not. None: not
-    excited by the data. ``rest_rad`` (m, 3) what remains."""
+    """Errors of a camera relative to a reference. ``bias``: constant rotation, rad, relative to the ``expected``
+    mounting, None if the mounting is unknown. ``drift``: rad per day. ``thermal``: rad/K. ``date_s``: delay of the
+    measurement after the stated time. ``aberration``: remaining share of the aberration, 0 if corrected, 1 if not. A
+    term is None if the data do not excite it. ``rest_rad`` (m, 3): residual rotations."""
 
     bias: Fitted | None
     drift: Fitted | None
@@ -59,10 +59,11 @@ class ReferenceErrors:
 
 @dataclass(frozen=True)
 class ReferenceInput:
-    """``camera``: the attitudes under test, ``reference``: of the reference. ``block`` (n,): frames with the same
-    label have their stars at nearly the same pixels. ``expected`` (4,): camera_from_reference as aligned on the
-    ground, None if unknown. ``temperature_c`` (n,), ``velocity_c`` (n, 3): at the camera's times; None if unknown.
-    ``true_reference``: the reference has no aberration error (it is not a head of the same kind)."""
+    """Input of the comparison. ``camera``: attitudes under test; ``reference``: attitudes of the reference. ``block``
+    (n,): frames with equal labels have their stars at nearly the same pixels. ``expected`` (4,): camera_from_reference
+    from ground alignment, None if unknown. ``temperature_c`` (n,), ``velocity_c`` (n, 3): at the camera's times, None
+    if unknown. ``true_reference``: True if the reference has no aberration error, i.e. is not a head of the same
+    kind."""
 
     camera: AttitudeSeries
     reference: AttitudeSeries
@@ -137,9 +138,9 @@ def _fitted(
     blocks: NDArray[np.intp],
     rng: np.random.Generator,
 ) -> tuple[dict[str, Fitted], Array]:
-    """Fit (m, 3, p) columns to (m, 3) rotations and return the terms by name, and the rest."""
+    """Fit (m, 3, p) columns to (m, 3) rotations. Returns the terms by name and the residual rotations."""
     p = design.shape[2]
-    # The error about the boresight is many times larger, so each axis is weighted with its own scatter.
+    # The error about the boresight is many times larger, so each axis is weighted by its scatter.
     residual, good = off, np.ones(off.shape, bool)
     for _ in range(WEIGHT_ROUNDS):
         scale = np.array([max(robust_sigma(residual[:, k]), 1e-12) for k in range(3)])
@@ -160,7 +161,7 @@ def _fitted(
 
 
 def _each_axis(values: Array) -> Array:
-    """(m, 3, 3) columns that act on each axis separately."""
+    """Return (m, 3, 3) columns that act on each axis separately."""
     return np.asarray(values[:, None, None] * np.eye(3))
 
 
@@ -171,14 +172,14 @@ def _nearest(times_s: Array, at_s: Array, right: NDArray[np.intp]) -> NDArray[np
 
 
 def _at(series: AttitudeSeries, times_s: Array) -> Array:
-    """(m, 4) solved attitudes of the series nearest to these times."""
+    """Return the (m, 4) solved attitudes of the series nearest to these times."""
     good = series.only(series.solved)
     index = _nearest(good.times_s, times_s, np.searchsorted(good.times_s, times_s))
     return np.asarray(good.quaternion[index])
 
 
 def _rates(series: AttitudeSeries) -> Array:
-    """(m, 3) angular velocity in camera axes, from the attitudes before and after; 0 beside a gap."""
+    """Return the (m, 3) angular velocities in camera axes, from the attitudes before and after; 0 next to a gap."""
     q, t = series.quaternion, series.times_s
     before, after = np.r_[0, np.arange(len(t) - 1)], np.r_[np.arange(1, len(t)), len(t) - 1]
     span = t[after] - t[before]
@@ -188,6 +189,7 @@ def _rates(series: AttitudeSeries) -> Array:
 
 
 def _aberration(quaternion: Array, velocity_c: Array) -> Array:
-    """(m, 3) attitude error by uncorrected aberration, in camera axes: apparent stars lean towards the velocity."""
+    """Return the (m, 3) attitude errors due to uncorrected aberration, in camera axes. Stars appear shifted towards the
+    velocity."""
     in_cam = np.einsum("nij,nj->ni", np.stack([matrix_from_quaternion(q) for q in quaternion]), velocity_c)
     return np.cross(np.array([0.0, 0.0, 1.0]), in_cam)

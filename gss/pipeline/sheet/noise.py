@@ -19,7 +19,7 @@ from gss.pipeline.calibration.robust import robust_sigma
 from gss.pipeline.sheet.rows import consecutive_blocks, interval, resampled
 
 STILL_PX = 0.25
-"""Motion of the image from frame to frame, up to which spatial errors hardly change."""
+"""Maximum motion of the image from frame to frame for which spatial errors hardly change."""
 MIN_TRIPLES = 20
 BLOCK = 6
 MIN_STEPS = 8
@@ -27,10 +27,10 @@ MIN_STEPS = 8
 
 @dataclass(frozen=True)
 class TemporalNoise:
-    """``nea_rad`` (3,) one σ of one attitude with its 95 % interval. ``allan_s`` (k,) averaging times,
-    ``allan_rad`` (k, 3) Allan deviation of the angle; ``frequency_hz`` (f,), ``psd_rad2_hz`` (f, 3) one-sided;
-    empty without a steady run. ``still``: the stars moved less than ``STILL_PX`` from frame to frame;
-    ``motion_px``: median motion. ``frames``: attitudes compared."""
+    """Temporal noise of the attitude. ``nea_rad`` (3,): 1 σ of one attitude with its 95 % interval. ``allan_s`` (k,):
+    averaging times; ``allan_rad`` (k, 3): Allan deviation of the angle; ``frequency_hz`` (f,), ``psd_rad2_hz`` (f, 3):
+    one-sided spectrum; all empty without a steady run. ``still``: True if the stars moved less than ``STILL_PX`` from
+    frame to frame; ``motion_px``: median motion. ``frames``: number of attitudes compared."""
 
     nea_rad: Array
     low_rad: Array
@@ -45,10 +45,9 @@ class TemporalNoise:
 
 
 def temporal_noise(series: AttitudeSeries, camera: Camera, rng: np.random.Generator) -> TemporalNoise | None:
-    """Measure the noise from consecutive attitudes; None if too few follow each other evenly.
+    """Measure the noise from consecutive attitudes. None if too few are equally spaced in time.
 
-    Each attitude is compared with its neighbours, so that slow errors cancel; triples with a still image are
-    preferred.
+    Each attitude is compared with its neighbours, so that slow errors cancel. Triples with a still image are preferred.
     """
     runs = [r for r in steady_runs(series, camera) if len(r) >= 5]
     parts = []
@@ -81,8 +80,8 @@ def temporal_noise(series: AttitudeSeries, camera: Camera, rng: np.random.Genera
 
 
 def steady_runs(series: AttitudeSeries, camera: Camera) -> list[AttitudeSeries]:
-    """Split the solved frames at gaps in time (steps that differ by a fifth from the step before) and where the field of a frame
-    and of the next one have little in common."""
+    """Split the solved frames at gaps in time (steps that differ by a fifth from the previous step) and between frames
+    whose fields have little in common."""
     good = series.only(series.solved)
     if len(good) < 2:
         return []
@@ -98,8 +97,8 @@ def steady_runs(series: AttitudeSeries, camera: Camera) -> list[AttitudeSeries]:
 
 
 def allan_deviation(values: Array, step_s: float) -> tuple[Array, Array]:
-    """Return averaging times (k,) and the overlapping Allan deviation (k, c) of (n, c) angles: √(½⟨(ȳ₂ − ȳ₁)²⟩) of
-    the means of adjacent groups (IEEE Std 1139). White noise falls with the square root of the time."""
+    """Return averaging times (k,) and the overlapping Allan deviation (k, c) of (n, c) angles: √(½⟨(ȳ₂ − ȳ₁)²⟩) of the
+    means of adjacent groups (IEEE Std 1139). For white noise it decreases with the square root of the time."""
     n = len(values)
     groups = [m for m in (2**k for k in range(int(np.log2(max(n, 2))))) if n - 2 * m + 1 >= MIN_STEPS]
     sums = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
@@ -112,7 +111,7 @@ def allan_deviation(values: Array, step_s: float) -> tuple[Array, Array]:
 
 def _curves(run: AttitudeSeries) -> tuple[Array, Array, Array, Array]:
     """Return Allan deviation and power spectrum of the deviations from a constant rotation."""
-    from scipy.signal import welch  # imported here because it takes half a second of every start
+    from scipy.signal import welch  # imported here because the import takes half a second
 
     step_s = float(np.median(np.diff(run.times_s)))
     deviation = celestial_fixed(run).deviation_rad

@@ -1,9 +1,10 @@
-"""Error fixed to the pixels: response and dark-current differences, and everything else that returns when a star
+"""Error fixed to the pixels: differences of response and dark current, and any other error that recurs when a star
 returns to a pixel.
 
-Residuals of one star in two frames have independent noise. Their covariance is the fixed error if the star is on
-the same part of a pixel in both, and the error of its catalogue position if it is some pixels away. The difference
-is the error of the pixels.
+Residuals of one star in two frames have independent noise. If the star is on the same part of a pixel in both frames,
+the covariance of its residuals contains the pixel error and the error of its catalogue position. If it is some pixels
+away, the covariance contains only the catalogue error. The difference of the two covariances is the error of the
+pixels.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ MAX_PER_STAR = 40
 @dataclass(frozen=True)
 class PatternError:
     """Attitude error ``value_rad`` (3,) per camera axis with its 95 % interval, and the error per star and axis in
-    pixels that causes it, weighted like the stars in the attitude. ``catalogue_px``: error that a star keeps all
-    over the detector. ``pairs``, ``stars``: used."""
+    pixels that causes it, weighted like the stars in the attitude. ``catalogue_px``: error of a star that is the same
+    over the whole detector. ``pairs``, ``stars``: numbers used."""
 
     value_rad: Array
     low_rad: Array
@@ -42,12 +43,12 @@ class PatternError:
 
 
 def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.random.Generator) -> PatternError:
-    """Compute the error. Raises BadInput without stars that both return to a pixel and move to others."""
+    """Compute the error. Raises BadInput without stars that return to a pixel and also move to other pixels."""
     near: list[Array] = []
     far: list[Array] = []
     pairs = distant_pairs = stars = 0
     ok = np.isfinite(spatial.rest_px).all(axis=1)
-    # The attitude fit takes three of the 2k coordinates of a frame's k stars.
+    # The attitude fit uses three of the 2k degrees of freedom of a frame with k stars.
     coordinates = 2 * np.count_nonzero(ok) / max(1, len(np.unique(sightings.frame[ok])))
     shrunk = max(0.1, 1 - 3 / coordinates)
     for hip in np.unique(sightings.hip[ok]).tolist():
@@ -58,7 +59,7 @@ def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.rand
         shift = sightings.pixels[at[first]] - sightings.pixels[at[second]]
         move = np.linalg.norm(shift, axis=1)
         close, distant = apart & (move < SAME_PX), apart & (move > OTHER_PX)
-        # Of a pixel's area, this share is still under the star.
+        # Share of the pixel's area that is still covered by the star.
         share = np.where(close, np.prod(1 - np.minimum(np.abs(shift), 0.5), axis=1), 1.0)
         product = spatial.rest_px[at[first]] * spatial.rest_px[at[second]] / (shrunk * share[:, None])
         weight = np.sqrt(spatial.gain2[at[first]] * spatial.gain2[at[second]])
@@ -76,14 +77,15 @@ def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.rand
 
 
 def _sums(product: Array, weight: Array) -> Array:
-    """(2, 3) weighted sum of (k, 2) products per axis of the attitude, and sum of the (k, 2, 3) weights."""
+    """Return the (2, 3) weighted sum of (k, 2) products per axis of the attitude, and the sum of the (k, 2, 3)
+    weights."""
     return np.stack([(product[:, :, None] * weight).sum(axis=(0, 1)), weight.sum(axis=(0, 1))])
 
 
 def _estimated(
     near: Array, far: Array, spatial: SpatialErrors, pairs: int, stars: int, rng: np.random.Generator
 ) -> PatternError:
-    """Divide the sums of the stars (s, 2, 3); the interval is from bootstrap samples of the stars."""
+    """Return the error from the sums of the stars (s, 2, 3). The interval is from bootstrap samples of the stars."""
     gain2 = (spatial.gain_rad_px**2).mean(axis=0)
     stars_near, stars_far = near.reshape(len(near), -1), far.reshape(len(far), -1)
 
@@ -96,7 +98,8 @@ def _estimated(
     value = squares(np.ones(len(near)))
     low, high = interval(squares(draws(np.arange(len(near), dtype=np.intp), rng)))
     angles = [np.sqrt(np.maximum(v[0], 0) * gain2) for v in (value, low, high)]
-    # About the boresight, other stars count than across it; the star's figure is that of the axes across.
+    # Rotation about the boresight weights stars differently. The error per star is that of the two axes across the
+    # boresight.
     star = [float(np.sqrt(max(v[0, :2].mean(), 0.0))) for v in (value, low, high)]
     amplitude = float(np.sqrt(max(value[1, :2].mean(), 0.0)))
     return PatternError(angles[0], angles[1], angles[2], star[0], star[1], star[2], amplitude, pairs, stars)

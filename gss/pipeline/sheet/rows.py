@@ -19,8 +19,8 @@ REPLICATES = 300
 
 @dataclass(frozen=True)
 class SheetFigure:
-    """One number with its 95 % interval. ``unit``: rad, rad/K, rad/d, rad/s, s, px, share, rad/s², mag, 1 (SI and
-    pixels, converted for users at the report)."""
+    """Number with its 95 % interval. ``unit``: rad, rad/K, rad/d, rad/s, s, px, share, rad/s², mag or 1. The report
+    converts these units for users."""
 
     name: str
     value: float
@@ -31,8 +31,8 @@ class SheetFigure:
 
 @dataclass(frozen=True)
 class SheetRow:
-    """One line of the sheet. ``conditions``: under which the figures hold. ``frames``: number of frames used.
-    ``needs``: the data that are missing, if there are no figures."""
+    """Row of the sheet. ``conditions``: conditions under which the figures are valid. ``frames``: number of frames
+    used. ``needs``: missing data, if there are no figures."""
 
     key: str
     title: str
@@ -56,7 +56,7 @@ class SheetRow:
 
 
 def axis_rows(values: Array, low: Array, high: Array, unit: str, prefix: str = "") -> tuple[SheetFigure, ...]:
-    """Return one figure for each camera axis from (3,) values and interval bounds."""
+    """Return one figure per camera axis, from (3,) values and interval bounds."""
     return tuple(
         SheetFigure(f"{prefix}{axis}", float(v), float(a), float(b), unit)
         for axis, v, a, b in zip(AXES, values, low, high, strict=True)
@@ -70,8 +70,8 @@ def share_figure(name: str, hits: int, trials: int) -> SheetFigure:
 
 
 def draws(blocks: NDArray[np.intp], rng: np.random.Generator) -> Array:
-    """(REPLICATES, n) how often each item occurs in each bootstrap sample. ``blocks`` (n,): label of each item;
-    items with the same label stay together, because their errors are correlated."""
+    """Return (REPLICATES, n) numbers of occurrences of each item in each bootstrap sample. ``blocks`` (n,): label of
+    each item. Items with equal labels are drawn together, because their errors are correlated."""
     labels, of = np.unique(blocks, return_inverse=True)
     count = len(labels)
     return np.asarray(rng.multinomial(count, np.full(count, 1 / count), REPLICATES)[:, of], float)
@@ -80,8 +80,8 @@ def draws(blocks: NDArray[np.intp], rng: np.random.Generator) -> Array:
 def resampled(
     blocks: NDArray[np.intp], statistic: Callable[[NDArray[np.intp]], Array], rng: np.random.Generator
 ) -> Array:
-    """(REPLICATES, …) values of a statistic of bootstrap samples. It takes the index of the items, with
-    repetitions."""
+    """Return the (REPLICATES, …) values of a statistic of bootstrap samples. ``statistic`` receives the indices of the
+    items, with repetitions."""
     items = np.arange(len(blocks), dtype=np.intp)
     return np.array([statistic(np.repeat(items, times.astype(np.intp))) for times in draws(blocks, rng)])
 
@@ -103,5 +103,5 @@ def missing(key: str, title: str, method: str, needs: str) -> SheetRow:
 
 
 def counted_conditions(parts: Sequence[str]) -> str:
-    """Join the conditions that apply."""
+    """Join the non-empty conditions to one text."""
     return "; ".join(p for p in parts if p)

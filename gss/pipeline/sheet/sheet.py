@@ -17,17 +17,17 @@ from gss.pipeline.sheet.rows import SheetFigure, SheetRow, axis_rows, counted_co
 from gss.pipeline.sheet.spatial import SpatialErrors, StarError, StarSightings, spatial_errors
 from gss.pipeline.sheet.trials import END_OF_LIFE, ROBUSTNESS, Trials, acquisition_row, condition_row, tracking_row
 
-BIAS = ("bias", "Bias", "mean rotation from the reference, compared with the mounting from ground alignment")
+BIAS = ("bias", "Bias", "mean rotation from the reference, relative to the mounting from ground alignment")
 THERMAL = ("thermo-elastic", "Thermo-elastic error", "rotation from the reference, regressed on temperature")
 FIELD = (
     "field-of-view",
     "Field-of-view spatial error",
-    "slow part of the star residuals over the detector, as the attitude error that it causes; rms over the frames",
+    "slow variation of the star residuals over the detector, converted to attitude error; rms over the frames",
 )
 PIXEL = (
     "pixel",
     "Pixel spatial error",
-    "part of the star residuals that is periodic in a pixel, and part that returns with the pixel, as attitude errors",
+    "star residuals that are periodic in a pixel or recur at the same pixel, converted to attitude errors",
 )
 NOISE = ("temporal-noise", "Temporal noise (NEA)", "each attitude against the mean of its neighbours; robust, 1 σ")
 ABERRATION = (
@@ -40,9 +40,9 @@ DATE = ("date", "Measurement date error", "rotation from the reference, regresse
 
 @dataclass(frozen=True)
 class SheetInput:
-    """Data of one unit. ``series``: attitudes in order of time; ``residuals``: stars of the same frames, None
-    without any. ``reference``: for the rows that need a second head. ``acquisition``, ``aged``, ``disturbed``:
-    trials with a known truth."""
+    """Data of one unit. ``series``: attitudes in order of time; ``residuals``: stars of the same frames, None if there
+    are none. ``reference``: input of the rows that need a second head. ``acquisition``, ``aged``, ``disturbed``: trials
+    with a known truth."""
 
     camera: Camera
     series: AttitudeSeries
@@ -55,7 +55,7 @@ class SheetInput:
 
 @dataclass(frozen=True)
 class PerformanceSheet:
-    """All rows, and the analyses from which they were made, for drawings."""
+    """Performance sheet: all rows, and the analyses behind them, for plots."""
 
     rows: tuple[SheetRow, ...]
     spatial: SpatialErrors | None = None
@@ -72,7 +72,7 @@ class PerformanceSheet:
 
 
 def performance_sheet(sheet_input: SheetInput, rng: np.random.Generator) -> PerformanceSheet:
-    """Compute every row. A row without data states what it needs."""
+    """Compute all rows. A row without figures states the missing data."""
     spatial, pattern, problem = _spatial(sheet_input, rng)
     noise = temporal_noise(sheet_input.series, sheet_input.camera, rng)
     reference, apart = _reference(sheet_input.reference, rng)
@@ -170,7 +170,7 @@ def _pixel_row(spatial: SpatialErrors | None, pattern: PatternError | None, prob
     star = _star("one star, periodic", spatial.phase_star)
     figures = (*axis_rows(e.value_rad, e.low_rad, e.high_rad, "rad", "periodic "), star)
     if pattern is None:
-        text = "fixed pattern not separated: too few stars return to the same pixels"
+        text = "fixed pattern not measured: too few stars return to the same pixels"
         return SheetRow(*PIXEL, text, spatial.frames, figures)
     fixed = axis_rows(pattern.value_rad, pattern.low_rad, pattern.high_rad, "rad", "fixed ")
     single_star = SheetFigure("one star, fixed", pattern.value_px, pattern.low_px, pattern.high_px, "px")

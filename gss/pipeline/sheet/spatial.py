@@ -1,10 +1,10 @@
 """Spatial errors from the residuals of identified stars: slow over the field, periodic in a pixel, and fixed to
 pixels.
 
-A residual is what remains after the attitude was fitted to the same stars, so an error that resembles a rotation is
-hidden in each frame. Frames with stars at other places show it again: the model of the error is projected like the
-residuals, ``r = P·B·c``, where P removes the rotation that the fit absorbs. The fitted model then gives the
-rotation that each frame absorbed: the error of the attitude.
+Residuals are computed after the attitude was fitted to the same stars, so the part of an error that resembles a
+rotation is hidden in each frame. Frames with stars at other positions reveal it. The model of the error is therefore
+projected like the residuals, ``r = P·B·c``, where P removes the rotation absorbed by the fit. The fitted model then
+gives the absorbed rotation of each frame, which is the error of the attitude.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ HARMONICS = 2
 REJECT_SIGMAS = 5.0
 FIRST_REJECT_SIGMAS = 15.0
 MIN_SHARE = 1e-4
-"""Directions of the normal equations with a smaller share of the largest eigenvalue are not observed: rotations of
-all frames."""
+"""Directions of the normal equations with a smaller eigenvalue, relative to the largest, are not observable. They are
+rotations of all frames."""
 MAP_CELLS = 12
 PHASE_POINTS = 41
 
 
 @dataclass(frozen=True)
 class StarSightings:
-    """m sightings of identified stars in n frames. ``frame`` (m,): number of the frame, ascending; ``pixels`` (m,
-    2) measured positions; ``residual_px`` (m, 2) measured − predicted; ``weight`` (m,) as in the attitude; ``hip``
-    (m,). ``block`` (n,): frames with the same label have their stars at nearly the same pixels."""
+    """m sightings of identified stars in n frames. ``frame`` (m,): number of the frame, ascending; ``pixels`` (m, 2):
+    measured positions; ``residual_px`` (m, 2): measured − predicted; ``weight`` (m,): weight in the attitude; ``hip``
+    (m,). ``block`` (n,): frames with equal labels have their stars at nearly the same pixels."""
 
     frame: NDArray[np.intp]
     pixels: Array
@@ -54,8 +54,8 @@ class StarSightings:
 
 @dataclass(frozen=True)
 class AxisError:
-    """Root mean square of an attitude error over the frames per camera axis (3,), with its 95 % interval, in
-    radians."""
+    """Root mean square of an attitude error over the frames, per camera axis (3,), in radians, with its 95 %
+    interval."""
 
     value_rad: Array
     low_rad: Array
@@ -73,12 +73,12 @@ class StarError:
 
 @dataclass(frozen=True)
 class SpatialErrors:
-    """``field``, ``phase``: attitude errors of the model's slow part and of its part periodic in a pixel;
-    ``field_star``, ``phase_star``: their rms per star. ``map_col_px``, ``map_row_px``, ``map_px`` (r, c, 2): the
-    slow part over the detector. ``within_px`` (k,), ``curve_px`` (k, 2): the periodic part. ``noise_px``: robust
-    scatter of the remaining residuals. ``rest_px`` (m, 2): residuals without the slow part, NaN for outliers;
-    ``gain2`` (m, 2, 3): square of the attitude error about each axis per pixel of error of a coordinate;
-    ``gain_rad_px`` (n, 3): attitude noise of each frame for one pixel of independent noise per star and axis."""
+    """Spatial errors. ``field``, ``phase``: attitude errors due to the slow part of the model and to the part periodic
+    in a pixel; ``field_star``, ``phase_star``: their rms per star. ``map_col_px``, ``map_row_px``, ``map_px`` (r, c,
+    2): the slow part over the detector. ``within_px`` (k,), ``curve_px`` (k, 2): the periodic part. ``noise_px``:
+    robust scatter of the remaining residuals. ``rest_px`` (m, 2): residuals without the slow part, NaN for outliers;
+    ``gain2`` (m, 2, 3): square of the attitude error about each axis per pixel of coordinate error; ``gain_rad_px`` (n,
+    3): attitude noise of each frame for one pixel of independent noise per star and axis."""
 
     field: AxisError
     phase: AxisError
@@ -100,9 +100,8 @@ class SpatialErrors:
 
 @dataclass(frozen=True)
 class _FrameSums:
-    """Contribution of one frame: normal equations, rotation per unit of each coefficient (3, p) and of each
-    coordinate (3, 2k), and the moment of
-    the slow model."""
+    """Contribution of one frame: normal equations, rotation per unit of each coefficient (3, p) and of each coordinate
+    (3, 2k), and the moment of the slow model."""
 
     normal: Array
     right: Array
@@ -113,7 +112,8 @@ class _FrameSums:
 
 
 def rotation_effect(camera: Camera, pixels: Array) -> Array:
-    """(m, 2, 3) pixels of image motion per radian of rotation about the camera axes, at (m, 2) positions."""
+    """Return the (m, 2, 3) image motion, in pixels per radian of rotation about the camera axes, at (m, 2)
+    positions."""
     step = 1e-6
     unit = camera.unproject(pixels)
     at = camera.project(unit)
@@ -122,7 +122,7 @@ def rotation_effect(camera: Camera, pixels: Array) -> Array:
 
 
 def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Generator) -> SpatialErrors:
-    """Fit the model and return the errors. Raises BadInput with too few stars, or stars at too few places."""
+    """Fit the model and return the errors. Raises BadInput with too few stars or too few pointings."""
     used = np.asarray(sightings.weight > 0) & np.isfinite(sightings.residual_px).all(axis=1)
     keep = _inliers(sightings.residual_px, used, FIRST_REJECT_SIGMAS)
     blocks = len(np.unique(sightings.block[sightings.frame[keep]]))
@@ -139,7 +139,7 @@ def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Gene
     total = np.sum([f.normal for f in frame_sums], axis=0), np.sum([f.right for f in frame_sums], axis=0)
     first = _solve(*total)
     residual_rest = _rest(sightings, frames, camera, first[:slow], degree)
-    # Without the slow error, outliers stand out.
+    # Outliers are detected after the slow error is subtracted.
     keep = _inliers(residual_rest, used, REJECT_SIGMAS)
     frame_sums = [_frame(sightings, at, keep[at], camera, degree) for at in frames]
     best, drawn, often = _drawn(frame_sums, sightings.block[[int(sightings.frame[at[0]]) for at in frames]], rng)
@@ -171,14 +171,14 @@ def spatial_errors(sightings: StarSightings, camera: Camera, rng: np.random.Gene
 def _drawn(
     frame_sums: list[_FrameSums], block: NDArray[np.intp], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Return the coefficients (p,), those of each bootstrap sample (r, p), and how often each frame is in it (r,
-    n)."""
+    """Return the coefficients (p,), the coefficients of r bootstrap samples (r, p), and the number of occurrences of
+    each frame in each sample (r, n)."""
     normals, rights = np.array([f.normal for f in frame_sums]), np.array([f.right for f in frame_sums])
     p = rights.shape[1]
     whole = normals.sum(axis=0)
     best, observable = _solve(whole, rights.sum(axis=0)), _observed(whole)
     often = draws(block, rng)
-    # Two products of matrices instead of a sum for each sample.
+    # Two matrix products replace a sum per sample.
     shaped = observable.T @ normals @ observable
     sums = (often @ shaped.reshape(len(frame_sums), -1)).reshape(len(often), observable.shape[1], observable.shape[1])
     right = often @ (rights @ observable)
@@ -189,9 +189,9 @@ def _drawn(
 def _debiased(
     frame_sums: list[_FrameSums], slow: int, best: Array, drawn: Array, often: Array
 ) -> tuple[Array, Array, Array]:
-    """Return root mean squares over the frames with intervals. Noise of the coefficients adds to a mean square; the
-    spread of the bootstrap samples about the estimate shows how much, and it is subtracted (twice for the samples,
-    which have the noise twice)."""
+    """Return root mean squares over the frames with intervals. The noise of the coefficients adds to a mean square. It
+    is estimated from the spread of the bootstrap samples and subtracted; twice for the samples, which contain it
+    twice."""
     turns, moment = (
         np.array([f.turn for f in frame_sums]),
         sum(f.moment for f in frame_sums) / sum(f.count for f in frame_sums),
@@ -214,7 +214,7 @@ def _debiased(
 
 
 def _inliers(residual_px: Array, used: NDArray[np.bool_], sigmas: float) -> NDArray[np.bool_]:
-    """(m,) True for used stars whose residual is not an outlier."""
+    """Return an (m,) mask, True for used stars whose residual is not an outlier."""
     if not used.any():
         return used
     spread = np.array([robust_sigma(residual_px[used, k]) for k in (0, 1)])
@@ -227,7 +227,7 @@ def _terms(degree: int) -> int:
 
 
 def _slow_terms(pixels: Array, camera: Camera, degree: int) -> Array:
-    """(m, terms) products of Legendre polynomials over the detector, up to a total degree."""
+    """Return (m, terms) products of Legendre polynomials over the detector, up to a total degree."""
     u = 2 * (pixels[:, 0] + 0.5) / camera.columns - 1
     v = 2 * (pixels[:, 1] + 0.5) / camera.rows - 1
     across, down = legendre.legvander(u, degree), legendre.legvander(v, degree)
@@ -235,13 +235,14 @@ def _slow_terms(pixels: Array, camera: Camera, degree: int) -> Array:
 
 
 def _phase_terms(within_px: Array) -> Array:
-    """(m, 2·HARMONICS) sines and cosines of the place within the pixel."""
+    """Return (m, 2·HARMONICS) sines and cosines of the position within the pixel."""
     angles = 2 * np.pi * np.outer(within_px, np.arange(1, HARMONICS + 1))
     return np.concatenate([np.sin(angles), np.cos(angles)], axis=1)
 
 
 def _design(true_px: Array, camera: Camera, degree: int) -> Array:
-    """(m, 2, p) derivatives of the error of the two coordinates by the coefficients: slow part, then periodic part."""
+    """Return the (m, 2, p) derivatives of the coordinate errors with respect to the coefficients: slow part, then
+    periodic part."""
     slow = _slow_terms(true_px, camera, degree)
     within = true_px - np.round(true_px)
     blocks = [slow, slow, _phase_terms(within[:, 0]), _phase_terms(within[:, 1])]
@@ -285,7 +286,7 @@ def _frame(
 
 
 def _gains(sightings: StarSightings, frames: list[NDArray[np.intp]], frame_sums: list[_FrameSums]) -> Array:
-    """(m, 2, 3) squared sensitivities of the attitude to each star."""
+    """Return the (m, 2, 3) squared sensitivities of the attitude to each star coordinate."""
     gains = np.zeros((len(sightings), 2, 3))
     for at, frame_sum in zip(frames, frame_sums, strict=True):
         gains[at] = (frame_sum.gain.T**2).reshape(-1, 2, 3)
@@ -293,7 +294,7 @@ def _gains(sightings: StarSightings, frames: list[NDArray[np.intp]], frame_sums:
 
 
 def _rest(sightings: StarSightings, frames: list[NDArray[np.intp]], camera: Camera, slow: Array, degree: int) -> Array:
-    """(m, 2) residuals without the slow part; NaN for stars of no frame."""
+    """Return the (m, 2) residuals without the slow part; NaN for stars that are in none of the frames."""
     remainder = np.full_like(sightings.residual_px, np.nan)
     for at in frames:
         effect, _, gain = _absorbed(sightings, at, camera)
@@ -304,13 +305,13 @@ def _rest(sightings: StarSightings, frames: list[NDArray[np.intp]], camera: Came
 
 
 def _observed(normal: Array) -> Array:
-    """(p, q) directions of the coefficients that the frames show."""
+    """Return the (p, q) observable directions of the coefficients."""
     values, vectors = np.linalg.eigh(normal)
     return np.asarray(vectors[:, values > MIN_SHARE * values[-1]])
 
 
 def _solve(normal: Array, right: Array) -> Array:
-    """Least squares in the observed directions."""
+    """Return the least-squares solution in the observable directions."""
     observable = _observed(normal)
     return np.asarray(observable @ np.linalg.solve(observable.T @ normal @ observable, observable.T @ right))
 

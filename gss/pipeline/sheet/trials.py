@@ -14,8 +14,12 @@ from gss.pipeline.analysis.series import AttitudeSeries
 from gss.pipeline.sheet.noise import steady_runs
 from gss.pipeline.sheet.rows import SheetFigure, SheetRow, counted_conditions, missing, share_figure
 
-ACQUISITION = ("acquisition", "Acquisition", "frames solved without prior attitude, counted; Wilson intervals")
-TRACKING = ("tracking", "Tracking", "attitudes lost from one frame to the next, and rates at which frames were solved")
+ACQUISITION = ("acquisition", "Acquisition", "count of frames solved without prior attitude; Wilson intervals")
+TRACKING = (
+    "tracking",
+    "Tracking",
+    "count of attitudes lost from one frame to the next, and rates of the solved frames",
+)
 END_OF_LIFE = (
     "end-of-life",
     "End of life",
@@ -27,7 +31,7 @@ ROBUSTNESS = ("robustness", "Robustness", "frames rendered with each disturbance
 @dataclass(frozen=True)
 class Trials:
     """Results of ``trials`` frames under one condition, compared with the truth. ``correct`` includes imprecise
-    attitudes; the others have none. ``cross_rad`` (k,): errors across the boresight of the correct ones."""
+    attitudes. ``cross_rad`` (k,): errors of the correct attitudes across the boresight."""
 
     condition: str
     trials: int
@@ -37,13 +41,13 @@ class Trials:
 
     @property
     def none(self) -> int:
-        """Frames without an attitude."""
+        """Return the number of frames without an attitude."""
         return self.trials - self.correct - self.false
 
 
 def acquisition_row(tried: Trials | None, series: AttitudeSeries) -> SheetRow:
-    """Return the row from trials with a known truth, or from frames, where a false attitude is one that its
-    neighbours contradict."""
+    """Return the row from trials with a known truth, or from frames. In frames, an attitude that contradicts its
+    neighbours is false."""
     if tried is not None:
         figures = [
             share_figure("correct", tried.correct, tried.trials),
@@ -56,21 +60,21 @@ def acquisition_row(tried: Trials | None, series: AttitudeSeries) -> SheetRow:
     n, solved = len(series), int(series.solved.sum())
     return SheetRow(
         *ACQUISITION,
-        "each frame solved alone; whether an attitude is false is not known without a reference",
+        "each frame solved separately; false attitudes cannot be detected without a reference",
         n,
         (share_figure("attitude", solved, n), share_figure("none", n - solved, n)),
     )
 
 
 def _frames_needed(tried: Trials) -> SheetFigure:
-    """Mean number of frames until the first correct attitude: the inverse of the share."""
+    """Return the mean number of frames until the first correct attitude, i.e. the inverse of the share."""
     share = share_figure("", tried.correct, tried.trials)
     mean, low, high = (1 / v if v > 0 else float("inf") for v in (share.value, share.high, share.low))
     return SheetFigure("frames to the first attitude", mean, low, high, "frames")
 
 
 def tracking_row(series: AttitudeSeries, camera: Camera) -> SheetRow:
-    """Return the row of consecutive frames."""
+    """Return the row for tracking, from consecutive frames."""
     runs = [r for r in steady_runs(series, camera) if len(r) >= 3]
     if not runs:
         return missing(*TRACKING, "at least three frames taken one after the other at equal intervals")
@@ -91,7 +95,7 @@ def tracking_row(series: AttitudeSeries, camera: Camera) -> SheetRow:
         figures += [SheetFigure("largest acceleration tracked", most, most, float("inf"), "rad/s²")]
     outage = _longest_outage_s(series)
     figures += [SheetFigure("longest loss", outage, outage, outage, "s")]
-    text = "rates and accelerations are those that occurred, not the limits"
+    text = "rates and accelerations are observed values, not limits"
     return SheetRow(*TRACKING, text, len(series), tuple(figures))
 
 
@@ -133,7 +137,8 @@ def condition_row(head: tuple[str, str, str], tried: tuple[Trials, ...], needs: 
 
 
 def _error(t: Trials) -> SheetFigure:
-    """Root mean square error across the boresight, per axis, with the χ² interval of 2k squares (Wilson–Hilferty)."""
+    """Return the root mean square error across the boresight, per axis, with the χ² interval of 2k squares
+    (Wilson–Hilferty)."""
     k = 2 * len(t.cross_rad)
     value = float(np.sqrt(np.mean(t.cross_rad**2) / 2))
     low, high = (float((1 - 2 / (9 * k) + z * np.sqrt(2 / (9 * k))) ** 1.5) for z in (1.96, -1.96))

@@ -1,5 +1,5 @@
-"""A simulated unit with chosen errors, whose frames prove the performance sheet and give the sheet of a camera on
-paper."""
+"""Simulated unit with chosen errors. Its frames test the performance sheet and predict the sheet of a planned
+camera."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from gss.pipeline.sheet.sheet import SheetInput
 from gss.pipeline.veil import Veil
 
 CALIBRATED_C = 20.0
-"""Temperature at which the mounting was aligned."""
+"""Temperature at which the mounting was aligned, °C."""
 Solve = Callable[[NDArray[Any], "Moment"], SolveResult]
-"""Solves a frame without prior attitude."""
+"""Function that solves a frame without prior attitude."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """State at the stated time of a frame: ``cam_from_icrs`` (3, 3) of the body in the camera's nominal axes,
+    """State at the stated time of a frame: ``cam_from_icrs`` (3, 3), attitude of the body in the camera's nominal axes;
     ``rate_rad_s`` (3,), ``temperature_c``, ``velocity_c`` (3,) of the observer."""
 
     time_s: float
@@ -51,7 +51,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Light and particles beside the stars: see :func:`gss.pipeline.render.render`."""
+    """Light and particles in addition to the stars; see :func:`gss.pipeline.render.render`."""
 
     title: str = ""
     false_stars: tuple[FalseStar, ...] = ()
@@ -62,9 +62,8 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class RenderedUnit:
-    """True properties of a unit. ``camera``: its real lens; ``chip``: its detector. ``bias_rad`` (3,) and
-    ``thermal_rad_k`` (3,): its mounting, away from the nominal one. ``date_s``: how much later than stated frames
-    are taken."""
+    """True properties of a unit. ``camera``: real lens; ``chip``: detector. ``bias_rad`` (3,) and ``thermal_rad_k``
+    (3,): deviation of the mounting from the nominal mounting. ``date_s``: delay of a frame after its stated time."""
 
     camera: Camera
     sensor: Sensor
@@ -78,7 +77,7 @@ class RenderedUnit:
     def frame(
         self, at: Moment, rng: np.random.Generator, disturbed: Disturbance | None = None, dark_factor: float = 1.0
     ) -> Rendered:
-        """Render the frame that the unit takes then."""
+        """Render the frame that the unit takes at a moment."""
         rate = np.array(at.rate_rad_s)
         mounting = np.array(self.bias_rad) + np.array(self.thermal_rad_k) * (at.temperature_c - CALIBRATED_C)
         attitude = rotation_from_vector(mounting) @ rotation_from_vector(-rate * self.date_s) @ at.cam_from_icrs
@@ -128,8 +127,8 @@ def observe(
 
 
 def sheet_input(observations: Sequence[Observation], camera: Camera) -> SheetInput:
-    """Return the input of the sheet; the reference is the body's attitude, which a simulation knows. ``camera``: as
-    assumed."""
+    """Return the input of the sheet. The reference is the attitude of the body, which is known in a simulation.
+    ``camera``: the assumed camera."""
     at = [o.moment for o in observations]
     times = [m.time_s for m in at]
     n = len(observations)
@@ -155,7 +154,7 @@ def sheet_input(observations: Sequence[Observation], camera: Camera) -> SheetInp
 
 
 def staring(start: Array, count: int, camera: Camera, step_px: float, begin_s: float = 0.0) -> list[Moment]:
-    """Moments one second apart while the image drifts by ``step_px`` per frame along both axes."""
+    """Return moments one second apart during which the image drifts by ``step_px`` per frame along both axes."""
     rate = step_px * camera.pixel_rad * np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
     return [
         Moment(begin_s + k, rotation_from_vector(-rate * k) @ start, (float(rate[0]), float(rate[1]), 0.0))
@@ -164,12 +163,13 @@ def staring(start: Array, count: int, camera: Camera, step_px: float, begin_s: f
 
 
 def scan(count: int, rng: np.random.Generator, begin_s: float = 0.0, step_s: float = 10.0) -> list[Moment]:
-    """Moments at random attitudes, uniform over the sky and the roll."""
+    """Return moments at random attitudes, uniformly distributed over sky and roll."""
     return [Moment(begin_s + step_s * k, matrix_from_quaternion(random_quaternion(rng))) for k in range(count)]
 
 
 def slew(start: Array, count: int, top_rad_s: float, begin_s: float = 0.0, step_s: float = 1.0) -> list[Moment]:
-    """Moments of a turn about the diagonal of the detector whose rate swings between ± ``top_rad_s``."""
+    """Return moments of a rotation about the diagonal of the detector with a rate that oscillates between ±
+    ``top_rad_s``."""
     axis = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
     period_s = count * step_s
     observations = []
