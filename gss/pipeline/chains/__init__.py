@@ -1,1 +1,1 @@
-"""Processing chains, one module per system: its stages, their order and its limits."""
+"""Processing chains, one per system: stages, order of the stages, and limits."""

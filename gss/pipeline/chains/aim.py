@@ -1,8 +1,10 @@
-"""The chain of the AIM smart camera (Moniteq 1983): coarse mask, mean locator, linked neighbours, differential attitude.
+"""The chain of the AIM smart camera (Moniteq 1983): coarse mask, mean locator, linked neighbours, differential
+attitude.
 
-It normally knows its approximate attitude and verifies the stars expected there. For a search over the whole sky, a field of
-3.45° has too few stars in about half the cases, according to the document's own statistics (§2.1); the reason text of such a
-frame says so. For what the document leaves open and the tests added against false attitudes, see ``aim_parameters.SOURCES``.
+The chain normally has an approximate attitude and verifies the stars expected there. According to the document's
+statistics (§2.1), a field of 3.45° has too few stars for a search over the whole sky in about half the cases; the
+reason text of such a frame states this. ``aim_parameters.SOURCES`` documents the choices that the document leaves open
+and the tests added against false attitudes.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ from gss.pipeline.regions import Pixels
 from gss.pipeline.track.differential import differential_attitude
 from gss.skytables.bank import OnboardCatalogue
 
-# Moniteq 1983 §3.12, T7.1: the converter takes 25 µs per pixel. The report has no execution times; those per operation are
-# estimates.
+# Moniteq 1983 §3.12, T7.1: the converter takes 25 µs per pixel. The report has no execution times, so the times per
+# operation are estimates.
 PIXEL_MS, REGION_MS, OPERATION_MS, ATTITUDE_MS, STAR_MS = 0.025, 1.0, 0.05, 20.0, 5.0
 DENSITY_RADIUS_RAD = float(np.radians(5.0))
 LOOSE, COMPANION = 2.0, 6.0
@@ -54,7 +56,7 @@ def calculate_attitude(
     sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     attitude = differential_attitude(unit, reference, matching.cam_from_icrs)
     if attitude is None:
-        return proof.rejected(f"{len(chosen)} stars in one direction leave the attitude open")
+        return proof.rejected(f"{len(chosen)} stars in one direction do not determine the attitude")
     probability = false_match_probability(matching, attitude, camera, catalogue, parameters)
     reason = _objection(matching, attitude, camera, catalogue, parameters, hint, sigma_rad, probability)
     if reason and parameters.proves:
@@ -75,7 +77,7 @@ def _objection(
     sigma_rad: Array,
     probability: float,
 ) -> str:
-    """Return why this attitude should be rejected, or ""."""
+    """Return the reason to reject this attitude, or ""."""
     chosen = matching.selected
     reference = catalogue.icrs[matching.row[chosen]]
     miss_rad = np.linalg.norm(reference @ attitude.T - matching.unit_cam[chosen], axis=1)
@@ -98,8 +100,8 @@ def _may_be_mirrored(
     parameters: AimParameters,
     hint: AttitudePrior | None,
 ) -> str:
-    """Return why the frame may be mirrored, or "". Two stars alone have no handedness; in tracking, a mirrored pair rarely has the
-    orientation of the expected one, so two stars must not imply a large rotation from the hint."""
+    """Return why the frame could be mirrored, or "". Two stars have no handedness. In tracking, a mirrored pair rarely
+    has the orientation of the expected pair, so two stars must not imply a large rotation from the hint."""
     unit = matching.unit_cam[matching.selected]
     if len(unit) > PAIR or matching.mode is not Mode.TRACKING or hint is None or hint.quaternion is None:
         return proof.mirrored(unit, reference, parameters.tolerance_rad)
@@ -115,11 +117,11 @@ def _may_be_mirrored(
 def false_match_probability(
     matching: AimMatching, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> float:
-    """Bound on the expected number of accidental identifications with as many stars as this one.
+    """Return a bound on the expected number of accidental identifications with as many stars as this one.
 
-    Every pair of linked stars tried is a hypothesis; a star counts as matched within twice the tolerance, because a close pair
-    determines the roll poorly. The star density is that of the sky around the field (Moniteq 1983 §2.1 makes the same estimate
-    with the mean density of the sky).
+    Every pair of linked stars tried is a hypothesis. A star counts as matched within twice the tolerance, because a
+    close pair determines the roll poorly. The star density is that of the sky around the field; Moniteq 1983 §2.1 uses
+    the mean density of the sky.
     """
     # Companions within each other's tolerance are not independent evidence and count as one star.
     n, k = len(matching.row), separate_stars(matching.unit_cam[matching.selected], COMPANION * parameters.tolerance_rad)
@@ -157,7 +159,8 @@ class AimChain:
         return calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:
-        """Return the next mode: expected stars while they are found, then part of the sky, then all of it (Fig. 6.1)."""
+        """Return the next mode: tracking after a solved frame, then a search of part of the sky, then of the whole sky
+        (Fig. 6.1)."""
         return next_mode(mode, solved)
 
     def detect_ms(self, pixels: int, detection: Detection) -> float:

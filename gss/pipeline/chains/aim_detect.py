@@ -23,7 +23,7 @@ from gss.pipeline.track.search_and_track import VERIFIED_ENOUGH
 # Position error of a saturated (flat-topped) star, measured on rendered frames.
 SATURATED_PX = 0.15
 OUTSIDE = "outside the predicted windows"
-WHOLE_IMAGE = "guidance error: fewer than two predicted windows hold a star, whole image searched"
+WHOLE_IMAGE = "guidance error: fewer than two predicted windows contain a star; the whole image was searched"
 
 
 def find_centroids(
@@ -34,10 +34,10 @@ def find_centroids(
     mode: Mode,
     hint: AttitudePrior | None,
 ) -> Detection:
-    """Find the spots of the coarse image and locate each in its window.
+    """Find the spots of the coarse image and compute the centroid of each in its window.
 
-    In tracking, only spots in the windows around predicted stars are kept. If there are fewer than two, guidance has failed
-    and the whole image is used, as in the blind search on the same frame (Fig. 6.1 step 3).
+    In tracking, only spots in the windows around predicted stars are used. If there are fewer than two, guidance has
+    failed and the whole image is used, as in the blind search on the same frame (Fig. 6.1 step 3).
     """
     p = parameters
     dark_dn = dark_mean_dn(pixels, p.noise_dn)
@@ -76,14 +76,16 @@ def find_centroids(
 
 
 def faintest_dn(catalogue: AimCatalogue, parameters: AimParameters) -> float:
-    """Flux below which a star is not in the list: fainter than its limit by half the magnitude error."""
+    """Return the flux below which a star is not in the list: that of a star fainter than the list's limit by half the
+    magnitude error."""
     limit_mag = catalogue.limit_mag + parameters.magnitude_error / 2
     return float(parameters.dn_at_mag_0 * parameters.light_share * 10 ** (-0.4 * limit_mag))
 
 
 def locate(pixels: Pixels, blobs: Blobs, dark_dn: float, parameters: AimParameters) -> Centroids:
-    """Apply the mean locator with dark mean and linear bias correction, in a window on each blob's brightest pixel (a 4 x 4 window
-    is placed towards the brighter side). ``sigma_px`` includes the noise model's third term and the star's shot noise."""
+    """Apply the mean locator with dark mean and linear bias correction in a window at each blob's brightest pixel. A 4
+    x 4 window is shifted towards the brighter side. ``sigma_px`` includes the noise model's third term and the star's
+    shot noise."""
     p, n = parameters, len(blobs)
     if not n:
         return Centroids.from_pixels(np.empty((0, 2)))

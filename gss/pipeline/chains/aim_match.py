@@ -56,7 +56,7 @@ class AimCatalogue:
 
 
 def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue:
-    """Prepare the bank, using its own neighbour links if it has them."""
+    """Prepare the bank. Neighbour links are computed if the bank does not contain them."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     links = neighbour_links(icrs) if catalogue.tables.links is None else catalogue.tables.links
@@ -67,8 +67,8 @@ def prepare(catalogue: OnboardCatalogue, profile: CameraProfile) -> AimCatalogue
 
 @dataclass(frozen=True)
 class PredictedStars:
-    """Stars expected in the field: ``rows``, their directions in the predicted camera frame (n, 3), and ``checks``, the number of
-    stars examined."""
+    """Stars expected in the field. ``rows``: rows in the star list, their directions in the predicted camera frame (n,
+    3), and ``checks``, the number of stars examined."""
 
     rows: Index
     predicted_cam: Array
@@ -79,7 +79,8 @@ class PredictedStars:
 def expected_stars(
     catalogue: AimCatalogue, camera: Camera, hint: AttitudePrior, parameters: AimParameters
 ) -> PredictedStars:
-    """Find the stars of the field predicted from the last attitudes, following the links from the previous field (step 2b)."""
+    """Find the stars of the field predicted from the last attitudes, along the links from the previous field (step
+    2b)."""
     if hint.quaternion is None:
         raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
     last = matrix_from_quaternion(hint.quaternion)
@@ -111,17 +112,17 @@ class AimMatching:
 
     @property
     def weight(self) -> Array:
-        """(n,) one for every verified star."""
+        """Return (n,) weights, 1 for every verified star and 0 for others."""
         return (self.row >= 0).astype(float)
 
     @property
     def operations(self) -> int:
-        """Number of stars and links examined, plus pairs tried against all spots."""
+        """Return the number of stars and links examined plus the number of comparisons of tried pairs with spots."""
         return self.checks + self.hypotheses * len(self.row)
 
     @property
     def confidence(self) -> float:
-        """Share of the centroids that are identified."""
+        """Return the share of identified centroids."""
         return len(self.selected) / len(self.row) if len(self.row) else 0.0
 
 
@@ -143,7 +144,8 @@ def match_stars(
     mode: Mode = Mode.LOST_IN_SPACE,
     hint: AttitudePrior | None = None,
 ) -> AimMatching:
-    """Identify centroids: verify expected stars in tracking; use a blind search otherwise and after a guidance error."""
+    """Identify centroids. In tracking, expected stars are verified; a blind search is used in other modes and after a
+    guidance error."""
     check_hint(mode, hint)
     unit = camera.unproject(centroids.pixels)
     spots = _spots(centroids, unit, parameters)
@@ -177,7 +179,7 @@ def _spots(centroids: Centroids, unit: Array, parameters: AimParameters) -> _Spo
 def _verify(
     spots: _Spots, expected: PredictedStars, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> Fit | None:
-    """Verify the stars found at their predicted positions with the expected brightness and separations (step 2e)."""
+    """Verify the stars detected at their predicted positions with the expected brightness and separations (step 2e)."""
     chord = np.linalg.norm(spots.unit[:, None] - expected.predicted_cam[None], axis=2)
     near = chord <= 2 * np.sin(parameters.capture_rad / 2)
     star_mag = catalogue.stars.v_mag[expected.rows].astype(float)
@@ -195,7 +197,8 @@ def _verify(
 def _fit(
     spots: _Spots, attitude: Array, camera: Camera, catalogue: AimCatalogue, parameters: AimParameters
 ) -> Fit | None:
-    """Match the image predicted at that attitude, correct differentially, and keep only stars with their spots' brightness."""
+    """Match the image predicted at an attitude, correct the attitude differentially, and drop stars whose spots have
+    another brightness."""
     rows = np.flatnonzero(catalogue.icrs @ attitude[2] >= np.cos(camera.half_diagonal_rad + parameters.capture_rad))
     radii = (2 * parameters.tolerance_rad, parameters.tolerance_rad)
     fit = predictional_fit(spots.unit, catalogue.icrs, rows, attitude, radii, camera.half_diagonal_rad)
@@ -218,7 +221,7 @@ def _blind(
     mode: Mode,
     hint: AttitudePrior | None,
 ) -> tuple[Fit | None, PairHypotheses]:
-    """Return the best pattern of linked stars, and the pairs that were tried (step 3)."""
+    """Return the best pattern of linked stars and the hypotheses that were tried (step 3)."""
     allowed = np.ones(len(catalogue), bool)
     if mode is not Mode.LOST_IN_SPACE and hint is not None:
         boresight = np.asarray(hint.boresight_icrs, float)

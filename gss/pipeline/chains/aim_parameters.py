@@ -1,4 +1,4 @@
-"""Constants of the AIM smart camera's chain, their sources, and their values for a camera."""
+"""Constants of the AIM smart camera's chain, sources of the constants, and values for a camera."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ class AimParameters:
             raise BadInput("unknown acceptance", expected="proved | document", got=self.acceptance)
         if self.window_px not in (3, 4) or self.coarse_block_px < 1:
             raise BadInput(
-                "window or block is impossible",
+                "invalid window or block size",
                 expected="a window of 3 or 4 px, a block of at least 1 px",
                 got=f"{self.window_px}, {self.coarse_block_px}",
             )
         if not (self.threshold_dn > 0 and self.tolerance_rad > 0 and 1 <= self.min_area_px <= self.max_area_px):
             raise BadInput(
-                "detection parameters are impossible",
+                "invalid detection parameters",
                 expected="threshold and tolerance above zero, 1 ≤ smallest ≤ largest area",
                 got=f"{self.threshold_dn}, {self.tolerance_rad}, {self.min_area_px}, {self.max_area_px}",
             )
@@ -110,7 +110,8 @@ FAINTEST_AREA_PX = 3.0
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None, window_px: int = 3) -> AimParameters:
-    """Return the parameters for a camera: position errors scale with the pixel, the bias corrector with the width of its stars."""
+    """Return the parameters for a camera. Position errors scale with the pixel, the bias corrector with the width of
+    the stars."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -131,13 +132,14 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None, 
 
 
 def light_share(ratio: float, window_px: int) -> float:
-    """Mean share of a star's light in the window, for stars within half a pixel of its centre."""
+    """Return the mean share of a star's light in the window, for stars within half a pixel of its centre."""
     offset = np.linspace(-0.5, 0.5, 101)
     return float(np.mean(column_shares(offset, ratio, window_px).sum(axis=-1)) ** 2)
 
 
 def detectable_mag(profile: CameraProfile) -> float:
-    """Magnitude of a star that covers ``FAINTEST_AREA_PX`` above the threshold: 2πσ² ln(peak / threshold)."""
+    """Return the magnitude of a star with area ``FAINTEST_AREA_PX`` above the threshold; the area is 2πσ² ln(peak /
+    threshold)."""
     sensor = profile.sensor
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     threshold_dn = default_parameters(profile).threshold_dn

@@ -1,6 +1,6 @@
-"""Prior knowledge of a sensor: the a-priori attitude from an orbit, and the hint for each mode.
+"""Prior knowledge of a sensor: a-priori attitude from an orbit, and hint for each mode.
 
-Firmware and ground both choose the hint here, so that a replay starts from the same numbers.
+Simulated firmware and ground replay use this module to choose the hint, so that a replay starts from the same values.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ DEFAULT_RADIUS_RAD = float(np.radians(5.0))
 
 @dataclass(frozen=True)
 class KnownOrbit:
-    """A circular orbit: Ω, i, argument of latitude ω′ at ``epoch_s`` of the device clock, altitude (Jacobs 1995 §1.4)."""
+    """Circular orbit: Ω, i, argument of latitude ω′ at ``epoch_s`` of the device clock, altitude (Jacobs 1995 §1.4)."""
 
     raan_rad: float
     inclination_rad: float
@@ -34,12 +34,12 @@ class KnownOrbit:
 
     @property
     def rate_rad_s(self) -> float:
-        """Mean motion."""
+        """Return the mean motion."""
         return float(np.sqrt(EARTH_MU_M3_S2 / (EARTH_RADIUS_M + self.altitude_m) ** 3))
 
     @property
     def speed_m_s(self) -> float:
-        """Orbital speed around the Earth."""
+        """Return the orbital speed around the Earth."""
         return self.rate_rad_s * (EARTH_RADIUS_M + self.altitude_m)
 
     def elements_at(self, at_s: float) -> OrbitElements:
@@ -50,7 +50,7 @@ class KnownOrbit:
 
 @dataclass(frozen=True)
 class Apriori:
-    """Roll, pitch and yaw relative to the orbit frame, from another sensor, and the radius of their maximum error."""
+    """Roll, pitch and yaw relative to the orbit frame, from another sensor, and maximum error of the attitude."""
 
     roll_rad: float
     pitch_rad: float
@@ -71,7 +71,7 @@ def apriori_hint(orbit: KnownOrbit, angles_rad: tuple[float, float, float], at_s
 
 @dataclass(frozen=True)
 class TimedAttitude:
-    """Attitude of the frame at a device time: (4,) quaternion cam_from_icrs."""
+    """Attitude of a frame at a device time: (4,) quaternion cam_from_icrs."""
 
     quaternion: Array
     time_s: float
@@ -79,9 +79,9 @@ class TimedAttitude:
 
 @dataclass(frozen=True)
 class PriorState:
-    """Prior knowledge for matching a frame. ``series``: the last attitude and the consecutive ones before it, newest first;
-    ``failed``: an iteration without an attitude followed them, so that the next attitude starts a new series.
-    ``commanded``: from SET_ATTITUDE_HINT, until an attitude is found. ``orbit`` and ``apriori`` are only used together."""
+    """Prior knowledge for matching a frame. ``series``: the last consecutive attitudes, newest first; ``failed``: True
+    if an iteration without an attitude followed, so that the next attitude starts a new series. ``commanded``: hint of
+    SET_ATTITUDE_HINT, valid until an attitude is computed. ``orbit`` and ``apriori`` are used only together."""
 
     series: tuple[TimedAttitude, ...] = ()
     failed: bool = False
@@ -92,17 +92,18 @@ class PriorState:
 
     @property
     def quaternion(self) -> Array | None:
-        """Quaternion of the last attitude, or None."""
+        """Return the quaternion of the last attitude, or None."""
         return self.series[0].quaternion if self.series else None
 
     @property
     def earlier(self) -> tuple[Array, ...]:
-        """Quaternions of the attitudes before the last one."""
+        """Return the quaternions of the attitudes before the last."""
         return tuple(entry.quaternion for entry in self.series[1:])
 
     @property
     def rate_rad_s(self) -> float:
-        """Angular rate between the last two consecutive attitudes; NaN without them or without their times."""
+        """Return the angular rate between the last two consecutive attitudes; NaN if an attitude or its time is
+        missing."""
         if len(self.series) < 2:
             return math.nan
         last, before = self.series[0], self.series[1]
@@ -115,8 +116,8 @@ class PriorState:
         return self.orbit is not None and self.apriori is not None
 
     def usable(self, requested: Mode, at_s: float = math.nan, oldest_s: float = math.inf) -> Mode:
-        """Return the wanted mode, or the next weaker mode for which the prior knowledge is sufficient. Tracking a frame at ``at_s``
-        needs an attitude that is at most ``oldest_s`` old."""
+        """Return the requested mode, or the next weaker mode for which the prior knowledge is sufficient. Tracking a
+        frame at ``at_s`` needs an attitude that is at most ``oldest_s`` old."""
         if requested is Mode.TRACKING and (not self.series or at_s - self.series[0].time_s > oldest_s):
             requested = Mode.ASSISTED
         if requested is Mode.ASSISTED and self.commanded is None and self.quaternion is None and not self.has_apriori:
@@ -124,8 +125,8 @@ class PriorState:
         return requested
 
     def hint(self, mode: Mode, at_s: float) -> AttitudePrior | None:
-        """Return the hint for a mode: in tracking the last attitude; in assisted mode the commanded hint, else the a-priori
-        attitude at that device time, else the last attitude; None when lost in space."""
+        """Return the hint for a mode: in tracking, the last attitude; in assisted mode, the commanded hint, else the
+        a-priori attitude at the device time ``at_s``, else the last attitude; in lost in space, None."""
         if mode is Mode.LOST_IN_SPACE:
             return None
         last = self._last(at_s)
@@ -141,20 +142,21 @@ class PriorState:
         if not self.series:
             return None
         ages_s = tuple(at_s - entry.time_s for entry in self.series)
-        # Without frame times, or after a step of the device's clock, the steps are taken as equal.
+        # Without frame times, or after a step of the device's clock, equal time steps are assumed.
         if not all(b > a for a, b in pairwise((0.0, *ages_s))):
             ages_s = ()
         return AttitudePrior.from_quaternion(self.series[0].quaternion, self.earlier, ages_s)
 
     def radius_rad(self, mode: Mode) -> float:
-        """Maximum error of the hint in an assisted iteration."""
+        """Return the maximum error of the hint in an assisted iteration."""
         if self.commanded is None and self.apriori is not None and self.orbit is not None and mode is Mode.ASSISTED:
             return self.apriori.radius_rad
         return self.commanded_radius_rad
 
     def after(self, quaternion: Array | None, time_s: float) -> PriorState:
-        """Return the knowledge after the iteration of a frame at ``time_s``: a new attitude clears the commanded hint; without one
-        (None), only the last attitude is kept, and the next one starts a new series. ``time_s`` NaN: unknown."""
+        """Return the prior knowledge after the iteration of a frame at ``time_s`` (NaN if unknown). A new attitude
+        clears the commanded hint. Without an attitude (None), only the last attitude is kept, and the next attitude
+        starts a new series."""
         if quaternion is None:
             return replace(self, series=self.series[:1], failed=True)
         before = () if self.failed else tuple(entry for entry in self.series if not entry.time_s >= time_s)

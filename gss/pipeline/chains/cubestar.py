@@ -1,9 +1,9 @@
 """The chain of CubeStar (Erlank 2013 ch. 4–5): plane search, 5x5 centroids, geometric voting, QUEST.
 
-The same functions run in the simulator's firmware and on the ground, and :func:`solve` combines exactly the steps
-that the device offers as commands. Nothing depends on time; the same frame, bank and parameters give bit-identical results.
-``cubestar_parameters.SOURCES`` documents, for each parameter, what the document leaves open and the tests added against
-false attitudes.
+The same functions run in the simulator's firmware and on the ground, and :func:`solve` combines exactly the steps that
+the device offers as commands. The result does not depend on time: equal frame, bank and parameters give bit-identical
+results. ``cubestar_parameters.SOURCES`` documents, for each parameter, the choices that the document leaves open and
+the tests added against false attitudes.
 """
 
 from __future__ import annotations
@@ -58,8 +58,9 @@ __all__ = [
 def find_centroids(pixels: Pixels, parameters: CubestarParameters, *, fast: bool | None = None) -> Detection:
     """Find the stars in a (rows, columns) frame (Erlank 2013 §4.1, §5.3.3).
 
-    The chip subtracts the mean of its masked rows, so that black is zero (§3.4.4). Frames of other cameras lack this
-    correction, so the median of the search grid is used as black level, both for the threshold and for the centroid weights.
+    The chip subtracts the mean of its masked rows, so that black is zero (§3.4.4). Frames of other cameras do not have
+    this correction. Therefore the median of the search grid is the black level, for both threshold and centroid
+    weights.
 
     ``fast``: see :func:`gss.pipeline.kernels.kernels`; the result is bit-identical.
     """
@@ -123,7 +124,7 @@ def _unsound(
     catalogue: OnboardCatalogue,
     parameters: CubestarParameters,
 ) -> str:
-    """Return why the frame may be mirrored or have another focal length, or ""."""
+    """Return why the frame could be mirrored or have another focal length, or ""."""
     chosen, bank = matching.selected, catalogue.icrs.astype(float)
     reference = bank[matching.row[chosen]]
     radius_px = parameters.tolerance_rad / camera.pixel_rad
@@ -133,7 +134,7 @@ def _unsound(
 
 
 def hint_error_rad(camera: Camera, parameters: CubestarParameters) -> float:
-    """Maximum angle of the boresight from the hint."""
+    """Return the maximum angle between boresight and hint."""
     return proof.hint_error_rad(camera, parameters.assisted_radius_rad, HINT_ERROR_RAD)
 
 
@@ -152,10 +153,10 @@ def false_match_probability(
     catalogue: OnboardCatalogue,
     parameters: CubestarParameters,
 ) -> float:
-    """Bound on the expected number of accidental identifications with as many stars as this one.
+    """Return a bound on the expected number of accidental identifications with as many stars as this one.
 
     Every matching table entry gives two hypotheses for a pair of centroids. A hint reduces their number to the share of
-    boresights that it allows; in tracking, the hypotheses are the pairs near predicted stars.
+    boresights that it allows. In tracking, the hypotheses are the pairs near predicted stars.
     """
     n, k = len(matching.row), len(matching.selected)
     per_sr = proof.stars_per_sr(catalogue.icrs.astype(float), cam_from_icrs, camera)
@@ -210,7 +211,7 @@ def solve_centroids(
     clock: Callable[[], float] | None = None,
     trace: Trace | None = None,
 ) -> SolveResult:
-    """As :func:`solve`, from given centroids, brightest first; the result has no regions."""
+    """Process centroids, brightest first, as :func:`solve` does for a frame. The result has no regions."""
     stages = trace if trace is not None else Trace(clock)
     with stages.stage("match"):
         matching = match_stars(centroids, camera, catalogue, parameters, mode, hint)

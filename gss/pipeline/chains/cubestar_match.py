@@ -29,14 +29,15 @@ from gss.skytables.bank import OnboardCatalogue
 
 
 def unit_vectors(centroids: Centroids, camera: Camera, undistort: str = "exact") -> Array:
-    """(n, 3) camera-frame directions (Erlank 2013 eq. 4.1.3–6)."""
+    """Return the (n, 3) camera-frame directions (Erlank 2013 eq. 4.1.3–6)."""
     if undistort == "document":
         camera = replace(camera, distortion=document_distortion(camera))
     return camera.unproject(centroids.pixels)
 
 
 def document_distortion(camera: Camera) -> BrownUndistort:
-    """Return the device's approximation: Brown's polynomial from measured to ideal with inverted toolbox signs."""
+    """Return the device's approximation of the distortion: Brown's polynomial from measured to ideal, with the signs of
+    the calibration toolbox inverted."""
     d = camera.distortion
     if not isinstance(d, Brown):
         raise BadInput(
@@ -63,17 +64,18 @@ class CubestarMatching:
 
     @property
     def weight(self) -> Array:
-        """(n,) verification votes."""
+        """Return the (n,) verification votes."""
         return self.verification_votes.astype(float)
 
     @property
     def operations(self) -> int:
-        """Number of matching table entries."""
+        """Return the number of matching table entries."""
         return self.hits
 
     @property
     def confidence(self) -> float:
-        """Mean verification votes of the selected stars divided by the maximum possible; 0 if none is selected."""
+        """Return the mean number of verification votes of the selected stars divided by the maximum; 0 if no star is
+        selected."""
         most = len(self.row) - 1
         return float(np.mean(self.verification_votes[self.selected]) / most) if len(self.selected) and most else 0.0
 
@@ -90,7 +92,7 @@ def match_stars(
     check_hint(mode, hint)
     used = centroids.take(np.arange(min(len(centroids), parameters.max_centroids)))
     unit = unit_vectors(used, camera, parameters.undistort)
-    # A centroid outside the distortion's domain has no direction; it keeps its row but is not used.
+    # A centroid outside the distortion's domain has no direction. It stays in the arrays but is not used.
     good = np.flatnonzero(np.isfinite(unit).all(axis=1))
     allowed = _allowed(catalogue, mode, hint, parameters)
     pairs = pairs_of(unit[good])
@@ -115,7 +117,8 @@ def match_stars(
 def _allowed(
     catalogue: OnboardCatalogue, mode: Mode, hint: AttitudePrior | None, parameters: CubestarParameters
 ) -> Mask:
-    """Mask of the reduced catalogue: stars within D_max of the approximate boresight (Erlank 2013 §4.3.4); all when lost."""
+    """Return the mask of the reduced catalogue: stars within D_max of the approximate boresight (Erlank 2013 §4.3.4),
+    or all stars in lost in space."""
     if mode is Mode.LOST_IN_SPACE or hint is None:
         return np.ones(len(catalogue), bool)
     boresight = np.asarray(hint.boresight_icrs, float)

@@ -1,4 +1,4 @@
-"""Constants of CubeStar's chain, their sources, and their values for a camera."""
+"""Constants of CubeStar's chain, sources of the constants, and values for a camera."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ class CubestarParameters:
         if self.acceptance not in ("proved", "document"):
             raise BadInput("unknown acceptance", expected="proved | document", got=self.acceptance)
         if self.undistort not in ("exact", "document"):
-            raise BadInput("unknown way to undistort", expected="exact | document", got=self.undistort)
+            raise BadInput("unknown undistortion method", expected="exact | document", got=self.undistort)
         if not (self.threshold_dn > 0 and self.tolerance_rad > 0 and 1 <= self.min_area_px <= self.max_area_px):
             raise BadInput(
-                "detection parameters are impossible",
+                "invalid detection parameters",
                 expected="threshold and tolerance above zero, 1 ≤ smallest ≤ largest area",
                 got=f"{self.threshold_dn}, {self.tolerance_rad}, {self.min_area_px}, {self.max_area_px}",
             )
@@ -98,7 +98,7 @@ HINT_ERROR_RAD = float(np.radians(5.0))
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> CubestarParameters:
-    """Return the parameters for a camera: the document's values for pixels and counts, scaled values for angles."""
+    """Return the parameters for a camera: the document's values in pixels and counts, and scaled values for angles."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -116,7 +116,8 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None) 
 
 
 def _level_where_faintest_vanishes_dn(sensor: Sensor, exposure_s: float) -> float:
-    """Level above which a Gaussian star just below the limiting magnitude covers six pixels: 2πσ² ln(peak / level) = 6."""
+    """Return the level above which a Gaussian star just below the limiting magnitude covers six pixels: 2πσ² ln(peak /
+    level) = 6."""
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     star_dn = float(sensor.star_e(sensor.faint_limit_mag + FAINTER_MAG, exposure_s)) / sensor.gain_e_per_dn
     return float(star_dn / spread_px2 * np.exp(-6 / spread_px2))

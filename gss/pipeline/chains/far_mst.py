@@ -1,7 +1,7 @@
-"""The chain of FAR-MST (Huffman 2006 ch. 4–6): attitude from matched stars, and the sequence of steps.
+"""The chain of FAR-MST (Huffman 2006 ch. 4–6): attitude from matched stars, and sequence of steps.
 
-``far_mst_parameters.SOURCES`` documents, for each parameter, what the document leaves open and the tests added against
-false attitudes.
+``far_mst_parameters.SOURCES`` documents, for each parameter, the choices that the document leaves open and the tests
+added against false attitudes.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def calculate_attitude(
     catalogue: FarMstCatalogue,
     parameters: FarMstParameters,
 ) -> OnboardSolution:
-    """Compute the attitude from the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36). No attitude is given if one
-    star does not fit or the field fits another focal length."""
+    """Compute the attitude from the selected stars with weights 1/σ² (Huffman 2006 eq. 6.34–6.36). No attitude is
+    returned if a star does not fit or the field fits another focal length."""
     probability = matching.false_match_probability
     if matching.reason:
         return proof.rejected(matching.reason, probability)
@@ -65,14 +65,15 @@ def calculate_attitude(
 
 
 def attitude_of(observed: Array, reference: Array, weight: Array, method: str) -> Array:
-    """(4,) quaternion cam_from_icrs by the named method; all four minimise Wahba's loss."""
+    """Return the (4,) quaternion cam_from_icrs by the named method. All four methods minimise Wahba's loss."""
     if method in ("quest", "q_method"):
         return (quest if method == "quest" else q_method)(observed, reference, weight)
     return quaternion_from_matrix((svd if method == "svd" else foam)(observed, reference, weight))
 
 
 def covariance_of(observed: Array, reference: Array, sigma_rad: Array, method: str) -> Array:
-    """(3, 3) covariance in the camera frame in the form of the method (Huffman 2006 eqs. 6.34, 6.53, 6.58)."""
+    """Return the (3, 3) covariance in the camera frame by the formula of the method (Huffman 2006 eqs. 6.34, 6.53,
+    6.58)."""
     if method == "svd":
         return svd_covariance_rad2(observed, reference, sigma_rad)
     if method == "foam":

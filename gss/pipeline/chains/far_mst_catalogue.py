@@ -1,6 +1,6 @@
-"""Catalogue in the memory of FAR-MST's processor: the sin²θ directory of the brightest stars of every field.
+"""Catalogue in the memory of FAR-MST's processor: sin²θ directory of the brightest stars of every field.
 
-A bank in the far-mst format contains the directory; for any other format the processor builds it.
+A bank in the far-mst format contains the directory. For other formats, the processor builds it.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ BRIGHTEST = 8
 
 @dataclass(frozen=True)
 class FarMstCatalogue:
-    """``icrs``: (n, 3) unit vectors in full precision, ``reduced``: (n,) mask of the stars in the directory; all stars are used
-    for confirmation."""
+    """Prepared catalogue. ``icrs``: (n, 3) unit vectors in full precision; ``reduced``: (n,) mask of the stars in the
+    directory. All stars are used for confirmation."""
 
     bank: OnboardCatalogue
     icrs: Array
@@ -36,8 +36,8 @@ class FarMstCatalogue:
 
 
 def far_mst_catalogue(bank: OnboardCatalogue, camera: Camera, brightest: int = BRIGHTEST) -> FarMstCatalogue:
-    """Return the bank's directory, or build one from its reduced catalogue or the ``brightest`` per field (0: all stars). Only the
-    bank's own distances are used."""
+    """Return the bank's directory, or build it from the bank's reduced catalogue or from the ``brightest`` stars per
+    field (0: all stars). Only distances of the bank are used."""
     bank.need_distances()
     icrs = bank.icrs.astype(float)
     icrs = icrs / np.linalg.norm(icrs, axis=1, keepdims=True)
@@ -71,7 +71,7 @@ def _as_stored(bank: OnboardCatalogue, icrs: Array, sin2: NDArray[np.floating]) 
 
 
 def brightness_order(bank: OnboardCatalogue) -> NDArray[np.intp]:
-    """(n,) rows, brightest first; a bank without magnitudes is already in that order."""
+    """Return the (n,) rows, brightest first. A bank without magnitudes is already in this order."""
     if not np.isfinite(bank.v_mag).all():
         return np.arange(len(bank))
     return np.argsort(bank.v_mag, kind="stable")

@@ -1,4 +1,5 @@
-"""Star centroids by weighted sum with second moments, or by Winick's maximum likelihood (Huffman 2006 §4.2.2)."""
+"""Star centroids and second moments by weighted sums, or centroids by Winick's maximum likelihood (Huffman 2006
+§4.2.2)."""
 
 from __future__ import annotations
 
@@ -14,9 +15,9 @@ from gss.pipeline.chains.far_mst_parameters import FarMstParameters
 from gss.pipeline.regions import Blobs, Pixels
 
 PIXEL_PX2 = 1 / 12
-# Errors measured on rendered frames: CUT_PER_SIGMA is added by the irregular threshold cut for a star whose peak equals the
-# threshold, per px of the spot's σ; the straight cuts of the block grid add BLOCK_PX, which decreases only with the square root,
-# up to BLOCK_MOST_PX.
+# Errors measured on rendered frames. The irregular threshold cut adds CUT_PER_SIGMA, per px of the spot's σ, for a star
+# whose peak equals the threshold. The straight cuts of the block grid add BLOCK_PX, at most BLOCK_MOST_PX; this error
+# decreases only with the square root.
 CUT_PER_SIGMA = 0.42
 BLOCK_PX, BLOCK_MOST_PX = 0.85, 0.35
 FLOOR_PX = 0.02
@@ -29,13 +30,14 @@ FARTHEST_PX = 2.0
 
 @dataclass(frozen=True)
 class Signal:
-    """A frame above its dark level, computed only where needed. ``dark_dn``: scalar array or (rows, columns)."""
+    """Frame above its dark level, computed only for the requested pixels. ``dark_dn``: scalar array or (rows,
+    columns)."""
 
     pixels: Pixels
     dark_dn: Array
 
     def at(self, index: NDArray[np.intp]) -> Array:
-        """Return the values at flat pixel indices, in the same shape."""
+        """Return the values at flat pixel indices, in the shape of ``index``."""
         dark = self.dark_dn if self.dark_dn.ndim == 0 else self.dark_dn.ravel()[index]
         return np.asarray(self.pixels.ravel()[index] - dark, float)
 
@@ -58,7 +60,7 @@ class ClusterMoments:
 
 
 def shapes_of(signal: Signal, blobs: Blobs) -> ClusterMoments:
-    """Compute the moments; every pixel of a cluster is weighted with its full value above dark (eq. 4.1)."""
+    """Compute the moments. Every pixel of a cluster is weighted with its full value above dark (eq. 4.1)."""
     n, owner = len(blobs), blobs.owner
     row, col = (x.astype(float) for x in np.divmod(blobs.index, blobs.columns))
     value = signal.at(blobs.index)
@@ -88,7 +90,8 @@ def _sum(values: Array, owner: NDArray[np.intp], n: int) -> Array:
 
 
 def weighted_sum(shapes: ClusterMoments, threshold_dn: float, noise_dn: float, p: FarMstParameters) -> Centroids:
-    """Centroids of the clusters, in their order; ``sigma_px`` per axis according to ``p.sigma_model``."""
+    """Return the centroids of the clusters, in their order, with ``sigma_px`` per axis according to
+    ``p.sigma_model``."""
     if p.sigma_model == "document":
         sigma = document_sigma_px(shapes.peak_dn / noise_dn)
     else:
@@ -102,17 +105,18 @@ def weighted_sum(shapes: ClusterMoments, threshold_dn: float, noise_dn: float, p
 
 
 def document_sigma_px(snr: Array) -> Array:
-    """Standard deviation of a weighted-sum centroid for a star's peak signal-to-noise ratio (eq. 4.2, "psfWidth" is misprinted)."""
+    """Return the standard deviation of a weighted-sum centroid for a peak signal-to-noise ratio (eq. 4.2, where
+    "psfWidth" is a misprint)."""
     return np.asarray(0.11 + 0.5 * np.maximum(snr, 1e-3) ** -1.3)
 
 
 def refine_mle(signal: Signal, noise_dn: float, stars: Centroids, p: FarMstParameters) -> Centroids:
-    """Move the centroids to the maximum of the likelihood (eq. 4.5–4.8, 4.11), all stars at once.
+    """Move the centroids of all stars to the maximum of the likelihood (eq. 4.5–4.8, 4.11).
 
-    Q = 0 is solved by Fisher scoring, which also gives the Cramér–Rao bound (eq. 4.3) as ``sigma_px``. λ_s is estimated too.
-    λ_N is, as in Winick's model, the mean noise count of a pixel (the document says standard deviation): the square of the read
-    noise R is added to both counts and mean, which gives a Poisson variable of the right variance. Saturated
-    pixels are not used; a star that diverges keeps its weighted sum.
+    Q = 0 is solved by Fisher scoring, which also gives the Cramér–Rao bound (eq. 4.3) as ``sigma_px``. λ_s is estimated
+    as well. As in Winick's model, λ_N is the mean noise count of a pixel (the document states the standard deviation).
+    The square of the read noise R is added to both counts and mean, which gives a Poisson variable of the right
+    variance. Saturated pixels are not used. If the iteration of a star diverges, its weighted sum is used.
     """
     if not len(stars):
         return stars
@@ -156,7 +160,8 @@ def _stamps(signal: Signal, stars: Centroids, p: FarMstParameters) -> tuple[Arra
 def _score(
     state: Array, count_e: Array, use: NDArray[np.bool_], dx: Array, dy: Array, background_e: float, sigma_px: float
 ) -> tuple[Array, Array]:
-    """(n, 3) gradient of the log likelihood over x, y and λ_s, and (n, 3, 3) Fisher information."""
+    """Return the (n, 3) gradient of the log likelihood with respect to x, y and λ_s, and the (n, 3, 3) Fisher
+    information."""
     gx, slope_x = _share(dx[None] - state[:, :1], sigma_px)
     gy, slope_y = _share(dy[None] - state[:, 1:2], sigma_px)
     star_e = state[:, 2, None, None]
@@ -176,7 +181,8 @@ def _score(
 
 
 def _share(distance_px: Array, sigma_px: float) -> tuple[Array, Array]:
-    """Share of a one-dimensional Gaussian in a pixel at that distance (eq. 4.7), and its derivative by the star's position."""
+    """Return the share of a one-dimensional Gaussian in a pixel ``distance_px`` away (eq. 4.7), and its derivative with
+    respect to the star's position."""
     scale = 1 / (np.sqrt(2) * sigma_px)
     low, high = (distance_px - 0.5) * scale, (distance_px + 0.5) * scale
     density = np.exp(-low * low) - np.exp(-high * high)

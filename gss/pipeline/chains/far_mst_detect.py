@@ -25,7 +25,7 @@ def find_centroids(pixels: Pixels, parameters: FarMstParameters) -> Detection:
     if pixels.ndim != 2 or min(pixels.shape) < PREFILTER_PX:
         raise BadInput("not a frame", expected="rows and columns of at least 5 pixels", got=f"shape {pixels.shape}")
     if pixels.dtype.kind == "f" and not np.isfinite(pixels).all():
-        raise BadInput("the frame holds values that are not numbers", expected="finite pixels", got="NaN or infinity")
+        raise BadInput("the frame contains invalid pixel values", expected="finite pixels", got="NaN or infinity")
     p = parameters
     dark_dn, noise_dn = _levels(pixels, p)
     threshold_dn = p.threshold_sigma * max(noise_dn, p.noise_dn) if p.threshold_dn is None else p.threshold_dn
@@ -56,11 +56,13 @@ def find_centroids(pixels: Pixels, parameters: FarMstParameters) -> Detection:
 
 
 def _levels(pixels: Pixels, p: FarMstParameters) -> tuple[Array, float]:
-    """Return the dark level, a scalar array or (rows, columns), and the noise measured in the frame about it."""
+    """Return the dark level, a scalar array or (rows, columns), and the noise of the frame about this level."""
     sample = pixels[::3, ::3].astype(float)
     if p.dark_dn is not None:
         if p.dark_dn.shape != pixels.shape:
-            raise BadInput("the dark frame does not fit", expected=str(pixels.shape), got=str(p.dark_dn.shape))
+            raise BadInput(
+                "the dark frame has another size than the frame", expected=str(pixels.shape), got=str(p.dark_dn.shape)
+            )
         sample = sample - p.dark_dn[::3, ::3]
         middle, high = np.quantile(sample, [0.5, 0.8413])
         return p.dark_dn, float(high - middle)
@@ -69,7 +71,7 @@ def _levels(pixels: Pixels, p: FarMstParameters) -> tuple[Array, float]:
 
 
 def _above(pixels: Pixels, dark_dn: Array, threshold_dn: float, p: FarMstParameters) -> Mask:
-    """Mask of pixels above dark level plus threshold."""
+    """Return a mask of the pixels above dark level plus threshold."""
     if dark_dn.ndim == 0 and np.issubdtype(pixels.dtype, np.integer):
         # Comparing integers with the floor of the level avoids converting the frame to float.
         level = int(np.floor(float(dark_dn) + threshold_dn))
@@ -80,8 +82,8 @@ def _above(pixels: Pixels, dark_dn: Array, threshold_dn: float, p: FarMstParamet
 def prefiltered(lit: Mask, kind: str, count: int) -> Mask:
     """Return the lit pixels with enough lit neighbours (§4.1, §4.2.2).
 
-    sliding: at least ``count`` of the 25 pixels around it, itself included. block: at least ``count`` in its block of a
-    regular 5x5 grid, truncated at the right and lower edges.
+    sliding: at least ``count`` lit pixels in the 5x5 square around the pixel. block: at least ``count`` lit pixels in
+    the pixel's block of a regular 5x5 grid, truncated at the right and lower edges.
     """
     if kind == "none":
         return lit
@@ -91,7 +93,8 @@ def prefiltered(lit: Mask, kind: str, count: int) -> Mask:
 
 
 def _sliding_counts(lit: Mask) -> NDArray[np.uint8]:
-    """(rows, columns) number of lit pixels in the 5x5 square around each; pixels outside the frame count as dark."""
+    """Return the (rows, columns) numbers of lit pixels in the 5x5 square around each pixel. Pixels outside the frame
+    count as dark."""
     rows, columns = lit.shape
     padded = np.zeros((rows + 2 * HALF, columns + 2 * HALF), np.uint8)
     padded[HALF:-HALF, HALF:-HALF] = lit
@@ -105,7 +108,7 @@ def _sliding_counts(lit: Mask) -> NDArray[np.uint8]:
 
 
 def _block_counts(lit: Mask, count: int) -> Mask:
-    """(rows, columns) True where the pixel's block has at least ``count`` lit pixels."""
+    """Return a (rows, columns) mask, True for pixels whose block has at least ``count`` lit pixels."""
     rows, columns = lit.shape
     high, wide = -(-rows // PREFILTER_PX), -(-columns // PREFILTER_PX)
     padded = np.zeros((high * PREFILTER_PX, wide * PREFILTER_PX), np.uint8)
@@ -115,7 +118,7 @@ def _block_counts(lit: Mask, count: int) -> Mask:
 
 
 def clusters(lit: Mask) -> Blobs:
-    """8-connected components in raster order of their first pixels (§4.2.1)."""
+    """Return the 8-connected components in raster order of their first pixels (§4.2.1)."""
     columns = lit.shape[1]
     index = np.flatnonzero(lit)
     if not len(index):
@@ -148,7 +151,7 @@ def clusters(lit: Mask) -> Blobs:
 def _verdicts(
     shape: tuple[int, ...], blobs: Blobs, shapes: ClusterMoments, p: FarMstParameters
 ) -> tuple[tuple[str, ...], float]:
-    """Return why each cluster is rejected, or "", and the aspect ratio allowed in this frame."""
+    """Return why each cluster is rejected, or "", and the maximum aspect ratio in this frame."""
     area = blobs.area_px
     row, col = np.divmod(blobs.index, blobs.columns)
     border = (row == 0) | (row == shape[0] - 1) | (col == 0) | (col == shape[1] - 1)

@@ -1,7 +1,7 @@
 """Star identification of FAR-MST: n-vertex or pyramid when lost, rate match while tracking (Huffman 2006 ch. 5).
 
-The selector follows Fig. 8.2 as far as it is known: it depends on the number of stars and on the prior knowledge; if one matcher
-fails, the next is tried.
+The selector follows Fig. 8.2 as far as it is documented. The choice depends on the number of stars and on the prior
+knowledge. If a matcher fails, the next is tried.
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class FarMstMatching:
 
     @property
     def confidence(self) -> float:
-        """Share of the used centroids that are identified; 0 without a result."""
+        """Return the share of identified centroids among those used; 0 without a result."""
         return len(self.selected) / len(self.row) if len(self.row) else 0.0
 
 
 @dataclass
 class _FrameSearch:
-    """State of the search on one frame: inputs, best result and work done so far."""
+    """State of the search on one frame: inputs, best result, and counters of the work."""
 
     unit: Array
     sigma_rad: Array
@@ -106,13 +106,13 @@ def match_stars(
 
 
 def _find_figures(s: _FrameSearch) -> bool:
-    """Search with n-vertex or pyramid over the directory, complete or restricted to the stars near the hint."""
+    """Search with n-vertex or pyramid over the directory. With a hint, only stars near it are searched."""
     n = min(len(s.unit), s.p.max_vertex_stars)
     tolerance = pair_tolerance_rad(s.sigma_rad[:n], s.camera.pixel_rad, s.p)
     s.table = baselines(s.unit[:n], tolerance, _directory(s))
     for tried, (method, figure, names) in enumerate(_hypotheses(s, n)):
         if s.p.acceptance == "document":
-            s.best, s.method = _as_found(s, figure, names), method
+            s.best, s.method = _figure_only(s, figure, names), method
             return True
         if tried >= s.p.most_hypotheses:
             break
@@ -125,7 +125,7 @@ def _find_figures(s: _FrameSearch) -> bool:
 
 
 def _hypotheses(s: _FrameSearch, n: int) -> Iterator[tuple[str, Rows, Rows]]:
-    """Yield identified figures from the matchers in their order."""
+    """Yield the identified figures of all matchers, in the order of the matchers."""
     if s.table is None:
         return
     icrs, document = s.catalogue.icrs, s.p.acceptance == "document"
@@ -157,7 +157,8 @@ def _directory(s: _FrameSearch) -> Sin2Directory:
 
 
 def _lost_hypotheses(s: _FrameSearch) -> float:
-    """Number of hypotheses: two per matching directory entry, reduced by a hint to the share of boresights it allows."""
+    """Return the number of hypotheses: two per matching directory entry, reduced by a hint to the share of boresights
+    that it allows."""
     ways = 2.0 * max(1, s.hits)
     if s.mode is Mode.ASSISTED:
         ways *= (1 - np.cos(_hint_error_rad(s))) / (1 - np.cos(s.p.assisted_radius_rad))
@@ -169,22 +170,22 @@ def _hint_error_rad(s: _FrameSearch) -> float:
 
 
 def _accept(s: _FrameSearch, candidate: Identified, method: str, hypotheses: float) -> bool:
-    """True if enough stars are identified, an accident is unlikely and the rest of the field does not contradict it. The best
-    result so far is kept for the reason text."""
+    """True if enough stars are identified, an accidental match is unlikely and the rest of the field does not
+    contradict it. The best result is stored for the reason text."""
     bound = candidate.bound(hypotheses)
     if s.best is None or candidate.count > s.best.count:
         s.best, s.best_bound, s.method = candidate, bound, method
-    if candidate.count < _least(s) or bound > s.p.max_false_probability or candidate.share < _least_share(s):
+    if candidate.count < _min_verified(s) or bound > s.p.max_false_probability or candidate.share < _min_share(s):
         return False
     s.best, s.best_bound, s.method = candidate, bound, method
     return True
 
 
-def _least(s: _FrameSearch) -> int:
+def _min_verified(s: _FrameSearch) -> int:
     return s.p.min_identified[ORDER.index(s.mode)]
 
 
-def _least_share(s: _FrameSearch) -> float:
+def _min_share(s: _FrameSearch) -> float:
     return s.p.min_share[ORDER.index(s.mode)]
 
 
@@ -195,15 +196,16 @@ def _off_hint(s: _FrameSearch, candidate: Identified) -> bool:
     return bool(2 * np.arcsin(min(1.0, float(chord) / 2)) > _hint_error_rad(s))
 
 
-def _as_found(s: _FrameSearch, figure: Rows, names: Rows) -> Identified:
-    """Return the document's result: only the stars of the figure."""
+def _figure_only(s: _FrameSearch, figure: Rows, names: Rows) -> Identified:
+    """Return the result as in the document, with only the stars of the figure."""
     row = np.full(len(s.unit), -1, np.intp)
     row[figure] = names
     return Identified(row, len(figure), len(figure), np.eye(3), float("nan"), float("nan"))
 
 
 def _track(s: _FrameSearch) -> bool:
-    """Rate match with the catalogue: stars predicted at a constant rate and, in case the rotation stopped, without rotation."""
+    """Run the rate match with the catalogue, for stars predicted at a constant rate and, in case the rotation stopped,
+    without rotation."""
     predictions = _predictions(s.hint)
     for rotation in predictions:
         in_view = stars_in_view(s.catalogue.icrs, rotation, s.camera)
@@ -223,7 +225,7 @@ def _track(s: _FrameSearch) -> bool:
 
 
 def _predictions(hint: AttitudePrior | None) -> list[Array]:
-    """Expected (3, 3) attitudes: extrapolated at the last interval's rate, if there is one, and unchanged."""
+    """Return the expected (3, 3) attitudes: extrapolated at the rate of the last interval, if known, and unchanged."""
     if hint is None or hint.quaternion is None:
         return []
     still = [matrix_from_quaternion(hint.quaternion)]
@@ -231,7 +233,7 @@ def _predictions(hint: AttitudePrior | None) -> list[Array]:
 
 
 def _expected_boresight(hint: AttitudePrior, mode: Mode) -> Array:
-    """(3,) expected boresight: the hint's boresight, in tracking extrapolated at constant rate."""
+    """Return the (3,) expected boresight: the hint's boresight, extrapolated at constant rate in tracking."""
     if mode is Mode.TRACKING and hint.quaternion is not None:
         return np.asarray(_predictions(hint)[0][2])
     boresight = np.asarray(hint.boresight_icrs, float)
@@ -239,7 +241,7 @@ def _expected_boresight(hint: AttitudePrior, mode: Mode) -> Array:
 
 
 def _agreeing(s: _FrameSearch, met: Rows, names: Rows) -> Rows:
-    """Return the indices of the pairs whose angles all agree with the catalogue's."""
+    """Return the indices of the pairs whose angles all agree with the catalogue."""
     off = np.abs(angle_matrix_rad(s.unit[met]) - angle_matrix_rad(s.catalogue.icrs[names]))
     agree = (off <= pair_tolerance_rad(s.sigma_rad[met], s.camera.pixel_rad, s.p)).astype(np.int64)
     np.fill_diagonal(agree, 0)
@@ -259,7 +261,7 @@ def _matching(s: _FrameSearch, used: Centroids, unit: Array, good: Rows, accepte
 
 
 def _reason(s: _FrameSearch) -> str:
-    n, least, mode = len(s.unit), _least(s), s.mode.value.replace("_", " ")
+    n, least, mode = len(s.unit), _min_verified(s), s.mode.value.replace("_", " ")
     if n == 0:
         return "no star found in the frame"
     if n < least or (n < 3 and s.best is None):
@@ -268,7 +270,7 @@ def _reason(s: _FrameSearch) -> str:
         return f"no figure of the {n} stars fits the catalogue"
     if s.best.count < least:
         return f"{s.best.count} of {n} stars identified; {least} needed in {mode} mode"
-    if s.best.share < _least_share(s):
+    if s.best.share < _min_share(s):
         return f"{s.best.count} of {n} stars identified where the catalogue has {s.best.in_view}: the others contradict"
     if s.best_bound <= s.p.max_false_probability:
         return "the stars fit only far from the hint"

@@ -1,4 +1,4 @@
-"""FAR-MST's chain on the device: commanded values replace its parameters, and durations are from the document."""
+"""FAR-MST's chain on the device. Commanded values replace its parameters; durations are from the document."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from gss.pipeline.chains.onboard import Commanded, Detection, OnboardSolution, W
 from gss.pipeline.regions import Pixels
 from gss.skytables.bank import OnboardCatalogue
 
-# Huffman 2006 Table 7.2 at 2 σ: 0.170 s for the sliding pre-filter of 1280 x 1024 pixels, 1.4 ms per star; §7.4: 8.3 s for 14
-# frames, 0.22 s of each for matching and QUEST. These are for Matlab in 2006; the planned flight code in C has no figures.
+# Huffman 2006 Table 7.2 at 2 σ: 0.170 s for the sliding pre-filter of 1280 x 1024 pixels, 1.4 ms per star; §7.4: 8.3 s
+# for 14 frames, 0.22 s of each for matching and QUEST. These times are for Matlab in 2006; the document has no times
+# for the planned flight code in C.
 PIXEL_MS, STAR_MS = 169.8 / (1280 * 1024), 1.4
 MATCH_MS, ENTRY_MS = 180.0, 0.01
 ATTITUDE_MS, VECTOR_MS = 20.0, 0.5

@@ -1,4 +1,4 @@
-"""Constants of the FAR-MST chain, their sources, and their values for a camera."""
+"""Constants of the FAR-MST chain, sources of the constants, and values for a camera."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class FarMstParameters:
         least = self.threshold_sigma if self.threshold_dn is None else self.threshold_dn
         if not (least > 0 and self.noise_dn > 0 and 1 <= self.min_area_px <= self.max_area_px):
             raise BadInput(
-                "detection parameters are impossible",
+                "invalid detection parameters",
                 expected="threshold and noise above zero, 1 ≤ smallest ≤ largest area",
                 got=f"{least}, {self.noise_dn}, {self.min_area_px}, {self.max_area_px}",
             )
@@ -134,7 +134,8 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None) 
 
 
 def least_count(threshold_sigma: float, pixels: int) -> int:
-    """Smallest count of 25 for which pure noise leaves less than one pixel per frame after the pre-filter."""
+    """Return the smallest count of 25 for which pure noise leaves less than one pixel per frame after the
+    pre-filter."""
     chance = float(ndtr(-threshold_sigma))
     others = PREFILTER_PX**2 - 1
     for count in range(1, others + 1):

@@ -1,7 +1,7 @@
-"""FAR-MST without a catalogue: rotation between two frames, attitudes chained from it, and rate (Huffman 2006 §5.5, §7.2).
+"""FAR-MST without a catalogue: rotation between two frames, and attitudes chained from it (Huffman 2006 §5.5, §7.2).
 
-The choice of matcher follows the reconstructed Fig. 8.2: rate match if a rotation is expected, else triangles; pairs if
-there are only two stars. The module has no state: the caller passes both frames.
+The choice of matcher follows the reconstructed Fig. 8.2: rate match if the rotation is predicted, else triangle match,
+or pair match for two stars. The module has no state; the caller passes both frames.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ METHODS = ("auto", "pair", "triangle", "rate")
 
 @dataclass(frozen=True)
 class Relative:
-    """Rotation from one frame to the next. ``quaternion``: new camera from old, or None with a ``reason``. ``covariance_rad2``:
-    (3, 3) of the small rotation vector in the new camera frame. ``pairs``: (m, 2) stars (before, after).
-    ``false_match_probability``: upper bound; 1 for two stars, whose distance may agree by chance."""
+    """Rotation from one frame to the next. ``quaternion``: new camera from old, or None with a ``reason``.
+    ``covariance_rad2``: (3, 3) of the small rotation vector in the new camera frame. ``pairs``: (m, 2) stars (before,
+    after). ``false_match_probability``: upper bound; 1 for two stars, whose distance can agree by chance."""
 
     quaternion: Array | None
     covariance_rad2: Array
@@ -47,16 +47,16 @@ def relative_attitude(
     method: str = "auto",
     expected: Array | None = None,
 ) -> Relative:
-    """Return the rotation between two frames. ``expected``: (4,) quaternion new from old for the rate match, e.g. the rotation of
-    the previous interval.
+    """Return the rotation between two frames. ``expected``: (4,) quaternion new from old for the rate match, e.g. the
+    rotation of the previous interval.
 
-    With ``acceptance`` "document" the matcher's pairs are the result; otherwise they are extended to all stars that agree,
-    and the false-match bound must be met, which is impossible with two stars alone.
+    With ``acceptance`` "document" the matcher's pairs are the result. Otherwise they are extended to all stars that
+    agree, and the false-match bound must be met, which is impossible with only two stars.
     """
     if method not in METHODS:
         raise BadInput("unknown frame-to-frame matcher", expected=" | ".join(METHODS), got=method)
     if method == "rate" and expected is None:
-        raise BadInput("the rate match needs the turn of the interval before", expected="a quaternion")
+        raise BadInput("the rate match needs the rotation of the previous interval", expected="a quaternion")
     frames = (_stars(before, camera, parameters), _stars(after, camera, parameters))
     answer = _nothing("", "too few stars in one of the frames")
     for hypothesis in _order(method, len(frames[0][0]), len(frames[1][0]), expected):
@@ -68,9 +68,10 @@ def relative_attitude(
 
 
 def chained(attitude: Attitude, relative: Relative) -> Attitude:
-    """Attitude of the next frame: q_j = Δq q_i (eq. 7.2), errors added as ε_j² = ε_i² + ε_ij² (eq. 7.1), here as matrices."""
+    """Return the attitude of the next frame: q_j = Δq q_i (eq. 7.2). Errors add as ε_j² = ε_i² + ε_ij² (eq. 7.1), here
+    as matrices."""
     if relative.quaternion is None:
-        raise BadInput("there is no turn to chain", expected="a solved relative attitude", got=relative.reason)
+        raise BadInput("there is no rotation to chain", expected="a solved relative attitude", got=relative.reason)
     turn = matrix_from_quaternion(relative.quaternion)
     quaternion = quaternion_from_matrix(turn @ attitude.cam_from_icrs)
     return Attitude(quaternion, turn @ attitude.covariance_rad2 @ turn.T + relative.covariance_rad2)
@@ -105,7 +106,7 @@ def _pairs(
     expected: Array | None,
 ) -> Rows:
     (old, old_sigma), (new, new_sigma) = frames
-    # The difference of two measured angles has the noise of four positions.
+    # The difference between two measured angles has the noise of four positions.
     tolerance = float(p.sigmas * np.sqrt(2 * (np.median(old_sigma) ** 2 + np.median(new_sigma) ** 2)))
     if method == "rate" and expected is not None:
         return rate_match(old, new, matrix_from_quaternion(expected), camera, p.tracking_radius_rad)
@@ -133,7 +134,7 @@ def _solved(
     for widening in (3.0, 1.5, 1.0):
         pairs = rate_match(old, new, matrix_from_quaternion(quaternion), camera, widening * radius)
         if len(pairs) < 2:
-            return _nothing(method, "the matched stars do not fit one turn")
+            return _nothing(method, "the matched stars do not fit a single rotation")
         quaternion, sigma = _fit(pairs, frames, p)
     fov_h, fov_v = camera.fov_rad
     chance = chance_within(len(new) / float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2))), 1.5 * radius)

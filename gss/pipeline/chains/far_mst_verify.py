@@ -1,4 +1,5 @@
-"""Extend a partial identification: predict the bank's stars, match the centroids, and bound the false-match probability."""
+"""Extension of a partial identification: prediction of the bank's stars, matching of centroids, and false-match
+bound."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from gss.pipeline.identify.accidental import accidental_bound, chance_within
 from gss.pipeline.track.rate_match import mutual_nearest
 from gss.skytables.kvector import Rows
 
-# The first attitude comes from a few stars, perhaps close together, so the search radius starts wider and then shrinks.
+# The first attitude is from a few stars that are possibly close together, so the search radius starts wider and then
+# shrinks.
 WIDENINGS = (3.0, 1.5, 1.0)
 # The fit adapts to the stars it collects, so the effective radius for accidental matches is larger than the last radius.
 ROOM = 1.5
@@ -26,8 +28,9 @@ ROOM = 1.5
 
 @dataclass(frozen=True)
 class Identified:
-    """``row``: (n,) catalogue rows, −1 if not identified; ``count``: number identified, of ``in_view`` stars of the bank in this
-    field, with density ``per_sr``; ``cam_from_icrs``: fitted attitude; ``chance``: probability that a random direction matches."""
+    """Extended identification. ``row``: (n,) catalogue rows, −1 if not identified; ``count``: number identified, of
+    ``in_view`` stars of the bank in this field, with density ``per_sr``; ``cam_from_icrs``: fitted attitude;
+    ``chance``: probability that a random direction matches."""
 
     row: Rows
     count: int
@@ -38,21 +41,21 @@ class Identified:
 
     @property
     def share(self) -> float:
-        """Share of identified stars among those possible: all centroids or all stars of the bank, whichever is fewer."""
+        """Return the identified stars as a share of all centroids or of all stars in view, whichever is fewer."""
         return self.count / max(1, min(len(self.row), self.in_view))
 
     def bound(self, hypotheses: float) -> float:
-        """Upper bound on the expected number of accidental matches this good among ``hypotheses``."""
+        """Return an upper bound on the expected number of accidental matches of this quality among ``hypotheses``."""
         return accidental_bound(hypotheses, self.count, len(self.row), self.chance)
 
 
 def pair_tolerance_rad(sigma_rad: Array, pixel_rad: float, p: FarMstParameters) -> Array:
-    """(n, n) tolerance of the angle between two stars relative to the catalogue's (dossier §3.15)."""
+    """Return the (n, n) tolerances for the difference between measured and catalogue angles (dossier §3.15)."""
     return np.asarray(p.sigmas * np.hypot(sigma_rad[:, None], sigma_rad[None]) + p.floor_px * pixel_rad)
 
 
 def star_radius_rad(sigma_rad: Array, pixel_rad: float, p: FarMstParameters) -> Array:
-    """(n,) maximum distance of a star from its predicted position, both axes combined."""
+    """Return the (n,) maximum distances of stars from their predicted positions, both axes combined."""
     return np.asarray(p.sigmas * 1.15 * sigma_rad + p.floor_px * pixel_rad)
 
 
@@ -65,7 +68,8 @@ def complete(
     camera: Camera,
     p: FarMstParameters,
 ) -> Identified | None:
-    """Extend a few matches (``centroid`` is catalogue ``row``) to all consistent ones; None if the few do not fit one attitude."""
+    """Extend a few matches (``centroid`` is catalogue ``row``) to all consistent ones; None if the initial matches do
+    not fit one attitude."""
     radius = star_radius_rad(sigma_rad, camera.pixel_rad, p)
     weight = 1.0 / sigma_rad**2
     rotation = matrix_from_quaternion(quest(unit_cam[centroid], catalogue.icrs[row], weight[centroid]))
@@ -93,7 +97,7 @@ def complete(
 
 
 def _still_near(names: Rows, unit_cam: Array, radius: Array, rotation: Array, icrs: Array) -> Rows:
-    """Return the catalogue rows whose residual in the last fit is within the radius; −1 for the others."""
+    """Return the catalogue rows with residuals of the last fit within the radius; −1 for the others."""
     met = np.flatnonzero(names >= 0)
     off = np.linalg.norm(icrs[names[met]] @ rotation.T - unit_cam[met], axis=1)
     names[met[off > radius[met]]] = -1
@@ -101,7 +105,7 @@ def _still_near(names: Rows, unit_cam: Array, radius: Array, rotation: Array, ic
 
 
 def stars_in_view(icrs: Array, cam_from_icrs: Array, camera: Camera) -> Rows:
-    """Rows of the (n, 3) directions that fall on the detector, or a few pixels beside it."""
+    """Return the rows of the (n, 3) directions that are on the detector or a few pixels beside it."""
     near = np.flatnonzero(icrs @ cam_from_icrs[2] > np.cos(min(_half_diagonal_rad(camera) + 0.01, 1.5)))
     pixels = camera.project(icrs[near] @ cam_from_icrs.T)
     return near[camera.contains(pixels, -5.0)]

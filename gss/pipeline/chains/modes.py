@@ -21,15 +21,16 @@ class Mode(StrEnum):
 
     @property
     def state(self) -> int:
-        """2 lost in space, 1 assisted, 0 tracking."""
+        """Return the flag: 2 lost in space, 1 assisted, 0 tracking."""
         return {Mode.LOST_IN_SPACE: 2, Mode.ASSISTED: 1, Mode.TRACKING: 0}[self]
 
 
 def next_mode(mode: Mode, solved: bool) -> Mode:
-    """Return the mode of the next iteration: an attitude leads to tracking, each failure goes back one step.
+    """Return the mode of the next iteration. An attitude leads to tracking; each failure goes back one step.
 
-    The document only says that the result of the attitude determination sets the flag (§5.3.4) and asks for better rules
-    (§7.2). After a failed tracking frame the previous boresight is still good, so assisted is tried before lost in space.
+    The document states only that the result of the attitude determination sets the flag (§5.3.4) and asks for better
+    rules (§7.2). After a failed tracking frame the previous boresight is still useful, so assisted is tried before lost
+    in space.
     """
     if solved:
         return Mode.TRACKING
@@ -39,9 +40,9 @@ def next_mode(mode: Mode, solved: bool) -> Mode:
 @dataclass(frozen=True)
 class AttitudePrior:
     """Prior attitude: (3,) boresight in ICRS, and the (4,) quaternion cam_from_icrs if the full attitude is known.
-    ``earlier``: quaternions of the iterations before that one, newest first, for predictors. ``ages_s``: time from the last
-    attitude, and from each earlier one, to the frame; if one is
-    missing, all are taken as one second apart."""
+    ``earlier``: quaternions of the iterations before that one, newest first, for predictors. ``ages_s``: times from the
+    last attitude, and from each earlier attitude, to the frame. If a time is missing, all attitudes are assumed to be
+    one second apart."""
 
     boresight_icrs: Array
     quaternion: Array | None = None
@@ -56,13 +57,14 @@ class AttitudePrior:
     def from_quaternion(
         cls, quaternion: Array, earlier: tuple[Array, ...] = (), ages_s: tuple[float, ...] = ()
     ) -> AttitudePrior:
-        """Return a hint with the full attitude."""
+        """Return a prior with the full attitude."""
         q = np.asarray(quaternion, float)
         return cls(matrix_from_quaternion(q)[2], q, earlier, ages_s)
 
     @property
     def steps(self) -> float:
-        """Time from the last attitude to the frame, in units of the time between the last two; 1 without earlier ones."""
+        """Return the time from the last attitude to the frame, in units of the time between the last two attitudes; 1
+        without earlier attitudes."""
         return self.ages_s[0] / (self.ages_s[1] - self.ages_s[0]) if self.earlier else 1.0
 
 

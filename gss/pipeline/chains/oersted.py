@@ -1,8 +1,9 @@
-"""The chain of the Oersted star imager (Liebe 1992): sub-pixel centroids of the brightest stars, triplets, predicted image.
+"""The chain of the Oersted star imager (Liebe 1992): sub-pixel centroids of the brightest stars, triplets, predicted
+image.
 
 The initial estimate identifies stars by the distances to their two nearest neighbours and the angle between them; the
-predictional estimate fits the predicted image to the measured one. ``oersted_parameters.SOURCES`` documents, for each parameter,
-what the document leaves open and the tests added against false attitudes.
+predictional estimate fits the predicted image to the measured one. ``oersted_parameters.SOURCES`` documents, for each
+parameter, the choices that the document leaves open and the tests added against false attitudes.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ from gss.pipeline.track.constant_rate import average_estimates
 from gss.pipeline.track.differential import differential_attitude
 from gss.skytables.bank import OnboardCatalogue
 
-# Liebe 1992 Table 4: 2 s for an initial, ½ s for a predictional estimate on a 386 at 33 MHz. The division into steps is estimated.
+# Liebe 1992 Table 4: 2 s for an initial, ½ s for a predictional estimate on a 386 at 33 MHz. The times of the steps are
+# estimated.
 DETECT_MS, REGION_MS = 250.0, 0.5
 INITIAL_MS, CANDIDATE_MS, PREDICTIONAL_MS, ATTITUDE_MS, STAR_MS = 700.0, 2.5, 120.0, 80.0, 1.0
 MAX_REGIONS = 1000
@@ -39,7 +41,7 @@ COMPANION = 3.0
 
 
 def find_centroids(pixels: Pixels, parameters: OerstedParameters, limit_mag: float) -> Detection:
-    """Find the stars brighter than the limit of the triplet table, each located in its window."""
+    """Find the stars brighter than the limit of the triplet table and compute the centroid of each in its window."""
     p = parameters
     black_dn = grid_median_dn(pixels)
     limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, MAX_REGIONS, True)
@@ -81,7 +83,7 @@ def calculate_attitude(
     reference = catalogue.icrs[rows]
     cam_from_icrs = differential_attitude(unit, reference, matching.cam_from_icrs)
     if cam_from_icrs is None:
-        return proof.rejected(f"{len(chosen)} stars in one direction leave the attitude open")
+        return proof.rejected(f"{len(chosen)} stars in one direction do not determine the attitude")
     sigma_rad = centroids.sigma_px[chosen] * camera.pixel_rad
     probability = false_match_probability(matching, cam_from_icrs, camera, catalogue, parameters)
     reason = _objection(matching, cam_from_icrs, camera, catalogue, parameters, hint, sigma_rad, probability)
@@ -97,7 +99,7 @@ def calculate_attitude(
 
 
 def _averaged(quaternion: Array, mode: Mode, hint: AttitudePrior | None, parameters: OerstedParameters) -> Array:
-    """Return the newest of the last ``averaged`` estimates, smoothed; unchanged if nothing is averaged."""
+    """Return the latest estimate, smoothed over the last ``averaged`` estimates; unchanged if averaging is off."""
     if mode is not Mode.TRACKING or hint is None or hint.quaternion is None or parameters.averaged == 1:
         return quaternion
     estimates = [quaternion, hint.quaternion, *hint.earlier][: parameters.averaged]
@@ -114,7 +116,7 @@ def _objection(
     sigma_rad: Array,
     probability: float,
 ) -> str:
-    """Return why this attitude should be rejected, or ""."""
+    """Return the reason to reject this attitude, or ""."""
     chosen = matching.selected
     reference = catalogue.icrs[matching.row[chosen]]
     miss_rad = np.linalg.norm(reference @ cam_from_icrs.T - matching.unit_cam[chosen], axis=1)
@@ -123,7 +125,7 @@ def _objection(
     return (
         proof.misfit(miss_rad, 1.05 * tolerance_rad, camera.pixel_rad)
         or errors_objection(miss_rad, sigma_rad, tolerance_rad, camera.pixel_rad)
-        # Two stars have no handedness; in tracking, only the bound tests them.
+        # Two stars have no handedness. In tracking, only the bound tests them.
         or (proof.mirrored(unit, reference, tolerance_rad) if len(chosen) > 2 else "")
         or (proof.off_hint(near, cam_from_icrs, _hint_error_rad(camera, parameters)) if near else "")
         or proof.accidental(len(chosen), len(matching.row), probability, parameters.max_false_probability)
@@ -153,10 +155,11 @@ def false_match_probability(
     catalogue: OerstedCatalogue,
     parameters: OerstedParameters,
 ) -> float:
-    """Bound on the expected number of accidental identifications with as many stars as this one.
+    """Return a bound on the expected number of accidental identifications with as many stars as this one.
 
-    A matching triplet is not evidence against an accident, because its stars were chosen to fit. Therefore every attitude that
-    maps a pair of centroids to a pair of stars counts as a hypothesis, whether the triplet table led there or not.
+    A matching triplet is not evidence against an accidental match, because its stars were selected to fit. Therefore
+    every attitude that maps a pair of centroids to a pair of stars counts as a hypothesis, even if it does not result
+    from the triplet table.
     """
     tolerance = parameters.uncertainty_rad
     # Companions within each other's tolerance are not independent evidence and count as one star.
@@ -173,7 +176,8 @@ def false_match_probability(
 
 
 def pair_placements(unit_cam: Array, stars: int, tolerance_rad: float) -> float:
-    """Expected number of ways to map any two of (n, 3) directions to any two of ``stars`` stars over the whole sky."""
+    """Return the expected number of mappings of any two of (n, 3) directions to any two of ``stars`` stars over the
+    whole sky."""
     good = unit_cam[np.isfinite(unit_cam).all(axis=1)]
     i, j = np.triu_indices(len(good), 1)
     sine = np.linalg.norm(np.cross(good[i], good[j]), axis=1)
@@ -204,7 +208,8 @@ class OerstedChain:
         return calculate_attitude(matching, centroids, work.camera, work.catalogue, work.parameters, work.hint)
 
     def next_mode(self, mode: Mode, solved: bool) -> Mode:
-        """Return the next mode: the predictional estimate while it succeeds, else the initial one (Liebe 1992, "Algorithms")."""
+        """Return the next mode: the predictional estimate while it succeeds, else the initial estimate (Liebe 1992,
+        "Algorithms")."""
         return Mode.TRACKING if solved else Mode.LOST_IN_SPACE
 
     def detect_ms(self, pixels: int, detection: Detection) -> float:

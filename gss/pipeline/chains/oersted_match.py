@@ -52,12 +52,13 @@ class OerstedCatalogue:
 def prepare(
     catalogue: OnboardCatalogue, profile: CameraProfile, triplets: TripletTable | None = None
 ) -> OerstedCatalogue:
-    """Prepare the bank with the given triplets, else its own, else triplets computed from its stars."""
+    """Prepare the bank with the given triplets, else with the bank's triplets, else with triplets computed from its
+    stars."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     if triplets is not None and triplets.stars != len(catalogue):
         raise BadInput(
-            "the triplet table belongs to another star list",
+            "the triplet table is for another star list",
             expected=f"{len(catalogue)} stars",
             got=str(triplets.stars),
         )
@@ -79,8 +80,9 @@ def prepare(
 
 
 def limit_mag(v_mag: NDArray[np.floating], profile: CameraProfile) -> float:
-    """Magnitude limit for using stars of a list of (n,) ``v_mag``. The list must be deeper by the brightness uncertainty (the
-    document has 1539 stars for the 1107 it uses), and the detector must detect them. Without magnitudes, the profile's limit."""
+    """Return the magnitude limit of the stars used from a list with magnitudes ``v_mag`` (n,). The list must be deeper
+    than the limit by the brightness uncertainty (the document has 1539 stars for the 1107 it uses), and the detector
+    must detect the stars. Without magnitudes, return the limit of the profile."""
     finite_mag = v_mag[np.isfinite(v_mag)]
     if not len(finite_mag):
         return profile.sensor.faint_limit_mag
@@ -106,17 +108,17 @@ class OerstedMatching:
 
     @property
     def weight(self) -> Array:
-        """(n,) ones, because the document's least distances are not weighted."""
+        """Return (n,) ones, because the document does not weight the least distances."""
         return (self.row >= 0).astype(float)
 
     @property
     def operations(self) -> int:
-        """Number of matching references and distances compared."""
+        """Return the number of matching references plus the number of distances compared."""
         return self.candidates + self.compared
 
     @property
     def confidence(self) -> float:
-        """Share of the centroids that are identified."""
+        """Return the share of identified centroids."""
         return len(self.selected) / len(self.row) if len(self.row) else 0.0
 
 
@@ -128,9 +130,10 @@ def match_stars(
     mode: Mode = Mode.LOST_IN_SPACE,
     hint: AttitudePrior | None = None,
 ) -> OerstedMatching:
-    """Identify centroids: initial estimate when lost or assisted, predictional estimate in tracking (Liebe 1992, "Algorithms").
+    """Identify centroids: initial estimate in lost in space and assisted mode, predictional estimate in tracking (Liebe
+    1992, "Algorithms").
 
-    The predicted image also completes the initial estimate, whose triplets omit the stars near the edge.
+    The predicted image also completes the initial estimate, because triplets omit the stars near the edge.
     """
     check_hint(mode, hint)
     unit = camera.unproject(centroids.pixels)
@@ -193,7 +196,8 @@ def _track(
     parameters: OerstedParameters,
     hint: AttitudePrior,
 ) -> OerstedMatching:
-    """Match the image predicted at the attitude extrapolated from the last two, or at the last one if that does not fit."""
+    """Match the image predicted at the attitude extrapolated from the last two attitudes or, if it does not fit, at the
+    last attitude."""
     radii = shrinking_radii_rad(parameters.capture_rad, parameters.uncertainty_rad)
     best, compared = None, 0
     for attitude in predicted_attitudes(hint):
@@ -210,7 +214,7 @@ def _track(
 
 
 def predicted_attitudes(hint: AttitudePrior) -> list[Array]:
-    """Attitudes to try, (3, 3) each: extrapolated at the rate of the last two estimates, and unchanged."""
+    """Return the (3, 3) attitudes to try: extrapolated at the rate of the last two estimates, and unchanged."""
     if hint.quaternion is None:
         return []
     last = matrix_from_quaternion(hint.quaternion)
@@ -252,6 +256,6 @@ def _too_few(centroids: int, triplets: int, verified: int, needed: int, mode: Mo
     if verified >= needed:
         return ""
     if mode is not Mode.TRACKING and triplets == 0:
-        return f"no triplet among {centroids} centroids lies wholly inside the frame"
+        return f"no triplet among {centroids} centroids is completely inside the frame"
     stars = "centroid" if centroids == 1 else "centroids"
     return f"{verified} of {centroids} {stars} verified; {needed} needed in {mode.value.replace('_', ' ')} mode"

@@ -1,4 +1,4 @@
-"""Constants of the Oersted star imager's chain, their sources, and their values for a camera."""
+"""Constants of the Oersted star imager's chain, sources of the constants, and values for a camera."""
 
 from __future__ import annotations
 
@@ -73,13 +73,13 @@ class OerstedParameters:
             raise BadInput("unknown acceptance", expected="proved | document", got=self.acceptance)
         if not (self.threshold_dn > 0 and self.uncertainty_rad > 0 and 1 <= self.min_area_px <= self.max_area_px):
             raise BadInput(
-                "detection parameters are impossible",
+                "invalid detection parameters",
                 expected="threshold and uncertainty above zero, 1 ≤ smallest ≤ largest area",
                 got=f"{self.threshold_dn}, {self.uncertainty_rad}, {self.min_area_px}, {self.max_area_px}",
             )
         if self.window_px < 5 or self.window_px % 2 == 0 or self.averaged < 1:
             raise BadInput(
-                "window or number of averaged estimates is impossible",
+                "invalid window or number of averaged estimates",
                 expected="an odd window of at least 5 px, at least 1 estimate",
                 got=f"{self.window_px}, {self.averaged}",
             )
@@ -109,7 +109,7 @@ FAINTEST_AREA_PX = 6.0
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> OerstedParameters:
-    """Return the parameters for a camera; the document's position errors are converted to pixels."""
+    """Return the parameters for a camera. The document's position errors are converted to pixels."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -125,12 +125,13 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None) 
 
 
 def uncertainty_rad(profile: CameraProfile) -> float:
-    """Largest error of one star's position."""
+    """Return the largest error of one star's position."""
     return UNCERTAINTY_PX * profile.camera.pixel_rad
 
 
 def detectable_mag(profile: CameraProfile) -> float:
-    """Magnitude of a star that covers ``FAINTEST_AREA_PX`` above the threshold: 2πσ² ln(peak / threshold)."""
+    """Return the magnitude of a star with area ``FAINTEST_AREA_PX`` above the threshold; the area is 2πσ² ln(peak /
+    threshold)."""
     sensor = profile.sensor
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     threshold_dn = default_parameters(profile).threshold_dn
@@ -139,6 +140,7 @@ def detectable_mag(profile: CameraProfile) -> float:
 
 
 def _full_dn(profile: CameraProfile) -> float:
-    """Saturation level of a pixel: slightly below the limit of the converter or the full well, whichever is lower."""
+    """Return the saturation level of a pixel: slightly below the limit of the converter or the full well, whichever is
+    lower."""
     s = profile.sensor
     return min(float(s.saturation_dn), s.bias_dn + s.full_well_e / s.gain_e_per_dn) * 0.99

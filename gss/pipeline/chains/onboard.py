@@ -1,7 +1,7 @@
-"""Interface of a sensor's chains: three stages, which are commands of the device, their parameters and durations.
+"""Interface of the on-board chains: three stages, which are commands of the device, with parameters and durations.
 
-The simulator's firmware, the replay on the ground and ``gss solve`` run chains only through this interface, so that the
-same frame, bank, settings and prior give bit-identical results in all three.
+The simulator's firmware, the ground replay and ``gss solve`` run chains only through this interface. Equal frame, bank,
+settings and prior therefore give bit-identical results in all three.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from gss.skytables.bank import OnboardCatalogue
 
 @dataclass(frozen=True)
 class Detection:
-    """Result of FIND_CENTROIDS. ``regions``: in order of discovery, ``centroids``: brightest first, limited to the number the
-    system keeps; ``invalid``: number of too large regions; ``black_dn``: level that the threshold is relative to."""
+    """Result of FIND_CENTROIDS. ``regions``: in order of discovery, ``centroids``: brightest first, limited to the
+    number the system keeps; ``invalid``: number of regions that are too large; ``black_dn``: reference level of the
+    threshold."""
 
     regions: tuple[Region, ...]
     centroids: Centroids
@@ -70,7 +71,8 @@ class Matched(Protocol):
 
 @dataclass(frozen=True)
 class Commanded:
-    """Values that the operator can set on board. None keeps the chain's value. ``threshold_dn`` is above black."""
+    """Values that the operator can set on board. If a value is None, the chain's value is used. ``threshold_dn`` is
+    above black."""
 
     threshold_dn: float | None = None
     min_area_px: int | None = None
@@ -82,7 +84,8 @@ P = TypeVar("P")
 
 
 def with_detection(base: P, commanded: Commanded) -> P:
-    """Return a chain's parameters with the commanded threshold and areas; the maximum area is never below the minimum."""
+    """Return a chain's parameters with the commanded threshold and areas. The maximum area is never below the
+    minimum."""
     current: Any = base
     smallest = current.min_area_px if commanded.min_area_px is None else commanded.min_area_px
     largest = current.max_area_px if commanded.max_area_px is None else commanded.max_area_px
@@ -92,7 +95,8 @@ def with_detection(base: P, commanded: Commanded) -> P:
 
 
 def with_commanded(base: P, camera: Camera, commanded: Commanded, mode: Mode) -> P:
-    """As :func:`with_detection`, and in assisted mode a catalogue radius of the field's half diagonal plus the hint's radius."""
+    """Return a chain's parameters with all commanded values. See :func:`with_detection`; in assisted mode, the
+    catalogue radius is the field's half diagonal plus the hint's radius."""
     changed: Any = with_detection(base, commanded)
     if mode is Mode.ASSISTED and commanded.hint_radius_rad is not None:
         reach_rad = min(float(np.pi), camera.half_diagonal_rad + commanded.hint_radius_rad)
@@ -121,7 +125,7 @@ class OnboardChain(Protocol):
 
     @property
     def oldest_attitude_s(self) -> float:
-        """Greatest age of the last attitude at a frame that is tracked from it."""
+        """Return the maximum age of the last attitude at a frame that is tracked from it."""
 
     def parameters(self, profile: CameraProfile, exposure_s: float | None, commanded: Commanded, mode: Mode) -> Any:
         """Return the chain's constants for a camera, with the commanded values."""
@@ -142,7 +146,8 @@ class OnboardChain(Protocol):
         """Return the mode of the next iteration."""
 
     def detect_ms(self, pixels: int, detection: Detection) -> float:
-        """Duration on the system's processor, from its document's figures and the counted work."""
+        """Return the duration of the detection on the system's processor, from the document's times and the counted
+        operations."""
 
     def match_ms(self, matching: Any) -> float:
         """As ``detect_ms``."""

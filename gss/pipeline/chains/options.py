@@ -1,4 +1,4 @@
-"""Listing and replacing a chain's constants by name, for reruns with another method or limit."""
+"""Listing and replacement of a chain's constants by name, for reruns with another method or limit."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Kind = Literal["number", "integer", "word", "yes or no", "numbers"]
 
 @dataclass(frozen=True)
 class ChainOption:
-    """Constant that a rerun can change. ``value``: as text, for the camera and exposure; empty: not set. ``numbers``: separated
-    by commas. ``source``: the document's section, or the reason for the value."""
+    """Constant that a rerun can change. ``value``: text for the camera and exposure, empty if not set; ``numbers`` are
+    separated by commas. ``source``: section of the document, or reason for the value."""
 
     name: str
     kind: Kind
@@ -54,7 +54,8 @@ def listed(parameters: Any, sources: Mapping[str, str]) -> tuple[ChainOption, ..
 
 
 def source_of(name: str, sources: Mapping[str, str]) -> str:
-    """Return the source of a constant. Constants of one kind share it: min_verified_lost has that of min_verified."""
+    """Return the source of a constant. Related constants share a source: min_verified_lost has the source of
+    min_verified."""
     if name in sources:
         return sources[name]
     stems = [stem for stem in sources if name.startswith(stem) or stem.startswith(name.rpartition("_")[0] or "–")]
@@ -130,6 +131,6 @@ def parse(pairs: Sequence[str]) -> dict[str, str]:
     for pair in pairs:
         name, equals, value = pair.partition("=")
         if not equals or not name:
-            raise BadInput("unreadable constant", expected="NAME=VALUE", got=pair)
+            raise BadInput("invalid constant", expected="NAME=VALUE", got=pair)
         values[name.strip()] = value.strip()
     return values

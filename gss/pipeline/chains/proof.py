@@ -1,6 +1,7 @@
-"""Proof stage of the on-board chains: tests that an attitude must pass, and the assembly of the solution.
+"""Proof stage of the on-board chains: tests that an attitude must pass, and construction of the solution.
 
-Each test returns the reason to reject the attitude, or "". A chain chooses its tests and their limits; see its ``SOURCES``.
+Each test returns the reason to reject the attitude, or "". A chain chooses its tests and their limits; see its
+``SOURCES``.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ def solved(
     weight: Array,
     seen_px: Array,
 ) -> OnboardSolution:
-    """Return the solution for the centroids ``named`` (k,), with catalogue numbers ``hip``, weights and the (k, 2) pixels at
-    which the attitude puts their stars."""
+    """Return the solution for the identified centroids ``named`` (k,). ``hip``: catalogue numbers of their stars;
+    ``weight``: weights; ``seen_px`` (k, 2): pixels of the stars predicted by the attitude."""
     residual_px = centroids.pixels[named] - seen_px
     return OnboardSolution(
         attitude, Matches(named.astype(np.int32), hip.astype(np.int32), weight, residual_px), probability, ""
@@ -44,7 +45,7 @@ def solved(
 
 
 def misfit(miss_rad: Array, limit_rad: Array | float, pixel_rad: float) -> str:
-    """Test that each of (k,) residuals is within its limit."""
+    """Test that all (k,) residuals are within their limits."""
     if not np.any(miss_rad > limit_rad):
         return ""
     return f"matched stars do not fit one attitude: one is {float(np.max(miss_rad)) / pixel_rad:.1f} px off"
@@ -65,7 +66,7 @@ def off_hint(hint: AttitudePrior, cam_from_icrs: Array, limit_rad: float) -> str
 
 
 def accidental(selected: int, centroids: int, probability: float, allowed: float) -> str:
-    """Test that the bound on the false-match probability is not above ``allowed``."""
+    """Test that the bound on the false-match probability is at most ``allowed``."""
     if probability <= allowed:
         return ""
     return (
@@ -77,38 +78,40 @@ def accidental(selected: int, centroids: int, probability: float, allowed: float
 def another_focal_length(
     pixels: Array, unit_cam: Array, selected: Rows, reference: Array, bank: Array, camera: Camera, radius_px: float
 ) -> str:
-    """Test that no other focal length fits the field better. ``pixels`` (n, 2) and ``unit_cam`` (n, 3) of all centroids, NaN where
-    a direction is unknown; ``reference``: (k, 3) catalogue directions of the ``selected`` ones; ``bank``: (m, 3) of all stars."""
+    """Test that no other focal length fits the field better. ``pixels`` (n, 2), ``unit_cam`` (n, 3): of all centroids,
+    NaN if a direction is unknown; ``reference``: (k, 3) catalogue directions of the ``selected`` centroids; ``bank``:
+    (m, 3) directions of all stars."""
     good = np.flatnonzero(np.isfinite(unit_cam).all(axis=1))
     return focal_objection(pixels[good], np.searchsorted(good, selected), reference, bank, camera, radius_px)
 
 
 def boresight_error_rad(hint: AttitudePrior, cam_from_icrs: Array) -> float:
-    """Angle between the hint's boresight and the attitude's."""
+    """Return the angle between the boresights of hint and attitude."""
     boresight = np.asarray(hint.boresight_icrs, float)
     chord = float(np.linalg.norm(boresight / np.linalg.norm(boresight) - cam_from_icrs[2]))
     return float(2 * np.arcsin(min(1.0, chord / 2)))
 
 
 def hint_error_rad(camera: Camera, assisted_radius_rad: float, least_rad: float) -> float:
-    """Maximum angle of the boresight from the hint: the catalogue's radius minus the field's half diagonal (Erlank 2013 §4.3.4),
-    at least ``least_rad``."""
+    """Return the maximum angle between boresight and hint: the catalogue's radius minus the field's half diagonal
+    (Erlank 2013 §4.3.4), at least ``least_rad``."""
     return max(assisted_radius_rad - _field_of(camera)[0], least_rad)
 
 
 def stars_per_sr(icrs: Array, cam_from_icrs: Array, camera: Camera) -> float:
-    """Density of the (n, 3) stars in the field of view; at least one star counts."""
+    """Return the density of the (n, 3) stars in the field of view, assuming at least one star."""
     in_view = int(np.count_nonzero(camera.contains(camera.project(icrs @ cam_from_icrs.T))))
     return max(1, in_view) / solid_angle_sr(camera)
 
 
 def solid_angle_sr(camera: Camera) -> float:
-    """Solid angle of the field of view."""
+    """Return the solid angle of the field of view."""
     return _field_of(camera)[1]
 
 
 @lru_cache(maxsize=16)
 def _field_of(camera: Camera) -> tuple[float, float]:
-    """Half diagonal, rad, and solid angle, sr, of the field of view; cached because they are the same for every frame."""
+    """Return half diagonal, rad, and solid angle, sr, of the field of view. Cached because they are equal for all
+    frames."""
     fov_h, fov_v = camera.fov_rad
     return camera.half_diagonal_rad, float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))

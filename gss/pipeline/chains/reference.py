@@ -1,7 +1,8 @@
-"""Reference chain: robust detection, Gaussian centroids, k-vector pyramid or blind figures, least squares with covariance.
+"""Reference chain: robust detection, Gaussian centroids, k-vector pyramid or blind figures, least squares with
+covariance.
 
-Every solution has a false-match probability, and none is returned above the limit. The chain shares no identification
-code with the replicas of the documents' systems.
+Every solution has a false-match probability. Solutions above the limit are not returned. The chain shares no
+identification code with the replicas of the documents' systems.
 """
 
 from __future__ import annotations
@@ -35,19 +36,21 @@ from gss.skytables.pairs import DistanceTable, distance_table_of_units
 NAME = "reference"
 MANY_MORE = 1.5
 FIT_FLOOR_PX = 0.01
-BESIDE_RAD = 0.05  # stars this far outside the field may still contribute light to it
+BESIDE_RAD = 0.05  # stars up to this far outside the field can contribute light to it
 CENSUS_PX = 1.0  # the census of focal lengths has steps of half this size
 DEEPER_ACCEPT = ACCEPT / 2  # because a second search is a second chance of a false match
 EXPLAINED = 0.3
-"""Minimum share of identified stars, relative to the smaller of the numbers of detected and expected stars. An accidental match
-reaches a quarter once in a few thousand frames (mostly mirrored ones), whatever its computed probability; a true one nearly all."""
-MIRRORED = "the frame is mirrored: only its left-right reverse is in the sky; a mirror in the optics, or the file written reversed"
+"""Minimum share of identified stars, relative to the smaller of the numbers of detected and expected stars. True
+matches reach nearly 1. Accidental matches reach a quarter once in a few thousand (mostly mirrored) frames, independent
+of their probability."""
+MIRRORED = "the frame is mirrored: only its left-right mirror image matches the sky. The optics or the file mirror it"
 
 
 @dataclass(frozen=True)
 class KnownSky:
-    """Catalogue data for a known camera: the stars used for identification and their pair distances, and ``deep``, the whole
-    table, brightest first, for identifying the remaining detections. ``deep_row``: row in ``deep`` of each star of ``sky``."""
+    """Catalogue data for a known camera: the stars used for identification, their pair distances, and ``deep``, the
+    whole table, brightest first, for the identification of the remaining detections. ``deep_row``: row in ``deep`` of
+    each star of ``sky``."""
 
     sky: SkyCatalogue
     pairs: DistanceTable
@@ -56,7 +59,8 @@ class KnownSky:
 
 
 def known_sky(sky: SkyCatalogue, camera: Camera, faint_limit_mag: float, merge_px: float = 3.0) -> KnownSky:
-    """Prepare the stars to the camera's limit, without the fainter of pairs that it cannot resolve, and their pair table."""
+    """Prepare the stars down to the camera's limit and their pair table. Of pairs that the camera cannot resolve, the
+    fainter star is dropped."""
     order = np.argsort(sky.v_mag, kind="stable")
     deep = SkyCatalogue(sky.hip[order], sky.icrs[order], sky.v_mag[order])
     bright = np.arange(np.searchsorted(deep.v_mag, faint_limit_mag, side="right"))
@@ -84,9 +88,9 @@ def solve_known(
 ) -> SolveResult:
     """Solve a (rows, cols) frame of a calibrated camera; with ``sensor`` None, photometry is derived from the frame.
 
-    ``deeper`` returns fainter stars; it is only called if the frame shows many more stars than ``stars`` contains.
-    ``velocity_c``: velocity of the observer relative to the barycentre, ICRS, in units of c, for aberration. ``exposure_s``:
-    if given, the rate is measured from trails. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
+    ``deeper`` returns fainter stars. It is called only if the frame shows many more stars than ``stars`` contains.
+    ``velocity_c``: velocity of the observer relative to the barycentre, ICRS, in units of c, for aberration.
+    ``exposure_s``: if given, the rate is measured from trails. ``fast``: see :func:`gss.pipeline.kernels.kernels`.
     """
     if pixels.shape != (camera.rows, camera.columns):
         raise BadInput(
@@ -122,14 +126,14 @@ def solve_centroids(
     fast: bool | None = None,
     clock: Clock | None = None,
 ) -> SolveResult:
-    """As :func:`solve_known`, from given centroids, brightest first."""
+    """Solve given centroids, brightest first, as :func:`solve_known` does for a frame."""
     return _identify_known(centroids, camera, stars, None, hint, Trace(clock), None, velocity_c, fast)
 
 
 def turning_of(
     pixels: NDArray[Any], detections: Detections, camera: Camera, exposure_s: float, sensor: Sensor | None
 ) -> Turning | None:
-    """Return the rate measured from the trails of a frame, if any."""
+    """Return the rate measured from the trails of a frame, or None."""
     return measure_turning(
         pixels,
         detections.centroids,
@@ -174,7 +178,7 @@ def _identify_known(
 ) -> SolveResult:
     view = field_of(centroids, camera)
     with trace.stage("identify"):
-        result, note = _where(view, camera, stars, hint, fast)
+        result, note = _identify_field(view, camera, stars, hint, fast)
         if result.evidence is None and deeper is not None and len(view) > MANY_MORE * _expected(stars, camera):
             stars = deeper()
             again = identify_lost(view, stars.sky, stars.pairs, camera, accept=DEEPER_ACCEPT, fast=fast)
@@ -193,7 +197,7 @@ def _identify_known(
         named = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c, fast)
     seen_both = min(len(view), evidence.predicted)
     if len(named.rows) < EXPLAINED * seen_both:
-        reason = f"the best place found explains only {len(named.rows)} of {seen_both} stars"
+        reason = f"the best solution identifies only {len(named.rows)} of {seen_both} stars"
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
     hip = stars.deep.hip[named.stars]
     answer = solved(base, named.fit, view.centroid[named.rows], hip, evidence.false_match_probability)
@@ -205,7 +209,7 @@ def _another_focal_length(view: FrameDetections, camera: Camera, sky: SkyCatalog
     places = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
     met = int((((places - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
     if plenty(met, evidence.predicted, len(view)):
-        return ""  # the verification already counted the matches that the census would count
+        return ""  # the verification has already counted the matches of a census
     return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px)
 
 
@@ -234,7 +238,8 @@ def _name_all(
     def fit_to(rows: NDArray[np.intp], of: NDArray[np.intp], sigma_px: Array) -> Refined:
         return refine(view.pixels[rows], deep.icrs[of], sigma_px, camera, start)
 
-    # The search limits errors to the accuracy of the lens calibration; the fit weights each star by its own error.
+    # The search uses errors of at least the accuracy of the lens calibration. The fit weights each star by its centroid
+    # error.
     sigma_px = np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX)
     first = fit_to(evidence.rows, picked, sigma_px[evidence.rows])
     start = first.cam_from_icrs
@@ -253,7 +258,7 @@ def _name_all_compiled(
     velocity_c: Array | None,
     loops: ListLoops,
 ) -> AllMatches:
-    """As :func:`_name_all`, with compiled loops."""
+    """Compute the result of :func:`_name_all` with compiled loops."""
     turn = np.array(evidence.cam_from_icrs, float)
     rows, which, residual_px, weight, covariance, rms_px = loops.finish(
         loops.camera_numbers(camera),
@@ -272,7 +277,7 @@ def _name_all_compiled(
 
 
 def _expected(stars: KnownSky, camera: Camera) -> float:
-    """Number of catalogue stars in an average frame."""
+    """Return the number of catalogue stars in an average frame."""
     return len(stars.sky) * camera.columns * camera.rows * camera.pixel_rad**2 / (4 * np.pi)
 
 
@@ -292,7 +297,7 @@ def mirrored(centroids: Centroids, columns: int) -> Centroids:
 def unsolved(
     camera: Camera, centroids: Centroids, detections: Detections | None, notes: tuple[str, ...]
 ) -> SolveResult:
-    """Return a result without a solution, to which a reason or a solution is added."""
+    """Return a result without a solution. The caller adds a reason or a solution."""
     regions = detections.regions if detections else ()
     versions = {"detect": detections.loops} if detections else {}
     base = SolveResult(NAME, Outcome.NONE, "", camera, regions, centroids, None, None, float("nan"), {}, notes)
@@ -302,7 +307,7 @@ def unsolved(
 def solved(
     base: SolveResult, fit: Refined, rows: NDArray[np.intp], hip: NDArray[np.int32], false_match_probability: float
 ) -> SolveResult:
-    """Return the result with its solution: the fit, and the matching (m,) rows of the centroids and (m,) stars."""
+    """Return ``base`` with its solution: the fit, and the matched (m,) rows of the centroids and (m,) stars."""
     matches = Matches(rows.astype(np.int32), hip.astype(np.int32), fit.weight, fit.residual_px)
     attitude = Attitude(quaternion_from_matrix(fit.cam_from_icrs), fit.covariance_rad2)
     return replace(
@@ -315,7 +320,7 @@ def solved(
     )
 
 
-def _where(
+def _identify_field(
     view: FrameDetections, camera: Camera, stars: KnownSky, hint: BoundedPrior | None, fast: bool | None
 ) -> tuple[PyramidMatch, tuple[str, ...]]:
     """Identify near the hint if there is one, then over the whole sky."""

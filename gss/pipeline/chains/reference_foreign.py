@@ -37,7 +37,7 @@ def solve_foreign(
 ) -> SolveResult:
     """Solve a frame of an uncalibrated camera whose horizontal field of view lies in a range.
 
-    The result's ``camera`` carries the fitted focal lengths, centre and distortion.
+    The ``camera`` of the result has the fitted focal lengths, centre and distortion.
     """
     trace = Trace(clock)
     with trace.stage("detect"):

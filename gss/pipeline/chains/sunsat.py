@@ -1,7 +1,7 @@
 """The chain of the Sunsat star sensor (Jacobs 1995 ch. 2–4): region growing, match groups, tracking in windows, TRIAD.
 
-No state is kept between calls: the tracker's prior knowledge is passed in the hint. ``sunsat_parameters.SOURCES`` documents, for
-each parameter, what the document leaves open and the tests added against false attitudes.
+The chain has no state: the prior knowledge of the tracker is passed in the hint. ``sunsat_parameters.SOURCES``
+documents, for each parameter, the choices that the document leaves open and the tests added against false attitudes.
 """
 
 from __future__ import annotations
@@ -51,29 +51,31 @@ def match_stars(
     meet the bound is rejected: other groups of the same size are tried, then the next eight stars, half of them new.
     """
     p = parameters
-    every: list[SunsatMatching] = []
+    first_results: list[SunsatMatching] = []
     rounds = p.max_rounds if p.acceptance == "bound" else 1
     for first in range(0, rounds * p.max_observed // 2, max(1, p.max_observed // 2)):
         if first and len(centroids) < first + p.min_group:
             break
-        before = (every[-1].hypotheses, every[-1].operations) if every else (0.0, 0)
+        before = (first_results[-1].hypotheses, first_results[-1].operations) if first_results else (0.0, 0)
         tried = [
             replace(m, hypotheses=m.hypotheses + before[0], operations=m.operations + before[1])
             for m in candidates(centroids, camera, catalogue, p, mode, hint, first)
         ]
         if p.acceptance == "document":
             return tried[0]
-        sure = [m for m in tried if calculate_attitude(m, centroids, camera, catalogue, p, hint).attitude is not None]
-        if sure and _same_attitude(sure):
-            return sure[0]
-        every.append(tried[0])
-    return replace(every[0], operations=every[-1].operations)
+        accepted = [
+            m for m in tried if calculate_attitude(m, centroids, camera, catalogue, p, hint).attitude is not None
+        ]
+        if accepted and _same_attitude(accepted):
+            return accepted[0]
+        first_results.append(tried[0])
+    return replace(first_results[0], operations=first_results[-1].operations)
 
 
-def _same_attitude(sure: list[SunsatMatching]) -> bool:
+def _same_attitude(matchings: list[SunsatMatching]) -> bool:
     """True if the matchings have two identified stars in common."""
-    names = [set(zip(m.selected.tolist(), m.row[m.selected].tolist(), strict=True)) for m in sure]
-    return all(len(names[0] & other) > 1 for other in names[1:])
+    identified = [set(zip(m.selected.tolist(), m.row[m.selected].tolist(), strict=True)) for m in matchings]
+    return all(len(identified[0] & other) > 1 for other in identified[1:])
 
 
 def calculate_attitude(
@@ -121,8 +123,8 @@ def calculate_attitude(
 def _another_focal_length(
     matching: SunsatMatching, centroids: Centroids, catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters
 ) -> str:
-    """Return why the focal length may be wrong, or "". Not in the document; added because three stars in a corner also fit
-    another focal length, with a wrong boresight."""
+    """Return why the focal length could be wrong, or "". This test is not in the document. It was added because three
+    stars in a corner also fit another focal length, with a wrong boresight."""
     if p.acceptance == "document":
         return ""
     chosen, bank = matching.selected, catalogue.guides.unit
@@ -133,8 +135,8 @@ def _another_focal_length(
 def _triad(
     matching: SunsatMatching, centroids: Centroids, camera: Camera, catalogue: SunsatCatalogue
 ) -> tuple[Array, Array]:
-    """Return the attitude from the pair with weight, and its covariance. The better measured star is first, because TRIAD maps it
-    exactly."""
+    """Return the attitude from the pair with weight, and its covariance. TRIAD maps the first star exactly, so the
+    better measured star is first."""
     sigma_rad = centroids.sigma_px * camera.pixel_rad
     pair = sorted(np.flatnonzero(matching.weight > 0).tolist(), key=lambda k: (sigma_rad[k], k))
     unit = matching.unit_cam[pair]
@@ -143,7 +145,8 @@ def _triad(
 
 
 def triad_covariance_rad2(first: Array, second: Array, sigma_first_rad: float, sigma_second_rad: float) -> Array:
-    """(3, 3) covariance of the rotation vector, camera frame, of TRIAD with ``first`` mapped exactly (Shuster and Oh 1981)."""
+    """Return the (3, 3) covariance of the rotation vector, camera frame, of TRIAD with ``first`` mapped exactly
+    (Shuster and Oh 1981)."""
     across2 = float(np.sum(np.cross(first, second) ** 2))
     mixed = np.outer(first, second) + np.outer(second, first)
     about = sigma_first_rad**2 * float(first @ second) * mixed
@@ -163,15 +166,16 @@ def _too_probable(probability: float, matching: SunsatMatching, confirming: int,
 def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p: SunsatParameters) -> str:
     """Return why the census of expected stars contradicts the match, or "".
 
-    A few stars may fit by a symmetry of the sky, above all in a mirrored frame; then other expected stars are missing. With many
-    matches a few missing stars are tolerated. Displaced stars indicate another camera, however many match in one corner.
+    A few stars can fit because of a symmetry of the sky, especially in a mirrored frame; other expected stars are then
+    missing. With many matches, a few missing stars are tolerated. Displaced stars indicate another camera, even if many
+    stars match in one corner.
     """
     named = len(matching.selected) + confirming
     if p.acceptance == "document":
         return ""
     few = named < p.sure_named
     if stars.displaced * 4 > (0 if few else max(stars.expected, 4)):
-        return f"{stars.displaced} of {stars.expected} bright stars in view are not in their places"
+        return f"{stars.displaced} of {stars.expected} bright stars in view are not at their expected positions"
     spare = 1 if len(matching.selected) >= p.min_group else 0
     too_many = stars.absent > spare and stars.absent * 2 >= named * spare
     if (few and too_many) or stars.absent * 4 > 3 * max(stars.expected, 4):

@@ -1,4 +1,5 @@
-"""Bound on the false-match probability, which Sunsat's chain adds to the document's "largest group" criterion."""
+"""Bound on the false-match probability. Sunsat's chain uses it in addition to the document's "largest group"
+criterion."""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ Rows = NDArray[np.intp]
 # satisfy two distances within ±d lie in a parallelogram of (2d)² over the sine of its angle, which is smaller than that
 # circle unless the angle is below 20°; the mirrored solution is rejected by the mirror test.
 CONFIRM_TOLERANCES = 2.0
-# A centroid within SEEN_PX of a predicted star shows it, even in a blend; one within THERE_TOLERANCES distance tolerances is in
-# the right position; a star within SURE_MARGIN_PX of the border may be cut off.
+# A predicted star counts as seen if a centroid, possibly a blend, is within SEEN_PX, and as at its position if a
+# centroid is within THERE_TOLERANCES distance tolerances. A star within SURE_MARGIN_PX of the border can be cut off.
 SEEN_PX, SURE_MARGIN_PX, THERE_TOLERANCES = 6.0, 10.0, 3.0
 
 
@@ -37,8 +38,8 @@ def confirmed(
     catalogue: SunsatCatalogue,
     p: SunsatParameters,
 ) -> tuple[Rows, Rows]:
-    """Return the indices of unmatched centroids that coincide with predicted ``visible`` guide stars, and the rows of those
-    stars. Nearest first, each guide star once."""
+    """Return the indices of unmatched centroids that coincide with predicted ``visible`` guide stars, and the rows of
+    those stars. Nearest pairs are first, and each guide star is used once."""
     others = np.setdiff1d(np.arange(len(centroids)), matching.selected)
     visible = np.setdiff1d(visible, matching.row[matching.selected])
     if not len(others) or not len(visible):
@@ -57,7 +58,7 @@ def confirmed(
 
 
 def in_view(catalogue: SunsatCatalogue, camera: Camera, cam_from_icrs: Array) -> Rows:
-    """Rows of the guide stars on the detector."""
+    """Return the rows of the guide stars on the detector."""
     near = np.flatnonzero(near_boresight(catalogue, cam_from_icrs[2], camera.half_diagonal_rad))
     return near[camera.contains(camera.project(catalogue.guides.unit[near] @ cam_from_icrs.T))]
 
@@ -80,8 +81,9 @@ def census(
     catalogue: SunsatCatalogue,
     p: SunsatParameters,
 ) -> Census:
-    """Count the expected guide stars that are absent or displaced. Of the guide stars ``looked_for``, only those that are
-    certainly detectable count: of suitable brightness, away from the border and not after the end of a scan that stopped early."""
+    """Count the expected guide stars that are absent or displaced. Of the guide stars ``looked_for``, only certainly
+    detectable stars count: those of suitable brightness, away from the border and not beyond the end of a scan that
+    stopped early."""
     guides = catalogue.guides
     bright = (guides.v_mag[looked_for] <= p.sure_mag) & (guides.v_mag[looked_for] >= p.saturating_mag)
     pixels = camera.project(guides.unit[looked_for[bright]] @ cam_from_icrs.T)
@@ -105,12 +107,13 @@ def false_match_probability(
     catalogue: SunsatCatalogue,
     parameters: SunsatParameters,
 ) -> float:
-    """Bound on the expected number of accidental identifications with as many matched and ``confirming`` stars.
+    """Return a bound on the expected number of accidental identifications with as many matched and ``confirming``
+    stars.
 
-    Each matching pair of stars defines a hypothesis. Each other star of the frame then coincides by chance with a guide star of
-    its magnitude, with a probability from the density of guide stars: the larger of that in view (``visible`` stars) and that
-    around an average pair, because hypotheses come from dense parts of the sky. In tracking, ``hypotheses`` already
-    accounts for the matched stars.
+    Each matching pair of stars defines a hypothesis. Each other star of the frame then coincides by chance with a guide
+    star of its magnitude. The probability follows from the density of guide stars: the larger of the density in view
+    (``visible`` stars) and the density around an average pair, because hypotheses come from dense parts of the sky. In
+    tracking, ``hypotheses`` already accounts for the matched stars.
     """
     p, guides, n = parameters, catalogue.guides, len(centroids)
     cap_sr = 2 * np.pi * (1 - np.cos(guides.table.max_rad))
@@ -126,6 +129,6 @@ def false_match_probability(
 
 
 def magnitude_share(observed_mag: Array, guide_mag: Array, tolerance_mag: float) -> float:
-    """Mean share of the guide stars that fit the observed magnitudes."""
+    """Return the mean share of the guide stars that fit the observed magnitudes."""
     fits = np.abs(observed_mag[:, None] - guide_mag[None, :]) <= tolerance_mag
     return float(fits.mean()) if fits.size else 1.0

@@ -1,7 +1,7 @@
 """Star detection of Sunsat (Jacobs 1995 §2.2): dark average per row, scan, region growing, shape, centroid, magnitude.
 
-Works on a whole frame and, for tracking, on a window. The frame is not modified, so the document's step of restoring the
-search area is not needed.
+The functions work on a whole frame and, for tracking, on a window. They do not modify the frame, so the document's step
+of restoring the search area is not needed.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ CUT_PX = 0.15
 
 @dataclass(frozen=True)
 class Streak:
-    """The elongation and direction expected of a star (Jacobs 1995 §2.2.3). ``direction_rad``: from u towards v, ±90°."""
+    """Expected elongation and direction of a star (Jacobs 1995 §2.2.3). ``direction_rad``: from u towards v, ±90°."""
 
     length_px: float
     direction_rad: float
@@ -51,11 +51,12 @@ class DetectedStars:
 
 
 def dark_rows_dn(pixels: Pixels, clip_dn: float, step_px: int = 3) -> Array:
-    """(rows,) dark average of each row.
+    """Return the (rows,) dark averages of the rows.
 
     The document averages 43 covered columns of the same row, because the video amplifier's offset drifts while a frame
-    is read (§2.2.1.2). The frames here have no covered columns, so the sky between the stars is used instead: the mean of every
-    third pixel of the row that is within ``clip_dn`` of their median. It includes sky light, so Δth is above sky, not above dark.
+    is read (§2.2.1.2). The frames here have no covered columns, so the sky between the stars is used instead: the mean
+    of every third pixel of the row that is within ``clip_dn`` of their median. This mean includes sky light, so Δth is
+    above sky, not above dark.
     """
     sample = pixels[:, ::step_px]
     middle = np.partition(sample, sample.shape[1] // 2, axis=1)[:, sample.shape[1] // 2].astype(float)
@@ -94,9 +95,10 @@ def moved(detected: DetectedStars, first_col: int, first_row: int) -> DetectedSt
 
 
 def shapes(blobs: Blobs) -> RegionShapes:
-    """Second moments about the centre of the region's base, and the lengths through it (eq. 2.4–2.8).
+    """Compute axes and directions of regions from second moments about the centre of the region's base (eq. 2.4–2.8).
 
-    The pixels are assumed square, which is true to 4 %. Pixels "located along the axis" are those that the axis passes through.
+    The pixels are assumed square, which is accurate to 4 %. Pixels "located along the axis" are the pixels that the
+    axis crosses.
     """
     owner, n = blobs.owner, len(blobs)
     row, col = np.divmod(blobs.index, blobs.columns)
@@ -114,7 +116,7 @@ def shapes(blobs: Blobs) -> RegionShapes:
 
 
 def _extent(along: Array, across: Array, half: Array, blobs: Blobs) -> Array:
-    """Distance between the outermost pixels on an axis."""
+    """Return the distance between the outermost pixels on an axis."""
     on = np.abs(across) <= half
     high = np.maximum.reduceat(np.where(on, along, -np.inf), blobs.start[:-1])
     low = np.minimum.reduceat(np.where(on, along, np.inf), blobs.start[:-1])
@@ -135,7 +137,8 @@ def _without_bad_shapes(regions: SearchResult, p: SunsatParameters, streak: Stre
 
 
 def _shape_reason(elongation_px: float, direction_rad: float, p: SunsatParameters, streak: Streak | None) -> str:
-    """Return why a region of that elongation is not a star, or "" (eq. 2.9–2.10; without history, the maximum elongation)."""
+    """Return why a region with this elongation is not a star, or "" (eq. 2.9–2.10; without history, the maximum
+    elongation applies)."""
     if streak is None:
         if elongation_px < p.max_elongation_px:
             return ""
@@ -165,9 +168,10 @@ def _first_stars(regions: SearchResult, p: SunsatParameters) -> SearchResult:
 
 
 def gravity_centroids(level_dn: Levels, blobs: Blobs, parameters: SunsatParameters) -> Centroids:
-    """Centre of gravity of the brightness above threshold (eq. 2.1–2.2), one star per blob, in the blobs' order.
+    """Return the centres of gravity of the brightness above threshold (eq. 2.1–2.2), one star per blob, in the blobs'
+    order.
 
-    ``flux_dn`` is brightness_star of eq. C.1: the light above threshold plus k_area times that below it.
+    ``flux_dn`` is brightness_star of eq. C.1: the light above threshold plus k_area times the light below it.
     """
     p = parameters
     if not len(blobs):
@@ -188,14 +192,14 @@ def gravity_centroids(level_dn: Levels, blobs: Blobs, parameters: SunsatParamete
 
 
 def magnitudes(flux_dn: Array, parameters: SunsatParameters) -> Array:
-    """(n,) magnitudes Mv of star brightnesses (eq. 2.12–2.13); NaN for zero brightness."""
+    """Return the (n,) magnitudes Mv of star brightnesses (eq. 2.12–2.13); NaN for zero brightness."""
     flux = np.asarray(flux_dn, float)
     lux = parameters.k_illum_lux * np.where(flux > 0, flux, np.nan)
     return np.asarray(np.log(ZERO_LUX / lux) / np.log(MAGNITUDE_RATIO))
 
 
 def brightness_dn(v_mag: Array | float, parameters: SunsatParameters) -> Array:
-    """Brightness of stars of that magnitude; the inverse of :func:`magnitudes`."""
+    """Return the brightness of stars of a magnitude; inverse of :func:`magnitudes`."""
     return np.asarray(ZERO_LUX * MAGNITUDE_RATIO ** -np.asarray(v_mag, float) / parameters.k_illum_lux)
 
 
@@ -203,5 +207,5 @@ Index = NDArray[np.intp]
 
 
 def brightest(centroids: Centroids) -> Index:
-    """Return the indices that sort by decreasing brightness; equal ones keep their order."""
+    """Return the indices that sort by decreasing brightness. Stars of equal brightness keep their order."""
     return np.argsort(-centroids.flux_dn, kind="stable")

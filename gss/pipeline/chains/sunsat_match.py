@@ -1,5 +1,5 @@
-"""Star identification of Sunsat (Jacobs 1995 ch. 3): up to eight observed stars are matched with the whole bank when lost, and
-with the uncertainty area around the a-priori boresight when assisted."""
+"""Star identification of Sunsat (Jacobs 1995 ch. 3). Up to eight observed stars are matched with the whole bank in lost
+in space, and with the uncertainty area around the a-priori boresight in assisted mode."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Rows = NDArray[np.intp]
 
 @dataclass(frozen=True)
 class SunsatCatalogue:
-    """A bank prepared for the processor: unit vectors and table in full precision, right ascension and declination."""
+    """Bank prepared for the processor: unit vectors and table in full precision, right ascension and declination."""
 
     bank: OnboardCatalogue
     guides: Guides
@@ -60,12 +60,12 @@ class SunsatMatching:
 
     @property
     def confidence(self) -> float:
-        """Share of the used stars that are matched."""
+        """Return the share of matched stars among those used."""
         return len(self.selected) / len(self.row) if len(self.row) else 0.0
 
 
 def prepare(bank: OnboardCatalogue) -> SunsatCatalogue:
-    """Prepare a bank in full precision. Raises :class:`BadInput` for a bank without magnitudes, which are required."""
+    """Prepare a bank in full precision. Raises :class:`BadInput` for a bank without magnitudes."""
     if len(bank) and not np.isfinite(bank.v_mag).all():
         raise BadInput(
             "Sunsat's matching needs magnitudes",
@@ -93,8 +93,8 @@ def candidates(
 ) -> tuple[SunsatMatching, ...]:
     """Run the Matching algorithm on the eight centroids from index ``first``.
 
-    Returns its result; if there are several largest groups that disagree and acceptance is by bound, one result for each; or a
-    single result without stars and with a reason.
+    Returns one result per largest group if several disagree and acceptance is by bound, else a single result. A result
+    without stars has a reason.
     """
     p = parameters
     used = centroids.take(np.arange(min(len(centroids), first + p.max_observed)))
@@ -169,7 +169,8 @@ def check_hint(mode: Mode, hint: AttitudePrior | None) -> AttitudePrior:
 
 
 def last_attitude(hint: AttitudePrior | None) -> Array:
-    """(4,) quaternion of the last attitude for tracking. Raises :class:`BadInput` if the hint has none."""
+    """Return the (4,) quaternion of the last attitude for tracking. Raises :class:`BadInput` if the hint has no full
+    attitude."""
     prior = check_hint(Mode.TRACKING, hint)
     if prior.quaternion is None:
         raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
@@ -179,7 +180,8 @@ def last_attitude(hint: AttitudePrior | None) -> Array:
 def _uncertainty_area(
     catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters, mode: Mode, hint: AttitudePrior | None
 ) -> Mask:
-    """Mask of the guide stars that may be in view: all, or those around the expected boresight (§3.3, §4)."""
+    """Return the mask of the guide stars that can be in view: all stars, or those around the expected boresight (§3.3,
+    §4)."""
     if mode is Mode.LOST_IN_SPACE:
         return np.ones(len(catalogue), bool)
     prior = check_hint(mode, hint)
@@ -187,7 +189,7 @@ def _uncertainty_area(
 
 
 def near_boresight(catalogue: SunsatCatalogue, boresight_icrs: Array, radius_rad: float) -> Mask:
-    """Mask of the guide stars within the radius of a direction."""
+    """Return the mask of the guide stars within a radius of a direction."""
     boresight = np.asarray(boresight_icrs, float)
     cosine = catalogue.guides.unit @ (boresight / np.linalg.norm(boresight))
     return np.asarray(cosine >= np.cos(min(radius_rad, np.pi)))

@@ -1,4 +1,4 @@
-"""Sunsat's chain on the device: commanded values replace its parameters, and durations are from the document."""
+"""Sunsat's chain on the device. Commanded values replace its parameters; durations are from the document."""
 
 from __future__ import annotations
 

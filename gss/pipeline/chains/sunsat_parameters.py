@@ -1,4 +1,4 @@
-"""Constants of Sunsat's chain, their sources, and their values for a camera."""
+"""Constants of Sunsat's chain, sources of the constants, and values for a camera."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from gss.pipeline.centroid import PixelNoise
 NAME = "sunsat"
 FASTEST_RAD_S, FURTHEST_RAD = float(np.radians(0.241)), float(np.radians(2.0))
 OLDEST_ATTITUDE_S = FURTHEST_RAD / FASTEST_RAD_S
-"""Jacobs 1995 eq. 3.6: the fastest rotation, the greatest error of the attitude that tracking starts from, and the age that it
-then may have; stars are matched again from an older one."""
+"""Jacobs 1995 eq. 3.6: fastest rotation, largest error of the attitude from which tracking starts, and the resulting
+maximum age of that attitude. From an older attitude, stars are matched again without tracking."""
 
 SOURCES: dict[str, str] = {
     "threshold_dn": "Jacobs 1995 app. C.1: two to four of its levels above the dark average; GSS: 2.5 sigma of the dark "
@@ -117,20 +117,20 @@ class SunsatParameters:
         _one_of("acceptance", self.acceptance, ("bound", "document"))
         if not (self.threshold_dn > 0 and 1 <= self.min_area_px <= self.max_area_px and self.exposure_s > 0):
             raise BadInput(
-                "detection parameters are impossible",
+                "invalid detection parameters",
                 expected="threshold and exposure above zero, 1 ≤ smallest ≤ largest area",
                 got=f"{self.threshold_dn}, {self.exposure_s}, {self.min_area_px}, {self.max_area_px}",
             )
         if not (self.distance_tolerance_rad > 0 and self.magnitude_tolerance_mag > 0 and self.min_group >= 3):
             raise BadInput(
-                "matching parameters are impossible",
+                "invalid matching parameters",
                 expected="tolerances above zero, groups of at least three",
                 got=f"{self.distance_tolerance_rad}, {self.magnitude_tolerance_mag}, {self.min_group}",
             )
 
     @property
     def residual_tolerance_rad(self) -> float:
-        """Maximum residual of a matched star."""
+        """Return the maximum residual of a matched star."""
         return self.residual_tolerances * self.distance_tolerance_rad
 
 
@@ -140,7 +140,7 @@ def _one_of(parameter: str, got: str, choices: tuple[str, ...]) -> None:
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None) -> SunsatParameters:
-    """Return the parameters for a camera: the document's values for pixels and counts, scaled values for angles."""
+    """Return the parameters for a camera: the document's values in pixels and counts, and scaled values for angles."""
     sensor = profile.sensor
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -160,14 +160,16 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None) 
 
 
 def _level_where_faintest_vanishes_dn(sensor: Sensor, exposure_s: float) -> float:
-    """Level above which a Gaussian star just below the limiting magnitude covers ten pixels: 2πσ² ln(peak / level) = 10."""
+    """Return the level above which a Gaussian star just below the limiting magnitude covers ten pixels: 2πσ² ln(peak /
+    level) = 10."""
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     star_dn = float(sensor.star_e(sensor.faint_limit_mag + FAINTER_MAG, exposure_s)) / sensor.gain_e_per_dn
     return float(star_dn / spread_px2 * np.exp(-10 / spread_px2))
 
 
 def _illuminance_per_level_lux(sensor: Sensor, exposure_s: float, threshold_dn: float) -> float:
-    """k_illum: ratio of illuminance to brightness (eq. C.1) of Gaussian stars, geometric mean over the magnitude range."""
+    """Return k_illum, the ratio of illuminance to brightness (eq. C.1) of Gaussian stars, as geometric mean over the
+    magnitude range."""
     v_mag = np.linspace(max(sensor.bright_limit_mag, sensor.faint_limit_mag - 3), sensor.faint_limit_mag, 31)
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     level = np.asarray(sensor.star_e(v_mag, exposure_s)) / sensor.gain_e_per_dn / spread_px2 / threshold_dn

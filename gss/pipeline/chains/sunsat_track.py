@@ -1,5 +1,5 @@
-"""Sunsat's Tracking algorithm (Jacobs 1995 ch. 4): predict the attitude, search each expected star in a separate window, and use
-the first three well-spread stars whose distances are right."""
+"""Sunsat's Tracking algorithm (Jacobs 1995 ch. 4): the attitude is predicted, each expected star is searched for in a
+separate window, and the first three well-spread stars with the right distances are used."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class ReferenceStars:
 def expected_stars(
     camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
 ) -> ReferenceStars:
-    """Predict the stars in the field and their positions (§4.1.2–4.1.4, §4.1.6.3, §4.1.8)."""
+    """Return the stars predicted in the field and their positions (§4.1.2–4.1.4, §4.1.6.3, §4.1.8)."""
     last = last_attitude(hint)
     attitude = predict_attitude(last, hint.earlier, hint.ages_s)
     row, pixels = _in_view(camera, catalogue, attitude)
@@ -80,10 +80,11 @@ def _in_view(camera: Camera, catalogue: SunsatCatalogue, attitude: Array) -> tup
 
 
 def uncertainty_px(camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior) -> float:
-    """Error of an expected position (eq. 4.20): from another sensor's attitude in the first iteration, afterwards from TRIAD, whose
-    error depends on the separation of the pair used in the last iteration. That pair is reconstructed as the widest of the first
-    three stars expected then. The prediction multiplies that error by the steps ahead. An attitude without earlier ones is as
-    uncertain as the fastest rotation since (eq. 3.6)."""
+    """Return the error of an expected position (eq. 4.20). In the first iteration it is the error of another sensor's
+    attitude. Afterwards it is the error of TRIAD, which depends on the separation of the pair used in the last
+    iteration; the pair is reconstructed as the widest pair of the first three stars expected at that time. The
+    prediction multiplies the error by the number of steps ahead. A single attitude is as uncertain as the fastest
+    rotation since its time (eq. 3.6)."""
     if not hint.earlier:
         turned_px = min(FASTEST_RAD_S * hint.ages_s[0], FURTHEST_RAD) / camera.pixel_rad
         return max(p.uncertain_adcs_px, turned_px)
@@ -101,8 +102,8 @@ def off_prediction_px(
 ) -> tuple[float, float]:
     """Return the distance of the field's corners from their expected positions, and its limit, px.
 
-    The limit is the reach of the windows on both axes. The test is needed because three stars close together can be in their
-    windows although the field is rotated.
+    The limit is the size of the windows on both axes. The test is needed because three stars close together can be in
+    their windows even if the field is rotated.
     """
     expected = predict_attitude(last_attitude(hint), hint.earlier, hint.ages_s)
     corners = camera.corners()
@@ -112,8 +113,8 @@ def off_prediction_px(
 
 
 def _star_radius_px(v_mag: Array, sigma_px: Array | float, p: SunsatParameters) -> Array:
-    """Half width above threshold, along an axis with that standard deviation, of a Gaussian spot whose other axis has the normal
-    star width. The brightness is used in place of the total light, which is a sufficient approximation."""
+    """Return the half width above threshold of a Gaussian spot along an axis with standard deviation ``sigma_px``. The
+    other axis has the normal star width. The brightness approximates the total light with sufficient accuracy."""
     peak = brightness_dn(v_mag, p) / (2 * np.pi * p.star_sigma_px * _longest(sigma_px, p))
     return np.asarray(sigma_px * np.sqrt(2 * np.log(np.maximum(peak / p.threshold_dn, 1.0))))
 
@@ -125,9 +126,9 @@ def _longest(sigma_px: Array | float, p: SunsatParameters) -> Array:
 def _streaks(rate_px_s: Array, v_mag: Array, p: SunsatParameters) -> tuple[Streak, ...]:
     """Return the streaks in one exposure from the stars' motion per second; u is opposite to the columns.
 
-    The document expects a region to be longer by the full motion (§2.2.3). A motion of a few pixels lengthens the contour of a
-    soft spot by less, and of a faint star hardly at all: the motion adds a twelfth of its square to the spot's variance, which
-    determines the contour.
+    The document expects a region to be longer by the full motion (§2.2.3). However, a motion of a few pixels adds only
+    a twelfth of its square to the variance of a spot, which determines the contour. It lengthens the contour of a soft
+    spot by less than the motion, and that of a faint star hardly.
     """
     moved_px = np.linalg.norm(rate_px_s, axis=1) * p.exposure_s
     along_px = np.sqrt(p.star_sigma_px**2 + moved_px**2 / 12)
@@ -140,7 +141,7 @@ def find_in_windows(
     pixels: Pixels, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
 ) -> Detection:
     """Find stars in the windows of expected stars, one window at a time until three fit (§4.1.4.1), then a few more for
-    confirmation. Every window is cut from the unmodified frame; a star found in two windows counts once."""
+    confirmation. Every window is cut from the unmodified frame. A star detected in two windows counts once."""
     expected = expected_stars(camera, catalogue, p, hint)
     dark_dn = dark_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
     every: list[DetectedStars] = []
@@ -197,7 +198,8 @@ def _three_stars(
     expected: ReferenceStars,
     windows: int,
 ) -> tuple[ThreeStars, list[int]]:
-    """Run the three-star test over the first ``windows`` expected stars; also return the number of candidates of each star used."""
+    """Run the three-star test over the first ``windows`` expected stars. Also return the number of candidates of each
+    star used."""
     unit = camera.unproject(centroids.pixels)
     v_mag = magnitudes(centroids.flux_dn, p)
     off_px = np.abs(centroids.pixels[None] - expected.pixels[:windows, None])
@@ -218,7 +220,7 @@ def _three_stars(
 def match_tracking(
     centroids: Centroids, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, hint: AttitudePrior
 ) -> SunsatMatching:
-    """Identify the stars found in the windows of expected ones; two stars if there are no three (§4.1.4.1)."""
+    """Identify three stars detected in the windows of expected stars, or two if no three fit (§4.1.4.1)."""
     expected = expected_stars(camera, catalogue, p, hint)
     test, counts = _three_stars(centroids, camera, catalogue, p, expected, len(expected))
     chosen = sorted(test.result or test.pair)
@@ -248,11 +250,11 @@ def match_tracking(
 def _accidents(
     counts: list[int], expected: ReferenceStars, reference: Array, p: SunsatParameters, camera: Camera
 ) -> float:
-    """Expected number of sets of three (or two) that fit by accident.
+    """Return the expected number of sets of three (or two) stars that fit by accident.
 
-    The number of false stars per window is estimated as the candidates beyond the first, plus one for unknown ones. A false
-    candidate can be anywhere in its window, so the probability that a distance fits is the share of the window covered by the
-    tolerance; in a flat triangle the third distance follows from the others.
+    The number of false stars per window is estimated from the candidates beyond the first of each window, plus one. A
+    false candidate can be anywhere in its window, so the probability that a distance fits is the share of the window
+    covered by the tolerance. In a flat triangle the third distance follows from the other two.
     """
     if not len(reference) or not counts:
         return 1.0

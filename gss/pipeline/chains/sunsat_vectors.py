@@ -1,5 +1,5 @@
-"""Output of Sunsat's star sensor to the attitude control: matched vectors, corrected for aberration (Jacobs 1995 §3.4, §4.1.7,
-§7.5). Both relevant velocities are computed here: the satellite's around the Earth and the Earth's around the Sun."""
+"""Output of Sunsat's star sensor to the attitude control: matched vectors, corrected for aberration (Jacobs 1995 §3.4,
+§4.1.7, §7.5). Aberration includes the velocity of the satellite around the Earth and of the Earth around the Sun."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ OBLIQUITY_RAD = float(np.radians(23.43929111))
 
 @dataclass(frozen=True)
 class MatchedVectors:
-    """k pairs of (k, 3) unit vectors: ``observed_body``: measured stars in body axes; ``reference_orbit``: the same catalogue
-    stars in orbit axes, with aberration applied. ``observed_orbit``: the measured stars rotated by the given roll, pitch and yaw
-    (eq. 3.4); they agree with the reference as far as these angles are correct."""
+    """k pairs of unit vectors, (k, 3) each. ``observed_body``: measured stars in body axes; ``reference_orbit``: the
+    same catalogue stars in orbit axes, with aberration applied. ``observed_orbit``: the measured stars rotated by the
+    given roll, pitch and yaw (eq. 3.4); they agree with the reference if these angles are correct."""
 
     hip: Ids
     observed_body: Array
@@ -65,16 +65,17 @@ def matched_vectors(
 
 
 def velocity_orbit_m_s(orbit: OrbitElements, days_since_j2000: float, satellite_m_s: float = SATELLITE_M_S) -> Array:
-    """(3,) velocity of the satellite relative to the Sun in orbit axes (eq. 7.5–7.11)."""
+    """Return the (3,) velocity of the satellite relative to the Sun in orbit axes (eq. 7.5–7.11)."""
     earth = orbit.orbit_from_icrs @ earth_velocity_m_s(days_since_j2000)
     return np.asarray(np.array([satellite_m_s, 0.0, 0.0]) + earth)
 
 
 def earth_velocity_m_s(days_since_j2000: float) -> Array:
-    """(3,) velocity of the Earth around the Sun, ICRS axes.
+    """Return the (3,) velocity of the Earth around the Sun, in ICRS axes.
 
-    The document uses a circle (eq. 7.9–7.10); this is the ellipse, whose hodograph is a circle with its centre shifted by
-    the eccentricity. Accurate to 30 m/s, or 0.02″, because the Sun's motion and the Moon's perturbation are neglected.
+    The document uses a circular orbit (eq. 7.9–7.10). Here the orbit is an ellipse, whose hodograph is a circle with
+    its centre shifted by the eccentricity. The result is accurate to 30 m/s, or 0.02″, because the Sun's motion and the
+    Moon's perturbation are neglected.
     """
     century = days_since_j2000 / 36525.0
     longitude, perihelion = (np.radians(a + b * century) for a, b in (MEAN_LONGITUDE_DEG, PERIHELION_DEG))
@@ -87,9 +88,11 @@ def earth_velocity_m_s(days_since_j2000: float) -> Array:
 
 
 def aberrated(unit: Array, velocity_m_s: Array) -> Array:
-    """(n, 3) directions as seen by an observer with that velocity: rotated towards it by arcsin(v/c · sin a) (eq. 7.2, 7.22).
+    """Return (n, 3) directions as seen by a moving observer: rotated towards the velocity by arcsin(v/c · sin a) (eq.
+    7.2, 7.22).
 
-    Uses the component of the velocity perpendicular to the line of sight; eq. 7.14 divides by the wrong product (errata).
+    The component of the velocity perpendicular to the line of sight is used. Eq. 7.14 divides by the wrong product
+    (errata).
     """
     u = np.asarray(unit, float)
     beta = np.asarray(velocity_m_s, float) / LIGHT_M_S

@@ -1,4 +1,4 @@
-"""Registry of the chains by name. A new chain needs one line here."""
+"""Registry of the chains by name. A new chain is registered by one line here."""
 
 from __future__ import annotations
 
@@ -38,5 +38,5 @@ def system(name: str) -> OnboardChain:
 
 
 def on_board(profile: CameraProfile) -> OnboardChain:
-    """Return the chain that a unit with that camera runs. Raises NotFound."""
+    """Return the chain of a unit with this camera profile. Raises NotFound if it has none."""
     return system(profile.chain)
