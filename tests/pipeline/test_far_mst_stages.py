@@ -167,5 +167,5 @@ def test_invalid_frames_are_rejected() -> None:
     for shape in ((3, 3), (4, 200), (5, 5, 3)):
         with pytest.raises(BadInput, match="frame"):
             find_centroids(np.zeros(shape, np.uint16), PARAMETERS)
-    with pytest.raises(BadInput, match="not numbers"):
+    with pytest.raises(BadInput, match="invalid pixel values"):
         find_centroids(np.full((20, 20), np.nan), PARAMETERS)

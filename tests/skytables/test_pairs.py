@@ -64,5 +64,5 @@ def test_one_star_has_no_pairs():
 @pytest.mark.parametrize(("low", "high"), [(1.0, 0.5), (0.5, 0.5), (-0.1, 0.5), (0.1, 4.0), (float("nan"), 1.0)])
 def test_impossible_limits_are_refused(low, high):
     """Minimum above maximum, negative or beyond 180° is bad input."""
-    with pytest.raises(BadInput, match="distance limits are impossible"):
+    with pytest.raises(BadInput, match="invalid distance limits"):
         distance_table(load_stars(3.0), low, high)

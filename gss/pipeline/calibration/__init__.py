@@ -1,1 +1,1 @@
-"""Camera calibration from its own frames: geometry, photometry, detector. Start with ``self_calibrate``."""
+"""Calibration of a camera from its frames: geometry, photometry and detector. The main module is ``self_calibrate``."""

@@ -1,4 +1,4 @@
-"""Warnings about the data with suggested actions, returned with a result instead of raised as exceptions."""
+"""Warnings about the data, with suggested actions. They are returned with a result, not raised as exceptions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Advice:
-    """One warning. ``code``: stable and short ("one-part"), ``text``: the problem, ``hint``: what to do;
-    ``severe``: True if the result should not be used as it is."""
+    """Warning about the data. ``code``: stable short identifier ("one-part"); ``text``: the problem; ``hint``:
+    suggested action; ``severe``: True if the result should not be used unchanged."""
 
     code: str
     text: str

@@ -21,7 +21,7 @@ GRID = 15
 
 @dataclass(frozen=True)
 class DetectorFigures:
-    """Results of detector calibrations; None keeps the profile's value."""
+    """Results of detector calibrations. If a result is None, the value of the profile does not change."""
 
     gain_e_per_dn: float | None = None
     read_noise_e: float | None = None
@@ -34,7 +34,7 @@ class DetectorFigures:
 def detector_figures(
     transfer: PhotonTransfer | None = None, dark_current_e_s: float | None = None, psf_sigma_px: float | None = None
 ) -> DetectorFigures:
-    """Collect the results of the detector's calibrations. Figures that are NaN are omitted."""
+    """Collect the results of the detector's calibrations. Results that are NaN are omitted."""
 
     def finite_or_none(value: float | None) -> float | None:
         return value if value is not None and np.isfinite(value) and value > 0 else None
@@ -62,7 +62,7 @@ def calibrated_profile(
     camera = geometry.camera if isinstance(geometry, CameraCalibration) else geometry or profile.camera
     if (camera.columns, camera.rows) != (profile.camera.columns, profile.camera.rows):
         raise BadInput(
-            "this calibration is of another detector",
+            "this calibration is for another detector",
             expected=f"{profile.camera.columns} x {profile.camera.rows} px",
             got=f"{camera.columns} x {camera.rows} px",
         )
@@ -79,24 +79,24 @@ def calibrated_profile(
 
 
 def _measured(sensor: Sensor, figures: DetectorFigures) -> Sensor:
-    def or_kept(measured: float | None, documented: float) -> float:
+    def or_documented(measured: float | None, documented: float) -> float:
         return documented if measured is None else float(measured)
 
     return replace(
         sensor,
-        gain_e_per_dn=or_kept(figures.gain_e_per_dn, sensor.gain_e_per_dn),
-        read_noise_e=or_kept(figures.read_noise_e, sensor.read_noise_e),
-        bias_dn=or_kept(figures.bias_dn, sensor.bias_dn),
-        full_well_e=or_kept(figures.full_well_e, sensor.full_well_e),
-        dark_current_e_s=or_kept(figures.dark_current_e_s, sensor.dark_current_e_s),
-        psf_sigma_px=or_kept(figures.psf_sigma_px, sensor.psf_sigma_px),
+        gain_e_per_dn=or_documented(figures.gain_e_per_dn, sensor.gain_e_per_dn),
+        read_noise_e=or_documented(figures.read_noise_e, sensor.read_noise_e),
+        bias_dn=or_documented(figures.bias_dn, sensor.bias_dn),
+        full_well_e=or_documented(figures.full_well_e, sensor.full_well_e),
+        dark_current_e_s=or_documented(figures.dark_current_e_s, sensor.dark_current_e_s),
+        psf_sigma_px=or_documented(figures.psf_sigma_px, sensor.psf_sigma_px),
     )
 
 
 @dataclass(frozen=True)
 class Difference:
-    """``rms_px`` (per axis), ``max_px`` (length) over the detector, after removing the best small rotation ``rotation_rad``, which
-    is the attitude difference between the two calibrations."""
+    """Difference of two cameras over the detector: ``rms_px`` (per axis) and ``max_px`` (length). The best small
+    rotation ``rotation_rad``, which is the attitude difference between the two calibrations, is removed first."""
 
     rms_px: float
     max_px: float
@@ -104,8 +104,9 @@ class Difference:
 
 
 def camera_difference(first: Camera, second: Camera) -> Difference:
-    """Compare how two cameras with the same detector map the sky. Unlike the single parameters (centre, tilt, focal length),
-    this difference is not affected by their correlations with each other and with the attitude."""
+    """Compare the mapping of the sky by two cameras with the same detector. Unlike differences of single parameters
+    (centre, tilt, focal length), this difference is not affected by correlations of the parameters with each other and
+    with the attitude."""
     if (first.columns, first.rows) != (second.columns, second.rows):
         raise BadInput(
             "cameras of different size cannot be compared",

@@ -1,8 +1,9 @@
 """Joint fit of one camera and the attitudes of all frames: bundle adjustment with the attitudes eliminated.
 
-Each star depends on its frame's three angles and the few camera parameters, so the normal equations have arrow structure: 3 x 3
-blocks of frames, a border, a small corner. The Schur complement of the blocks is the information about the camera alone
-(Triggs et al. 2000 §6.1), and its inverse is the camera's covariance including the errors of all attitudes.
+Each star depends on the three angles of its frame and on the few camera parameters, so the normal equations have arrow
+structure: 3 x 3 blocks of the frames, a border, and a small corner. The Schur complement of the blocks is the
+information about the camera alone (Triggs et al. 2000 §6.1), and its inverse is the camera's covariance including the
+errors of all attitudes.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from gss.pipeline.calibration.star_stack import StarStack
 
 ROUNDS = 40
 DONE = 1e-12
-SETTLED = 1e-6  # in squared standard deviations of all stars together
+SETTLED = 1e-6  # convergence limit, in squared standard deviations of all stars together
 HUBER = 2.5  # scaled residuals beyond this length have linear loss
 REJECT = 5.0  # scaled residuals beyond this length are rejected
 RAYLEIGH_MEDIAN = 1.1774
@@ -31,7 +32,7 @@ DAMPED, EASED = 10.0, 0.2
 
 @dataclass(frozen=True)
 class Prior:
-    """Prior value of a parameter, for example from a bench measurement. ``sigma`` in the parameter's unit: pixels
+    """Prior value of a parameter, for example from a bench measurement. ``sigma`` has the unit of the parameter: pixels
     for the focal length and the centre, radians for tilts."""
 
     value: float
@@ -55,7 +56,7 @@ class Adjusted:
 
     @property
     def camera(self) -> Camera:
-        """The fitted camera."""
+        """Return the fitted camera."""
         return self.vector.camera()
 
 
@@ -77,8 +78,8 @@ def adjust(
     rounds: int = ROUNDS,
     used: NDArray[np.bool_] | None = None,
 ) -> Adjusted:
-    """Fit all (f, 3, 3) attitudes and the free parameters by Levenberg–Marquardt, with Huber loss and rejection beyond 5 σ of the
-    measured scatter. ``used``: fixed selection of stars, replacing the rejection."""
+    """Fit all (f, 3, 3) attitudes and the free parameters by Levenberg–Marquardt, with Huber loss and rejection beyond
+    5 σ of the measured scatter. ``used``: fixed selection of stars, which replaces the rejection."""
     prior_values = priors or {}
     turns, damping, rejecting = cam_from_icrs, 1e-3, used is None
     keep = np.ones(len(stars), bool) if used is None else used
@@ -123,7 +124,7 @@ def _finished(
         keep = _kept(stars, length, scale)
     freedom = 2 * int(keep.sum()) - 3 * stars.frames - len(vector.free)
     chi2 = float(np.sum(np.minimum(length[keep], HUBER * scale) ** 2)) / max(1, freedom)
-    # If few stars determine the size of the errors, the stated errors are included with some weight.
+    # The stated errors are included with a small weight, which matters if few stars determine the size of the errors.
     spread = float(np.sqrt((chi2 * max(0, freedom) + 20.0) / (max(0, freedom) + 20.0)))
     normal = _normal(stars, vector, turns, residual, np.where(keep, 1 / (stars.sigma_px * spread) ** 2, 0.0), priors)
     covariance, attitudes = _covariances(normal)
@@ -141,7 +142,8 @@ def _length(residual: Array, stars: StarStack) -> Array:
 
 
 def _scale(length: Array, stars: StarStack, parameters: int, keep: NDArray[np.bool_]) -> float:
-    """Ratio of the typical residual to the stars' stated errors, corrected for the fitted degrees of freedom."""
+    """Return the ratio of the typical residual to the stars' stated errors, corrected for the fitted degrees of
+    freedom."""
     if not len(length):
         return 1.0
     freedom = max(2 * int(keep.sum()) - 3 * stars.frames - parameters, 1)
@@ -149,7 +151,8 @@ def _scale(length: Array, stars: StarStack, parameters: int, keep: NDArray[np.bo
 
 
 def _kept(stars: StarStack, length: Array, scale: float) -> NDArray[np.bool_]:
-    """Mask of stars within the limit; a frame with fewer than two keeps its best two, so that its block can be solved."""
+    """Return a mask of the stars within the limit. Each frame keeps at least its best two stars, so that its block can
+    be solved."""
     keep = length < REJECT * scale
     short = np.flatnonzero(np.add.reduceat(keep.astype(int), stars.first) < 2)
     for f in short:
@@ -164,17 +167,17 @@ def _weights(length: Array, scale: float, stars: StarStack, keep: NDArray[np.boo
 
 
 def _cost(length: Array, scale: float, keep: NDArray[np.bool_], vector: Vector, priors: Mapping[str, Prior]) -> float:
-    """Huber loss in squared standard deviations, including the priors."""
+    """Return the Huber loss in squared standard deviations, including the priors."""
     return huber_cost(length[keep] / scale) + float(np.sum([(d / s) ** 2 for d, s in _off(vector, priors) if s]))
 
 
 def huber_cost(scaled: Array) -> float:
-    """Huber loss: squares below the limit, linear above."""
+    """Return the Huber loss, which is quadratic below the limit and linear above."""
     return float(np.sum(np.where(scaled < HUBER, scaled**2, HUBER * (2 * scaled - HUBER))))
 
 
 def _off(vector: Vector, priors: Mapping[str, Prior]) -> list[tuple[float, float]]:
-    """Return, per free parameter, the deviation from its prior and the prior's σ (both 0 without a prior)."""
+    """Return the deviation from the prior and the σ of the prior for each free parameter (both 0 without a prior)."""
     off = []
     for name in vector.free:
         p = priors.get(name)
@@ -205,7 +208,8 @@ def _normal(
 
 
 def derivatives(stars: StarStack, vector: Vector, turns: Array) -> tuple[Array, Array]:
-    """(n, 2, 3) and (n, 2, p) derivatives of the predicted positions; zero for positions outside the lens's domain."""
+    """Return the derivatives of the predicted positions with respect to the rotation (n, 2, 3) and the parameters (n,
+    2, p). They are zero for positions outside the lens's domain."""
     camera = vector.camera()
     cam = np.einsum("nij,nj->ni", turns[stars.frame], stars.icrs)
 
@@ -247,7 +251,7 @@ def _scaled_solve(matrix: Array, right: Array) -> Array:
 
 
 def _covariances(normal: _Normal) -> tuple[Array, Array]:
-    """Covariances of the camera and of each attitude, the latter including the camera's error."""
+    """Return the covariances of the camera and of each attitude. The latter include the error of the camera."""
     inverse = np.linalg.inv(normal.blocks + 1e-9 * np.eye(3))
     schur = normal.corner - np.einsum("fip,fij,fjq->pq", normal.border, inverse, normal.border)
     camera = _scaled_inverse(schur)
@@ -256,7 +260,8 @@ def _covariances(normal: _Normal) -> tuple[Array, Array]:
 
 
 def _scaled_inverse(matrix: Array) -> Array:
-    """Inverse in which directions not determined by the data have a very large variance instead of a wrong one."""
+    """Return the inverse. Directions not determined by the data have a very large variance instead of a wrong
+    variance."""
     if not len(matrix):
         return matrix
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
@@ -266,7 +271,7 @@ def _scaled_inverse(matrix: Array) -> Array:
 
 
 def _turned(turns: Array, by: Array) -> Array:
-    """(f, 3, 3) attitudes rotated by (f, 3) rotation vectors."""
+    """Return the (f, 3, 3) attitudes rotated by (f, 3) rotation vectors."""
     vector = np.clip(by, -0.3, 0.3)
     half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
     quaternion = np.concatenate([vector * 0.5 * np.sinc(half / np.pi), np.cos(half)], axis=1)

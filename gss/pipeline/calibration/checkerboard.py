@@ -26,8 +26,9 @@ UPRIGHT_RAD = 0.25
 
 @dataclass(frozen=True)
 class CheckerboardCalibration:
-    """``values`` and ``sigma`` of ``names`` (σ 0: not fitted). ``found``: per image, True if the board was detected; ``rms_px`` of
-    each (NaN if not) and ``residual_rms_px`` of all, per axis. ``covered``: share of the field covered by corners."""
+    """Result of a checkerboard calibration. ``values`` and ``sigma`` of the parameters ``names``; σ is 0 if a parameter
+    was not fitted. ``found``: per image, True if the board was detected; ``rms_px``: per image and axis, NaN without a
+    board; ``residual_rms_px``: of all images, per axis. ``covered``: share of the field covered by corners."""
 
     camera: Camera
     names: tuple[str, ...]
@@ -48,8 +49,8 @@ def opencv() -> Any:
         return importlib.import_module("cv2")
     except ImportError:
         raise BadInput(
-            "pictures of a checkerboard need OpenCV, which is not installed",
-            expected="the optional part checkerboard",
+            "calibration from checkerboard images needs OpenCV, which is not installed",
+            expected="the optional package checkerboard",
             got="no module cv2",
             hint='pip install "gss-startracker[checkerboard]"; or calibrate from star frames, which needs nothing more',
         ) from None
@@ -58,12 +59,14 @@ def opencv() -> Any:
 def calibrate_checkerboard(
     images: Sequence[NDArray[Any]], inner_corners: tuple[int, int], square_mm: float, *, fit_k3: bool = False
 ) -> CheckerboardCalibration:
-    """Calibrate from (rows, columns) images of a board with ``inner_corners`` (across, down), where four squares of ``square_mm``
-    meet."""
+    """Calibrate from (rows, columns) images of a board with squares of ``square_mm``. ``inner_corners``: numbers
+    (across, down) of corners at which four squares meet."""
     cv = opencv()
     if min(inner_corners) < 3 or not square_mm > 0:
         raise BadInput(
-            "this is not a valid checkerboard", expected="3 or more inner corners both ways", got=str(inner_corners)
+            "this is not a valid checkerboard",
+            expected="3 or more inner corners in both directions",
+            got=str(inner_corners),
         )
     sizes = {np.shape(i) for i in images}
     if len(images) < MIN_IMAGES or len(sizes) != 1 or len(next(iter(sizes))) != 2:

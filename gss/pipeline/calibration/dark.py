@@ -28,10 +28,11 @@ Frames = Sequence[NDArray[Any]] | NDArray[Any]
 
 @dataclass(frozen=True)
 class DarkCalibration:
-    """(rows, columns) maps ``median_dn`` and ``noise_map_dn`` (standard deviation over the frames). ``noise_dn``: of the typical
-    pixel. ``pattern_sigma_dn``: fixed spread of pixels, corrected for noise; ``column_sigma_dn`` and ``row_sigma_dn``: of whole
-    columns and rows. ``hot`` (k, 2) col, row with ``hot_excess_dn`` (k,) above their neighbours, hottest first; ``noisy`` (m, 2)
-    three times noisier than the typical pixel. ``level_dn``: median of each frame."""
+    """Calibration from dark frames. (rows, columns) maps ``median_dn`` and ``noise_map_dn`` (standard deviation over
+    the frames). ``noise_dn``: noise of the typical pixel. ``pattern_sigma_dn``: fixed spread of pixels, corrected for
+    noise; ``column_sigma_dn`` and ``row_sigma_dn``: fixed spread of complete columns and rows. ``hot`` (k, 2) col, row
+    with ``hot_excess_dn`` (k,) above their neighbours, hottest first; ``noisy`` (m, 2) three times noisier than the
+    typical pixel. ``level_dn``: median of each frame."""
 
     exposure_s: float
     frames: int
@@ -49,19 +50,20 @@ class DarkCalibration:
     warnings: tuple[Advice, ...]
 
     def dark_e_s(self, bias_dn: float, gain_e_per_dn: float) -> float:
-        """Dark current of the typical pixel in electrons per second, for a given bias."""
+        """Return the dark current of the typical pixel in electrons per second, for a given bias."""
         return (self.typical_dn - bias_dn) * gain_e_per_dn / self.exposure_s
 
 
 def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
     """Calibrate from three or more frames of equal exposure with the lens covered."""
-    from scipy.stats import trim_mean  # imported here because it takes half a second
+    from scipy.stats import trim_mean  # imported here because the import takes half a second
 
     cube = _cube(frames, 3)
     median = np.median(cube, axis=0)
     noise = cube.std(axis=0, ddof=1)
     typical_noise = float(np.sqrt(np.mean(_middle(noise**2))))
-    # A median of integers hides a pattern below one step, so the pattern is computed from means without cosmic rays.
+    # A median of integers hides patterns below one digital number, so the pattern is computed from means without cosmic
+    # rays.
     strays = cube.max(axis=0) - median > RAY_SIGMAS * max(typical_noise, 0.3)
     steady = np.where(strays, median, cube.mean(axis=0)).astype(float)
     middle = float(np.median(steady))
@@ -94,7 +96,7 @@ def calibrate_dark(frames: Frames, exposure_s: float) -> DarkCalibration:
 
 
 def _spread_beyond(line: Array, spread: float, other: int) -> float:
-    """Spread of columns or rows in excess of the averaged spread of their pixels."""
+    """Return the spread of columns or rows in excess of the averaged spread of their pixels."""
     variance = float(np.var(line)) - spread**2 / other
     return float(np.sqrt(max(variance, 0.0)))
 
@@ -109,7 +111,7 @@ def _cube(frames: Frames, fewest: int) -> NDArray[np.float32]:
     shapes = {np.shape(f) for f in frames}
     if len(frames) < fewest or len(shapes) != 1 or len(next(iter(shapes))) != 2:
         raise BadInput(
-            "these frames do not make a stack",
+            "these frames cannot be combined",
             expected=f"{fewest} or more of one size",
             got=f"{len(frames)} of sizes {', '.join(map(str, shapes)) or '-'}",
         )
@@ -142,8 +144,9 @@ def _advice(cube: NDArray[np.float32], level: Array, alone: Array, noise: float)
 
 @dataclass(frozen=True)
 class Response:
-    """``response``: (rows, columns) relative to the local mean, 1 = typical; ``response_sigma``: its fixed spread; ``dead`` (k, 2)
-    col, row of pixels with less than half the response."""
+    """Response of the pixels. ``response``: (rows, columns) relative to the local mean, 1 = typical;
+    ``response_sigma``: fixed spread of the response; ``dead`` (k, 2): col, row of pixels with less than half the
+    typical response."""
 
     response: NDArray[np.float32]
     response_sigma: float
@@ -165,7 +168,7 @@ def pixel_response(flats: Frames, dark_dn: NDArray[Any] | float) -> Response:
     smooth = terms @ np.linalg.lstsq(at[good], small[good], rcond=None)[0]
     if float(np.median(light)) <= 5 * float(np.median(cube.std(axis=0))) / np.sqrt(len(cube)):
         raise BadInput(
-            "these flats hold no light",
+            "these flat frames contain no light",
             expected="an even level well above the dark",
             got=f"{np.median(light):.1f} DN above",
         )
@@ -176,5 +179,5 @@ def pixel_response(flats: Frames, dark_dn: NDArray[Any] | float) -> Response:
     advice: tuple[Advice, ...] = ()
     if float(np.ptp(smooth)) > 0.5 * float(np.median(smooth)):
         text = "the light differs by more than half over the detector"
-        advice = (Advice("uneven", text, "a diffuser in front of the lens; vignetting is better had from stars"),)
+        advice = (Advice("uneven", text, "put a diffuser in front of the lens; measure vignetting from stars"),)
     return Response(response.astype(np.float32), spread, dead, advice)

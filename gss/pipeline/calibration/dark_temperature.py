@@ -18,8 +18,9 @@ EV_PER_K = 2 * 8.617333e-5
 
 @dataclass(frozen=True)
 class DarkLaw:
-    """Dark current = ``at_reference_e_s``·exp(``exponent_k``·(1/``reference_k`` − 1/T)). ``band_gap_ev``: band gap that gives the
-    exponent. ``doubling_k``: temperature increase that doubles it at the reference. ``residual``: (n,) measured over fitted − 1."""
+    """Law of the dark current: ``at_reference_e_s``·exp(``exponent_k``·(1/``reference_k`` − 1/T)). ``band_gap_ev``:
+    band gap that corresponds to the exponent. ``doubling_k``: temperature increase that doubles the dark current at the
+    reference. ``residual``: (n,) measured over fitted − 1."""
 
     at_reference_e_s: float
     reference_k: float
@@ -32,17 +33,18 @@ class DarkLaw:
     warnings: tuple[Advice, ...]
 
     def dark_e_s(self, temperature_k: ArrayLike) -> Array:
-        """Dark current in electrons per second at a temperature."""
+        """Return the dark current in electrons per second at a temperature."""
         step = 1 / self.reference_k - 1 / np.asarray(temperature_k, float)
         return np.asarray(self.at_reference_e_s * np.exp(self.exponent_k * step))
 
 
 def dark_against_temperature(temperature_k: Array, dark_e_s: Array, relative_sigma: Array | None = None) -> DarkLaw:
-    """Fit the law to (n,) temperatures in kelvin and positive dark currents; at least three over at least 5 K."""
+    """Fit the law to (n,) temperatures in kelvin and positive dark currents. Needs at least three points over at least
+    5 K."""
     t, dark = np.asarray(temperature_k, float), np.asarray(dark_e_s, float)
     if len(t) != len(dark) or len(t) < 3 or np.ptp(t) < 5 or not (dark > 0).all() or not (t > 150).all():
         raise BadInput(
-            "no law follows from these points",
+            "these points do not determine a dark-current law",
             expected="three or more dark currents above zero at temperatures in kelvin that span 5 K",
             got=f"{len(t)} points over {np.ptp(t) if len(t) else 0:.1f} K",
         )
@@ -56,7 +58,9 @@ def dark_against_temperature(temperature_k: Array, dark_e_s: Array, relative_sig
     advice: list[Advice] = []
     if not 0.4 * EXPONENT_K < exponent < 2.2 * EXPONENT_K:
         text = f"the exponent is {exponent:.0f} K; silicon has {EXPONENT_K:.0f} to twice that"
-        advice.append(Advice("law", text, "is the temperature that of the detector, and the bias taken away?"))
+        advice.append(
+            Advice("law", text, "check that the temperature is that of the detector and that the bias was subtracted")
+        )
     return DarkLaw(
         float(np.exp(level)),
         reference,

@@ -1,5 +1,5 @@
-"""Bench calibration with one or two bright dots: rotating the camera about its axis gives the optical centre and the detector
-tilt (Jacobs 1995 §6.2.1, §6.2.3.1, app. F.2)."""
+"""Bench calibration with one or two bright dots. Rotation of the camera about its axis gives the optical centre and the
+detector tilt (Jacobs 1995 §6.2.1, §6.2.3.1, app. F.2)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 
 MIN_TURNS = 6
-ROUND = 5.0  # positions that are not on a circle have a radius of about twice their scatter
+ROUND = 5.0  # minimum ratio of radius to scatter of a circle; positions without a circle have a ratio of about two
 FULL_BOX_PX = 20.0  # Jacobs' dot stayed within 12 x 12 px
 TURN_COVERED = 2 / 3
 MAX_PX = 1e6
@@ -24,8 +24,9 @@ MIN_ARM_PX = 1.0
 
 @dataclass(frozen=True)
 class OpticalCentre:
-    """``circle``: True if the centre is from a circle through the positions, False if it is the middle of their bounding box.
-    ``sigma_px``: per axis. ``radius_px`` of the circle, ``box_px``: extent in col and row."""
+    """Optical centre on the detector. ``circle``: True if the centre is that of a circle through the positions, False
+    if it is the middle of their bounding box. ``sigma_px``: per axis. ``radius_px``: radius of the circle; ``box_px``:
+    extent of the positions in col and row."""
 
     col_px: float
     row_px: float
@@ -37,10 +38,11 @@ class OpticalCentre:
 
 
 def optical_centre(dots_px: Array) -> OpticalCentre:
-    """Find the optical axis on the detector from (n, 2) positions of one dot near it while the camera is rotated about the axis.
+    """Find the optical axis on the detector from (n, 2) positions of one dot near it while the camera is rotated about
+    the axis.
 
-    The dot moves on a circle around the centre. If the play of the clamp is larger than the circle, the document's method is
-    used: the middle of the dot's bounding box.
+    The dot moves on a circle around the centre. If the play of the clamp is larger than the circle, the middle of the
+    bounding box is used, as in the document.
     """
     dots = _checked(dots_px)
     box = np.ptp(dots, axis=0)
@@ -62,7 +64,7 @@ def optical_centre(dots_px: Array) -> OpticalCentre:
             Advice("far-dot", text, "move the dot nearer to the axis, until it hardly shifts as the camera turns")
         )
     if gap > 2 * np.pi * (1 - TURN_COVERED):
-        text = f"{np.degrees(gap):.0f}° of the turn have no place of the dot"
+        text = f"{np.degrees(gap):.0f}° of the rotation have no position of the dot"
         advice.append(Advice("one-part", text, "turn the camera through the whole circle, in steps of 10° to 30°"))
     if circle:
         sigma = scatter * float(np.sqrt(2 / len(dots)))
@@ -84,8 +86,9 @@ def optical_centre(dots_px: Array) -> OpticalCentre:
 
 @dataclass(frozen=True)
 class DetectorTilt:
-    """Eq. 6.14: maximum tilt and its direction, from camera +x (col) towards +y (row). ``sigma_rad``: of both.
-    ``radius_mm``: distance of the dots without tilt. ``residual_mm``: (n,) measured − eq. 6.15."""
+    """Tilt of the detector (eq. 6.14): maximum tilt and its direction, from camera +x (col) towards +y (row).
+    ``sigma_rad``: σ of both. ``radius_mm``: distance of the dots without tilt. ``residual_mm``: (n,) measured − eq.
+    6.15."""
 
     tilt_max_rad: float
     tilt_direction_rad: float
@@ -99,11 +102,16 @@ class DetectorTilt:
 
 
 def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: float) -> DetectorTilt:
-    """Fit eq. 6.15 by least squares to the distance between a dot near the optical centre and one far out, from (n, 2) positions
-    of both while the camera is rotated. ``camera``: centre and plate scale; ``focal_mm``: its focal length."""
+    """Fit eq. 6.15 by least squares to the distance between a dot near the optical centre and one far out, from (n, 2)
+    positions of both dots while the camera is rotated. ``camera``: centre and plate scale; ``focal_mm``: focal length
+    of the camera."""
     inner, outer = _checked(inner_px, still=True), _checked(outer_px)
     if inner.shape != outer.shape:
-        raise BadInput("dots come in pairs", expected=f"{len(inner)} places of both", got=str(len(outer)))
+        raise BadInput(
+            "the numbers of inner and outer dots differ",
+            expected=f"{len(inner)} positions of both",
+            got=str(len(outer)),
+        )
     pitch_mm = focal_mm / np.array([camera.focal_col_px, camera.focal_row_px])
     arm = (outer - inner) * pitch_mm
     angle, distance = np.arctan2(arm[:, 1], arm[:, 0]), np.hypot(arm[:, 0], arm[:, 1])
@@ -115,7 +123,7 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
 
     if np.ptp(outer - inner, axis=0).max() < 1e-6:
         raise BadInput(
-            "the dots never moved",
+            "the dots did not move",
             expected="places that change as the camera turns",
             got=f"{len(inner)} times the same places",
             hint="measure both dots again at each turn",
@@ -152,17 +160,17 @@ def _checked(dots_px: Array, *, still: bool = False) -> Array:
     dots = np.asarray(dots_px, float)
     if dots.ndim != 2 or dots.shape[1] != 2 or len(dots) < MIN_TURNS or not np.isfinite(dots).all():
         raise BadInput(
-            "these are not places of a dot",
+            "these are not valid positions of a dot",
             expected=f"{MIN_TURNS} or more places (col, row), one per turn",
             got=f"{dots.shape}",
             hint="Jacobs took 36, every 10°",
         )
     if np.abs(dots).max() > MAX_PX:
-        got = f"{np.abs(dots).max():g} px"
-        raise BadInput("a dot lies on no detector", expected=f"within {MAX_PX:g} px", got=got)
+        description = f"{np.abs(dots).max():g} px"
+        raise BadInput("a dot is outside the detector", expected=f"within {MAX_PX:g} px", got=description)
     if not np.ptp(dots, axis=0).any() and not still:
         raise BadInput(
-            "the dot never moved",
+            "the dot did not move",
             expected="places that change as the camera turns",
             got=f"{len(dots)} times the same place",
             hint="measure the dot again at each turn",

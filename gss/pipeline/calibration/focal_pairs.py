@@ -21,11 +21,11 @@ MAX_PAIRS = 20_000
 
 
 def focal_from_pair(first: Array, second: Array, separation_true_rad: float) -> float:
-    """Focal length in the unit of the two (2,) positions, which are relative to the optical centre; NaN if no pinhole camera has
-    them at that separation.
+    """Return the focal length in the unit of the two (2,) positions, which are relative to the optical centre. NaN if
+    no pinhole camera images this separation at these positions.
 
-    (u₁·u₂ + f²)² = cos²θ·(|u₁|² + f²)(|u₂|² + f²) is quadratic in f². It is scaled by sin²θ relative to the document's a, b, c,
-    which lose precision when divided by the cosine of a small angle.
+    (u₁·u₂ + f²)² = cos²θ·(|u₁|² + f²)(|u₂|² + f²) is quadratic in f². The equation is scaled by sin²θ relative to the
+    document's a, b, c, which lose precision for small angles.
     """
     u1, u2 = np.asarray(first, float), np.asarray(second, float)
     dot, first2, second2 = float(u1 @ u2), float(u1 @ u1), float(u2 @ u2)
@@ -43,9 +43,9 @@ def focal_from_pair(first: Array, second: Array, separation_true_rad: float) -> 
 
 @dataclass(frozen=True)
 class FocalEstimate:
-    """``focal_px``: geometric mean of both axes. ``sigma_px``: of that mean, from the scatter between frames, because pairs of one
-    frame share stars. ``erlank_px``: the small-angle form D/θ for the same pairs. Per pair: ``values_px``, ``radius_px`` of the
-    star farther from the centre."""
+    """Estimate of the focal length. ``focal_px``: geometric mean of both axes. ``sigma_px``: σ of this mean, from the
+    scatter between frames, because pairs of one frame share stars. ``erlank_px``: the small-angle form D/θ for the same
+    pairs. Per pair: ``values_px``, ``radius_px`` of the star farther from the centre."""
 
     focal_px: float
     sigma_px: float
@@ -59,7 +59,7 @@ class FocalEstimate:
 
 def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px: float | None = None) -> FocalEstimate:
     """Estimate from pairs of stars of each frame within ``radius_px`` of the camera's centre (half-way to the corner by
-    default), where distortion and tilt have the least effect. Long pairs have more weight."""
+    default), where distortion and tilt have the least effect. Pairs with larger separation have more weight."""
     aspect = camera.focal_col_px / camera.focal_row_px
     stretch = np.array([aspect**-0.5, aspect**0.5])
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
@@ -95,7 +95,7 @@ def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px:
         len(per_frame),
         values[:, 0],
         values[:, 3],
-        tuple(_said(values[inliers])),
+        tuple(_warnings(values[inliers])),
     )
 
 
@@ -114,7 +114,7 @@ def _pairs(place: Array, icrs: Array, far: Array, reach: float) -> list[tuple[fl
     return estimates
 
 
-def _said(values: Array) -> list[Advice]:
+def _warnings(values: Array) -> list[Advice]:
     """Return warnings; a focal length that changes with the radius indicates distortion."""
     if len(values) < 12:
         return []
@@ -126,5 +126,5 @@ def _said(values: Array) -> list[Advice]:
     )
     if abs(change) < max(3 * error, 1e-3):
         return []
-    text = f"the focal length changes by {change:+.2%} from the middle outwards"
+    text = f"the focal length changes by {change:+.2%} from the middle to the edge"
     return [Advice("distortion", text, "a smaller radius, or self-calibration, which fits the distortion with it")]

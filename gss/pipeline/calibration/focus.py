@@ -1,4 +1,5 @@
-"""Optimum star width: sharp stars are undersampled, wide ones lose signal to noise (Moniteq 1983 §4.2, Huffman 2006 §4.2.2)."""
+"""Optimum star width. Sharp stars are undersampled, and wide stars have a lower signal-to-noise ratio (Moniteq 1983
+§4.2, Huffman 2006 §4.2.2)."""
 
 from __future__ import annotations
 
@@ -19,9 +20,11 @@ FARTHEST = 1e6
 
 @dataclass(frozen=True)
 class FocusAdvice:
-    """``pixel_over_sigma``: d/σ of Moniteq. ``verdict``: "sharp", "good" or "soft". ``best_sigma_px``: width with the least total
-    error of a mean locator at this ``snr`` (of the brightest pixel for a star of the same light at σ 1; NaN: from Moniteq's range
-    only). ``interpolation_px``: sampling error alone (rms over sub-pixel positions, best window); ``error_px``: with noise."""
+    """Advice on the focus. ``pixel_over_sigma``: d/σ of Moniteq. ``verdict``: "sharp", "good" or "soft".
+    ``best_sigma_px``: width with the smallest total error of a mean locator at ``snr``. ``snr``: signal-to-noise ratio
+    of the brightest pixel of a star with the same light and σ 1; NaN: the width is from Moniteq's range.
+    ``interpolation_px``: sampling error only (rms over sub-pixel positions, best window); ``error_px``: error with
+    noise."""
 
     sigma_px: float
     pixel_over_sigma: float
@@ -45,7 +48,7 @@ def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
         widths = np.geomspace(0.25, 5.0, 60)
         errors = np.array([centroid_error_px(float(w), snr)[0] for w in widths])
         best = float(widths[int(np.argmin(errors))])
-        # Widths within a tenth of the smallest error form the flat bottom of Huffman's curve.
+        # In Huffman's curve, the error is within a tenth of its minimum over a range of widths.
         flat = widths[errors < 1.1 * errors.min()]
         low, high = float(flat.min()), float(flat.max())
     error, window = centroid_error_px(sigma_px, snr)
@@ -61,8 +64,8 @@ def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
 
 
 def interpolation_error_px(sigma_px: float, window: int) -> float:
-    """Error of a mean locator on noiseless spots, rms over sub-pixel positions, in a window of ``window`` columns around the
-    brightest (Moniteq 1983 eq. 4.8, by direct summation)."""
+    """Return the error of a mean locator on noiseless spots, rms over sub-pixel positions, in a window of ``window``
+    columns around the brightest column (Moniteq 1983 eq. 4.8, by direct summation)."""
     place = np.linspace(-0.5, 0.5, 41)
     column = np.arange(window) - (window - 1) / 2
     share = ndtr((column[:, None] + 0.5 - place) / sigma_px) - ndtr((column[:, None] - 0.5 - place) / sigma_px)
@@ -71,8 +74,8 @@ def interpolation_error_px(sigma_px: float, window: int) -> float:
 
 
 def centroid_error_px(sigma_px: float, snr: float) -> tuple[float, int]:
-    """Return (error per axis, window) of the best window, from sampling and read-out noise without shot noise, for a star whose
-    brightest pixel has ``snr`` at σ 1 px; from sampling alone if ``snr`` is NaN."""
+    """Return (error per axis, window) of the best window, for a star whose brightest pixel has ``snr`` at σ 1 px. The
+    error is from sampling and read-out noise, without shot noise; only from sampling if ``snr`` is NaN."""
     peak_share = float(np.diff(ndtr(np.array([-0.5, 0.5])))[0]) ** 2
     best = (np.inf, WINDOWS[0])
     for window in WINDOWS:
@@ -92,8 +95,8 @@ def centroid_error_px(sigma_px: float, snr: float) -> tuple[float, int]:
 
 @dataclass(frozen=True)
 class BestFocus:
-    """Sharpest position of a series of focus settings, and the positions on both sides where σ has the desired width; NaN if it is
-    not reached."""
+    """Sharpest position in a series of focus settings, and the positions on both sides at which σ has the desired
+    value; NaN if it is not reached."""
 
     position: float
     position_sigma: float
@@ -103,7 +106,8 @@ class BestFocus:
 
 
 def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) -> BestFocus:
-    """Find the focus from (n ≥ 4) lens settings on both sides of it and the measured widths, by fitting a parabola to σ²."""
+    """Compute the best focus from (n ≥ 4) lens settings on both sides and the measured widths, by fitting a parabola to
+    σ²."""
     x, width = np.asarray(position, float), np.asarray(sigma_px, float)
     if len(x) < 4 or len(x) != len(width):
         raise BadInput("too few settings of the focus", expected="4 or more with their widths", got=str(len(x)))
@@ -115,7 +119,7 @@ def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) 
     c, b, a = (float(k) for k in fit.coefficients)
     if a <= 0:
         raise BadInput(
-            "the widths have no smallest value here",
+            "the widths have no minimum between these settings",
             expected="settings on both sides of the focus",
             got="no turn",
             hint="go further out",

@@ -12,7 +12,8 @@ from gss.domain.angles import Array
 
 @dataclass(frozen=True)
 class Histogram:
-    """``edges`` (k + 1,), ``counts`` (k,). ``mean``, ``sigma`` of all values; ``label`` with the unit."""
+    """Histogram of values. ``edges`` (k + 1,), ``counts`` (k,); ``mean``, ``sigma``: of all values; ``label``: includes
+    the unit."""
 
     label: str
     edges: Array
@@ -22,7 +23,7 @@ class Histogram:
 
     @property
     def normal(self) -> Array:
-        """(k,) expected counts of a normal distribution with the same mean, standard deviation and area."""
+        """Return the (k,) expected counts of a normal distribution with the same mean, standard deviation and area."""
         middle, width = (self.edges[1:] + self.edges[:-1]) / 2, np.diff(self.edges)
         if not self.sigma > 0:
             return np.zeros(len(middle))
@@ -31,7 +32,8 @@ class Histogram:
 
 
 def histogram(values: Array, label: str, width: float | None = None, most_bins: int = 60) -> Histogram:
-    """Build the histogram of the finite values with bins of ``width``; None chooses the width from the spread."""
+    """Build the histogram of the finite values with bins of ``width``. If None, the width is computed from the
+    spread."""
     v = np.asarray(values, float)
     v = v[np.isfinite(v)]
     if not len(v):

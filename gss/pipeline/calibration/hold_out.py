@@ -1,4 +1,4 @@
-"""Cross-validation of a calibration on frames not used in it."""
+"""Cross-validation of a calibration with frames that were not used for it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ MIN_FRAMES = 3
 
 
 def held_out(stars: StarStack, fit: Adjusted, priors: Mapping[str, Prior], folds: int) -> ResidualFigures | None:
-    """Cross-validate by frame: fit the camera to the other frames, then only the attitude of each held-out frame. Residuals are
-    scaled for the degrees of freedom of the attitude, so that they compare with the scatter of a star. None with fewer than three
-    frames."""
+    """Cross-validate by frame: fit the camera to the other frames, then only the attitude of each held-out frame.
+    Residuals are corrected for the degrees of freedom of the attitude, so that they are comparable with the scatter of
+    a star. None with fewer than three frames."""
     if stars.frames < MIN_FRAMES or folds < 2:
         return None
     count = min(folds, stars.frames)
@@ -43,7 +43,7 @@ def held_out(stars: StarStack, fit: Adjusted, priors: Mapping[str, Prior], folds
             used=fit.used[mask],
         )
         frame_stars = np.bincount(tried.frame[fit.used[mask]], minlength=tried.frames)
-        # With two stars no degrees of freedom remain after fitting the attitude.
+        # With two stars, the fit of the attitude leaves no degrees of freedom.
         stretch = np.sqrt(2 * frame_stars / np.maximum(2 * frame_stars - 3, 1))
         residual[mask] = alone.residual_px * stretch[tried.frame, None]
         used[mask] = fit.used[mask] & (frame_stars > MIN_FRAMES)[tried.frame]

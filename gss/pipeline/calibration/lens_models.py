@@ -22,7 +22,7 @@ LENS_MODELS: dict[str, tuple[str, ...]] = {
     # radial_1 is equivalent to the focal length, so it is not fitted.
     "radial-tilt": ("tilt_col_rad", "tilt_row_rad", "radial_2", "radial_3"),
 }
-# Order in which parameters are held if the stars cannot separate them.
+# Order in which parameters are fixed if the stars cannot separate them.
 FREEZING_ORDER = (
     ("k3",),
     ("radial_3",),
@@ -40,8 +40,8 @@ UNITS = {"focal_px": "px", "centre_col_px": "px", "centre_row_px": "px"} | dict.
 
 @dataclass(frozen=True)
 class Vector:
-    """All parameters of a camera under one lens model, by name; ``free``: those that are fitted. ``focal_mm`` is the scale of
-    the polynomial in millimetres and affects nothing else."""
+    """Parameters of a camera with one lens model, by name. ``free``: names of the fitted parameters. ``focal_mm``:
+    scale of the polynomial in millimetres; it affects no other parameter."""
 
     model: str
     columns: int
@@ -51,18 +51,19 @@ class Vector:
     focal_mm: float = float("nan")
 
     def moved(self, step: Array) -> Vector:
-        """Return the vector with ``step`` added to the free parameters; focal length and aspect are multiplied by exp(step)."""
+        """Return the vector with ``step`` added to the free parameters. Focal length and aspect are multiplied by
+        exp(step)."""
         values = dict(self.values)
         for name, by in zip(self.free, step.tolist(), strict=True):
             values[name] = values[name] * float(np.exp(by)) if name in ("focal_px", "aspect") else values[name] + by
         return replace(self, values=values)
 
     def without(self, names: tuple[str, ...]) -> Vector:
-        """Return the vector with these parameters not free."""
+        """Return the vector with these parameters fixed."""
         return replace(self, free=tuple(n for n in self.free if n not in names))
 
     def value(self) -> Array:
-        """(p,) free parameters, focal length and aspect as logarithms, to which ``moved`` adds its step."""
+        """Return the (p,) free parameters to which ``moved`` adds its step. Focal length and aspect are logarithms."""
         return np.array([self._inside(n) for n in self.free])
 
     def _inside(self, name: str) -> float:
@@ -70,7 +71,7 @@ class Vector:
         return float(np.log(v)) if name in ("focal_px", "aspect") else v
 
     def camera(self) -> Camera:
-        """The camera with these parameters."""
+        """Return the camera with these parameters."""
         v = self.values
         root = float(np.sqrt(v["aspect"]))
         focal = v["focal_px"]
@@ -90,7 +91,7 @@ class Vector:
 
 
 def vector_of(camera: Camera, model: str, focal_mm: float = float("nan")) -> Vector:
-    """Return the starting vector: the camera's geometry, and its coefficients as far as the model has them."""
+    """Return the initial vector: the camera's geometry, and those of its lens coefficients that the model has."""
     lens = camera.distortion
     focal = float(np.sqrt(camera.focal_col_px * camera.focal_row_px))
     values = {
@@ -113,15 +114,15 @@ def vector_of(camera: Camera, model: str, focal_mm: float = float("nan")) -> Vec
 
 
 def difference_steps(vector: Vector) -> Array:
-    """(p,) steps for numeric derivatives, each about 1e-3 px at the detector's edge."""
+    """Return the (p,) steps for numeric derivatives, each about 1e-3 px at the detector's edge."""
     steps = {"focal_px": 1e-6, "aspect": 1e-6, "centre_col_px": 1e-3, "centre_row_px": 1e-3}
     steps |= dict.fromkeys(BROWN, 1e-6) | dict.fromkeys(TILT, 1e-6) | dict.fromkeys(RADIAL, 1e-6)
     return np.array([steps[n] for n in vector.free])
 
 
 def most_allowed_sigma(vector: Vector) -> Array:
-    """(p,) standard deviations above which a parameter counts as undetermined: half a percent of the focal length, a fiftieth of
-    the detector for the centre, one pixel at the corner for a coefficient."""
+    """Return the (p,) standard deviations above which a parameter counts as undetermined: half a percent of the focal
+    length, a fiftieth of the detector for the centre, and one pixel at the corner for a coefficient."""
     camera = vector.camera()
     corner = float(np.tan(min(camera.half_diagonal_rad, 1.2)))
     reach_px = 1.0 / vector.values["focal_px"]

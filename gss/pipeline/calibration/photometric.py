@@ -1,7 +1,7 @@
 """Photometric calibration: zero point, colour, vignetting, linearity, saturation (Jacobs 1995 §6.3, app. C.1).
 
-V = −2.5·log₁₀(flux / exposure) + zero point + colour·(B−V) + vignetting, fitted to the matched stars of many
-frames without outliers and variable stars. ``flux`` is the summed brightness, plus Jacobs' k_area·n·Δth if a threshold was
+V = −2.5·log₁₀(flux / exposure) + zero point + colour·(B−V) + vignetting is fitted to the matched stars of many frames,
+without outliers and variable stars. ``flux`` is the summed brightness, plus Jacobs' k_area·n·Δth if a threshold was
 subtracted (eq. C.1).
 """
 
@@ -33,15 +33,17 @@ LINEAR = 0.02
 
 @dataclass(frozen=True)
 class PhotometricCalibration:
-    """``zero_point_mag``: V of one DN per second, B−V = 0, on axis; ``zero_point_dn_s``: DN per second of V = 0, and
-    ``zero_point_e_s`` in electrons (NaN without gain). ``k_illum_lux_per_dn``: of summed brightness at ``exposure_s``
-    (eq. C.2, 6.24). ``k_area``: eq. C.1, 0 with σ NaN if no threshold was given.
+    """Photometric calibration of a camera. ``zero_point_mag``: V of one DN per second, B−V = 0, on axis;
+    ``zero_point_dn_s``: DN per second of V = 0, and ``zero_point_e_s`` in electrons (NaN without gain).
+    ``k_illum_lux_per_dn``: illuminance per summed brightness at ``exposure_s`` (eq. C.2, 6.24). ``k_area``: eq. C.1, 0
+    with σ NaN if no threshold was given.
 
-    ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, ρ = distance from the optical centre over that of the corner; ``corner_loss`` = 1 −
-    light at ρ = 1. ``linearity``: change of measured magnitude per catalogue magnitude, 1 = linear. ``saturation_mag``: V
-    of a star whose peak reaches ``saturation_dn``, NaN if unknown. ``sigma_mag``: of measured − catalogue; ``robust_sigma_mag``:
-    from the median. ``frame_offset_mag``: (frames,) light of each relative to the median frame, negative: light was lost. Per star,
-    ``error_mag``: measured − catalogue, ``used``: in the fit.
+    ``vignetting``: light = 1 + v₂ρ² + v₄ρ⁴, ρ = distance from the optical centre over that of the corner;
+    ``corner_loss`` = 1 − light at ρ = 1. ``linearity``: change of measured magnitude per catalogue magnitude, 1 =
+    linear. ``saturation_mag``: V of a star whose peak reaches ``saturation_dn``, NaN if unknown. ``sigma_mag``:
+    standard deviation of measured − catalogue; ``robust_sigma_mag``: the same from the median. ``frame_offset_mag``:
+    (frames,) light of each frame relative to the median frame, negative if light was lost. Per star, ``error_mag``:
+    measured − catalogue, ``used``: in the fit.
     """
 
     zero_point_mag: float
@@ -74,7 +76,7 @@ class PhotometricCalibration:
     warnings: tuple[Advice, ...]
 
     def magnitude(self, flux_dn: Array, exposure_s: float, b_v: Array | float = 0.0) -> Array:
-        """V magnitude of on-axis stars with flux ``flux_dn``."""
+        """Return the V magnitude of on-axis stars with flux ``flux_dn``."""
         instrumental = -2.5 * np.log10(np.asarray(flux_dn, float) / exposure_s)
         return np.asarray(instrumental + self.zero_point_mag + self.colour_mag_per_mag * np.asarray(b_v))
 
@@ -89,8 +91,8 @@ def calibrate_photometry(
 ) -> PhotometricCalibration:
     """Calibrate the photometry from the matched stars of frames.
 
-    ``threshold_above_dark_dn``: Δth of eq. C.1, for all frames or for each. ``limits_mag``: brightest and faintest V of
-    the fit. Raises BadInput with fewer than 15 usable stars.
+    ``threshold_above_dark_dn``: Δth of eq. C.1, one value for all frames or one per frame. ``limits_mag``: brightest
+    and faintest V of the fit. Raises BadInput with fewer than 15 usable stars.
     """
     warnings: list[Advice] = []
     offsets = frame_offsets_mag(frames)
@@ -110,7 +112,7 @@ def calibrate_photometry(
     used = usable.copy()
     used[usable] = fit.used
     slope, slope_sigma = _linearity(light.v_mag[used], error[used], warnings)
-    return _made(
+    return _result(
         light, frames, offsets, value, sigma, k_area, error, used, (slope, slope_sigma), gain_e_per_dn, warnings
     )
 
@@ -134,7 +136,7 @@ def _usable(
 
 
 def _error_mag(light: Light, fit: Linear, k_area: float, names: tuple[str, ...]) -> Array:
-    """(n,) measured − catalogue magnitude of every star, NaN without a flux."""
+    """Return the (n,) measured − catalogue magnitudes of all stars, NaN without a flux."""
     columns = {"zero": np.ones(len(light.v_mag)), "colour": light.b_v, "rho2": light.rho**2, "rho4": light.rho**4}
     model = sum(c * columns[n] for n, c in zip(names, fit.coefficients.tolist(), strict=True) if n in columns)
     return np.asarray(light.instrumental_mag(k_area) + model - light.v_mag)
@@ -159,7 +161,7 @@ def _linearity(v_mag: Array, error_mag: Array, warnings: list[Advice]) -> tuple[
     return 1 + slope, sigma
 
 
-def _made(
+def _result(
     light: Light,
     frames: Sequence[FrameStars],
     offsets: Array,
@@ -176,7 +178,7 @@ def _made(
     dn_s = float(10 ** (0.4 * zero))
     exposure_s = float(np.median(light.exposure_s))
     lost_mag = value.get("rho2", 0.0) + value.get("rho4", 0.0)
-    # The magnitude of a star dimmed by vignetting needs a negative correction.
+    # Vignetting dims a star, so its magnitude needs a negative correction.
     v2, v4 = _as_light(value.get("rho2", 0.0), value.get("rho4", 0.0))
     saturation_dn, saturation_mag = _saturation(light, frames, used, zero, exposure_s)
     used_errors = error[used]

@@ -1,4 +1,4 @@
-"""Star measurements of all frames as columns, and the linear fit of magnitudes."""
+"""Star measurements of all frames as arrays, and the linear fit of magnitudes."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ MAG = 2.5 / float(np.log(10))
 
 @dataclass(frozen=True)
 class Light:
-    """n stars of all frames. ``rho``: distance from the optical centre over that of the farthest corner. ``below_dn``:
-    n·Δth of eq. C.1."""
+    """Measurements of the n stars of all frames. ``rho``: distance from the optical centre divided by that of the
+    farthest corner. ``below_dn``: n·Δth of eq. C.1."""
 
     frame: NDArray[np.intp]
     hip: Ids
@@ -38,13 +38,13 @@ class Light:
     clipped: NDArray[np.bool_]
 
     def instrumental_mag(self, k_area: float) -> Array:
-        """−2.5·log₁₀ of brightness per second, NaN if it is not positive."""
+        """Return −2.5·log₁₀ of the brightness per second, NaN if it is not positive."""
         flux = self.flux_dn + k_area * self.below_dn
         return -2.5 * np.log10(np.where(flux > 0, flux, np.nan) / self.exposure_s)
 
 
 def corner_radius(camera: Camera) -> float:
-    """Distance from the optical centre to the farthest corner, in pixels of the column axis."""
+    """Return the distance from the optical centre to the farthest corner, in pixels of the column axis."""
     aspect = camera.focal_col_px / camera.focal_row_px
     col = max(camera.centre_col_px + 0.5, camera.columns - 0.5 - camera.centre_col_px)
     row = max(camera.centre_row_px + 0.5, camera.rows - 0.5 - camera.centre_row_px) * aspect
@@ -52,7 +52,8 @@ def corner_radius(camera: Camera) -> float:
 
 
 def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float | Sequence[float]) -> Light:
-    """Concatenate the stars of all frames. An unknown exposure is taken as 1 s, an unknown colour as B−V 0.6, the Sun's."""
+    """Concatenate the stars of all frames. An unknown exposure is replaced by 1 s, and an unknown colour by the Sun's
+    B−V of 0.6."""
     each = (
         [float(threshold_dn)] * len(frames)
         if isinstance(threshold_dn, int | float)
@@ -83,8 +84,8 @@ def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float |
 
 
 def measure(light: Light, usable: NDArray[np.bool_]) -> tuple[Linear, float, tuple[str, ...]]:
-    """Return the robust fit, k_area, and the names of its coefficients: zero, colour and powers of ρ if the stars determine them,
-    area if a threshold was subtracted."""
+    """Return the robust fit, k_area, and the names of its coefficients: zero; colour and powers of ρ if the stars
+    determine them; area if a threshold was subtracted."""
     names = ["zero"]
     if np.ptp(np.percentile(light.b_v[usable], [10, 90])) > COLOUR_RANGE:
         names.append("colour")

@@ -1,7 +1,8 @@
-"""Gain and read noise from pairs of flat frames: photon noise variance is proportional to signal (Janesick 2001 §2.2).
+"""Gain and read noise from pairs of flat frames. The variance of photon noise is proportional to the signal (Janesick
+2001 §2.2).
 
-The difference of two equal exposures contains no fixed pattern, so half its variance is the noise variance of one. If the
-variance falls below the line, the full well or the converter's limit is reached.
+The difference of two equal exposures contains no fixed pattern, so half its variance is the noise variance of one
+frame. If the variance is below the line, the full well or the converter's limit is reached.
 """
 
 from __future__ import annotations
@@ -35,10 +36,11 @@ class FlatPair:
 
 @dataclass(frozen=True)
 class PhotonTransfer:
-    """``read_noise_e``: including quantisation; NaN if the darkest level is far above it. ``bias_dn``: from the dark pair, NaN
-    without one. ``response_sigma``: relative spread of the pixels' response. ``full_well_e``: signal where the variance starts to
-    decrease, NaN if no level reached it. Per level: ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``.
-    ``nonlinearity``: largest relative deviation of the variance of a fitted level from the line."""
+    """Result of a photon transfer measurement. ``read_noise_e``: includes quantisation; NaN if the darkest level is far
+    above it. ``bias_dn``: from the dark pair, NaN without a dark pair. ``response_sigma``: relative spread of the
+    pixels' response. ``full_well_e``: signal at which the variance starts to decrease, NaN if not reached. Per level:
+    ``signal_dn`` above the bias, ``variance_dn2`` of one frame, ``fitted``. ``nonlinearity``: largest relative
+    deviation of the variance of a fitted level from the line."""
 
     gain_e_per_dn: float
     gain_sigma: float
@@ -93,7 +95,7 @@ def photon_transfer(
 def _line(
     signal: Array, variance: Array, dark: tuple[float, float, float, int] | None, pixels: float
 ) -> tuple[float, float, float, float, float]:
-    """Return slope and floor of the variance, σ of the gain and of the floor, and the largest relative deviation."""
+    """Return slope and floor of the variance, σ of gain and floor, and the largest relative deviation from the line."""
     x, y = (signal, variance) if dark is None else (np.append(signal, 0.0), np.append(variance, dark[1]))
     # A variance measured on n pixels has a relative error of √(2/n).
     fit = fit_linear(np.column_stack([x, np.ones(len(x))]), y, y * np.sqrt(2 / pixels))
@@ -130,7 +132,7 @@ def _level(pair: FlatPair) -> tuple[float, float, float, int]:
     first, second = np.asarray(pair.first, float), np.asarray(pair.second, float)
     if first.shape != second.shape or first.ndim != 2:
         raise BadInput("a pair is two frames of one size", expected=str(first.shape), got=str(second.shape))
-    # Scale one of the frames in case the lamp changed between them.
+    # Scale one of the frames, because the lamp can change between the frames.
     second = second * (np.median(first) / np.median(second)) if np.median(second) > 0 else second
     difference, mean = first - second, (first + second) / 2
     keep = _unstray(difference) & _unstray(mean)
@@ -151,7 +153,7 @@ def _clips(pair: FlatPair, saturation_dn: float | None) -> bool:
 
 
 def _rising(signal: Array, variance: Array) -> NDArray[np.bool_]:
-    """Mask of the levels before the variance decreases."""
+    """Return a mask of the levels before the variance decreases."""
     order = np.argsort(signal)
     highest, good = 0.0, np.ones(len(signal), bool)
     for k in order:
@@ -163,7 +165,7 @@ def _rising(signal: Array, variance: Array) -> NDArray[np.bool_]:
 
 
 def _response(levels: list[tuple[float, float, float, int]], signal: Array) -> float:
-    """Spread of the response, from the brightest level, where the pattern is least affected by noise."""
+    """Return the spread of the response from the brightest level, at which noise affects the pattern least."""
     if not len(signal) or signal.max() <= 0:
         return float("nan")
     k = int(np.argmax(signal))

@@ -1,4 +1,4 @@
-"""Conversion of calibrations to plain values, for versions in the store, JSON files and star tables."""
+"""Conversion of calibrations to plain values for the store, JSON files and star tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from gss.domain.camera import Camera
 from gss.domain.camera_record import record_of
 
-MAX_VALUES = 20_000  # larger arrays are images, which are stored in separate files
+MAX_VALUES = 20_000  # larger arrays are images, which are stored as separate files
 
 
 def as_record(value: Any) -> Any:

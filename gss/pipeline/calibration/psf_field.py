@@ -26,11 +26,12 @@ TILT_SIGMAS = 5.0
 
 @dataclass(frozen=True)
 class PsfField:
-    """n stars: ``pixels`` (n, 2), ``sigma_px`` (n,) Gaussian σ of the optics without pixel integration (round equivalent),
-    ``ratio`` (n,) long over short axis, ``direction_rad`` (n,) of the long axis from +col to +row.
+    """Shape of n stars over the field. ``pixels`` (n, 2); ``sigma_px`` (n,) Gaussian σ of the optics without pixel
+    integration (round equivalent), ``ratio`` (n,) long over short axis, ``direction_rad`` (n,) of the long axis from
+    +col to +row.
 
-    σ² over the field is fitted as s₀ + s₁x + s₂y + s₃ρ² (x, y in half diagonals, ρ distance over corner):
-    ``surface`` and ``surface_sigma`` (4,). ``centre_sigma_px``, ``corner_sigma_px`` follow from it; ``lean``: relative change of σ²
+    σ² over the field is fitted as s₀ + s₁x + s₂y + s₃ρ² (x, y in half diagonals, ρ distance over corner): ``surface``
+    and ``surface_sigma`` (4,). ``centre_sigma_px``, ``corner_sigma_px``: from this fit; ``lean``: relative change of σ²
     from side to side. ``map``: its ``rms_px`` is the σ of each cell."""
 
     pixels: Array

@@ -1,5 +1,5 @@
-"""Jacobs' radial distortion polynomial, from the distances of all stars to one near the optical centre (Jacobs 1995 §6.2.3.1,
-eq. 6.16–6.17, F.9)."""
+"""Jacobs' radial distortion polynomial, from the distances of all stars to a star near the optical centre (Jacobs 1995
+§6.2.3.1, eq. 6.16–6.17, F.9)."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from gss.pipeline.calibration.advice import Advice
 from gss.pipeline.calibration.robust import fit_linear
 from gss.pipeline.calibration.sightings import FrameStars
 
-NEAR_CENTRE_MM = 0.45  # maximum distance from the optical centre of the star used in its place
+NEAR_CENTRE_MM = 0.45  # maximum distance from the optical centre of the star that replaces it
 MIN_STARS = 12
 
 
 @dataclass(frozen=True)
 class RadialFit:
-    """Δr = k₁r + k₂r² + …, millimetres: ``coefficients`` and ``sigma`` (order,). Per star: ``r_mm`` measured distance,
-    ``delta_mm`` measured − true, ``residual_mm`` after the polynomial, ``used``."""
+    """Fitted polynomial Δr = k₁r + k₂r² + …, millimetres: ``coefficients`` and ``sigma`` (order,). Per star: ``r_mm``
+    measured distance, ``delta_mm`` measured − true, ``residual_mm`` after the polynomial, ``used``."""
 
     coefficients: Array
     sigma: Array
@@ -40,8 +40,8 @@ class RadialFit:
 def radial_polynomial(
     frames: Sequence[FrameStars], camera: Camera, focal_mm: float, order: int = 3, near_mm: float = NEAR_CENTRE_MM
 ) -> RadialFit:
-    """Fit the polynomial to frames with a star near the optical centre. The camera's tilt is corrected first, its polynomial is
-    not."""
+    """Fit the polynomial to frames with a star near the optical centre. The camera's tilt is corrected first, but not
+    its polynomial."""
     tilt = camera.distortion
     flat = RadialTilt(focal_mm, tilt.tilt_max_rad, tilt.tilt_direction_rad) if isinstance(tilt, RadialTilt) else None
     r_parts, delta_parts, used_frames = [], [], 0
@@ -55,20 +55,21 @@ def radial_polynomial(
         if len(far) < 2 or far[k] > near_mm:
             continue
         used_frames += 1
-        others = np.arange(len(far)) != k
-        # From the centre of a plane detector, the tangent of the separation is the radius; it is corrected for the small offset
-        # of the central star by using that star's ray.
+        other_stars = np.arange(len(far)) != k
+        # From the centre of a plane detector, the tangent of the separation is the radius. The ray of the central star
+        # corrects for
+        # its small offset from the centre.
         ray = np.append(place_mm, np.full((len(far), 1), focal_mm), axis=1)
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-        measured = separation_rad(ray[others], ray[k])
-        true = separation_rad(frame.icrs[others], frame.icrs[k])
-        r_parts.append(far[others])
-        # An error of the angle equals the error of the radius times cos² of the field angle.
-        delta_parts.append(focal_mm * (measured - true) * (1 + (far[others] / focal_mm) ** 2))
+        measured = separation_rad(ray[other_stars], ray[k])
+        true = separation_rad(frame.icrs[other_stars], frame.icrs[k])
+        r_parts.append(far[other_stars])
+        # The error of the angle is the error of the radius times cos² of the field angle.
+        delta_parts.append(focal_mm * (measured - true) * (1 + (far[other_stars] / focal_mm) ** 2))
     r = np.concatenate(r_parts) if r_parts else np.empty(0)
     if len(r) < max(MIN_STARS, order + 2):
         raise BadInput(
-            "too few stars with one near the optical centre beside them",
+            "too few stars in frames with a star near the optical centre",
             expected=f"{MIN_STARS} in frames with a star within {near_mm:g} mm of the centre",
             got=f"{len(r)} in {counted(used_frames, 'frame')}",
             hint="image a dense part of the sky: at least half the frames then have such a star",
@@ -85,11 +86,11 @@ def radial_polynomial(
         fit.used,
         rms,
         used_frames,
-        tuple(_said(r, camera, focal_mm)),
+        tuple(_warnings(r, camera, focal_mm)),
     )
 
 
-def _said(r_mm: Array, camera: Camera, focal_mm: float) -> list[Advice]:
+def _warnings(r_mm: Array, camera: Camera, focal_mm: float) -> list[Advice]:
     corner = np.array([camera.columns / camera.focal_col_px, camera.rows / camera.focal_row_px]) / 2
     reach = focal_mm * float(np.hypot(corner[0], corner[1]))
     if r_mm.max() > 0.8 * reach:

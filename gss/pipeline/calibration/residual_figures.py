@@ -1,4 +1,4 @@
-"""Residuals between measured and predicted star positions: figures, and maps over the detector."""
+"""Residuals between measured and predicted star positions: statistics, and maps over the detector."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ MAP_CELLS = 12
 
 @dataclass(frozen=True)
 class ResidualFigures:
-    """``rms_px``: per axis; ``noise_px``: the same corrected for the fitted degrees of freedom, i.e. the scatter of one measured
-    star; ``median_px`` ``p95_px`` ``max_px``: of the length; ``chi``: rms in units of the stars' stated σ; ``rejected``: number of
-    rejected stars."""
+    """Statistics of residuals. ``rms_px``: per axis; ``noise_px``: rms corrected for the fitted degrees of freedom,
+    i.e. the scatter of one measured star; ``median_px``, ``p95_px``, ``max_px``: of the lengths; ``chi``: rms in units
+    of the stars' stated σ; ``rejected``: number of rejected stars."""
 
     stars: int
     rms_px: float
@@ -31,7 +31,7 @@ class ResidualFigures:
 def residual_figures(
     residual_px: Array, sigma_px: Array, used: NDArray[np.bool_], freedom: int | None = None
 ) -> ResidualFigures:
-    """Compute the figures of (n, 2) residuals. ``freedom``: equations minus unknowns; None: nothing was fitted."""
+    """Compute the statistics of (n, 2) residuals. ``freedom``: equations minus unknowns, None without a fit."""
     r, n = residual_px[used], int(used.sum())
     if not n:
         nan = float("nan")
@@ -57,8 +57,8 @@ class ResidualMap:
 
 
 def residual_map(pixels: Array, residual_px: Array, size: tuple[int, int], cells: int = MAP_CELLS) -> ResidualMap:
-    """Bin (n, 2) positions and residuals on a detector of ``size`` columns, rows, in about square cells, ``cells`` on the long
-    side."""
+    """Bin (n, 2) positions and residuals on a detector of ``size`` (columns, rows). Cells are nearly square, with
+    ``cells`` on the long side."""
     columns, rows = size
     step = max(columns, rows) / cells
     across, down = max(1, round(columns / step)), max(1, round(rows / step))

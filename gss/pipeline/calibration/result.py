@@ -1,4 +1,4 @@
-"""Result of a self-calibration: the camera, its uncertainty, and the data to assess it."""
+"""Result of a self-calibration: the camera, its uncertainty, and data to assess the result."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ GRID = 11
 
 @dataclass(frozen=True)
 class Parameter:
-    """One fitted value in its unit; ``sigma`` includes the errors of all attitudes."""
+    """Fitted parameter in its unit. ``sigma`` includes the errors of all attitudes."""
 
     name: str
     value: float
@@ -29,8 +29,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Frozen:
-    """A parameter that was held at a value, and the reason. ``sigma``: what its standard deviation would be if it were fitted, NaN
-    if unknown."""
+    """Parameter that was fixed at a value, and the reason. ``sigma``: standard deviation that a fit would give, NaN if
+    unknown."""
 
     name: str
     value: float
@@ -40,8 +40,9 @@ class Frozen:
 
 @dataclass(frozen=True)
 class ModelFit:
-    """One lens model fitted to the same stars. ``bic``, ``aicc``: differences from the best, 0 = best; ``held_out_px``: rms
-    per axis of stars in held-out frames, corrected for the degrees of freedom of their attitudes."""
+    """Fit of one lens model to the common stars. ``bic``, ``aicc``: differences from the best, 0 = best;
+    ``held_out_px``: rms per axis of stars in held-out frames, corrected for the degrees of freedom of their
+    attitudes."""
 
     model: str
     free_parameters: int
@@ -55,7 +56,8 @@ class ModelFit:
 
 @dataclass(frozen=True)
 class FrameFit:
-    """Fit of one frame. ``scale``: its plate scale relative to the start camera's; ``excluded``: "" or why it was excluded."""
+    """Fit of one frame. ``scale``: plate scale relative to that of the start camera; ``excluded``: "" or the reason for
+    exclusion."""
 
     name: str
     time_s: float
@@ -70,8 +72,9 @@ class FrameFit:
 
 @dataclass(frozen=True)
 class StarResiduals:
-    """Every input star. ``frame``: index into the frames used, ``residual_px``: (n, 2) measured − predicted after the calibration,
-    ``before_px``: with the start camera and the best attitude for it, ``used``: False if rejected."""
+    """Residuals of all input stars. ``frame``: index into the frames used; ``residual_px``: (n, 2) measured − predicted
+    after the calibration; ``before_px``: the same with the start camera and its best attitude; ``used``: False if
+    rejected."""
 
     frame: NDArray[np.intp]
     hip: Ids
@@ -105,11 +108,11 @@ class CameraCalibration:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the parameters, in the order of ``covariance``."""
+        """Return the names of the parameters, in the order of ``covariance``."""
         return tuple(p.name for p in self.parameters)
 
     def parameter(self, name: str) -> Parameter:
-        """Return the fitted parameter of that name."""
+        """Return the fitted parameter with this name. Raises an error if it was not fitted."""
         match = next((p for p in self.parameters if p.name == name), None)
         if match is None:
             raise NotFound("this parameter was not fitted", expected=" | ".join(self.names), got=name)

@@ -1,4 +1,4 @@
-"""Robust linear fits of data with outliers: Huber weights and the corresponding covariance."""
+"""Robust linear fits of data with outliers, with Huber weights and the corresponding covariance."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ NORMAL_MAD = 1.4826
 
 @dataclass(frozen=True)
 class Linear:
-    """``coefficients`` (p,), ``covariance`` (p, p), ``residual`` (n,) data − model, ``used`` (n,), ``sigma``: scatter in units of
-    the data's stated errors."""
+    """Result of a linear fit. ``coefficients`` (p,), ``covariance`` (p, p), ``residual`` (n,) data − model, ``used``
+    (n,); ``sigma``: scatter in units of the data's stated errors."""
 
     coefficients: Array
     covariance: Array
@@ -29,7 +29,7 @@ class Linear:
 
 
 def robust_sigma(values: Array) -> float:
-    """Standard deviation of normally distributed values, from the median absolute deviation."""
+    """Return the standard deviation of normally distributed values, from the median absolute deviation."""
     v = values[np.isfinite(values)]
     return float(NORMAL_MAD * np.median(np.abs(v - np.median(v)))) if len(v) else float("nan")
 

@@ -1,4 +1,5 @@
-"""Screening of frames for a calibration: unsuitable frames are excluded with a reason, and the others are checked."""
+"""Screening of frames for a calibration. Unsuitable frames are excluded with a reason; the remaining frames are
+checked."""
 
 from __future__ import annotations
 
@@ -28,8 +29,8 @@ CLOUD_MAG, CLOUD_SHARE = 0.5, 0.5
 
 @dataclass(frozen=True)
 class ScreenedFrames:
-    """Frames to use, without saturated stars; ``scale`` of each relative to the start camera; ``excluded``: name and reason of the
-    others."""
+    """Frames to use, without saturated stars. ``scale``: plate scale of each relative to the start camera;
+    ``excluded``: names of the excluded frames with reasons."""
 
     frames: tuple[FrameStars, ...]
     scale: Array
@@ -38,8 +39,8 @@ class ScreenedFrames:
 
 
 def screen(frames: Sequence[FrameStars], start: Camera) -> ScreenedFrames:
-    """Exclude frames of another size, with too few stars, with trails (if others remain), mirrored, or of another
-    plate scale. ``start``: the camera before calibration."""
+    """Exclude frames that have another size, too few stars, trails (if enough other frames remain) or another plate
+    scale, or are mirrored. ``start``: the camera before calibration."""
     excluded: list[tuple[str, str]] = []
     warnings: list[Advice] = []
     usable = _of_size(frames, start, excluded, warnings)
@@ -58,7 +59,7 @@ def _of_size(
 ) -> list[FrameStars]:
     same_size = [f for f in frames if (f.columns, f.rows) == (start.columns, start.rows)]
     other = [f for f in frames if (f.columns, f.rows) != (start.columns, start.rows)]
-    excluded += [(f.name, f"{f.columns} x {f.rows} px: another size than the camera's") for f in other]
+    excluded += [(f.name, f"{f.columns} x {f.rows} px: not the size of the camera's detector") for f in other]
     if other:
         warnings.append(
             Advice(
@@ -113,7 +114,7 @@ def _upright(
         warnings.append(
             Advice(
                 "mirrored",
-                f"{sum(mirrored)} of {counted(len(frames), 'frame')} mirrored: only the left-right reverse is in the sky",
+                f"{sum(mirrored)} of {counted(len(frames), 'frame')} mirrored: only the left-right mirror image matches the sky",
                 "read the file the right way round, or correct the order of the read-out",
                 severe=all(mirrored),
             )
@@ -143,8 +144,8 @@ def _fit_rms_px(pixels: Array, icrs: Array, camera: Camera) -> float:
 
 
 def plate_scale(frame: FrameStars, camera: Camera) -> tuple[float, float]:
-    """Return the plate scale of the frame relative to the camera's, and its σ, from measured and predicted distances from the
-    centre of the stars; independent of attitude."""
+    """Return the plate scale of the frame relative to the camera's, and its σ. It is computed from measured and
+    predicted distances from the centre of the stars, and does not depend on the attitude."""
     place, good = _predicted(frame.pixels, frame.icrs, camera)
     if good.sum() < 2:
         return float("nan"), float("nan")
@@ -158,8 +159,8 @@ def plate_scale(frame: FrameStars, camera: Camera) -> tuple[float, float]:
 def _of_one_scale(
     frames: list[FrameStars], scale: Array, excluded: list[tuple[str, str]], warnings: list[Advice]
 ) -> tuple[list[FrameStars], Array]:
-    """Return the largest group of frames without a gap in their scales: one lens changes the scale gradually, another lens
-    abruptly."""
+    """Return the largest group of frames without a gap in their scales. A lens changes its scale gradually; a gap
+    indicates another lens."""
     finite = np.flatnonzero(np.isfinite(scale))
     if len(finite) < 2:
         return frames, scale
@@ -179,7 +180,7 @@ def _of_one_scale(
     warnings.append(
         Advice(
             "mixed-cameras",
-            f"{int((~keep).sum())} of {counted(len(frames), 'frame')} with another plate scale than the rest",
+            f"{int((~keep).sum())} of {counted(len(frames), 'frame')} with another plate scale than the others",
             "calibrate frames of one camera with one lens at one focus together",
             severe=int(keep.sum()) < 2 * int((~keep).sum()),
         )
@@ -188,11 +189,12 @@ def _of_one_scale(
 
 
 def frame_offsets_mag(frames: Sequence[FrameStars]) -> Array:
-    """(f,) median zero point (magnitude of one DN per second) of each frame minus the median of all; NaN without fluxes."""
+    """Return the (f,) median zero points (magnitude of one DN per second) of the frames minus the median of all; NaN
+    without fluxes."""
     zero_points = []
     for f in frames:
         good = np.isfinite(f.flux_dn) & (f.flux_dn > 0) & np.isfinite(f.v_mag) & ~f.saturated
-        # Equal fluxes mean that the centroids were given without fluxes.
+        # If all fluxes are equal, the centroids were stored without fluxes.
         if good.sum() < MIN_STARS or np.ptp(f.flux_dn[good]) == 0:
             zero_points.append(np.nan)
             continue
@@ -227,7 +229,7 @@ def _clouds(frames: Sequence[FrameStars]) -> list[Advice]:
 
 
 def coverage(pixels: Array, size: tuple[int, int]) -> float:
-    """Share of the cells of a 4 x 4 grid over the detector that contain a star."""
+    """Return the share of the cells of a 4 x 4 grid over the detector that contain a star."""
     cell = np.clip((pixels + 0.5) * COVERAGE_CELLS / np.array(size), 0, COVERAGE_CELLS - 1).astype(int)
     return len({(c, r) for c, r in cell.tolist()}) / COVERAGE_CELLS**2
 

@@ -1,8 +1,9 @@
-"""Self-calibration: fit one camera and all attitudes to the matched stars of many frames; the default calibration method.
+"""Self-calibration, the default calibration method: one camera and all attitudes are fitted to the matched stars of
+many frames.
 
-Lens models are compared by the Bayesian information criterion on the same stars, parameters that the data do not determine are
-held and listed, and the result is cross-validated on held-out frames. After Jacobs 1995 §6.2, who solves one parameter group
-after the other, and Pal, Bhat 2014, who solve the camera from stars.
+Lens models are compared by the Bayesian information criterion on the same stars. Parameters that the data do not
+determine are fixed and listed. The result is cross-validated on held-out frames. The method is based on Jacobs 1995
+§6.2, who solves one parameter group after the other, and on Pal, Bhat 2014, who solve the camera from stars.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from gss.pipeline.calibration.star_stack import StarStack, attitudes_of, stack
 from gss.pipeline.calibration.support import hold_unsupported
 
 MODELS = tuple(LENS_MODELS)
-STRANGE = 4.0  # a frame that fits worse than the median by this factor is from another camera or mismatched
+STRANGE = 4.0  # a frame that fits worse than the median by this factor is from another camera or has false matches
 PLATE_SCALE = 0.01
 WORSE = 1.05
 
@@ -56,9 +57,10 @@ def calibrate_camera(
     folds: int = 5,
     progress: Progress = _quiet,
 ) -> CameraCalibration:
-    """Calibrate from frames with matched stars. ``start``: the camera before calibration. ``models``: lens models to compare (a
-    single one is used without comparison); "radial-tilt" needs ``focal_mm``, the scale of its polynomial in millimetres.
-    ``priors``: bench measurements. Raises BadInput if no frame is suitable or there are fewer equations than unknowns.
+    """Calibrate from frames with matched stars. ``start``: the camera before calibration. ``models``: lens models to
+    compare; a single model is used without comparison. "radial-tilt" needs ``focal_mm``, the scale of its polynomial in
+    millimetres. ``priors``: bench measurements. Raises BadInput if no frame is suitable or there are fewer equations
+    than unknowns.
     """
     prior_values = dict(priors or {})
     chosen_models = _models(models, start, focal_mm)
@@ -73,7 +75,7 @@ def calibrate_camera(
         trials = _fit_all(stars, start, chosen_models, scale_mm, prior_values, progress)
     comparison, outside = _compare(stars, trials, prior_values, folds, progress)
     best = next(row.model for row in comparison if row.chosen)
-    return _made(screened, stars, start, trials[best], best, comparison, outside[best])
+    return _result(screened, stars, start, trials[best], best, comparison, outside[best])
 
 
 def _models(models: Sequence[str], start: Camera, focal_mm: float | None) -> tuple[str, ...]:
@@ -93,7 +95,7 @@ def _known_names(priors: Mapping[str, Prior], models: Sequence[str]) -> None:
     wrong = [n for n, p in priors.items() if n not in names or not p.sigma > 0]
     if wrong:
         raise BadInput(
-            "these cannot be known beforehand",
+            "invalid prior values",
             expected=f"a value and a σ above zero of {', '.join(sorted(names))}",
             got=", ".join(wrong),
         )
@@ -107,7 +109,7 @@ def _enough(screened: ScreenedFrames, frame_count: int) -> None:
     why = "; ".join(f"{name}: {reason}" for name, reason in screened.excluded[:4])
     hint = screened.warnings[0].hint if screened.warnings else "longer exposures, or a denser part of the sky"
     raise BadInput(
-        "these frames do not suffice for a calibration",
+        "these frames are not sufficient for a calibration",
         expected=f"more than {max(unknowns, 10) // 2} stars matched",
         got=f"{stars} in {len(screened.frames)} of {counted(frame_count, 'frame')}" + (f" ({why})" if why else ""),
         hint=hint,
@@ -143,7 +145,7 @@ def _without_strange(
     if not strange.any() or strange.mean() > 0.3:
         return screened, stars, False
     names = [(f.name, "does not fit the others") for f, s in zip(screened.frames, strange, strict=True) if s]
-    text = f"{counted(len(names), 'frame')} left out: not like the others"
+    text = f"{counted(len(names), 'frame')} excluded: they do not fit the others"
     hint = "look whether they are of the same camera and focus, and whether their stars are identified rightly"
     remaining = tuple(f for f, s in zip(screened.frames, strange, strict=True) if not s)
     better = ScreenedFrames(
@@ -196,7 +198,7 @@ def _rms(figures: ResidualFigures | None) -> float:
     return float("nan") if figures is None else figures.rms_px
 
 
-def _made(
+def _result(
     screened: ScreenedFrames,
     stars: StarStack,
     start: Camera,
@@ -254,7 +256,7 @@ def _advice(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
     believed = vector_of(start, fit.vector.model, 1.0).values["focal_px"]
     ratio = fit.vector.values["focal_px"] / believed
     if abs(ratio - 1) > PLATE_SCALE:
-        text = f"the focal length is {ratio:.4f} times what was believed ({believed:.1f} px)"
+        text = f"the focal length is {ratio:.4f} times the value in the profile ({believed:.1f} px)"
         advice.append(
             Advice("plate-scale", text, "wrong camera profile, binning or pitch? If not, the calibrated one is right")
         )

@@ -18,11 +18,11 @@ PER_STAR = ("sigma_px", "hip", "v_mag", "b_v", "flux_dn", "peak_dn", "area_px")
 
 @dataclass(frozen=True)
 class FrameStars:
-    """n measured and identified stars of one frame.
+    """Measured and identified stars of one frame; n is their number.
 
-    ``pixels``: (n, 2) col, row. ``sigma_px``: (n,) standard deviation per axis. ``icrs``: (n, 3) apparent unit vectors (epoch of
-    the night; with aberration if it matters for a wide field and small errors). ``flux_dn``: above the background.
-    ``streak_px``: length of the trails. ``saturation_dn``: peaks at or above it are saturated.
+    ``pixels``: (n, 2) col, row. ``sigma_px``: (n,) standard deviation per axis. ``icrs``: (n, 3) apparent unit vectors
+    (epoch of the night; with aberration if it matters for a wide field and small errors). ``flux_dn``: above the
+    background. ``streak_px``: length of the trails. ``saturation_dn``: peaks at or above it are saturated.
     """
 
     name: str
@@ -51,8 +51,8 @@ class FrameStars:
                 raise BadInput(f"frame {self.name}: {name} has the wrong shape", expected=str(shape), got=str(got))
         if n and not (np.isfinite(self.pixels).all() and np.isfinite(self.icrs).all() and (self.sigma_px > 0).all()):
             raise BadInput(
-                f"frame {self.name}: places are not numbers",
-                expected="finite places, errors above 0 px",
+                f"frame {self.name}: invalid positions or errors",
+                expected="finite positions, errors above 0 px",
                 got="NaN or 0",
             )
 
@@ -61,7 +61,7 @@ class FrameStars:
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
-        """(n,) True for stars whose peak is saturated."""
+        """Return an (n,) mask, True for stars with a saturated peak."""
         return np.asarray(self.peak_dn >= CLIPPED_SHARE * self.saturation_dn)
 
     def take(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> FrameStars:
@@ -81,8 +81,8 @@ def frame_stars(
     streak_px: float = 0.0,
     saturation_dn: float = float("inf"),
 ) -> FrameStars | None:
-    """Return the matches of a solved frame that its attitude used; None without a solution. Stars that are not in ``stars`` are
-    omitted."""
+    """Return the matches of a solved frame that were used for its attitude. None without a solution. Stars that are not
+    in ``stars`` are omitted."""
     if result.matches is None or result.attitude is None:
         return None
     row_of = stars.row_of_hip
@@ -104,7 +104,8 @@ def of_centroids(
     streak_px: float = 0.0,
     saturation_dn: float = float("inf"),
 ) -> FrameStars:
-    """Build from centroids and the row in ``stars`` of each. ``size``: columns, rows of the detector."""
+    """Build the stars of a frame from centroids and the row of each in ``stars``. ``size``: columns, rows of the
+    detector."""
     return FrameStars(
         name,
         *size,

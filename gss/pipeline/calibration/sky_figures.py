@@ -1,7 +1,7 @@
-"""Level and noise of the sky in photographs of the night, and the gain where both vary together.
+"""Level and noise of the sky in night photographs, and the gain if both vary.
 
-Shot noise makes the variance of a pixel grow with its level by one over the gain. Without dark frames the bias is not known, so
-only the slope is used.
+Because of shot noise, the variance of a pixel increases with its level; the slope is 1/gain. Without dark frames the
+bias is unknown, so only the slope is used.
 """
 
 from __future__ import annotations
@@ -20,18 +20,20 @@ from gss.pipeline.calibration.robust import fit_linear, robust_sigma
 SURE_SIGMAS = 5.0
 MIN_TILES = 30
 NEIGHBOURS = 9
-"""Tiles of the background mesh that share their pixels, because it is a median of nine."""
+"""Number of tiles of the background mesh that share pixels, because the mesh is a median of nine tiles."""
 STARS_LEVEL, STARS_GAIN = 0.05, 0.02
-"""Effect of stars too faint to be clipped, on the level in units of the noise and on the gain, from simulated photographs."""
+"""Effect of stars that are too faint to be clipped, from simulated photographs: on the level, in units of the noise,
+and on the gain."""
 LEVEL_RANGE = 0.05
-"""Smallest range of levels, relative to the highest, that determines the gain."""
+"""Minimum range of levels, relative to the highest level, that determines the gain."""
 
 
 @dataclass(frozen=True)
 class SkyFigures:
-    """``level_dn`` ± ``level_sigma`` and ``noise_dn`` ± ``noise_sigma`` of a pixel in the darkest photograph; ``excess_dn``: level
-    of the typical photograph above it, ± ``excess_sigma``. ``gain_e_per_dn`` ± ``gain_sigma``: NaN if the level varies too little.
-    ``largest_dn``: largest pixel of all, reached by ``largest_count`` pixels."""
+    """Statistics of the sky. ``level_dn`` ± ``level_sigma`` and ``noise_dn`` ± ``noise_sigma`` of a pixel in the
+    darkest photograph; ``excess_dn``: level of the typical photograph above it, ± ``excess_sigma``. ``gain_e_per_dn`` ±
+    ``gain_sigma``: NaN if the level varies too little. ``largest_dn``: largest pixel value, reached by
+    ``largest_count`` pixels."""
 
     level_dn: float
     level_sigma: float
@@ -55,7 +57,7 @@ def sky_figures(images: Sequence[NDArray[Any]], *, linear: bool) -> SkyFigures:
     gain, gain_sigma = _gain(meshes) if linear else (float("nan"), float("nan"))
     largest = max(float(image.max()) for image in images)
     noise_dn = float(np.median(darkest.noise))
-    # A mesh of equal tiles is set to its mean, so that only the noise of its samples remains.
+    # A mesh of equal tiles is set to its mean, and only the noise of its samples remains.
     of_tiles = float(np.hypot(robust_sigma(darkest.level.ravel()), noise_dn / np.sqrt(SAMPLES_PER_TILE)))
     level_sigma = float(np.hypot(of_tiles / independent, STARS_LEVEL * noise_dn))
     spread = robust_sigma(levels) if len(levels) > 1 else 0.0

@@ -1,4 +1,4 @@
-"""Stars of all frames in one set of arrays, and separate attitudes of the frames."""
+"""Arrays of the stars of all frames, and separate fits of the frames' attitudes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gss.pipeline.calibration.sightings import FrameStars
 
 @dataclass(frozen=True)
 class StarStack:
-    """All stars of all frames, frame after frame. ``frame``: (n,) index; ``first``: (f,) where each frame begins."""
+    """All stars of all frames, frame after frame. ``frame``: (n,) index; ``first``: (f,) offset of each frame."""
 
     pixels: Array
     sigma_px: Array
@@ -33,7 +33,7 @@ class StarStack:
         return len(self.first)
 
     def of_frames(self, keep: NDArray[np.bool_]) -> StarStack:
-        """Return the frames selected by an (f,) mask."""
+        """Return the stars of the frames selected by an (f,) mask."""
         stars = keep[self.frame]
         counts = np.bincount(self.frame, minlength=self.frames)[keep]
         frame = np.repeat(np.arange(len(counts)), counts)
@@ -42,7 +42,7 @@ class StarStack:
 
 
 def stack(frames: Sequence[FrameStars]) -> StarStack:
-    """Concatenate frames, none of which may be empty."""
+    """Concatenate frames. No frame can be empty."""
     counts = np.array([len(f) for f in frames])
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
     return StarStack(
@@ -55,7 +55,7 @@ def stack(frames: Sequence[FrameStars]) -> StarStack:
 
 
 def attitudes_of(stars: StarStack, camera: Camera) -> Array:
-    """(f, 3, 3) cam_from_icrs, fitted to each frame separately with a fixed camera."""
+    """Return (f, 3, 3) cam_from_icrs, fitted to each frame separately with a fixed camera."""
     cam = camera.unproject(stars.pixels)
     ends = np.append(stars.first[1:], len(stars))
     attitudes = []

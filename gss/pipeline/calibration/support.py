@@ -1,4 +1,4 @@
-"""Selection of the parameters that the stars determine; the others are held at their values and listed."""
+"""Selection of the parameters that the stars determine. Other parameters are fixed at their values and listed."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ TWIN_GROUPS = ({"centre_col_px", "centre_row_px"}, {"p1", "p2", *TILT})
 def hold_unsupported(
     stars: StarStack, vector: Vector, turns: Array, priors: Mapping[str, Prior]
 ) -> tuple[Adjusted, tuple[Frozen, ...]]:
-    """Fit; while a parameter is undetermined or almost fully correlated with another, hold the first of them in the freezing
-    order and fit again. A parameter whose prior is narrower than the limit is always determined."""
+    """Fit the camera. While parameters are undetermined or almost fully correlated, fix the first of them in the
+    freezing order and fit again. A parameter with a prior narrower than the limit is always determined."""
     frozen: list[Frozen] = []
     start = vector
     vector = _within_equations(stars, vector, frozen)
@@ -34,19 +34,20 @@ def hold_unsupported(
 
 
 def _sigma(fit: Adjusted, name: str) -> float:
-    """Return the standard deviation of a free parameter in its own unit."""
+    """Return the standard deviation of a free parameter in its unit."""
     at = fit.vector.free.index(name)
     scale = fit.vector.values[name] if name in ("focal_px", "aspect") else 1.0
     return scale * float(np.sqrt(max(fit.covariance[at, at], 0.0)))
 
 
 def _restarted(start: Vector, fitted: Vector) -> Vector:
-    """Restart from the initial values, because a fit along an undetermined direction is a poor starting point."""
+    """Return the initial values as the new start, because a fit along an undetermined direction is a poor starting
+    point."""
     return start.without(tuple(n for n in start.free if n not in fitted.free))
 
 
 def _within_equations(stars: StarStack, vector: Vector, frozen: list[Frozen]) -> Vector:
-    """Hold parameters until there are fewer unknowns than equations."""
+    """Fix parameters until there are fewer unknowns than equations."""
     for group in FREEZING_ORDER:
         if 2 * len(stars) - 3 * stars.frames > len(vector.free):
             break

@@ -1,4 +1,4 @@
-"""Length of star trails during an exposure, measured from the stars' shapes, for centroids of any origin."""
+"""Length of star trails in an exposure, measured from the shapes of the stars. The centroids can be from any source."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MIN_PX = 1.5
 
 
 def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = float("inf")) -> float:
-    """Length of the trails of a frame in px, accurate to about a quarter; 0 for round stars.
+    """Return the length of the trails of a frame in px, accurate to about a quarter; 0 for round stars.
 
-    A star moved uniformly over L has L²/12 more variance along the motion than across it. All stars of a moving camera are
-    elongated in nearly one direction; if they are not (coma, double stars, rotation about the boresight), or fewer than four stars
-    can be measured, the result is 0.
+    A star that moves uniformly over L has L²/12 more variance along the motion than across it. If the camera moves, all
+    stars are elongated in nearly the same direction. The result is 0 if they are not (coma, double stars, rotation
+    about the boresight), or if fewer than four stars can be measured.
     """
     pick = np.argsort(-np.nan_to_num(centroids.flux_dn), kind="stable")[:BRIGHTEST]
     col, row = (np.rint(v[pick]).astype(np.intp) for v in (centroids.col_px, centroids.row_px))

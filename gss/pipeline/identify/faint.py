@@ -32,9 +32,7 @@ FLOOR_PX = 0.05  # errors of lens calibration and proper motion that are not in 
 MAX_GATE_PX = 4.0
 MAX_EXCESS_PX = 1.0  # with more excess scatter, the matches are accidental matches in wide gates
 BRIGHTNESS_SIGMA = 3.5
-VERIFIED_WINDOW_MAG = (
-    1.8  # brightness window of verified stars; wide, because saturation and colour change their brightness
-)
+VERIFIED_WINDOW_MAG = 1.8  # wide, because saturation and colour change the brightness of verified stars
 MAX_CHANCE = 5e-4
 CROWDED = 0.05  # if more stars are expected in a gate, the position does not identify a star
 OWN_SHARE = 0.65  # minimum share of the light at a star's position that comes from the star

@@ -85,5 +85,5 @@ def test_few_samples_are_refused(count: int) -> None:
 
 
 def test_samples_of_one_moment_are_refused() -> None:
-    with pytest.raises(BadInput, match="one moment"):
+    with pytest.raises(BadInput, match="single time"):
         fit_trend(np.zeros(20), np.arange(20.0), np.ones(20))
