@@ -31,25 +31,25 @@ def triad(observed: ArrayLike, reference: ArrayLike) -> Array:
 
 
 def _triad_axes(v: Array) -> Array:
-    """Rows t1, t2, t3 of the intermediate frame."""
+    """Return the rows t1, t2, t3 of the intermediate frame."""
     across = np.cross(v[0], v[1])
     across /= np.linalg.norm(across)
     return np.stack([v[0], across, np.cross(v[0], across)])
 
 
 def profile_matrix(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """(3, 3) attitude profile matrix B = Σ w observed referenceᵀ, weights scaled to sum one."""
+    """Return the (3, 3) attitude profile matrix B = Σ w observed referenceᵀ, with weights scaled to sum 1."""
     b, r, w = _checked(observed, reference, weights)
     return np.asarray((w[:, None] * b).T @ r)
 
 
 def quest(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """(4,) scalar-last quaternion cam_from_icrs by QUEST (Erlank 2013 eq. 4.4.9–10).
+    """Return the (4,) scalar-last quaternion cam_from_icrs by QUEST (Erlank 2013 eq. 4.4.9–10).
 
     The document uses λ = Σw. That estimate is refined on the characteristic quartic by Newton's method, as Shuster
     does, then by two Rayleigh quotients, because the quartic loses digits when all stars are close together. Rotations
-    near 180°, where the Rodrigues parameters are infinite, are avoided by first rotating the reference by 180° about the
-    axis that leaves the smallest rotation.
+    near 180°, where the Rodrigues parameters are infinite, are avoided by first rotating the reference by 180° about
+    the axis that leaves the smallest rotation.
     """
     profile = profile_matrix(observed, reference, weights)
     half_turn = int(np.argmax(_HALF_TURN_SIGNS @ np.diag(profile)))
@@ -95,21 +95,22 @@ def _largest_root(s: Array, z: Array, sigma: float) -> float:
 
 
 def q_method(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """(4,) scalar-last quaternion cam_from_icrs: eigenvector of Davenport's matrix (Huffman 2006 eq. 6.21–6.24)."""
+    """Return the (4,) scalar-last quaternion cam_from_icrs: eigenvector of Davenport's matrix (Huffman 2006 eq.
+    6.21–6.24)."""
     parts = _davenport_parts(profile_matrix(observed, reference, weights))
     q = np.linalg.eigh(_davenport(*parts))[1][:, -1]
     return np.asarray(-q if q[3] < 0 else q)
 
 
 def svd(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """(3, 3) cam_from_icrs by singular value decomposition (Huffman 2006 eq. 6.50)."""
+    """Return the (3, 3) cam_from_icrs by singular value decomposition (Huffman 2006 eq. 6.50)."""
     u, _, vt = np.linalg.svd(profile_matrix(observed, reference, weights))
     sign = np.linalg.det(u) * np.linalg.det(vt)
     return np.asarray(u @ np.diag([1.0, 1.0, np.sign(sign)]) @ vt)
 
 
 def foam(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """(3, 3) cam_from_icrs by Markley's FOAM with signed singular values (Huffman 2006 eq. 6.54)."""
+    """Return the (3, 3) cam_from_icrs by Markley's FOAM with signed singular values (Huffman 2006 eq. 6.54)."""
     b = profile_matrix(observed, reference, weights)
     s1, s2, s3 = np.linalg.svd(b, compute_uv=False) * [1, 1, np.sign(np.linalg.det(b)) or 1.0]
     kappa, largest = s2 * s3 + s3 * s1 + s1 * s2, s1 + s2 + s3
@@ -118,12 +119,13 @@ def foam(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = 
 
 
 def _cofactors(m: Array) -> Array:
-    """Cofactors (transposed adjugate) of a (3, 3) matrix, from cross products of its rows; works for singular matrices."""
+    """Return the cofactors (transposed adjugate) of a (3, 3) matrix from cross products of its rows. The matrix can be
+    singular."""
     return np.stack([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
 
 
 def covariance_rad2(observed_cam: ArrayLike, sigma_rad_per_star: ArrayLike) -> Array:
-    """(3, 3) covariance of the small rotation vector, camera frame, rad²: inverse Fisher information.
+    """Return the (3, 3) covariance of the small rotation vector, camera frame, rad²: the inverse Fisher information.
 
     ``sigma_rad_per_star``: scalar or (n,), standard deviation per axis of each measured direction. If the weights are
     1/σ², it is the QUEST covariance (Huffman 2006 eq. 6.34, times four for angles). It is infinite if the directions do
@@ -145,9 +147,9 @@ def weighted_covariance_rad2(observed_cam: ArrayLike, weights: ArrayLike, sigma_
 
 
 def svd_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> Array:
-    """(3, 3) covariance of the SVD method: U diag(σ²/(s_j + s_k)) Uᵀ with the third singular value signed.
+    """Return the (3, 3) covariance of the SVD method: U diag(σ²/(s_j + s_k)) Uᵀ with the third singular value signed.
 
-    With weights σ_tot²/σ² this is eq. 6.53's result up to terms of the residuals.
+    With weights σ_tot²/σ² it equals eq. 6.53 except for terms of the residuals.
     """
     b, total = _weighted(observed, reference, sigma_rad)
     u, s, vt = np.linalg.svd(b)
@@ -157,7 +159,7 @@ def svd_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: Ar
 
 
 def foam_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> Array:
-    """(3, 3) covariance of FOAM: σ_tot² (κ1 + BBᵀ)/ζ (eq. 6.58, with λ = 1 for small residuals)."""
+    """Return the (3, 3) covariance of FOAM: σ_tot² (κ1 + BBᵀ)/ζ (eq. 6.58, with λ = 1 for small residuals)."""
     b, total = _weighted(observed, reference, sigma_rad)
     s1, s2, s3 = np.linalg.svd(b, compute_uv=False) * [1, 1, np.sign(np.linalg.det(b)) or 1.0]
     kappa = s2 * s3 + s3 * s1 + s1 * s2
@@ -166,14 +168,14 @@ def foam_covariance_rad2(observed: ArrayLike, reference: ArrayLike, sigma_rad: A
 
 
 def _weighted(observed: ArrayLike, reference: ArrayLike, sigma_rad: ArrayLike) -> tuple[Array, float]:
-    """Profile matrix with weights σ_tot²/σ², and σ_tot² (eqs. 6.35 and 6.36)."""
+    """Return the profile matrix with weights σ_tot²/σ², and σ_tot² (eqs. 6.35 and 6.36)."""
     sigma = np.broadcast_to(np.asarray(sigma_rad, float), len(np.asarray(observed)))
     information = 1 / sigma**2
     return profile_matrix(observed, reference, information), float(1 / np.sum(information))
 
 
 def _information(b: Array, weight: Array) -> Array:
-    """Σ w (1 − b bᵀ)."""
+    """Return the information matrix Σ w (1 − b bᵀ)."""
     return np.asarray(np.sum(weight) * np.eye(3) - (weight[:, None] * b).T @ b)
 
 
@@ -185,14 +187,14 @@ def _inverse(information: Array) -> Array:
 
 
 def _davenport_parts(profile: Array) -> tuple[Array, Array, float]:
-    """S, Z and σ of eq. 4.4.9. Z has the opposite sign to the document's, which uses Shuster's quaternion convention
-    (coordinates rotate); this module uses the convention of ``gss.domain.rotation``."""
+    """Return S, Z and σ of eq. 4.4.9. The sign of Z is opposite to the document's, because the document uses Shuster's
+    quaternion convention (coordinates rotate) and this module uses the convention of ``gss.domain.rotation``."""
     z = np.array([profile[2, 1] - profile[1, 2], profile[0, 2] - profile[2, 0], profile[1, 0] - profile[0, 1]])
     return profile + profile.T, z, float(np.trace(profile))
 
 
 def _davenport(s: Array, z: Array, sigma: float) -> Array:
-    """(4, 4) matrix K whose largest eigenvector is the quaternion."""
+    """Return the (4, 4) matrix K. The eigenvector of its largest eigenvalue is the quaternion."""
     k = np.empty((4, 4))
     k[:3, :3] = s - sigma * np.eye(3)
     k[:3, 3] = k[3, :3] = z
@@ -201,7 +203,7 @@ def _davenport(s: Array, z: Array, sigma: float) -> Array:
 
 
 def _product(p: Array, q: Array) -> Array:
-    """Scalar-last quaternion of matrix(p) @ matrix(q)."""
+    """Return the scalar-last quaternion of matrix(p) @ matrix(q)."""
     vector = p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3], q[:3])
     return np.append(vector, p[3] * q[3] - p[:3] @ q[:3])
 

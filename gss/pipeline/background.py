@@ -138,7 +138,7 @@ def measure_background(image: NDArray[Any], tile_px: int = TILE_PX, loops: Kerne
 
 
 def _tile_levels(samples: Array, loops: Kernels) -> tuple[Array, Array]:
-    """Level and noise of each tile; NaN for partial tiles at the right and bottom edges with too few pixels."""
+    """Return level and noise of each tile; NaN for partial tiles at the right and bottom edges with too few pixels."""
     # If any pixel of a tile lies outside the frame, its last pixel does.
     if samples.dtype.kind == "u" or not np.isnan(samples[:, -1]).any():
         return _clipped(samples, loops)

@@ -59,7 +59,7 @@ def window_centroids(
 
 
 def _mean(values: Array, weight: Array, owner: NDArray[np.intp], n: int) -> Array:
-    """Weighted mean per blob."""
+    """Return the weighted mean per blob."""
     return np.asarray(np.bincount(owner, weight * values, n) / np.bincount(owner, weight, n))
 
 

@@ -206,7 +206,7 @@ def _settle(dx, dy, value, weight, inverse, x, y):
 
 
 def lit(image: NDArray[Any], threshold: float) -> Rows:
-    """Flat indices of the pixels above a threshold, ascending."""
+    """Return the flat indices of the pixels above a threshold, ascending."""
     if image.dtype.kind == "u":
         limit = math.floor(threshold)
         top = int(np.iinfo(image.dtype).max)

@@ -45,7 +45,7 @@ class Detections:
 
     @property
     def psf_sigma_px(self) -> float:
-        """Width of the circular point-spread function of the same area."""
+        """Return the width of a circular point-spread function with the same area."""
         return float(np.linalg.det(self.psf_covariance_px2) ** 0.25)
 
 

@@ -78,7 +78,7 @@ def hyperaccurate_centroids(
 
 
 def _sigma_px(light: Array, inner: Array, off_col: Array, off_row: Array, flux: Array, noise: PixelNoise) -> Array:
-    """(n,) standard deviation per axis of the centre of gravity, from pixel noise."""
+    """Return the (n,) standard deviations per axis of the centres of gravity, from pixel noise."""
     distance2 = (inner[:, None] - off_row[:, None, None]) ** 2 + (inner - off_col[:, None, None]) ** 2
     variance = noise.dark_sigma_dn**2 + np.maximum(light, 0.0) / noise.gain_e_per_dn
     return np.asarray(np.sqrt((distance2 * variance).sum(axis=(1, 2)) / (2 * flux**2) + noise.floor_px**2))

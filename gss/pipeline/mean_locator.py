@@ -17,7 +17,8 @@ FIT_POINTS = 401
 
 
 def window_positions(window_px: int) -> Array:
-    """(N,) pixel centres relative to the window's middle, which is a pixel centre for odd N and a pixel edge for even N."""
+    """Return the (N,) pixel centres relative to the window's middle, which is a pixel centre for odd N and a pixel edge
+    for even N."""
     return np.arange(window_px, dtype=float) - (window_px - 1) / 2
 
 

@@ -26,8 +26,8 @@ NARROWEST_PX = 0.05
 
 
 def widths_px(covariance: Array) -> tuple[float, float]:
-    """Standard deviations along the short and the long axis of a (2, 2) covariance, at least ``NARROWEST_PX``: noise can make
-    a measured variance negative."""
+    """Return the standard deviations along the short and the long axis of a (2, 2) covariance. They are at least
+    ``NARROWEST_PX``, because noise can make a measured variance negative."""
     xx, xy, yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, off = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
     low, high = (math.sqrt(max(v, NARROWEST_PX**2)) for v in (middle - off, middle + off))

@@ -26,12 +26,12 @@ class Rate:
 
     @property
     def speed_rad_s(self) -> float:
-        """Magnitude of the angular velocity."""
+        """Return the magnitude of the angular velocity."""
         return float(np.linalg.norm(self.vector_rad_s))
 
     @property
     def sigma_rad_s(self) -> tuple[float, float, float]:
-        """Standard deviation per axis."""
+        """Return the standard deviation per axis."""
         x, y, z = np.sqrt(np.diag(self.covariance_rad2_s2))
         return float(x), float(y), float(z)
 

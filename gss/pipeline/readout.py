@@ -84,7 +84,7 @@ def _smooth_electrons(
     dark_factor: float,
     shape: tuple[int, ...],
 ) -> NDArray[np.float32]:
-    """(rows, columns) expected electrons of dark current, sky and veil, if they vary over the detector."""
+    """Return the (rows, columns) expected electrons of dark current, sky and veil, if they vary over the detector."""
     even_e = (dark_factor * sensor.dark_current_e_s + sensor.background_e_s) * exposure_s
     smooth_e = np.full(shape, even_e, np.float32)
     if own_dark_e_s is not None:
@@ -101,7 +101,7 @@ def _uneven_electrons(
     response: Array | NDArray[np.float32] | float,
     rng: np.random.Generator | None,
 ) -> NDArray[np.float32]:
-    """(rows, columns) electrons: a normal deviate with a separate width for each pixel, plus Poisson light."""
+    """Return (rows, columns) electrons: a normal deviate with a separate width for each pixel, plus Poisson light."""
     # Values above the full well all read the same; the limit keeps the Poisson generator in its range.
     expected_e = (np.minimum(light_e, 2 * sensor.full_well_e) * response).ravel()
     lit = np.flatnonzero(expected_e > 1e-3)

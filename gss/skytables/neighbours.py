@@ -33,7 +33,7 @@ class NeighbourLinks:
 
     @property
     def links(self) -> int:
-        """Number of links, each counted once."""
+        """Return the number of links, each counted once."""
         return len(self.neighbour) // 2
 
     def of(self, row: int) -> Index:

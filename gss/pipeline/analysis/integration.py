@@ -45,7 +45,9 @@ def noise_equivalent_angle(runs: Mapping[float, AttitudeSeries]) -> NeaCurve:
         try:
             test = earth_fixed(series)
         except GssError as error:
-            advice.append(Advice("short-run", f"{exposure_s:g} s was left out: {error}", "more frames at this time"))
+            advice.append(
+                Advice("short-run", f"{exposure_s:g} s was excluded: {error}", "take more frames with this exposure")
+            )
             continue
         across = float(np.hypot(test.body[0].noise_rad, test.body[1].noise_rad) / np.sqrt(2))
         steps = max(1, test.solved - 1)

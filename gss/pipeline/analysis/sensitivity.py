@@ -67,9 +67,13 @@ def detection_limit(v_mag: Array, detected: NDArray[np.bool_]) -> Sensitivity:
     advice: list[Advice] = []
     if ceiling < 0.95:
         text = f"only {100 * ceiling:.0f} % even of the bright stars were found"
-        advice.append(Advice("ceiling", text, "clouds, doubles, saturated stars, or stars at the edge of the field"))
+        advice.append(
+            Advice("ceiling", text, "check for clouds, double stars, saturated stars or stars at the edge of the field")
+        )
     if mag_50 > v.max() - 0.5:
-        advice.append(Advice("shallow", "the limit is at the end of the catalogue", "a deeper catalogue", True))
+        advice.append(
+            Advice("shallow", "the limit is at the end of the catalogue", "use a catalogue with fainter stars", True)
+        )
     return Sensitivity(
         mag_50,
         sigma,

@@ -50,7 +50,7 @@ class AttitudeSeries:
 
     @property
     def solved(self) -> NDArray[np.bool_]:
-        """(n,) True for frames with an attitude."""
+        """Return an (n,) mask, True for frames with an attitude."""
         return np.asarray(np.isfinite(self.quaternion).all(axis=1))
 
     def only(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> AttitudeSeries:
@@ -89,7 +89,7 @@ def usable(series: AttitudeSeries, quantity: str) -> AttitudeSeries:
     if not (np.diff(good.times_s) > 0).all():
         raise BadInput(
             "frames with the same time",
-            expected="times that grow from frame to frame",
+            expected="times that increase from frame to frame",
             got=f"{int(np.count_nonzero(np.diff(good.times_s) <= 0))} that do not",
             hint="imported files without a time are dated by their import; add the time to the files",
         )
@@ -107,6 +107,6 @@ def check_series(series: AttitudeSeries) -> tuple[Advice, ...]:
         advice.append(Advice("gaps", text, "the figures apply only to the recorded frames"))
     share = float(series.solved.mean()) if len(series) else 0.0
     if share < POOR_SHARE:
-        hint = "clouds, the wrong camera, or too short an exposure; look at the frames that were not solved"
+        hint = "check the unsolved frames for clouds, a wrong camera or a short exposure"
         advice.append(Advice("unsolved", f"only {100 * share:.0f} % of the frames have an attitude", hint, share < 0.5))
     return tuple(advice)

@@ -43,7 +43,7 @@ class SlewTest:
 
     @property
     def ratio(self) -> float:
-        """Ratio of measured to commanded speed."""
+        """Return the ratio of measured to commanded speed."""
         return self.mean_speed_rad_s / self.commanded_rad_s
 
 
@@ -115,18 +115,22 @@ def _advice(measured_rate: float, sigma: float, commanded: float, axis: Array, r
             f"measured {np.degrees(measured_rate):.5g}°/s along the mean axis, {np.degrees(speed):.5g}°/s from frame to frame, "
             f"where {np.degrees(commanded):.5g}°/s were commanded"
         )
-        hint = "other frames, other times, or another command: this is not a run at that rate"
+        hint = "this is not a run at the commanded rate: check frames, times and command"
         advice.append(Advice("rate", text, hint, severe=True))
     elif abs(measured_rate - commanded) > max(OFF_SIGMAS * sigma, OFF_SHARE * commanded):
         text = f"measured {np.degrees(measured_rate):.5g}°/s where {np.degrees(commanded):.5g}°/s were commanded"
-        advice.append(Advice("rate", text, "the mount's rate, the frames' times, or the turn of the Earth left out"))
+        advice.append(
+            Advice(
+                "rate",
+                text,
+                "check the rate of the mount, the times of the frames, and whether the rotation of the Earth is included",
+            )
+        )
     along = rate @ axis
     spread = robust_sigma(along)
     changing = float(np.ptp(np.polyval(np.polyfit(np.arange(len(along)), along, 1), [0, len(along) - 1])))
     if len(along) >= 10 and changing > max(6 * spread / np.sqrt(len(along)) * 3.5, 0.05 * commanded):
-        advice.append(
-            Advice("unsteady", "the rate changes over the run", "leave out the start and the end of the slew")
-        )
+        advice.append(Advice("unsteady", "the rate changes over the run", "exclude the start and the end of the slew"))
     return advice
 
 
@@ -138,9 +142,11 @@ def _doubts(rate: Array, sigma: Array, claimed: float) -> list[Advice]:
     agree = float(np.linalg.norm(moving.mean(axis=0))) if len(moving) else 0.0
     if agree < MIN_AGREE:
         text = f"the intervals turn about different axes: their mean unit axis is {agree:.2f} long, one axis gives 1"
-        advice.append(Advice("axes", text, "frames of one slew, in the order they were taken", severe=True))
+        advice.append(Advice("axes", text, "use frames of one slew in the order of exposure", severe=True))
     scatter = float(np.sqrt(np.mean(sigma**2)))
     if scatter > OVER_CLAIM * claimed > 0:
-        text = f"the rates scatter {scatter / claimed:.0f} times as much as the attitudes claim"
-        advice.append(Advice("scatter", text, "wrong attitudes, wrong times, or a mount that shakes", severe=True))
+        text = f"the scatter of the rates is {scatter / claimed:.0f} times the value expected from the covariances"
+        advice.append(
+            Advice("scatter", text, "check for wrong attitudes, wrong times or vibration of the mount", severe=True)
+        )
     return advice

@@ -210,7 +210,7 @@ def _warnings(
     off = float(np.linalg.norm(rate - expected))
     if off > max(5 * float(np.linalg.norm(rate_sigma)), 0.02 * SIDEREAL_RAD_S):
         text = f"the camera turned by {np.degrees(off) * 3600:.3g}″/s more than expected"
-        hint = "a mount that moves, a drive that was on, or a clock that runs wrongly"
+        hint = "check for a moving mount, an active drive or a wrong clock"
         advice.append(Advice("moved", text, hint, off > 0.2 * SIDEREAL_RAD_S))
     jumps = _jumps(good.times_s, deviation)
     if jumps:
@@ -218,15 +218,11 @@ def _warnings(
         advice.append(Advice("jump", f"jumps of the attitude from one level to another: {jumps}", hint))
     strays = int(np.count_nonzero(~keep))
     if strays:
-        advice.append(
-            Advice(
-                "strays", f"far from all others and left out: {strays} of {len(keep)} attitudes", "look at those frames"
-            )
-        )
+        advice.append(Advice("strays", f"outliers excluded: {strays} of {len(keep)} attitudes", "check these frames"))
     wander = [a.name for a in body if a.sigma_rad > WANDER * a.noise_rad]
     if wander:
         text = f"{', '.join(wander)}: scatter over the run is far above that from frame to frame"
-        hint = "errors that change slowly: calibration, stars coming and going, a mount that creeps"
+        hint = "check for slow errors: calibration, stars that enter or leave the field, or a creeping mount"
         advice.append(Advice("wander", text, hint))
     return advice
 

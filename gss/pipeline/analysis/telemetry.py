@@ -55,11 +55,13 @@ def telemetry_statistics(series: AttitudeSeries) -> TelemetryFigures:
     advice = list(check_series(series))
     if len(at) < 10:
         text = f"only {len(at)} times three attitudes follow each other evenly"
-        advice.append(Advice("few", text, "a longer run, or telemetry at a steady rate", len(at) < 3))
+        advice.append(Advice("few", text, "use a longer run, or telemetry at a constant rate", len(at) < 3))
     plain = np.sqrt(np.mean(deviation**2, axis=0)) / factor if len(at) else np.full(3, np.nan)
     if len(at) >= 10 and (plain > 2 * noise).any():
         advice.append(
-            Advice("shaking", "some attitudes are far off their neighbours", "jitter, or wrong attitudes among them")
+            Advice(
+                "shaking", "some attitudes differ strongly from their neighbours", "check for jitter or wrong attitudes"
+            )
         )
     claimed = np.sqrt(np.mean(np.diagonal(good.covariance_rad2, axis1=1, axis2=2), axis=0))
     outage = float(np.diff(good.times_s).max())

@@ -53,12 +53,12 @@ def two_cameras(first: AttitudeSeries, second: AttitudeSeries) -> Consistency:
     for x in axes:
         if abs(x.drift_rad_s) > 5 * x.drift_sigma_rad_s:
             text = f"{x.name}: the mounting drifts by {np.degrees(x.drift_rad_s) * 3600 * 3600:.3g}″ an hour"
-            advice.append(Advice("drift", text, "warmth that bends the structure, or clocks that run apart"))
+            advice.append(
+                Advice("drift", text, "check for thermal bending of the structure or a drift between the clocks")
+            )
     if np.isfinite(chi) and chi > 1.5:
-        text = f"the two differ {chi:.1f} times more than their own covariances say"
-        advice.append(
-            Advice("covariance", text, "calibrate both cameras; errors that change slowly are not in a covariance")
-        )
+        text = f"the difference is {chi:.1f} times the value expected from the covariances"
+        advice.append(Advice("covariance", text, "calibrate both cameras; covariances do not include slow errors"))
     return Consistency(mean, a.times_s, deviation, axes, chi, len(a), tuple(advice))
 
 

@@ -82,7 +82,7 @@ def calibrate_checkerboard(
             "the board was found in too few pictures",
             expected=f"{MIN_IMAGES} with all {inner_corners[0]} x {inner_corners[1]} inner corners",
             got=f"{len(detected)} of {len(images)}",
-            hint="count inner corners, not squares; the whole board with a white rim, sharp, evenly lit",
+            hint="count inner corners, not squares; show the complete board with a white rim, sharp and evenly lit",
         )
     rows, columns = next(iter(sizes))
     board = np.zeros((inner_corners[0] * inner_corners[1], 3), np.float32)
@@ -137,10 +137,12 @@ def _made(
         advice.append(Advice("few-frames", f"the board was found in {counted(len(off), 'picture')}", "take 10 to 20"))
     if covered < COVERED:
         text = f"corners of the board in {covered:.0%} of the field only"
-        advice.append(Advice("one-part", text, "move the board until it has been in every corner of the picture"))
+        advice.append(Advice("one-part", text, "take images with the board in every corner of the field"))
     if max(leaning_rad) < UPRIGHT_RAD:
         text = "the board faced the camera in all pictures: the focal length is uncertain"
-        advice.append(Advice("focal", text, "lean the board by 30° in some, or take the focal length from stars"))
+        advice.append(
+            Advice("focal", text, "tilt the board by 30° in some images, or measure the focal length from stars")
+        )
     rms_all = float(np.sqrt(np.mean(residual**2)))
     detected = tuple(c is not None for c in corners)
     return CheckerboardCalibration(

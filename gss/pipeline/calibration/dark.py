@@ -122,15 +122,17 @@ def _advice(cube: NDArray[np.float32], level: Array, alone: Array, noise: float)
     advice: list[Advice] = []
     if len(cube) < FEW_FRAMES:
         advice.append(
-            Advice("few-frames", counted(len(cube), "dark frame"), "take ten or more: the median is then quieter")
+            Advice("few-frames", counted(len(cube), "dark frame"), "take ten or more to reduce the noise of the median")
         )
     drift = float(np.ptp(level))
     if drift > max(2.0, noise):
         text = f"the level changed by {drift:.1f} DN between the frames"
-        advice.append(Advice("drift", text, "let the camera come to its temperature, and cover the lens"))
+        advice.append(Advice("drift", text, "wait until the temperature of the camera is stable, and cover the lens"))
     low = float(np.percentile(cube, 2))
     if float(np.mean(cube <= 0)) > LIT_SHARE and low <= 0:
-        advice.append(Advice("bias", "many pixels read zero: the noise is cut off", "raise the bias of the read-out"))
+        advice.append(
+            Advice("bias", "many pixels are zero: part of the noise is clipped", "increase the bias of the read-out")
+        )
     # Large smooth structure in dark frames indicates stray light or heat.
     rows, columns = alone.shape
     if min(rows, columns) >= 32:
@@ -138,7 +140,9 @@ def _advice(cube: NDArray[np.float32], level: Array, alone: Array, noise: float)
         middle = np.median(blocks, axis=(1, 3))
         if float(np.ptp(middle)) > max(3.0, 2 * noise):
             text = f"the level differs by {np.ptp(middle):.1f} DN over the detector"
-            advice.append(Advice("light", text, "light or heat comes in: cover the lens and the room's light"))
+            advice.append(
+                Advice("light", text, "check for stray light and heat: cover the lens and switch off the room light")
+            )
     return advice
 
 

@@ -61,11 +61,11 @@ def optical_centre(dots_px: Array) -> OpticalCentre:
     if box.max() > FULL_BOX_PX and not circle:
         text = f"the dot wandered over {box[0]:.0f} x {box[1]:.0f} px"
         advice.append(
-            Advice("far-dot", text, "move the dot nearer to the axis, until it hardly shifts as the camera turns")
+            Advice("far-dot", text, "move the dot nearer to the axis, until it hardly moves when the camera rotates")
         )
     if gap > 2 * np.pi * (1 - TURN_COVERED):
         text = f"{np.degrees(gap):.0f}° of the rotation have no position of the dot"
-        advice.append(Advice("one-part", text, "turn the camera through the whole circle, in steps of 10° to 30°"))
+        advice.append(Advice("one-part", text, "rotate the camera through a full circle in steps of 10° to 30°"))
     if circle:
         sigma = scatter * float(np.sqrt(2 / len(dots)))
         return OpticalCentre(
@@ -126,7 +126,7 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
             "the dots did not move",
             expected="places that change as the camera turns",
             got=f"{len(inner)} times the same places",
-            hint="measure both dots again at each turn",
+            hint="measure both dots again after each rotation",
         )
 
     def model(p: Array) -> Array:
@@ -149,7 +149,7 @@ def detector_tilt(inner_px: Array, outer_px: Array, camera: Camera, focal_mm: fl
     advice: list[Advice] = []
     if tilt < 3 * sigma:
         text = f"the tilt of {np.degrees(tilt):.3f}° is within its error of {np.degrees(sigma):.3f}°"
-        advice.append(Advice("no-tilt", text, "take it as none, or a dot farther out and more turns"))
+        advice.append(Advice("no-tilt", text, "assume no tilt, or use a dot farther out and more rotations"))
     direction = float(np.arctan2(fit.x[1], fit.x[0])) % (2 * np.pi)
     return DetectorTilt(
         tilt, direction, (sigma, turn_sigma), float(fit.x[2]), angle, distance, residual, rms, tuple(advice)
@@ -173,6 +173,6 @@ def _checked(dots_px: Array, *, still: bool = False) -> Array:
             "the dot did not move",
             expected="places that change as the camera turns",
             got=f"{len(dots)} times the same place",
-            hint="measure the dot again at each turn",
+            hint="measure the dot again after each rotation",
         )
     return dots

@@ -79,7 +79,7 @@ def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px:
             "too few pairs of stars near the optical centre",
             expected=f"{MIN_PAIRS} within {reach:.0f} px of it",
             got=str(len(estimates)),
-            hint="a denser part of the sky, or a larger radius",
+            hint="use a denser part of the sky or a larger radius",
         )
     values = np.array(estimates[:MAX_PAIRS])
     inliers = np.abs(values[:, 0] - np.median(values[:, 0])) < 5 * max(robust_sigma(values[:, 0]), 1e-9)
@@ -127,4 +127,4 @@ def _warnings(values: Array) -> list[Advice]:
     if abs(change) < max(3 * error, 1e-3):
         return []
     text = f"the focal length changes by {change:+.2%} from the middle to the edge"
-    return [Advice("distortion", text, "a smaller radius, or self-calibration, which fits the distortion with it")]
+    return [Advice("distortion", text, "use a smaller radius, or self-calibration, which also fits the distortion")]

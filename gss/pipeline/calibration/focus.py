@@ -122,7 +122,7 @@ def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) 
             "the widths have no minimum between these settings",
             expected="settings on both sides of the focus",
             got="no turn",
-            hint="go further out",
+            hint="use settings further from the focus",
         )
     best = -b / (2 * a)
     slope = np.array([0.0, -1 / (2 * a), b / (2 * a * a)])
@@ -154,5 +154,5 @@ def _check_run(position: Array, sigma_px: Array) -> None:
             "the widths are all equal",
             expected="widths that change with the setting",
             got=f"{sigma_px[0]:g} px at every setting",
-            hint="go further out on both sides of the focus",
+            hint="use settings further from the focus on both sides",
         )

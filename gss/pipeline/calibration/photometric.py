@@ -103,7 +103,7 @@ def calibrate_photometry(
             "too few stars with a flux and a magnitude",
             expected=f"{MIN_STARS}, neither clipped nor clouded",
             got=str(int(usable.sum())),
-            hint="more frames, or centroids that carry their flux",
+            hint="use more frames, or centroids with fluxes",
         )
     fit, k_area, names = measure(light, usable)
     value = dict(zip(names, fit.coefficients.tolist(), strict=True))
@@ -156,7 +156,7 @@ def _linearity(v_mag: Array, error_mag: Array, warnings: list[Advice]) -> tuple[
     slope, sigma = float(fit.coefficients[1]), float(np.sqrt(fit.covariance[1, 1]))
     if abs(slope) > max(LINEAR, 4 * sigma):
         text = f"measured magnitudes change by {1 + slope:.3f} per magnitude"
-        hint = "a threshold or background taken away with the star, clipped peaks, or a converter that is not linear"
+        hint = "check for a threshold or background subtracted with the star, clipped peaks, or a nonlinear converter"
         warnings.append(Advice("linearity", text, hint))
     return 1 + slope, sigma
 

@@ -102,10 +102,10 @@ def _line(
     slope, floor = (float(c) for c in fit.coefficients)
     if slope <= 0:
         raise BadInput(
-            "the variance does not grow with light",
+            "the variance does not increase with the light",
             expected="noise of photons",
             got=f"slope {slope:g}",
-            hint="raw frames, not processed ones",
+            hint="use raw frames, not processed frames",
         )
     sigma = np.sqrt(np.diag(fit.covariance))
     departure = float(np.max(np.abs(fit.residual / (slope * x + floor)), initial=0.0))
@@ -119,7 +119,7 @@ def _advice(with_dark: bool, departure: float, full_well_e: float) -> list[Advic
         advice.append(Advice("no-dark", "no dark pair: signals count from zero DN", hint))
     if departure > NOT_LINEAR:
         text = f"variances depart by up to {departure:.0%} from a line"
-        advice.append(Advice("not-linear", text, "even light, no automatic gain, raw frames"))
+        advice.append(Advice("not-linear", text, "use even light, no automatic gain, and raw frames"))
     if not np.isfinite(full_well_e):
         text = "no level reached saturation: the full well is unknown"
         advice.append(Advice("no-full-well", text, "add brighter pairs"))

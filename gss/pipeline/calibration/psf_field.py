@@ -63,7 +63,7 @@ def psf_over_field(
             "too few bright stars to determine the width over the field",
             expected=f"{MIN_STARS} single stars, bright but not clipped",
             got=str(len(spots)),
-            hint="more frames, or a longer exposure",
+            hint="use more frames or a longer exposure",
         )
     pixels = np.array([(s.col_px, s.row_px) for s in spots])
     sigma = np.array([s.sigma_px for s in spots])
@@ -109,10 +109,12 @@ def _advice(
         advice.append(Advice("tilt", text, "the detector is tilted against the focal plane, or the lens is decentred"))
     if corner > 1.3 * centre and surface[3] > TILT_SIGMAS * errors[3]:
         text = f"σ grows from {centre:.2f} px in the middle to {corner:.2f} px in the corner"
-        advice.append(Advice("curvature", text, "focus for two thirds of the way out, or stop the lens down"))
+        advice.append(
+            Advice("curvature", text, "focus at two thirds of the distance to the corner, or stop the lens down")
+        )
     long = ratio > 1.25
     together = float(np.abs(np.mean(np.exp(2j * direction[long])))) if long.any() else 0.0
     if long.mean() > 0.5 and together > 0.8:
-        text = f"most stars are long in one direction, {np.median(ratio):.1f} times"
+        text = f"most stars are elongated in one direction,  {np.median(ratio):.1f} times"
         advice.append(Advice("streaks", text, "the camera moved during the exposure: fix it, or expose shorter"))
     return advice

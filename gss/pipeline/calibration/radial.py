@@ -96,4 +96,4 @@ def _warnings(r_mm: Array, camera: Camera, focal_mm: float) -> list[Advice]:
     if r_mm.max() > 0.8 * reach:
         return []
     text = f"no star beyond {r_mm.max():.2f} mm; the corner is at {reach:.2f} mm"
-    return [Advice("one-part", text, "more frames: a polynomial says nothing beyond its last star")]
+    return [Advice("one-part", text, "use more frames: the polynomial is not valid beyond its last star")]

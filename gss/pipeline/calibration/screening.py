@@ -223,7 +223,9 @@ def _clouds(frames: Sequence[FrameStars]) -> list[Advice]:
     names = ", ".join(frames[k].name for k in sorted({*dim.tolist(), *few.tolist()})[:5])
     return [
         Advice(
-            "clouds", f"{' and '.join(parts)} ({names})", "clouds or haze: repeat under a clear sky, or leave them out"
+            "clouds",
+            f"{' and '.join(parts)} ({names})",
+            "clouds or haze: repeat under a clear sky, or exclude these frames",
         )
     ]
 
@@ -243,12 +245,10 @@ def poor_data(pixels: Array, frames: int, size: tuple[int, int]) -> list[Advice]
             Advice("few-stars", text, f"take more frames, until there are {FEW_STARS} or better 300 stars", True)
         )
     if frames < FEW_FRAMES:
-        advice.append(Advice("few-frames", counted(frames, "frame"), "take 20 or more, turned against each other"))
+        advice.append(Advice("few-frames", counted(frames, "frame"), "take 20 or more at different rotations"))
     share = coverage(pixels, size) if len(pixels) else 0.0
     if share < 0.8:
         text = f"stars in {share:.0%} of the field only"
-        hint = (
-            "point so that stars fall into every part of the detector, corners included; turn the camera between frames"
-        )
+        hint = "point so that stars cover every part of the detector, including the corners; rotate the camera between frames"
         advice.append(Advice("one-part", text, hint, severe=share < 0.4))
     return advice

@@ -146,7 +146,7 @@ def _without_strange(
         return screened, stars, False
     names = [(f.name, "does not fit the others") for f, s in zip(screened.frames, strange, strict=True) if s]
     text = f"{counted(len(names), 'frame')} excluded: they do not fit the others"
-    hint = "look whether they are of the same camera and focus, and whether their stars are identified rightly"
+    hint = "check that they are from the same camera and focus, and that their stars are identified correctly"
     remaining = tuple(f for f, s in zip(screened.frames, strange, strict=True) if not s)
     better = ScreenedFrames(
         remaining,
@@ -219,7 +219,12 @@ def _result(
     if after_figures.rms_px > WORSE * before_figures.rms_px:
         text = f"worse than the camera before: {after_figures.rms_px:.2f} px after {before_figures.rms_px:.2f} px"
         warnings.append(
-            Advice("worse", text, "keep the camera as it is; take frames of all the sky, or another lens model", True)
+            Advice(
+                "worse",
+                text,
+                "keep the present camera; take frames over the whole sky, or use another lens model",
+                True,
+            )
         )
     return CameraCalibration(
         fit.camera,
@@ -266,12 +271,14 @@ def _advice(fit: Adjusted, trial: _Trial, start: Camera) -> list[Advice]:
             Advice(
                 "unsupported",
                 f"the stars do not determine {names}; held",
-                "more frames, more stars, a wider part of the field",
+                "use more frames, and stars in a larger part of the field",
             )
         )
     rejected = float(np.mean(~fit.used))
     if rejected > 0.1:
-        advice.append(Advice("rejected", f"{rejected:.0%} of the stars do not fit", "false matches, or double stars"))
+        advice.append(
+            Advice("rejected", f"{rejected:.0%} of the stars do not fit", "check for false matches or double stars")
+        )
     return advice
 
 

@@ -29,7 +29,7 @@ class StarStack:
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Return the number of frames."""
         return len(self.first)
 
     def of_frames(self, keep: NDArray[np.bool_]) -> StarStack:

@@ -89,7 +89,7 @@ class AimParameters:
             )
 
     def min_verified(self, mode: Mode) -> int:
-        """Minimum number of verified stars for an attitude."""
+        """Return the minimum number of verified stars for an attitude."""
         if self.acceptance == "document":
             return DOCUMENT_VERIFIED
         if mode is Mode.TRACKING:

@@ -59,7 +59,7 @@ class Apriori:
 
     @property
     def angles_rad(self) -> tuple[float, float, float]:
-        """Roll, pitch, yaw."""
+        """Return roll, pitch and yaw."""
         return self.roll_rad, self.pitch_rad, self.yaw_rad
 
 

@@ -77,7 +77,7 @@ class CubestarParameters:
             )
 
     def min_verified(self, mode: Mode) -> int:
-        """Minimum number of verified stars for an attitude."""
+        """Return the minimum number of verified stars for an attitude."""
         if mode is Mode.TRACKING:
             return self.min_verified_tracking if self.proves else DOCUMENT_TRACKING
         return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost

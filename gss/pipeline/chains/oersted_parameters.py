@@ -85,7 +85,7 @@ class OerstedParameters:
             )
 
     def min_verified(self, mode: Mode) -> int:
-        """Minimum number of verified stars for an attitude."""
+        """Return the minimum number of verified stars for an attitude."""
         if self.acceptance == "document" or mode is Mode.TRACKING:
             return self.min_verified_tracking
         return self.min_verified_assisted if mode is Mode.ASSISTED else self.min_verified_lost

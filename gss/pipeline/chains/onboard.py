@@ -150,10 +150,10 @@ class OnboardChain(Protocol):
         operations."""
 
     def match_ms(self, matching: Any) -> float:
-        """As ``detect_ms``."""
+        """Return the duration of the matching; see ``detect_ms``."""
 
     def attitude_ms(self, matching: Any) -> float:
-        """As ``detect_ms``."""
+        """Return the duration of the attitude computation; see ``detect_ms``."""
 
 
 def solve(

@@ -80,7 +80,7 @@ class _Graph:
     b: Rows
 
     def confidence(self) -> Rows:
-        """Number of distinct observed stars joined to each match."""
+        """Return the number of distinct observed stars joined to each match."""
         bits = np.zeros(len(self.observed), np.int64)
         np.bitwise_or.at(bits, self.a, np.int64(1) << self.observed[self.b].astype(np.int64))
         return np.bitwise_count(bits).astype(np.intp)

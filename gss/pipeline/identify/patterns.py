@@ -39,7 +39,7 @@ class PatternLevel:
 
 
 def radii_rad(lowest_fov_rad: float, highest_fov_rad: float) -> list[float]:
-    """Circle radii suitable for fields of view in this range (shorter side)."""
+    """Return circle radii suitable for fields of view in this range (shorter side)."""
     low, high = 0.2 * lowest_fov_rad, max(0.45 * highest_fov_rad, 0.2 * lowest_fov_rad * 1.01)
     count = int(np.ceil(np.log(high / low) / np.log(LEVEL_RATIO))) + 1
     # All calls use the same grid of radii, so that a caller can cache levels.

@@ -53,12 +53,12 @@ class LineFit:
 
     @property
     def length_px(self) -> float:
-        """Distance between the ends."""
+        """Return the distance between the ends."""
         return float(np.hypot(*self.trail_px))
 
     @property
     def length_sigma_px(self) -> float:
-        """Standard deviation of the length."""
+        """Return the standard deviation of the length."""
         along = self.trail_px / max(self.length_px, 1e-9)
         return float(np.sqrt(max(float(along @ self.covariance[2:, 2:] @ along), 0.0) * self.excess))
 
@@ -68,7 +68,7 @@ class LineFit:
         return max(self.chi2 / max(self.freedom, 1), 1.0)
 
     def end_covariance(self) -> Array:
-        """(2, 2, 2) covariance of each end, px²."""
+        """Return the (2, 2, 2) covariances of the two ends, px²."""
         return np.asarray(np.einsum("eip,pq,ejq->eij", ENDS, self.covariance, ENDS))
 
 

@@ -51,12 +51,12 @@ class SkyMotion:
 
     @property
     def rate_rad_s(self) -> Array:
-        """(2,) rate at the middle, east and north."""
+        """Return the (2,) rate at the middle, east and north."""
         return np.asarray(self.coefficients[1] / self.span_s)
 
     @property
     def rate_covariance(self) -> Array:
-        """(2, 2) covariance of the rate."""
+        """Return the (2, 2) covariance of the rate."""
         return np.asarray(np.eye(2) * self.covariance[1, 1] / self.span_s**2)
 
     @property

@@ -93,7 +93,7 @@ def interval(replicates: Array) -> tuple[Array, Array]:
 
 
 def consecutive_blocks(count: int, length: int) -> NDArray[np.intp]:
-    """(count,) labels of blocks of ``length`` consecutive items."""
+    """Return (count,) labels of blocks of ``length`` consecutive items."""
     return np.arange(count, dtype=np.intp) // max(1, length)
 
 

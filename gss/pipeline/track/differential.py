@@ -29,7 +29,7 @@ def small_rotation_rad(predicted_cam: Array, measured_cam: Array, weights: Array
 
 
 def _information(unit: Array, weights: Array) -> Array:
-    """Σ w (1 − p pᵀ)."""
+    """Return the information matrix Σ w (1 − p pᵀ)."""
     return np.asarray(np.sum(weights) * np.eye(3) - (weights[:, None] * unit).T @ unit)
 
 
