@@ -67,7 +67,7 @@ def damage_of(radiation: Radiation, camera: Camera, days: float, seed: int) -> D
     while count < max_count and radiation.damaged_per_day > 0:
         day += float(rng.exponential(1 / radiation.damaged_per_day))
         draws = rng.random(5)
-        peak, place = float(rng.exponential(radiation.damage_e_s)), int(rng.integers(camera.rows * camera.columns))
+        peak, index = float(rng.exponential(radiation.damage_e_s)), int(rng.integers(camera.rows * camera.columns))
         if day > days:
             break
         anneals = draws[0] < radiation.annealing
@@ -75,7 +75,7 @@ def damage_of(radiation: Radiation, camera: Camera, days: float, seed: int) -> D
         low, high = radiation.half_life_days
         rows.append(
             (
-                place,
+                index,
                 day,
                 peak,
                 radiation.remaining * draws[1] if anneals else 1.0,

@@ -49,11 +49,11 @@ class Background:
         """Return the (rows, cols) levels at every combination of these rows and columns."""
         return np.asarray(self._between(rows, 0) @ self.level @ self._between(cols, 1).T)
 
-    def _between(self, place: Array | NDArray[np.intp], axis: int) -> Array:
+    def _between(self, position: Array | NDArray[np.intp], axis: int) -> Array:
         """Return the (n, tiles) interpolation weights of the tiles at positions along one axis."""
         tiles = self.level.shape[axis]
-        at = np.clip((np.asarray(place) + 0.5) / self.tile_px - 0.5, 0, tiles - 1)
-        return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(tiles))))
+        tile_position = np.clip((np.asarray(position) + 0.5) / self.tile_px - 0.5, 0, tiles - 1)
+        return np.asarray(np.maximum(0.0, 1 - np.abs(tile_position[:, None] - np.arange(tiles))))
 
     def scaled(self, level_factor: float, noise_factor: float) -> Background:
         """Return the mesh in another unit: level and noise multiplied by the factors."""
@@ -111,8 +111,8 @@ def _tile_samples(image: NDArray[Any], tile_px: int, step: int) -> tuple[Array, 
         padded = picked if picked.dtype.kind == "u" else picked.astype(np.float32)
     else:
         padded = np.full(side, np.nan, np.float32)
-        at = [np.arange(step // 2, n, step) for n in (rows, cols)]
-        index = [(a // tile_px) * per + (a % tile_px) // step for a in at]
+        sampled = [np.arange(step // 2, n, step) for n in (rows, cols)]
+        index = [(a // tile_px) * per + (a % tile_px) // step for a in sampled]
         padded[np.ix_(index[0], index[1])] = picked
     tiles = padded.reshape(shape[0], per, shape[1], per).transpose(0, 2, 1, 3).reshape(shape[0] * shape[1], per * per)
     return np.asarray(tiles), shape

@@ -47,6 +47,6 @@ def fit_lens(
 
 def proved(fit: Refined, names: tuple[str, ...]) -> bool:
     """True if these fitted coefficients together differ significantly from 0."""
-    at: NDArray[np.intp] = np.array([fit.parameters.index(n) for n in names], np.intp)
+    index: NDArray[np.intp] = np.array([fit.parameters.index(n) for n in names], np.intp)
     value = np.array([value_of(fit.camera, n) for n in names])
-    return float(value @ np.linalg.solve(fit.covariance[np.ix_(at, at)], value)) > PROVED_CHI2[len(names)]
+    return float(value @ np.linalg.solve(fit.covariance[np.ix_(index, index)], value)) > PROVED_CHI2[len(names)]

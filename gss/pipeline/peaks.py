@@ -91,8 +91,8 @@ def _edge_noise(position: NDArray[np.intp], count: int, line: Array) -> Array:
     if not len(near) or near.min() >= half:
         return np.ones(len(near))
     weights = np.zeros((half, len(line)))
-    for at in range(half):
-        np.add.at(weights[at], np.maximum(np.arange(-half, half + 1) + at, 0), line)
+    for distance in range(half):
+        np.add.at(weights[distance], np.maximum(np.arange(-half, half + 1) + distance, 0), line)
     factor = np.append(np.sqrt((weights**2).sum(1) / (line**2).sum()), 1.0)
     return np.asarray(factor[np.minimum(near, half)])
 

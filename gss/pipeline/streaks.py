@@ -85,11 +85,11 @@ def measure_turning(
         return None
     width2 = PIXEL_VARIANCE_PX2 + (psf_sigma_px**2 if psf_sigma_px else max(_narrow2(covariance_px2), 0.3))
     best = _best(trails, _starts(trails, width2), width2, e_per_dn)
-    sound = _consistent(trails, best, e_per_dn)
-    if int(sound.sum()) < max(MIN_TRAILS, MAX_ALIKE * len(sound)):
+    consistent = _consistent(trails, best, e_per_dn)
+    if int(consistent.sum()) < max(MIN_TRAILS, MAX_ALIKE * len(consistent)):
         return None  # the elongated spots are not trails of one common rotation
-    if not sound.all():
-        trails = trails.take(sound)
+    if not consistent.all():
+        trails = trails.take(consistent)
         best = _best(trails, [best.turned_rad], best.width2, e_per_dn)
     untrailed = _fit(trails, np.zeros(3), width2, e_per_dn, turn=False)
     freedom = int(trails.use.sum()) - 3 * len(trails.value) - 4
@@ -154,19 +154,19 @@ def _cut(
     keep = unclipped & significant
     good = good[keep]
     per_rad = trail_per_rad(camera, centroids.pixels[good])
-    sound = np.isfinite(per_rad).all(axis=(1, 2))
-    if int(sound.sum()) < MIN_TRAILS:
+    finite = np.isfinite(per_rad).all(axis=(1, 2))
+    if int(finite.sum()) < MIN_TRAILS:
         return None
-    rows = np.flatnonzero(keep)[sound]
+    rows = np.flatnonzero(keep)[finite]
     return Trails(
         stamps.value[rows],
         stamps.use[rows],
         stamps.dx,
         stamps.dy,
-        centroids.col_px[good[sound]] - col[good[sound]],
-        centroids.row_px[good[sound]] - row[good[sound]],
+        centroids.col_px[good[finite]] - col[good[finite]],
+        centroids.row_px[good[finite]] - row[good[finite]],
         noise[rows] ** 2,
-        per_rad[sound],
+        per_rad[finite],
     )
 
 
@@ -211,8 +211,8 @@ def _best(trails: Trails, starts: list[Array], width2: float, e_per_dn: float) -
     """Return the best fit from the first guess (pure roll) and from the ``PROMISING`` other guesses with the lowest χ²."""
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)
     start_chi2 = [_linear(trails, start, width2, trails.col, trails.row, variance, e_per_dn)[2] for start in starts]
-    tried = [0, *(int(k) + 1 for k in np.argsort(start_chi2[1:])[:PROMISING])]
-    fits = [_fit(trails, starts[k], width2, e_per_dn, turn=True) for k in tried]
+    chosen = [0, *(int(k) + 1 for k in np.argsort(start_chi2[1:])[:PROMISING])]
+    fits = [_fit(trails, starts[k], width2, e_per_dn, turn=True) for k in chosen]
     return min(fits, key=lambda f: f.chi2)
 
 

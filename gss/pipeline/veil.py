@@ -70,11 +70,11 @@ def grid_of(camera: Camera) -> Grid:
 
 def _weights(nodes: Array, count: int) -> Map:
     """Return the (count, nodes) weights of a linear interpolation between ``nodes`` at 0 … count − 1."""
-    at = np.arange(count) / (nodes[1] - nodes[0])
-    first = np.minimum(at.astype(np.intp), len(nodes) - 2)
+    position = np.arange(count) / (nodes[1] - nodes[0])
+    first = np.minimum(position.astype(np.intp), len(nodes) - 2)
     weights = np.zeros((count, len(nodes)), np.float32)
-    weights[np.arange(count), first] = 1 - (at - first)
-    weights[np.arange(count), first + 1] = at - first
+    weights[np.arange(count), first] = 1 - (position - first)
+    weights[np.arange(count), first + 1] = position - first
     return weights
 
 

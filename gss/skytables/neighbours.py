@@ -116,7 +116,7 @@ def figures(links: NeighbourLinks) -> NeighbourFigures:
     n, degree = len(links), np.diff(links.start)
     integers = 2 * links.links + 2 * n
     bits = max(1, int(np.ceil(np.log2(max(n, 2)))))
-    few, most = (int(degree.min()), int(degree.max())) if n else (0, 0)
+    fewest, most = (int(degree.min()), int(degree.max())) if n else (0, 0)
     return NeighbourFigures(
-        n, links.links, few, most, 2 * links.links / max(n, 1), integers, (integers * bits + 7) // 8
+        n, links.links, fewest, most, 2 * links.links / max(n, 1), integers, (integers * bits + 7) // 8
     )

@@ -72,8 +72,10 @@ def series_of(times_s: Sequence[float], results: Sequence[SolveResult | None]) -
         if result.attitude is not None:
             quaternion[k], covariance[k] = result.attitude.quaternion, result.attitude.covariance_rad2
     order = np.argsort(np.asarray(times_s, float), kind="stable")
-    at = np.asarray(times_s, float)[order]
-    return AttitudeSeries(at, quaternion[order], covariance[order], centroids[order], matches[order], residual[order])
+    times = np.asarray(times_s, float)[order]
+    return AttitudeSeries(
+        times, quaternion[order], covariance[order], centroids[order], matches[order], residual[order]
+    )
 
 
 def usable(series: AttitudeSeries, quantity: str) -> AttitudeSeries:

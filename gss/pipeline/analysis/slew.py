@@ -109,8 +109,8 @@ def _scatter(rate: Array, axis: Array) -> Array:
 def _advice(measured_rate: float, sigma: float, commanded: float, axis: Array, rate: Array) -> list[Advice]:
     advice: list[Advice] = []
     speed = float(np.median(np.linalg.norm(rate, axis=1)))
-    far = max(abs(measured_rate - commanded), abs(speed - commanded)) > FAR_OFF_SHARE * commanded
-    if far:
+    is_far_off = max(abs(measured_rate - commanded), abs(speed - commanded)) > FAR_OFF_SHARE * commanded
+    if is_far_off:
         text = (
             f"measured {np.degrees(measured_rate):.5g}°/s along the mean axis, {np.degrees(speed):.5g}°/s from frame to frame, "
             f"where {np.degrees(commanded):.5g}°/s were commanded"

@@ -45,19 +45,19 @@ def telemetry_statistics(series: AttitudeSeries) -> TelemetryFigures:
     steps = np.diff(good.times_s)
     usual = float(np.median(steps))
     even = np.abs(steps - usual) <= UNEVEN * usual
-    at = np.flatnonzero(even[:-1] & even[1:]) + 1
+    middle_index = np.flatnonzero(even[:-1] & even[1:]) + 1
     q = good.quaternion
-    across = turn_between(q[at - 1], q[at + 1])
-    middle = turned(q[at - 1], across / 2)
-    deviation = turn_between(middle, q[at])
+    across = turn_between(q[middle_index - 1], q[middle_index + 1])
+    middle = turned(q[middle_index - 1], across / 2)
+    deviation = turn_between(middle, q[middle_index])
     factor = np.sqrt(MIDDLE_VARIANCE)
-    noise = np.array([robust_sigma(deviation[:, k]) / factor if len(at) > 2 else np.nan for k in range(3)])
+    noise = np.array([robust_sigma(deviation[:, k]) / factor if len(middle_index) > 2 else np.nan for k in range(3)])
     advice = list(check_series(series))
-    if len(at) < 10:
-        text = f"only {len(at)} times three attitudes follow each other evenly"
-        advice.append(Advice("few", text, "use a longer run, or telemetry at a constant rate", len(at) < 3))
-    plain = np.sqrt(np.mean(deviation**2, axis=0)) / factor if len(at) else np.full(3, np.nan)
-    if len(at) >= 10 and (plain > 2 * noise).any():
+    if len(middle_index) < 10:
+        text = f"only {len(middle_index)} times three attitudes follow each other evenly"
+        advice.append(Advice("few", text, "use a longer run, or telemetry at a constant rate", len(middle_index) < 3))
+    plain = np.sqrt(np.mean(deviation**2, axis=0)) / factor if len(middle_index) else np.full(3, np.nan)
+    if len(middle_index) >= 10 and (plain > 2 * noise).any():
         advice.append(
             Advice(
                 "shaking", "some attitudes differ strongly from their neighbours", "check for jitter or wrong attitudes"
@@ -68,12 +68,13 @@ def telemetry_statistics(series: AttitudeSeries) -> TelemetryFigures:
     return TelemetryFigures(
         noise,
         claimed,
-        good.times_s[at],
+        good.times_s[middle_index],
         deviation,
-        np.linalg.norm(across, axis=1) / np.maximum(good.times_s[at + 1] - good.times_s[at - 1], 1e-9),
+        np.linalg.norm(across, axis=1)
+        / np.maximum(good.times_s[middle_index + 1] - good.times_s[middle_index - 1], 1e-9),
         len(good) / len(series),
         outage if outage > 1.5 * usual else 0.0,
         float(good.matches.mean()),
-        len(at),
+        len(middle_index),
         tuple(advice),
     )

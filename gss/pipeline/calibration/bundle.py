@@ -94,15 +94,15 @@ def adjust(
         before = _cost(length, scale, keep, vector, prior_values)
         for _ in range(8):
             turn, move = _solve(normal, damping)
-            moved, turned = vector.moved(move), _turned(turns, turn)
-            trial = _residual(stars, moved.camera(), turned)
+            moved, rotated = vector.moved(move), _turned(turns, turn)
+            trial = _residual(stars, moved.camera(), rotated)
             after = _cost(_length(trial, stars), scale, keep, moved, prior_values)
             if after <= before * (1 + 1e-12):
                 break
             damping *= DAMPED
         else:
             break
-        vector, turns, residual = moved, turned, trial
+        vector, turns, residual = moved, rotated, trial
         damping = max(damping * EASED, 1e-12)
         if step >= (5 if rejecting else 1) and before - after < DONE * before + SETTLED:
             break
@@ -270,9 +270,9 @@ def _scaled_inverse(matrix: Array) -> Array:
     return np.asarray(shaped / np.outer(size, size))
 
 
-def _turned(turns: Array, by: Array) -> Array:
+def _turned(turns: Array, vectors: Array) -> Array:
     """Return the (f, 3, 3) attitudes rotated by (f, 3) rotation vectors."""
-    vector = np.clip(by, -0.3, 0.3)
+    vector = np.clip(vectors, -0.3, 0.3)
     half = np.linalg.norm(vector, axis=1, keepdims=True) / 2
     quaternion = np.concatenate([vector * 0.5 * np.sinc(half / np.pi), np.cos(half)], axis=1)
     return np.asarray(matrix_from_quaternion(quaternion) @ turns)

@@ -128,8 +128,8 @@ def _made(
     residual = np.concatenate(off)
     offsets = iter(off)
     rms = tuple(float("nan") if c is None else float(np.sqrt(np.mean(next(offsets) ** 2))) for c in corners)
-    places = np.concatenate([c.reshape(-1, 2) for c in corners if c is not None])
-    cell = np.clip((places + 0.5) / np.array([camera.columns, camera.rows]) * GRID, 0, GRID - 1).astype(int)
+    corner_px = np.concatenate([c.reshape(-1, 2) for c in corners if c is not None])
+    cell = np.clip((corner_px + 0.5) / np.array([camera.columns, camera.rows]) * GRID, 0, GRID - 1).astype(int)
     covered = len(set(map(tuple, cell.tolist()))) / GRID**2
     values = tuple(float(getattr(camera if n.endswith("_px") else camera.distortion, n)) for n in NAMES)
     advice: list[Advice] = []
@@ -153,7 +153,7 @@ def _made(
         rms_all,
         rms,
         detected,
-        places,
+        corner_px,
         residual,
         covered,
         tuple(advice),

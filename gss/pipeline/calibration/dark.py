@@ -167,9 +167,9 @@ def pixel_response(flats: Frames, dark_dn: NDArray[Any] | float) -> Response:
     y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
     terms = np.stack([np.ones_like(x), x, y, x * x, y * y, x * y], axis=-1)
     step = max(1, min(rows, columns) // 64)
-    small, at = light[::step, ::step].ravel(), terms[::step, ::step].reshape(-1, 6)
+    small, sampled_terms = light[::step, ::step].ravel(), terms[::step, ::step].reshape(-1, 6)
     good = np.abs(small - np.median(small)) < 5 * max(float(np.std(small)), 1e-9)
-    smooth = terms @ np.linalg.lstsq(at[good], small[good], rcond=None)[0]
+    smooth = terms @ np.linalg.lstsq(sampled_terms[good], small[good], rcond=None)[0]
     if float(np.median(light)) <= 5 * float(np.median(cube.std(axis=0))) / np.sqrt(len(cube)):
         raise BadInput(
             "these flat frames contain no light",

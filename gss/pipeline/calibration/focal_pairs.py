@@ -67,9 +67,9 @@ def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px:
     estimates: list[tuple[float, float, float, float, float]] = []
     per_frame: list[float] = []
     for frame in frames:
-        place = (frame.pixels - centre) * stretch
-        far = np.hypot(place[:, 0], place[:, 1])
-        frame_pairs = _pairs(place, frame.icrs, far, reach)
+        offset = (frame.pixels - centre) * stretch
+        radius = np.hypot(offset[:, 0], offset[:, 1])
+        frame_pairs = _pairs(offset, frame.icrs, radius, reach)
         if frame_pairs:
             values = np.array(frame_pairs)
             per_frame.append(float(np.average(values[:, 0], weights=values[:, 1] ** 2)))
@@ -99,18 +99,18 @@ def focal_from_pairs(frames: Sequence[FrameStars], camera: Camera, *, radius_px:
     )
 
 
-def _pairs(place: Array, icrs: Array, far: Array, reach: float) -> list[tuple[float, float, float, float, float]]:
-    near = np.flatnonzero(far < reach)
+def _pairs(offset: Array, icrs: Array, radius: Array, reach: float) -> list[tuple[float, float, float, float, float]]:
+    near = np.flatnonzero(radius < reach)
     estimates = []
     for i, a in enumerate(near.tolist()):
         for b in near[i + 1 :].tolist():
-            length = float(np.hypot(*(place[a] - place[b])))
+            length = float(np.hypot(*(offset[a] - offset[b])))
             if length < SHORTEST * reach:
                 continue
             true = float(separation_rad(icrs[a], icrs[b]))
-            f = focal_from_pair(place[a], place[b], true)
+            f = focal_from_pair(offset[a], offset[b], true)
             if np.isfinite(f):
-                estimates.append((f, length, length / true, float(max(far[a], far[b])), true))
+                estimates.append((f, length, length / true, float(max(radius[a], radius[b])), true))
     return estimates
 
 

@@ -66,10 +66,10 @@ def focus_advice(sigma_px: float, snr: float = float("nan")) -> FocusAdvice:
 def interpolation_error_px(sigma_px: float, window: int) -> float:
     """Return the error of a mean locator on noiseless spots, rms over sub-pixel positions, in a window of ``window``
     columns around the brightest column (Moniteq 1983 eq. 4.8, by direct summation)."""
-    place = np.linspace(-0.5, 0.5, 41)
+    offset = np.linspace(-0.5, 0.5, 41)
     column = np.arange(window) - (window - 1) / 2
-    share = ndtr((column[:, None] + 0.5 - place) / sigma_px) - ndtr((column[:, None] - 0.5 - place) / sigma_px)
-    error = (column[:, None] * share).sum(axis=0) / share.sum(axis=0) - place
+    share = ndtr((column[:, None] + 0.5 - offset) / sigma_px) - ndtr((column[:, None] - 0.5 - offset) / sigma_px)
+    error = (column[:, None] * share).sum(axis=0) / share.sum(axis=0) - offset
     return float(np.sqrt(np.mean(error**2)))
 
 
@@ -127,12 +127,16 @@ def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) 
     best = -b / (2 * a)
     slope = np.array([0.0, -1 / (2 * a), b / (2 * a * a)])
     sigma = float(np.sqrt(max(slope @ fit.covariance @ slope, 0.0))) * reach
-    least = c - b * b / (4 * a)
-    reach2 = (wished_sigma_px**2 - least) / a
+    minimum = c - b * b / (4 * a)
+    reach2 = (wished_sigma_px**2 - minimum) / a
     side = float(np.sqrt(reach2)) if reach2 >= 0 else float("nan")
-    at = middle + reach * best
+    best_position = middle + reach * best
     return BestFocus(
-        at, sigma, float(np.sqrt(max(least, 0.0))), wished_sigma_px, (at - reach * side, at + reach * side)
+        best_position,
+        sigma,
+        float(np.sqrt(max(minimum, 0.0))),
+        wished_sigma_px,
+        (best_position - reach * side, best_position + reach * side),
     )
 
 

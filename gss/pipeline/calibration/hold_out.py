@@ -34,17 +34,17 @@ def held_out(stars: StarStack, fit: Adjusted, priors: Mapping[str, Prior], folds
             used=fit.used[training[stars.frame]],
         )
         mask = out[stars.frame]
-        tried = stars.of_frames(out)
+        held_out_stars = stars.of_frames(out)
         alone = adjust(
-            tried,
+            held_out_stars,
             trained.vector.without(trained.vector.free),
             fit.cam_from_icrs[out],
             rounds=ROUNDS,
             used=fit.used[mask],
         )
-        frame_stars = np.bincount(tried.frame[fit.used[mask]], minlength=tried.frames)
+        frame_stars = np.bincount(held_out_stars.frame[fit.used[mask]], minlength=held_out_stars.frames)
         # With two stars, the fit of the attitude leaves no degrees of freedom.
         stretch = np.sqrt(2 * frame_stars / np.maximum(2 * frame_stars - 3, 1))
-        residual[mask] = alone.residual_px * stretch[tried.frame, None]
-        used[mask] = fit.used[mask] & (frame_stars > MIN_FRAMES)[tried.frame]
+        residual[mask] = alone.residual_px * stretch[held_out_stars.frame, None]
+        used[mask] = fit.used[mask] & (frame_stars > MIN_FRAMES)[held_out_stars.frame]
     return residual_figures(residual, stars.sigma_px, used)

@@ -54,13 +54,13 @@ def corner_radius(camera: Camera) -> float:
 def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float | Sequence[float]) -> Light:
     """Concatenate the stars of all frames. An unknown exposure is replaced by 1 s, and an unknown colour by the Sun's
     B−V of 0.6."""
-    each = (
+    thresholds = (
         [float(threshold_dn)] * len(frames)
         if isinstance(threshold_dn, int | float)
         else [float(t) for t in threshold_dn]
     )
-    if len(each) != len(frames):
-        raise BadInput("one threshold per frame", expected=str(len(frames)), got=str(len(each)))
+    if len(thresholds) != len(frames):
+        raise BadInput("one threshold per frame", expected=str(len(frames)), got=str(len(thresholds)))
     if not frames:
         raise BadInput("no frames", expected="at least one solved frame", got="0")
     aspect = camera.focal_col_px / camera.focal_row_px
@@ -78,7 +78,7 @@ def light_of(frames: Sequence[FrameStars], camera: Camera, threshold_dn: float |
         np.concatenate([f.peak_dn for f in frames]),
         np.repeat(exposure, counts),
         rho / corner_radius(camera),
-        np.concatenate([f.area_px * t for f, t in zip(frames, each, strict=True)]),
+        np.concatenate([f.area_px * t for f, t in zip(frames, thresholds, strict=True)]),
         np.concatenate([f.saturated for f in frames]),
     )
 

@@ -48,24 +48,24 @@ def radial_polynomial(
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
     focal = np.array([camera.focal_col_px, camera.focal_row_px])
     for frame in frames:
-        place = (frame.pixels - centre) / focal
-        place_mm = (place if flat is None else flat.undistort(place)) * focal_mm
-        far = np.hypot(place_mm[:, 0], place_mm[:, 1])
-        k = int(np.argmin(far)) if len(far) else 0
-        if len(far) < 2 or far[k] > near_mm:
+        ideal = (frame.pixels - centre) / focal
+        place_mm = (ideal if flat is None else flat.undistort(ideal)) * focal_mm
+        radius_mm = np.hypot(place_mm[:, 0], place_mm[:, 1])
+        k = int(np.argmin(radius_mm)) if len(radius_mm) else 0
+        if len(radius_mm) < 2 or radius_mm[k] > near_mm:
             continue
         used_frames += 1
-        other_stars = np.arange(len(far)) != k
+        other_stars = np.arange(len(radius_mm)) != k
         # From the centre of a plane detector, the tangent of the separation is the radius. The ray of the central star
         # corrects for
         # its small offset from the centre.
-        ray = np.append(place_mm, np.full((len(far), 1), focal_mm), axis=1)
+        ray = np.append(place_mm, np.full((len(radius_mm), 1), focal_mm), axis=1)
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         measured = separation_rad(ray[other_stars], ray[k])
         true = separation_rad(frame.icrs[other_stars], frame.icrs[k])
-        r_parts.append(far[other_stars])
+        r_parts.append(radius_mm[other_stars])
         # The error of the angle is the error of the radius times cos² of the field angle.
-        delta_parts.append(focal_mm * (measured - true) * (1 + (far[other_stars] / focal_mm) ** 2))
+        delta_parts.append(focal_mm * (measured - true) * (1 + (radius_mm[other_stars] / focal_mm) ** 2))
     r = np.concatenate(r_parts) if r_parts else np.empty(0)
     if len(r) < max(MIN_STARS, order + 2):
         raise BadInput(

@@ -134,13 +134,13 @@ def _predicted(pixels: Array, icrs: Array, camera: Camera) -> tuple[Array, NDArr
     good: NDArray[np.bool_] = np.asarray(np.isfinite(cam).all(axis=1))
     if good.sum() < 2:
         return np.full_like(pixels, np.nan), good
-    place = camera.project(icrs @ svd(cam[good], icrs[good]).T)
-    return place, np.asarray(good & np.isfinite(place).all(axis=1))
+    predicted = camera.project(icrs @ svd(cam[good], icrs[good]).T)
+    return predicted, np.asarray(good & np.isfinite(predicted).all(axis=1))
 
 
 def _fit_rms_px(pixels: Array, icrs: Array, camera: Camera) -> float:
-    place, good = _predicted(pixels, icrs, camera)
-    return float(np.sqrt(np.mean((pixels - place)[good] ** 2))) if good.any() else float("inf")
+    predicted, good = _predicted(pixels, icrs, camera)
+    return float(np.sqrt(np.mean((pixels - predicted)[good] ** 2))) if good.any() else float("inf")
 
 
 def plate_scale(frame: FrameStars, camera: Camera) -> tuple[float, float]:
@@ -210,17 +210,17 @@ def _clouds(frames: Sequence[FrameStars]) -> list[Advice]:
     offsets = frame_offsets_mag(frames)
     counts = np.array([len(f) for f in frames])
     dim = np.flatnonzero(np.isfinite(offsets) & (offsets < -CLOUD_MAG))
-    few = np.flatnonzero(counts < CLOUD_SHARE * np.median(counts))
-    if not len(dim) and len(few) < max(2, 0.15 * len(frames)):
+    sparse = np.flatnonzero(counts < CLOUD_SHARE * np.median(counts))
+    if not len(dim) and len(sparse) < max(2, 0.15 * len(frames)):
         return []
     parts = []
     if len(dim):
         parts.append(f"stars of {counted(len(dim), 'frame')} are more than {CLOUD_MAG} mag too faint")
-    if len(few):
+    if len(sparse):
         parts.append(
-            f"{counted(len(few), 'frame')} {verb(len(few), 'has', 'have')} less than half as many stars as the others"
+            f"{counted(len(sparse), 'frame')} {verb(len(sparse), 'has', 'have')} less than half as many stars as the others"
         )
-    names = ", ".join(frames[k].name for k in sorted({*dim.tolist(), *few.tolist()})[:5])
+    names = ", ".join(frames[k].name for k in sorted({*dim.tolist(), *sparse.tolist()})[:5])
     return [
         Advice(
             "clouds",

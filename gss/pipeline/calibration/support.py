@@ -35,9 +35,9 @@ def hold_unsupported(
 
 def _sigma(fit: Adjusted, name: str) -> float:
     """Return the standard deviation of a free parameter in its unit."""
-    at = fit.vector.free.index(name)
+    index = fit.vector.free.index(name)
     scale = fit.vector.values[name] if name in ("focal_px", "aspect") else 1.0
-    return scale * float(np.sqrt(max(fit.covariance[at, at], 0.0)))
+    return scale * float(np.sqrt(max(fit.covariance[index, index], 0.0)))
 
 
 def _restarted(start: Vector, fitted: Vector) -> Vector:
@@ -63,7 +63,7 @@ def _worst(fit: Adjusted) -> tuple[tuple[str, ...], str]:
         return (), ""
     sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0))
     limit = most_allowed_sigma(fit.vector)
-    loose = {n for n, s, most in zip(free, sigma, limit, strict=True) if not s <= most}
+    loose = {n for n, s, max_sigma in zip(free, sigma, limit, strict=True) if not s <= max_sigma}
     twins = _twins(fit, sigma)
     for group in FREEZING_ORDER:
         fitted = tuple(n for n in group if n in free)

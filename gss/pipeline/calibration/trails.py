@@ -37,10 +37,10 @@ def trail_px(image: NDArray[Any], centroids: Centroids, saturation_dn: float = f
             for v, u in zip(stamps.value, stamps.use, strict=True)
         ]
     )
-    whole = np.isfinite(sky) & stamps.use.all(axis=1)
-    if whole.sum() < FEWEST:
+    complete = np.isfinite(sky) & stamps.use.all(axis=1)
+    if complete.sum() < FEWEST:
         return 0.0
-    stamps = cut_stamps(image, col[whole], row[whole], sky[whole], HALF_PX, saturation_dn)
+    stamps = cut_stamps(image, col[complete], row[complete], sky[complete], HALF_PX, saturation_dn)
     shapes = adaptive_shapes(stamps, START_SIGMA_PX)
     if shapes.good.sum() < FEWEST:
         return 0.0

@@ -46,21 +46,21 @@ def find_centroids(
     regions = search(np.where(mask, pixels, 0), dark_dn + p.threshold_dn, limits, 1)
     stars = regions.blobs.take(regions.accepted)
     col, row = brightest_pixels(pixels, stars)
-    whole = inside_frame(col, row, pixels.shape, 2)
-    measured = locate(pixels, stars.take(np.flatnonzero(whole)), dark_dn, p)
+    complete = inside_frame(col, row, pixels.shape, 2)
+    measured = locate(pixels, stars.take(np.flatnonzero(complete)), dark_dn, p)
     rejected = list(regions.rejected)
-    for k in regions.accepted[~whole].tolist():
+    for k in regions.accepted[~complete].tolist():
         rejected[k] = "window leaves the frame"
     faint = measured.flux_dn < faintest_dn(catalogue, p)
-    for k in regions.accepted[whole][faint].tolist():
+    for k in regions.accepted[complete][faint].tolist():
         rejected[k] = f"fainter than V {catalogue.limit_mag:.1f}"
     keep, notes = ~faint, [regions.stopped] if regions.stopped else []
     if mode is Mode.TRACKING and hint is not None:
         half_px = p.capture_rad / camera.pixel_rad
-        places = camera.project(expected_stars(catalogue, camera, hint, p).predicted_cam)
-        inside = windows_mask(pixels.shape, places, half_px)[row[whole], col[whole]]
+        predicted_px = camera.project(expected_stars(catalogue, camera, hint, p).predicted_cam)
+        inside = windows_mask(pixels.shape, predicted_px, half_px)[row[complete], col[complete]]
         if np.count_nonzero(inside & keep) >= VERIFIED_ENOUGH:
-            for k in regions.accepted[whole][keep & ~inside].tolist():
+            for k in regions.accepted[complete][keep & ~inside].tolist():
                 rejected[k] = OUTSIDE
             keep &= inside
         else:
@@ -114,7 +114,7 @@ def locate(pixels: Pixels, blobs: Blobs, dark_dn: float, parameters: AimParamete
 
 
 def _sigma_px(light: Array, off_col: Array, off_row: Array, flux: Array, p: AimParameters) -> Array:
-    place = np.arange(p.window_px) - (p.window_px - 1) / 2
-    arm2 = (place[:, None] - off_row[:, None, None]) ** 2 + (place - off_col[:, None, None]) ** 2
+    position = np.arange(p.window_px) - (p.window_px - 1) / 2
+    arm2 = (position[:, None] - off_row[:, None, None]) ** 2 + (position - off_col[:, None, None]) ** 2
     variance = p.noise_dn**2 + np.maximum(light, 0.0) / p.gain_e_per_dn
     return np.asarray(np.sqrt(p.gain**2 * (arm2 * variance).sum(axis=(1, 2)) / (2 * flux**2) + p.floor_px**2))

@@ -184,8 +184,8 @@ def _verify(
     near = chord <= 2 * np.sin(parameters.capture_rad / 2)
     star_mag = catalogue.stars.v_mag[expected.rows].astype(float)
     near &= magnitude_fits(spots.mag[:, None], spots.saturated[:, None], star_mag[None], parameters.magnitude_error)
-    spot, which = np.nonzero(near)
-    candidate = expected.rows[which]
+    spot, star = np.nonzero(near)
+    candidate = expected.rows[star]
     agree = agreement_of_candidates(spots.unit, spot, catalogue.icrs, candidate, 2 * parameters.tolerance_rad)
     chosen = consistent_set(agree, agree.sum(axis=1))
     if len(chosen) < VERIFIED_ENOUGH:

@@ -76,8 +76,12 @@ class CubestarMatching:
     def confidence(self) -> float:
         """Return the mean number of verification votes of the selected stars divided by the maximum; 0 if no star is
         selected."""
-        most = len(self.row) - 1
-        return float(np.mean(self.verification_votes[self.selected]) / most) if len(self.selected) and most else 0.0
+        max_votes = len(self.row) - 1
+        return (
+            float(np.mean(self.verification_votes[self.selected]) / max_votes)
+            if len(self.selected) and max_votes
+            else 0.0
+        )
 
 
 def match_stars(

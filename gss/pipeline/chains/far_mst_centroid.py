@@ -122,8 +122,8 @@ def refine_mle(signal: Signal, noise_dn: float, stars: Centroids, p: FarMstParam
         return stars
     count_e, use, dx, dy = _stamps(signal, stars, p)
     background_e = (noise_dn * p.gain_e_per_dn) ** 2
-    place = np.column_stack([stars.col_px - np.rint(stars.col_px), stars.row_px - np.rint(stars.row_px)])
-    state = np.column_stack([place, stars.flux_dn * p.gain_e_per_dn])
+    offset = np.column_stack([stars.col_px - np.rint(stars.col_px), stars.row_px - np.rint(stars.row_px)])
+    state = np.column_stack([offset, stars.flux_dn * p.gain_e_per_dn])
     for _ in range(SCORING_STEPS):
         score, information = _score(state, count_e, use, dx, dy, background_e, p.psf_sigma_px)
         step = np.einsum("nij,nj->ni", np.linalg.pinv(information, hermitian=True), score)
@@ -133,7 +133,7 @@ def refine_mle(signal: Signal, noise_dn: float, stars: Centroids, p: FarMstParam
     _, information = _score(state, count_e, use, dx, dy, background_e, p.psf_sigma_px)
     variance = np.linalg.pinv(information, hermitian=True)
     sigma = np.sqrt((variance[:, 0, 0] + variance[:, 1, 1]) / 2)
-    good = (np.abs(state[:, :2] - place) < FARTHEST_PX).all(axis=1) & np.isfinite(sigma) & (sigma > 0)
+    good = (np.abs(state[:, :2] - offset) < FARTHEST_PX).all(axis=1) & np.isfinite(sigma) & (sigma > 0)
     return Centroids(
         np.where(good, np.rint(stars.col_px) + state[:, 0], stars.col_px),
         np.where(good, np.rint(stars.row_px) + state[:, 1], stars.row_px),

@@ -131,11 +131,11 @@ def clusters(lit: Mask) -> Blobs:
         (columns, None),
         (columns + 1, col < columns - 1),
     ):
-        at = np.minimum(np.searchsorted(index, index + step), len(index) - 1)
-        joined = index[at] == index + step
+        neighbour = np.minimum(np.searchsorted(index, index + step), len(index) - 1)
+        joined = index[neighbour] == index + step
         joined = np.flatnonzero(joined if allowed is None else joined & allowed)
         left.append(joined)
-        right.append(at[joined])
+        right.append(neighbour[joined])
     a, b = np.concatenate(left), np.concatenate(right)
     graph = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(len(index), len(index)))
     count, label = connected_components(graph, directed=False)

@@ -210,11 +210,11 @@ def _track(s: _FrameSearch) -> bool:
     for rotation in predictions:
         in_view = stars_in_view(s.catalogue.icrs, rotation, s.camera)
         pairs = mutual_nearest(s.catalogue.icrs[in_view] @ rotation.T, s.unit, s.p.tracking_radius_rad)
-        names, met = in_view[pairs[:, 0]], pairs[:, 1]
-        chosen = _agreeing(s, met, names)
+        names, matched = in_view[pairs[:, 0]], pairs[:, 1]
+        chosen = _agreeing(s, matched, names)
         if len(chosen) < 2:
             continue
-        completed = complete(s.unit, s.sigma_rad, met[chosen], names[chosen], s.catalogue, s.camera, s.p)
+        completed = complete(s.unit, s.sigma_rad, matched[chosen], names[chosen], s.catalogue, s.camera, s.p)
         if completed is None:
             continue
         tolerance = float(pair_tolerance_rad(s.sigma_rad, s.camera.pixel_rad, s.p).max())
@@ -240,10 +240,10 @@ def _expected_boresight(hint: AttitudePrior, mode: Mode) -> Array:
     return np.asarray(boresight / np.linalg.norm(boresight))
 
 
-def _agreeing(s: _FrameSearch, met: Rows, names: Rows) -> Rows:
+def _agreeing(s: _FrameSearch, matched: Rows, names: Rows) -> Rows:
     """Return the indices of the pairs whose angles all agree with the catalogue."""
-    off = np.abs(angle_matrix_rad(s.unit[met]) - angle_matrix_rad(s.catalogue.icrs[names]))
-    agree = (off <= pair_tolerance_rad(s.sigma_rad[met], s.camera.pixel_rad, s.p)).astype(np.int64)
+    off = np.abs(angle_matrix_rad(s.unit[matched]) - angle_matrix_rad(s.catalogue.icrs[names]))
+    agree = (off <= pair_tolerance_rad(s.sigma_rad[matched], s.camera.pixel_rad, s.p)).astype(np.int64)
     np.fill_diagonal(agree, 0)
     friends = agree.sum(axis=1)
     return mutually_consistent(agree, np.flatnonzero(friends >= 1))
@@ -261,15 +261,15 @@ def _matching(s: _FrameSearch, used: Centroids, unit: Array, good: Rows, accepte
 
 
 def _reason(s: _FrameSearch) -> str:
-    n, least, mode = len(s.unit), _min_verified(s), s.mode.value.replace("_", " ")
+    n, needed, mode = len(s.unit), _min_verified(s), s.mode.value.replace("_", " ")
     if n == 0:
         return "no star found in the frame"
-    if n < least or (n < 3 and s.best is None):
-        return f"{n} {'star' if n == 1 else 'stars'} found; {least} needed in {mode} mode"
+    if n < needed or (n < 3 and s.best is None):
+        return f"{n} {'star' if n == 1 else 'stars'} found; {needed} needed in {mode} mode"
     if s.best is None:
         return f"no figure of the {n} stars fits the catalogue"
-    if s.best.count < least:
-        return f"{s.best.count} of {n} stars identified; {least} needed in {mode} mode"
+    if s.best.count < needed:
+        return f"{s.best.count} of {n} stars identified; {needed} needed in {mode} mode"
     if s.best.share < _min_share(s):
         return f"{s.best.count} of {n} stars identified where the catalogue has {s.best.in_view}: the others contradict"
     if s.best_bound <= s.p.max_false_probability:

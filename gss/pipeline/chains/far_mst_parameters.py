@@ -137,8 +137,8 @@ def least_count(threshold_sigma: float, pixels: int) -> int:
     """Return the smallest count of 25 for which pure noise leaves less than one pixel per frame after the
     pre-filter."""
     chance = float(ndtr(-threshold_sigma))
-    others = PREFILTER_PX**2 - 1
-    for count in range(1, others + 1):
-        if pixels * chance * float(bdtrc(count - 2, others, chance)) < 1:
+    neighbours = PREFILTER_PX**2 - 1
+    for count in range(1, neighbours + 1):
+        if pixels * chance * float(bdtrc(count - 2, neighbours, chance)) < 1:
             return count
-    return others + 1
+    return neighbours + 1

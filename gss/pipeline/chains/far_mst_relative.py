@@ -87,13 +87,13 @@ def _stars(centroids: Centroids, camera: Camera, p: FarMstParameters) -> tuple[A
 
 
 def _order(method: str, stars_before: int, stars_after: int, expected: Array | None) -> tuple[str, ...]:
-    least = min(stars_before, stars_after)
-    if least < 2:
+    fewest = min(stars_before, stars_after)
+    if fewest < 2:
         return ()
     if method != "auto":
         return (method,)
     predicted = ("rate",) if expected is not None else ()
-    return (*predicted, "pair") if least == 2 else (*predicted, "triangle")
+    return (*predicted, "pair") if fewest == 2 else (*predicted, "triangle")
 
 
 def _pairs(

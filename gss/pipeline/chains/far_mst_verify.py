@@ -88,8 +88,8 @@ def complete(
             return None
         names[:] = -1
         names[pairs[:, 1]] = in_view[pairs[:, 0]]
-        met = np.sort(pairs[:, 1])
-        rotation = matrix_from_quaternion(quest(unit_cam[met], catalogue.icrs[names[met]], weight[met]))
+        matched = np.sort(pairs[:, 1])
+        rotation = matrix_from_quaternion(quest(unit_cam[matched], catalogue.icrs[names[matched]], weight[matched]))
     names = _still_near(names, unit_cam, radius, rotation, catalogue.icrs)
     per_sr = max(1, len(in_view)) / solid_angle_sr(camera)
     chance = chance_within(per_sr, ROOM * float(radius.max()))
@@ -98,9 +98,9 @@ def complete(
 
 def _still_near(names: Rows, unit_cam: Array, radius: Array, rotation: Array, icrs: Array) -> Rows:
     """Return the catalogue rows with residuals of the last fit within the radius; −1 for the others."""
-    met = np.flatnonzero(names >= 0)
-    off = np.linalg.norm(icrs[names[met]] @ rotation.T - unit_cam[met], axis=1)
-    names[met[off > radius[met]]] = -1
+    matched = np.flatnonzero(names >= 0)
+    off = np.linalg.norm(icrs[names[matched]] @ rotation.T - unit_cam[matched], axis=1)
+    names[matched[off > radius[matched]]] = -1
     return names
 
 

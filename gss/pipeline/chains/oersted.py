@@ -47,13 +47,15 @@ def find_centroids(pixels: Pixels, parameters: OerstedParameters, limit_mag: flo
     limits = SearchLimits(p.min_area_px, p.max_area_px, p.max_invalid, MAX_REGIONS, True)
     regions = search(pixels, black_dn + p.threshold_dn, limits, 1)
     stars = regions.blobs.take(regions.accepted)
-    whole = inside_frame(*brightest_pixels(pixels, stars), pixels.shape, p.window_px // 2)
-    measured = hyperaccurate_centroids(pixels, stars.take(np.flatnonzero(whole)), p.window_px, p.noise, p.saturation_dn)
+    complete = inside_frame(*brightest_pixels(pixels, stars), pixels.shape, p.window_px // 2)
+    measured = hyperaccurate_centroids(
+        pixels, stars.take(np.flatnonzero(complete)), p.window_px, p.noise, p.saturation_dn
+    )
     bright = measured.flux_dn >= p.dn_at_mag_0 * 10 ** (-0.4 * limit_mag)
     rejected = list(regions.rejected)
-    for k in regions.accepted[~whole].tolist():
+    for k in regions.accepted[~complete].tolist():
         rejected[k] = "window leaves the frame"
-    for k in regions.accepted[whole][~bright].tolist():
+    for k in regions.accepted[complete][~bright].tolist():
         rejected[k] = f"fainter than V {limit_mag:.1f}"
     centroids = measured.take(bright)
     centroids = centroids.take(brightest_first(centroids)[: p.max_centroids])

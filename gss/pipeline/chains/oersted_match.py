@@ -172,8 +172,8 @@ def _initial_fit(
     def fit_from(attitude: Array) -> Fit | None:
         return predictional_fit(unit, catalogue.icrs, catalogue.detectable, attitude, radii, camera.half_diagonal_rad)
 
-    named = np.flatnonzero(ballot.row >= 0)
-    best = fit_from(svd(unit[named], catalogue.icrs[ballot.row[named]])) if len(named) >= 2 else None
+    identified = np.flatnonzero(ballot.row >= 0)
+    best = fit_from(svd(unit[identified], catalogue.icrs[ballot.row[identified]])) if len(identified) >= 2 else None
     compared = 0 if best is None else best.compared
     if best is None or len(best.row) < ENOUGH:
         for k in range(min(parameters.triplets_alone, len(ballot.candidate))):

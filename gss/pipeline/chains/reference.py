@@ -194,21 +194,21 @@ def _identify_known(
     if another:
         return replace(base, reason=another, timing_s=dict(trace.timing_s))
     with trace.stage("attitude"):
-        named = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c, fast)
+        matches = _name_all(view, camera, stars, evidence, centroids, detections, velocity_c, fast)
     seen_both = min(len(view), evidence.predicted)
-    if len(named.rows) < EXPLAINED * seen_both:
-        reason = f"the best solution identifies only {len(named.rows)} of {seen_both} stars"
+    if len(matches.rows) < EXPLAINED * seen_both:
+        reason = f"the best solution identifies only {len(matches.rows)} of {seen_both} stars"
         return replace(base, reason=reason, timing_s=dict(trace.timing_s))
-    hip = stars.deep.hip[named.stars]
-    answer = solved(base, named.fit, view.centroid[named.rows], hip, evidence.false_match_probability)
+    hip = stars.deep.hip[matches.stars]
+    answer = solved(base, matches.fit, view.centroid[matches.rows], hip, evidence.false_match_probability)
     return replace(answer, velocity_c=as_velocity(velocity_c), timing_s=dict(trace.timing_s))
 
 
 def _another_focal_length(view: FrameDetections, camera: Camera, sky: SkyCatalogue, evidence: Evidence) -> str:
     radius_px = max(CENSUS_PX, RADIUS_SIGMA * view.typical_sigma_px)
-    places = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
-    met = int((((places - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
-    if plenty(met, evidence.predicted, len(view)):
+    predicted_px = camera.project(sky.icrs[evidence.stars] @ evidence.cam_from_icrs.T)
+    coinciding = int((((predicted_px - view.pixels[evidence.rows]) ** 2).sum(1) <= radius_px**2).sum())
+    if plenty(coinciding, evidence.predicted, len(view)):
         return ""  # the verification has already counted the matches of a census
     return focal_objection(view.pixels, evidence.rows, sky.icrs[evidence.stars], sky.icrs, camera, radius_px)
 
@@ -235,8 +235,8 @@ def _name_all(
 
     start = evidence.cam_from_icrs
 
-    def fit_to(rows: NDArray[np.intp], of: NDArray[np.intp], sigma_px: Array) -> Refined:
-        return refine(view.pixels[rows], deep.icrs[of], sigma_px, camera, start)
+    def fit_to(rows: NDArray[np.intp], stars_of_rows: NDArray[np.intp], sigma_px: Array) -> Refined:
+        return refine(view.pixels[rows], deep.icrs[stars_of_rows], sigma_px, camera, start)
 
     # The search uses errors of at least the accuracy of the lens calibration. The fit weights each star by its centroid
     # error.
@@ -244,8 +244,8 @@ def _name_all(
     first = fit_to(evidence.rows, picked, sigma_px[evidence.rows])
     start = first.cam_from_icrs
     spots = Spots(view.pixels, sigma_px, view.magnitude, detections.psf_sigma_px if detections else 1.0)
-    named = match_all(spots, deep, first, evidence.rows, picked, fit_to)
-    return named if named is not None else AllMatches(evidence.rows, picked, first)
+    matches = match_all(spots, deep, first, evidence.rows, picked, fit_to)
+    return matches if matches is not None else AllMatches(evidence.rows, picked, first)
 
 
 def _name_all_compiled(
@@ -260,7 +260,7 @@ def _name_all_compiled(
 ) -> AllMatches:
     """Compute the result of :func:`_name_all` with compiled loops."""
     turn = np.array(evidence.cam_from_icrs, float)
-    rows, which, residual_px, weight, covariance, rms_px = loops.finish(
+    rows, star_rows, residual_px, weight, covariance, rms_px = loops.finish(
         loops.camera_numbers(camera),
         view.pixels,
         np.maximum(centroids.sigma_px[view.centroid], FIT_FLOOR_PX),
@@ -273,7 +273,7 @@ def _name_all_compiled(
         len(evidence.rows),
         turn,
     )
-    return AllMatches(rows, which, Refined(camera, turn, residual_px, weight, rms_px, covariance=covariance))
+    return AllMatches(rows, star_rows, Refined(camera, turn, residual_px, weight, rms_px, covariance=covariance))
 
 
 def _expected(stars: KnownSky, camera: Camera) -> float:

@@ -54,8 +54,8 @@ def solve_foreign(
         )
     guess = Camera.from_fov(*shape, float(np.sqrt(fov_range_rad[0] * fov_range_rad[1])))
     base = unsolved(guess, centroids, detections, notes)
-    place = result.solved
-    if place is None:
+    solution = result.solved
+    if solution is None:
         with trace.stage("why not"):
             reverse = (
                 _blind(
@@ -66,25 +66,25 @@ def solve_foreign(
             )
         is_mirrored = reverse is not None and reverse.placed and not result.placed
         return replace(base, reason=MIRRORED if is_mirrored else result.reason, timing_s=dict(trace.timing_s))
-    fit = _moving(place, centroids, sky, velocity_c)
+    fit = _moving(solution, centroids, sky, velocity_c)
     turning = None
     if detections.trailed and exposure_s:
         with trace.stage("trails"):
             turning = turning_of(pixels, detections, fit.camera, exposure_s, None)
-    answer = solved(base, fit, place.rows, sky.hip[place.stars], place.false_match_probability)
+    answer = solved(base, fit, solution.rows, sky.hip[solution.stars], solution.false_match_probability)
     timing_s = dict(trace.timing_s)
     return replace(answer, velocity_c=as_velocity(velocity_c), turning=turning, timing_s=timing_s)
 
 
-def _moving(place: BlindSolution, centroids: Centroids, sky: SkyCatalogue, velocity_c: Array | None) -> Refined:
+def _moving(solution: BlindSolution, centroids: Centroids, sky: SkyCatalogue, velocity_c: Array | None) -> Refined:
     """Repeat the fit with aberration applied to the stars."""
-    fit = place.fit
+    fit = solution.fit
     if velocity_c is None:
         return fit
     used = fit.weight > 0
     sigma_px = 1 / np.sqrt(np.where(used, fit.weight, 1.0))
     free = fit.parameters[4:] if "focal" in fit.parameters else fit.parameters[3:]
-    rows, stars = place.rows[used], place.stars[used]
+    rows, stars = solution.rows[used], solution.stars[used]
     icrs = aberrate(sky.icrs[stars], velocity_c)
     again = refine(
         centroids.pixels[rows],

@@ -57,18 +57,18 @@ def match_stars(
         if first and len(centroids) < first + p.min_group:
             break
         before = (first_results[-1].hypotheses, first_results[-1].operations) if first_results else (0.0, 0)
-        tried = [
+        results = [
             replace(m, hypotheses=m.hypotheses + before[0], operations=m.operations + before[1])
             for m in candidates(centroids, camera, catalogue, p, mode, hint, first)
         ]
         if p.acceptance == "document":
-            return tried[0]
+            return results[0]
         accepted = [
-            m for m in tried if calculate_attitude(m, centroids, camera, catalogue, p, hint).attitude is not None
+            m for m in results if calculate_attitude(m, centroids, camera, catalogue, p, hint).attitude is not None
         ]
         if accepted and _same_attitude(accepted):
             return accepted[0]
-        first_results.append(tried[0])
+        first_results.append(results[0])
     return replace(first_results[0], operations=first_results[-1].operations)
 
 
@@ -170,16 +170,16 @@ def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p:
     missing. With many matches, a few missing stars are tolerated. Displaced stars indicate another camera, even if many
     stars match in one corner.
     """
-    named = len(matching.selected) + confirming
+    identified = len(matching.selected) + confirming
     if p.acceptance == "document":
         return ""
-    few = named < p.sure_named
-    if stars.displaced * 4 > (0 if few else max(stars.expected, 4)):
+    is_few = identified < p.sure_named
+    if stars.displaced * 4 > (0 if is_few else max(stars.expected, 4)):
         return f"{stars.displaced} of {stars.expected} bright stars in view are not at their expected positions"
     spare = 1 if len(matching.selected) >= p.min_group else 0
-    too_many = stars.absent > spare and stars.absent * 2 >= named * spare
-    if (few and too_many) or stars.absent * 4 > 3 * max(stars.expected, 4):
-        return f"{named} stars match, but {stars.absent} of {stars.expected} bright stars that should be in view are missing"
+    too_many = stars.absent > spare and stars.absent * 2 >= identified * spare
+    if (is_few and too_many) or stars.absent * 4 > 3 * max(stars.expected, 4):
+        return f"{identified} stars match, but {stars.absent} of {stars.expected} bright stars that should be in view are missing"
     if matching.looked_for is not None and not confirming and len(matching.looked_for) > p.confirm_windows + 1:
         return f"none of {len(matching.looked_for) - len(matching.selected)} more stars looked for confirms the match"
     return ""

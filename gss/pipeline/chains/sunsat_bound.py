@@ -40,21 +40,21 @@ def confirmed(
 ) -> tuple[Rows, Rows]:
     """Return the indices of unmatched centroids that coincide with predicted ``visible`` guide stars, and the rows of
     those stars. Nearest pairs are first, and each guide star is used once."""
-    others = np.setdiff1d(np.arange(len(centroids)), matching.selected)
+    unmatched = np.setdiff1d(np.arange(len(centroids)), matching.selected)
     visible = np.setdiff1d(visible, matching.row[matching.selected])
-    if not len(others) or not len(visible):
+    if not len(unmatched) or not len(visible):
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    unit = camera.unproject(centroids.pixels[others])
+    unit = camera.unproject(centroids.pixels[unmatched])
     off = np.linalg.norm(unit[:, None] - (catalogue.guides.unit[visible] @ cam_from_icrs.T)[None], axis=-1)
-    fainter = magnitudes(centroids.flux_dn[others], p)[:, None] - catalogue.guides.v_mag[visible][None]
+    fainter = magnitudes(centroids.flux_dn[unmatched], p)[:, None] - catalogue.guides.v_mag[visible][None]
     off[~(np.abs(fainter) <= p.magnitude_tolerance_mag)] = np.inf
     guide = np.argmin(off, axis=1)
-    miss = off[np.arange(len(others)), guide]
+    miss = off[np.arange(len(unmatched)), guide]
     order = np.argsort(miss, kind="stable")
     order = order[miss[order] <= CONFIRM_TOLERANCES * p.distance_tolerance_rad]
     _, first = np.unique(guide[order], return_index=True)
     order = order[np.sort(first)]
-    return others[order], visible[guide[order]]
+    return unmatched[order], visible[guide[order]]
 
 
 def in_view(catalogue: SunsatCatalogue, camera: Camera, cam_from_icrs: Array) -> Rows:
@@ -122,8 +122,8 @@ def false_match_probability(
     share = magnitude_share(magnitudes(centroids.flux_dn, p), guides.v_mag, p.magnitude_tolerance_mag)
     chance = min(1.0, per_sr * share * np.pi * (CONFIRM_TOLERANCES * p.distance_tolerance_rad) ** 2)
     if matching.mode is Mode.TRACKING:
-        others = n - len(matching.selected)
-        by_chance = float(bdtrc(confirming - 1, others, chance)) if confirming else 1.0
+        unmatched = n - len(matching.selected)
+        by_chance = float(bdtrc(confirming - 1, unmatched, chance)) if confirming else 1.0
         return float(min(1.0, matching.hypotheses * by_chance))
     return accidental_bound(matching.hypotheses, len(matching.selected) + confirming, n, chance)
 

@@ -144,27 +144,27 @@ def find_in_windows(
     confirmation. Every window is cut from the unmodified frame. A star detected in two windows counts once."""
     expected = expected_stars(camera, catalogue, p, hint)
     dark_dn = dark_rows_dn(pixels, p.dark_clip_dn, p.search_step_px)
-    every: list[DetectedStars] = []
+    window_stars: list[DetectedStars] = []
     stars = Centroids.from_pixels(np.empty((0, 2)))
     end = len(expected)
     for k in range(len(expected)):
         if k >= end:
             break
         detected = _search_window(pixels, dark_dn, expected, k, p)
-        every.append(detected)
+        window_stars.append(detected)
         fresh = _new_ones(stars, detected.centroids)
         stars = _joined(stars, detected.centroids.take(fresh))
         if end == len(expected) and len(stars) >= STARS:
             test, counts = _three_stars(stars, camera, catalogue, p, expected, k + 1)
             end = len(counts) + p.confirm_windows if test.result else end
     regions: dict[tuple[int, int, int, int], Region] = {}
-    for detected in every:
+    for detected in window_stars:
         for r in detected.regions:
             regions.setdefault((r.col_min, r.row_min, r.col_max, r.row_max), r)
     centroids = stars.take(brightest(stars))
-    note = f"searched {len(every)} of {len(expected)} windows"
+    note = f"searched {len(window_stars)} of {len(expected)} windows"
     return Detection(
-        tuple(regions.values()), centroids, sum(f.invalid for f in every), float(np.median(dark_dn)), (note,)
+        tuple(regions.values()), centroids, sum(f.invalid for f in window_stars), float(np.median(dark_dn)), (note,)
     )
 
 

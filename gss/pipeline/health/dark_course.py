@@ -80,7 +80,7 @@ def dark_course(
         )
     edges = exponents[[near.min(), near.max()]]
     fit = fits[k]
-    of = np.array([f.coefficients[0] for f in fits])[near]
+    constants = np.array([f.coefficients[0] for f in fits])[near]
     dark, growth = (float(c) for c in fit.coefficients[:2])
     if not dark > 0:
         return DarkCourse(reference_c, EXPONENT_K, False, nothing, nothing, nothing)
@@ -90,7 +90,11 @@ def dark_course(
         reference_c,
         float(exponents[k]),
         True,
-        Estimate(dark * e_per_dn, float(of.min() - spread[0]) * e_per_dn, float(of.max() + spread[0]) * e_per_dn),
+        Estimate(
+            dark * e_per_dn,
+            float(constants.min() - spread[0]) * e_per_dn,
+            float(constants.max() + spread[0]) * e_per_dn,
+        ),
         Estimate(*(float(d) for d in doubling)),
         Estimate(growth / dark, (growth - float(spread[1])) / dark, (growth + float(spread[1])) / dark),
     )

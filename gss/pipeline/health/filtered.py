@@ -58,11 +58,11 @@ def _run(days: Array, off: Array, error: Array, starts: list[int], walk_per_day:
         elif np.isinf(variance):
             level, variance = float(off[k]), error2
         else:
-            whole = variance + error2
-            surprise = (float(off[k]) - level) ** 2 / whole
-            misfit += min(surprise, CLIP_SIGMAS**2) + float(np.log(whole))
+            total_variance = variance + error2
+            surprise = (float(off[k]) - level) ** 2 / total_variance
+            misfit += min(surprise, CLIP_SIGMAS**2) + float(np.log(total_variance))
             if surprise < CLIP_SIGMAS**2:
-                level += variance / whole * (float(off[k]) - level)
-                variance *= error2 / whole
+                level += variance / total_variance * (float(off[k]) - level)
+                variance *= error2 / total_variance
         levels[k], spread[k] = level, np.sqrt(variance)
     return levels, spread, misfit

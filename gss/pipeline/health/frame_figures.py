@@ -117,12 +117,14 @@ def _lit(
     frame: HealthFrame, result: SolveResult, sensor: Sensor, noise_dn: float, shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
     """Return a (rows, columns) mask, True under catalogue stars."""
-    places, v_mag, _ = _on_detector(frame, result, BESIDE_PX)
+    positions, v_mag, _ = _on_detector(frame, result, BESIDE_PX)
     light_dn = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn
-    trails = np.zeros_like(places)
-    if result.turning is not None and len(places):
-        trails = np.nan_to_num(trail_per_rad(result.camera, places) @ (result.turning.vector_rad_s * frame.exposure_s))
-    return star_mask(shape, places, light_dn, trails, sensor.psf_sigma_px**2 + PIXEL_VARIANCE_PX2, noise_dn)
+    trails = np.zeros_like(positions)
+    if result.turning is not None and len(positions):
+        trails = np.nan_to_num(
+            trail_per_rad(result.camera, positions) @ (result.turning.vector_rad_s * frame.exposure_s)
+        )
+    return star_mask(shape, positions, light_dn, trails, sensor.psf_sigma_px**2 + PIXEL_VARIANCE_PX2, noise_dn)
 
 
 def frame_figures(
@@ -149,26 +151,26 @@ def _lens(result: SolveResult, camera: Camera) -> dict[str, tuple[float, float]]
     matches = result.matches
     assert matches is not None  # noqa: S101 - the caller has looked
     used = np.isfinite(matches.residual_px).all(axis=1)
-    places = result.centroids.pixels[matches.centroid[used]]
+    positions = result.centroids.pixels[matches.centroid[used]]
     off, sigma = (
         matches.residual_px[used],
         np.maximum(result.centroids.sigma_px[matches.centroid[used]], MIN_ERROR_PX),
     )
-    if len(places) < LENS_STARS:
+    if len(positions) < LENS_STARS:
         return {}
     half_px = np.hypot(camera.columns, camera.rows) / 2
-    from_centre = places - np.array([camera.centre_col_px, camera.centre_row_px])
+    from_centre = positions - np.array([camera.centre_col_px, camera.centre_row_px])
     radius2 = np.sum(from_centre**2, axis=1, keepdims=True) / half_px**2
     # A shift of the centre moves all stars equally. A rotation has the same effect, except for the distortion of the
     # projection.
     columns = [
-        trail_per_rad(camera, places) / 1e3,
+        trail_per_rad(camera, positions) / 1e3,
         from_centre[:, :, None] / half_px,
-        np.broadcast_to(np.eye(2), (len(places), 2, 2)),
+        np.broadcast_to(np.eye(2), (len(positions), 2, 2)),
         (from_centre * radius2)[:, :, None] / half_px,
     ]
     design = np.concatenate(columns, axis=2)
-    keep = np.ones(len(places), bool)
+    keep = np.ones(len(positions), bool)
     for _ in range(3):
         if np.count_nonzero(keep) < LENS_STARS:
             return {}
@@ -208,18 +210,18 @@ def _light(
 ) -> dict[str, tuple[float, float]]:
     """Return measured minus catalogue magnitude by colour; positive if light is lost. A wide aperture is used, so that
     a change of focus is not mistaken for a change of sensitivity."""
-    places, v_mag, b_v = _on_detector(frame, result, 0.0)
+    positions, v_mag, b_v = _on_detector(frame, result, 0.0)
     reach = int(np.ceil(APERTURE_SIGMAS * sensor.psf_sigma_px))
-    flux = np.full(len(places), np.nan)
+    flux = np.full(len(positions), np.nan)
     bright = sensor.star_e(v_mag, frame.exposure_s) / sensor.gain_e_per_dn > MIN_APERTURE_SNR * noise_dn * (
         2 * reach + 1
     )
-    gap = np.linalg.norm(places[:, None] - places[None, bright], axis=2).T
+    gap = np.linalg.norm(positions[:, None] - positions[None, bright], axis=2).T
     # Stars with much light from neighbours in the aperture are excluded.
     fainter = 10 ** (-0.4 * (v_mag[None, :] - v_mag[bright][:, None]))
     alone = (np.where((gap < 2 * reach) & (gap > 0), fainter, 0.0).sum(axis=1)) < NEIGHBOUR_SHARE
     for k in np.flatnonzero(bright)[alone]:
-        col, row = (int(v) for v in np.rint(places[k]))
+        col, row = (int(v) for v in np.rint(positions[k]))
         if not (reach <= col < excess_dn.shape[1] - reach and reach <= row < excess_dn.shape[0] - reach):
             continue
         cut = excess_dn[row - reach : row + reach + 1, col - reach : col + reach + 1]
@@ -235,7 +237,7 @@ def _light(
     return figures
 
 
-def _middle(values: Array, least: float) -> tuple[float, float]:
+def _middle(values: Array, min_sigma: float) -> tuple[float, float]:
     """Return the median and its standard deviation."""
-    spread = max(robust_sigma(values), least)
+    spread = max(robust_sigma(values), min_sigma)
     return float(np.median(values)), 1.2533 * spread / float(np.sqrt(len(values)))

@@ -106,10 +106,10 @@ def mission_health(frames: Sequence[HealthFrame], camera: Camera, sensor: Sensor
     drive = exposure * dark.factor(warm)
     warm_e_s = WARM_SIGMAS * float(np.median(noise / drive)) * sensor.gain_e_per_dn
     courses = []
-    for k, place in enumerate(followed):
+    for k, pixel in enumerate(followed):
         progress(0.85 + 0.13 * k / len(followed), f"Course of warm pixel {k + 1} of {len(followed)}")
         series = PixelSeries(times, excess[:, k].astype(float), noise, drive, sensor.gain_e_per_dn)
-        row, col = divmod(int(place), camera.columns)
+        row, col = divmod(int(pixel), camera.columns)
         course = pixel_course(series, col, row, warm_e_s)
         if course is not None:
             courses.append(course)
@@ -172,11 +172,11 @@ def _hits(excess_dn: Map, usual_dn: Map, noise_dn: float, e_per_dn: float) -> in
 def _figure(
     name: str, times_s: Array, temperature_c: Array, measured: Sequence[dict[str, tuple[float, float]]], camera: Camera
 ) -> FigureCourse:
-    at = [k for k, s in enumerate(measured) if name in s]
-    value = np.array([measured[k][name][0] for k in at])
-    sigma = np.array([measured[k][name][1] for k in at])
-    t, warm = times_s[at], temperature_c[at]
-    if len(at) < MIN_SAMPLES or np.ptp(t) <= 0:
+    frame_index = [k for k, s in enumerate(measured) if name in s]
+    value = np.array([measured[k][name][0] for k in frame_index])
+    sigma = np.array([measured[k][name][1] for k in frame_index])
+    t, warm = times_s[frame_index], temperature_c[frame_index]
+    if len(frame_index) < MIN_SAMPLES or np.ptp(t) <= 0:
         return FigureCourse(name, FIGURES[name], t, value, sigma, warm, None, float("nan"), None, None)
     trend = fit_trend(t, value, sigma, warm, 0 if name in COUNTS else MAX_JUMPS)
     start = float(trend.at(t[:1])[0])

@@ -120,8 +120,10 @@ def _fit_of(series: PixelSeries) -> _Fit | None:
     if np.count_nonzero(good) < MIN_FRAMES:
         return None
     rough = max(1.0, robust_sigma(np.diff(((y - smooth) / sigma)[good])) / float(np.sqrt(2)))
-    at = measured[good]
-    return _Fit(series.times_s[at], series.drive_s[at] / series.e_per_dn, y[good], sigma[good] * rough)
+    measured_good = measured[good]
+    return _Fit(
+        series.times_s[measured_good], series.drive_s[measured_good] / series.e_per_dn, y[good], sigma[good] * rough
+    )
 
 
 class _Fit:
@@ -155,9 +157,9 @@ class _Fit:
             level, shaped = (right * shape2 - rights * cross) / safe, (rights * step2 - right * cross) / safe
             # The pixel must become brighter at the onset, and the shape must make it brighter.
             rises = good & (shaped > 0) & (level + np.r_[0.0, np.ones(len(lives_s))] * shaped > 0)
-            both = np.where(rises, right * level + rights * shaped, -np.inf)
+            gain = np.where(rises, right * level + rights * shaped, -np.inf)
             steady[i] = right**2 / step2 if right > 0 and step2 > DEGENERATE * float(drive @ drive) else -np.inf
-            growing[i], annealing[i] = both[0], both[1:]
+            growing[i], annealing[i] = gain[0], gain[1:]
         return _Grid(steady, growing, annealing)
 
     def solve(self, start: int | None = None, shape: str = STEADY, half_life_s: float = 0.0) -> tuple[Array, Array]:

@@ -43,8 +43,8 @@ class BlockMaps:
     def add(self, excess_dn: Map) -> None:
         """Add the next frame: (rows, columns), NaN under stars."""
         self._waiting.append(excess_dn)
-        done = len(self._maps)
-        if len(self._waiting) == self._edges[done + 1] - self._edges[done]:
+        block = len(self._maps)
+        if len(self._waiting) == self._edges[block + 1] - self._edges[block]:
             self._maps.append(trimmed_mean(np.stack(self._waiting)))
             self._waiting.clear()
 

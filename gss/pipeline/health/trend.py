@@ -117,17 +117,17 @@ def fit_trend(
     if warm is not None and np.ptp(warm[order]) >= MIN_KELVIN:
         columns.append(warm[order] - mean_c)
     smooth = len(columns)
-    at: list[int] = []
+    jump_index: list[int] = []
     fit = fit_linear(np.column_stack(columns), y, s)
-    while len(at) < most_jumps:
-        jump = _best_jump(np.column_stack(columns), y, s, at, fit)
+    while len(jump_index) < most_jumps:
+        jump = _best_jump(np.column_stack(columns), y, s, jump_index, fit)
         if jump is None:
             break
-        at.append(jump)
+        jump_index.append(jump)
         columns.append((np.arange(len(t)) >= jump).astype(float))
         fit = fit_linear(np.column_stack(columns), y, s)
-        at, columns, fit = _moved(columns, smooth, at, y, s, fit)
-    return _trend(t, columns, smooth, at, y, s, fit, middle_s, mean_c)
+        jump_index, columns, fit = _moved(columns, smooth, jump_index, y, s, fit)
+    return _trend(t, columns, smooth, jump_index, y, s, fit, middle_s, mean_c)
 
 
 def _gains(design: Array, y: Array, s: Array, fit: Linear, skip: list[int]) -> Array:
@@ -161,34 +161,34 @@ def _core(fit: Linear, s: Array) -> float:
     return float(robust_sigma(step) / np.sqrt(2.0))
 
 
-def _best_jump(design: Array, y: Array, s: Array, at: list[int], fit: Linear) -> int | None:
-    gains = _gains(design, y, s, fit, at)
+def _best_jump(design: Array, y: Array, s: Array, jump_index: list[int], fit: Linear) -> int | None:
+    gains = _gains(design, y, s, fit, jump_index)
     best = int(np.argmax(gains))
     return best if gains[best] > JUMP_GAIN else None
 
 
 def _moved(
-    columns: list[Array], smooth: int, at: list[int], y: Array, s: Array, fit: Linear
+    columns: list[Array], smooth: int, jump_index: list[int], y: Array, s: Array, fit: Linear
 ) -> tuple[list[int], list[Array], Linear]:
     """Search for each jump again with the other jumps fixed, because the first jumps were located before the later ones
     were known."""
-    for j in range(len(at)):
-        others = [c for i, c in enumerate(columns) if i != smooth + j]
-        without = fit_linear(np.column_stack(others), y, s)
-        gains = _gains(np.column_stack(others), y, s, without, [k for i, k in enumerate(at) if i != j])
+    for j in range(len(jump_index)):
+        other_columns = [c for i, c in enumerate(columns) if i != smooth + j]
+        without = fit_linear(np.column_stack(other_columns), y, s)
+        gains = _gains(np.column_stack(other_columns), y, s, without, [k for i, k in enumerate(jump_index) if i != j])
         best = int(np.argmax(gains))
         if np.isfinite(gains[best]):
-            at = [best if i == j else k for i, k in enumerate(at)]
+            jump_index = [best if i == j else k for i, k in enumerate(jump_index)]
             columns = [*columns]
             columns[smooth + j] = (np.arange(len(y)) >= best).astype(float)
-    return at, columns, fit_linear(np.column_stack(columns), y, s)
+    return jump_index, columns, fit_linear(np.column_stack(columns), y, s)
 
 
 def _trend(
     t: Array,
     columns: list[Array],
     smooth: int,
-    at: list[int],
+    jump_index: list[int],
     y: Array,
     s: Array,
     fit: Linear,
@@ -200,15 +200,15 @@ def _trend(
         Estimate(float(c), float(c - Z95 * e), float(c + Z95 * e)) for c, e in zip(fit.coefficients, sigma, strict=True)
     ]
     jumps = []
-    for j, k in enumerate(at):
-        others = [c for i, c in enumerate(columns) if i != smooth + j]
-        without = fit_linear(np.column_stack(others), y, s)
-        gains = _gains(np.column_stack(others), y, s, without, [m for i, m in enumerate(at) if i != j])
+    for j, k in enumerate(jump_index):
+        other_columns = [c for i, c in enumerate(columns) if i != smooth + j]
+        without = fit_linear(np.column_stack(other_columns), y, s)
+        gains = _gains(np.column_stack(other_columns), y, s, without, [m for i, m in enumerate(jump_index) if i != j])
         near = np.flatnonzero(gains >= gains[k] - TIME_GAIN)
         low, high = int(min(near.min(), k)), int(max(near.max(), k))
         when = Estimate(float((t[k - 1] + t[k]) / 2), float(t[low - 1]), float(t[high]))
         jumps.append((when.value, Jump(when, terms[smooth + j])))
-    order = sorted(range(len(at)), key=lambda j: jumps[j][0])
+    order = sorted(range(len(jump_index)), key=lambda j: jumps[j][0])
     rows = [*range(smooth), *(smooth + j for j in order)]
     return Trend(
         middle_s,

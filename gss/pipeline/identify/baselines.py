@@ -42,8 +42,8 @@ class BaselineCandidates:
         if not len(self.key):
             return np.zeros(len(p), bool)
         keys = p * self.stars + q
-        at = np.minimum(np.searchsorted(self.key, keys), len(self.key) - 1)
-        return np.asarray(self.key[at] == keys)
+        position = np.minimum(np.searchsorted(self.key, keys), len(self.key) - 1)
+        return np.asarray(self.key[position] == keys)
 
 
 @dataclass

@@ -242,11 +242,13 @@ class _BlindSearch:
         spots = replace(self.spots, sigma_px=np.maximum(self.spots.sigma_px, MIN_SIGMA_PX))
         start = solved.fit
 
-        def fit_to(rows: Rows, of: Rows, sigma_px: Array) -> Refined:
-            return fit_lens(spots.pixels[rows], self.sky.icrs[of], sigma_px, start.camera, start.cam_from_icrs, also)
+        def fit_to(rows: Rows, stars_of_rows: Rows, sigma_px: Array) -> Refined:
+            return fit_lens(
+                spots.pixels[rows], self.sky.icrs[stars_of_rows], sigma_px, start.camera, start.cam_from_icrs, also
+            )
 
-        named = match_all(spots, self.sky, start, solved.rows, solved.stars, fit_to)
-        return None if named is None else replace(solved, rows=named.rows, stars=named.stars, fit=named.fit)
+        matches = match_all(spots, self.sky, start, solved.rows, solved.stars, fit_to)
+        return None if matches is None else replace(solved, rows=matches.rows, stars=matches.stars, fit=matches.fit)
 
     def _is_loose(self, settled: BlindSolution) -> bool:
         """True if the camera does not explain the detections: too few are identified, or the residuals exceed their errors."""
@@ -284,13 +286,13 @@ def _is_better(fuller: BlindSolution, settled: BlindSolution) -> bool:
 
 def _rank_batches(n: int) -> Iterator[NDArray[np.int32]]:
     """Yield (q, 4) quadruples of detections without repetition. Quadruples of the brightest detections are first."""
-    done = 0
+    yielded = 0
     for top in BATCHES:
         top_here = min(top, n)
-        if top_here <= done:
+        if top_here <= yielded:
             return
-        rows = [q for q in combinations(range(top_here), 4) if q[3] >= done]
-        done = top_here
+        rows = [q for q in combinations(range(top_here), 4) if q[3] >= yielded]
+        yielded = top_here
         if rows:
             yield np.array(rows, np.int32)
 

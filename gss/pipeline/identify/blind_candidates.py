@@ -81,9 +81,9 @@ def _probe(
     sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
     u[:, :, 2] *= sign[:, None]
     rotation = u @ vt
-    others = np.einsum("cji,ckj->cki", rotation, rays(np.broadcast_to(probes, (c, *probes.shape))))
+    probe_icrs = np.einsum("cji,ckj->cki", rotation, rays(np.broadcast_to(probes, (c, *probes.shape))))
     reach = 0.008 * camera.columns / focal[:, 0]
-    distance, _ = level.bright.query(others.reshape(-1, 3), distance_upper_bound=float(reach.max()))
+    distance, _ = level.bright.query(probe_icrs.reshape(-1, 3), distance_upper_bound=float(reach.max()))
     hit = distance.reshape(c, -1) < reach[:, None]
     in_pattern = (ids[:, :, None] == np.arange(len(probes))).any(1)
     hits = (hit & ~in_pattern).sum(1)

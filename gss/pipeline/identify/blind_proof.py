@@ -159,8 +159,8 @@ def _tail(
         radius = part * acquire_px
         chance = min(1.0, expected * np.pi * radius**2 / area_px2)
         for among in COUNT_AMONG:
-            met = int(((offset <= radius) & (rows < among)).sum())
-            tails.append(match_tail(met - 4, max(min(detections, among) - 4, 0), chance, brightness))
+            coinciding = int(((offset <= radius) & (rows < among)).sum())
+            tails.append(match_tail(coinciding - 4, max(min(detections, among) - 4, 0), chance, brightness))
     return min(1.0, min(tails) * len(tails) * len(ACQUIRE))
 
 

@@ -106,33 +106,33 @@ def _met(
     stars as the previous round.
     """
     stars, spots, weight = icrs, rows, np.ones(len(rows))
-    met, in_view, settled = 0, 0, False
-    named: Rows = np.empty(0, np.intp)
+    matched, in_view, settled = 0, 0, False
+    identified: Rows = np.empty(0, np.intp)
     for round_ in range(ROUNDS + 1):
         last = settled or round_ == ROUNDS
         predicted = camera.project(near @ best_rotation(unit[spots], stars, weight).T)
         visible = np.flatnonzero(camera.contains(predicted))
-        places = predicted[visible]
+        star_px = predicted[visible]
         radius = np.full(len(visible), radius_px)
         if not last:
-            radius *= _lever(places, pixels[spots], weight, MAX_PX / radius_px)
-        star, spot = _nearest(places, pixels, radius)
-        met, in_view = len(spot), len(visible)
-        if met < 2 or last:
+            radius *= _lever(star_px, pixels[spots], weight, MAX_PX / radius_px)
+        star, spot = _nearest(star_px, pixels, radius)
+        matched, in_view = len(spot), len(visible)
+        if matched < 2 or last:
             break
         stars, weight = near[visible[star]], (radius_px / radius[star]) ** 2
-        settled = np.array_equal(spot, spots) and np.array_equal(visible[star], named)
-        spots, named = spot, visible[star]
-    return met, in_view
+        settled = np.array_equal(spot, spots) and np.array_equal(visible[star], identified)
+        spots, identified = spot, visible[star]
+    return matched, in_view
 
 
-def _lever(places: Array, fitted: Array, weight: Array, limit: float) -> Array:
+def _lever(positions: Array, fitted: Array, weight: Array, limit: float) -> Array:
     """Return the (n,) ratios of the prediction error at ``places`` to the error of one star, at most ``limit``. The
     ratio grows with the distance from the fitted stars."""
     total = float(weight.sum())
     middle = weight @ fitted / total
     extent2 = float(weight @ ((fitted - middle) ** 2).sum(1))
-    far2 = ((places - middle) ** 2).sum(1)
+    far2 = ((positions - middle) ** 2).sum(1)
     return np.asarray(np.minimum(np.sqrt(1 + 1 / total + far2 / max(extent2, 1.0)), limit))
 
 
@@ -141,7 +141,7 @@ def _nearest(predicted: Array, pixels: Array, radius_px: Array) -> tuple[Rows, R
     if not len(predicted):
         return np.empty(0, np.intp), np.empty(0, np.intp)
     off2 = distances2(predicted, pixels)
-    to, back = off2.argmin(1), off2.argmin(0)
+    nearest, back = off2.argmin(1), off2.argmin(0)
     star = np.arange(len(predicted))
-    ok = (back[to] == star) & (off2[star, to] <= radius_px**2)
-    return star[ok], to[ok]
+    ok = (back[nearest] == star) & (off2[star, nearest] <= radius_px**2)
+    return star[ok], nearest[ok]

@@ -87,9 +87,9 @@ def candidate_star_matrix(side_a: NDArray[np.bool_], side_b: NDArray[np.bool_], 
         block[:, p], block[:, q] = i, j
         rows.append(block)
     matrix = np.concatenate(rows)
-    most = max(len(side_a), 1)
+    size = max(len(side_a), 1)
     while len(matrix):
-        often = np.stack([np.bincount(matrix[:, c] + 1, minlength=most + 1) for c in range(3)])
+        often = np.stack([np.bincount(matrix[:, c] + 1, minlength=size + 1) for c in range(3)])
         often[:, 0] = 2
         keep = np.all([often[c][matrix[:, c] + 1] >= 2 for c in range(3)], axis=0)
         if keep.all():

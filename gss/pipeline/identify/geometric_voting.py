@@ -65,8 +65,8 @@ def vote(pairs: ImagePairs, stars: int, table: DistanceTable, rows: int, toleran
     lists = np.bincount(np.concatenate([i + first, i + second, j + first, j + second]), minlength=stars * rows)
     votes = lists.reshape(stars, rows)
     row = np.argmax(votes, axis=1) if rows else np.full(stars, -1)
-    most = votes[np.arange(stars), row] if rows else np.zeros(stars, np.intp)
-    return Ballot(np.where(most > 0, row, -1), most, len(pair))
+    max_votes = votes[np.arange(stars), row] if rows else np.zeros(stars, np.intp)
+    return Ballot(np.where(max_votes > 0, row, -1), max_votes, len(pair))
 
 
 def agreement(pairs: ImagePairs, row: Rows, catalogue: OnboardCatalogue, tolerance_rad: float) -> NDArray[np.int64]:
@@ -85,8 +85,8 @@ def agreement(pairs: ImagePairs, row: Rows, catalogue: OnboardCatalogue, toleran
 def cluster(verification: NDArray[np.int64], margin: int) -> Rows:
     """Return the stars with verification votes within ``margin`` of the highest count (Kolomenkin; Erlank 2013 §4.3.3
     uses one)."""
-    most = int(verification.max(initial=0))
-    return np.flatnonzero(verification >= max(1, most - margin))
+    max_votes = int(verification.max(initial=0))
+    return np.flatnonzero(verification >= max(1, max_votes - margin))
 
 
 def mutually_consistent(agree: NDArray[np.int64], chosen: Rows) -> Rows:

@@ -137,8 +137,8 @@ def _joined_matches(unit: Array, v_mag: Array, guides: Guides, limits: GroupLimi
     straight, crossed = bright[i, first] & bright[j, second], bright[i, second] & bright[j, first]
     first_match = np.concatenate([i[straight] * stars + first[straight], i[crossed] * stars + second[crossed]])
     second_match = np.concatenate([j[straight] * stars + second[straight], j[crossed] * stars + first[crossed]])
-    names, at = np.unique(np.concatenate([first_match, second_match]), return_inverse=True)
-    a, b = at[: len(first_match)], at[len(first_match) :]
+    names, node = np.unique(np.concatenate([first_match, second_match]), return_inverse=True)
+    a, b = node[: len(first_match)], node[len(first_match) :]
     graph = _Graph(names // max(stars, 1), names % max(stars, 1), np.concatenate([a, b]), np.concatenate([b, a]))
     return graph, len(entry)
 
@@ -148,10 +148,10 @@ def _angle_rad(a: Array, b: Array) -> Array:
     return np.asarray(2 * np.arcsin(np.minimum(0.5 * np.linalg.norm(a - b, axis=-1), 1.0)))
 
 
-def _pruned(graph: _Graph, least: int) -> _Graph:
+def _pruned(graph: _Graph, min_confidence: int) -> _Graph:
     """Remove groups with a confidence below ``least`` repeatedly until no more are removed."""
     while len(graph.observed):
-        strong = graph.confidence() >= least
+        strong = graph.confidence() >= min_confidence
         if strong.all():
             break
         graph = graph.keep(strong)
@@ -171,18 +171,18 @@ def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]
         joined[a].add(b)
     cliques: list[list[int]] = []
 
-    def grow(chosen: list[int], open_: set[int], done: set[int]) -> None:
+    def grow(chosen: list[int], open_: set[int], excluded: set[int]) -> None:
         spent.remaining -= 1
         if spent.remaining < 0 or len(chosen) + len(open_) < size:
             return
         if not open_:
-            if not done:
+            if not excluded:
                 cliques.append(sorted(chosen))
             return
-        pivot = max(sorted(open_ | done), key=lambda k: len(joined[k] & open_))
+        pivot = max(sorted(open_ | excluded), key=lambda k: len(joined[k] & open_))
         for k in sorted(open_ - joined[pivot]):
-            grow([*chosen, k], open_ & joined[k], done & joined[k])
-            open_, done = open_ - {k}, done | {k}
+            grow([*chosen, k], open_ & joined[k], excluded & joined[k])
+            open_, excluded = open_ - {k}, excluded | {k}
 
     grow([], set(range(len(joined))), set())
     return [(graph.observed[c], graph.guide[c]) for c in sorted(cliques)]
@@ -209,8 +209,8 @@ def mirrored(group: MatchGroup, unit: Array, guide_unit: Array) -> bool:
 
 def ranked(groups: list[MatchGroup]) -> tuple[MatchGroup, ...]:
     """Return the largest groups, best quality first."""
-    most = max(len(g) for g in groups)
-    return tuple(sorted((g for g in groups if len(g) == most), key=lambda g: g.misfit_rad))
+    largest = max(len(g) for g in groups)
+    return tuple(sorted((g for g in groups if len(g) == largest), key=lambda g: g.misfit_rad))
 
 
 def winner(groups: list[MatchGroup], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[MatchGroup | None, str]:

@@ -26,8 +26,8 @@ def consistent_names(figure: tuple[int, ...], baselines: Baselines) -> Rows:
     for k in range(2, len(figure)):
         if not len(names):
             break
-        which, partner = baselines.column(figure[0], figure[k]).partners(names[:, 0])
-        names = np.column_stack([names[which], partner])
+        index, partner = baselines.column(figure[0], figure[k]).partners(names[:, 0])
+        names = np.column_stack([names[index], partner])
         for other in range(1, k):
             names = names[baselines.column(figure[other], figure[k]).holds(names[:, other], names[:, k])]
     return names if names.shape[1] == len(figure) else np.empty((0, len(figure)), np.intp)

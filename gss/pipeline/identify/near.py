@@ -78,12 +78,12 @@ def identify_near(
         if not len(members):
             agree[p, q] = agree[q, p] = False
             continue
-        side, others = (
+        side, distances = (
             field.unit[observed[q]] - field.unit[observed[p]],
             field.unit[observed[members]] - field.unit[observed[p]],
         )
         # square of twice the area of the triangle
-        area2 = (side @ side) * (others * others).sum(1) - (others @ side) ** 2
+        area2 = (side @ side) * (distances * distances).sum(1) - (distances @ side) ** 2
         trio = np.array([p, q, members[area2.argmax()]])
         evidence = verify(
             field, sky, camera, rows=observed[trio], stars=local[reference[trio]], hypotheses=max(hypotheses, 1)

@@ -68,13 +68,15 @@ def pair_hypotheses(
     first, second = links.first[link].astype(np.intp), links.second[link].astype(np.intp)
     keep = allowed[first] & allowed[second]
     pair, first, second = pair[keep], first[keep], second[keep]
-    both = np.stack([np.stack([first, second], 1), np.stack([second, first], 1)], 1).reshape(-1, 2)
+    both_orders = np.stack([np.stack([first, second], 1), np.stack([second, first], 1)], 1).reshape(-1, 2)
     pair = np.repeat(pair, 2)
-    fits = magnitude_fits(spot_mag[i[pair]], saturated[i[pair]], star_mag[both[:, 0]], error_mag)
-    fits &= magnitude_fits(spot_mag[j[pair]], saturated[j[pair]], star_mag[both[:, 1]], error_mag)
+    fits = magnitude_fits(spot_mag[i[pair]], saturated[i[pair]], star_mag[both_orders[:, 0]], error_mag)
+    fits &= magnitude_fits(spot_mag[j[pair]], saturated[j[pair]], star_mag[both_orders[:, 1]], error_mag)
     index = np.flatnonzero(fits)
     used = index[:most]
-    return PairHypotheses(i[pair[used]], j[pair[used]], both[used, 0], both[used, 1], checks, len(index) - len(used))
+    return PairHypotheses(
+        i[pair[used]], j[pair[used]], both_orders[used, 0], both_orders[used, 1], checks, len(index) - len(used)
+    )
 
 
 def pair_attitudes(unit_cam: Array, icrs: Array, h: PairHypotheses) -> Array:

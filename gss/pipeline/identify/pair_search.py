@@ -153,8 +153,8 @@ class PairSearch:
         need = min(2, self.n - 2)
         out = []
         strong = np.flatnonzero(votes >= need)
-        for which in strong[np.argsort(-votes[strong], kind="stable")][:MAX_CANDIDATES]:
-            members = np.flatnonzero(h == which)
+        for index in strong[np.argsort(-votes[strong], kind="stable")][:MAX_CANDIDATES]:
+            members = np.flatnonzero(h == index)
             widest = members[np.argmax(np.abs(handedness[members]))]
-            out.append((int(a[which]), int(b[which]), int(k[widest]), int(c[widest])))
+            out.append((int(a[index]), int(b[index]), int(k[widest]), int(c[widest])))
         return out

@@ -59,8 +59,8 @@ def _partners(a: Rows, b: Rows, unit: Array, i: int, j: int, guides: Guides, lim
     accurate enough because all stars are at least 0.25° apart."""
     apart = float(separation_rad(unit[i], unit[j]))
     cosine = guides.unit[a] @ guides.unit[b].T
-    near, far = np.cos(max(0.0, apart - limits.distance_rad)), np.cos(apart + limits.distance_rad)
-    return np.asarray((cosine <= near) & (cosine >= far) & (a[:, None] != b[None, :]))
+    max_cosine, min_cosine = np.cos(max(0.0, apart - limits.distance_rad)), np.cos(apart + limits.distance_rad)
+    return np.asarray((cosine <= max_cosine) & (cosine >= min_cosine) & (a[:, None] != b[None, :]))
 
 
 def _strike_out(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupLimits) -> int:

@@ -19,9 +19,9 @@ def attitudes_of_triplet(triplet_cam: Array, candidate: int, icrs: Array, tolera
     nearest."""
     star, first, second = triplet_cam
     distance = separation_rad(icrs[candidate], icrs)
-    near = np.flatnonzero(np.abs(distance - separation_rad(star, first)) <= tolerance_rad)
-    far = np.flatnonzero(np.abs(distance - separation_rad(star, second)) <= tolerance_rad)
-    i, j = (axis.ravel() for axis in np.meshgrid(near, far, indexing="ij"))
+    first_rows = np.flatnonzero(np.abs(distance - separation_rad(star, first)) <= tolerance_rad)
+    second_rows = np.flatnonzero(np.abs(distance - separation_rad(star, second)) <= tolerance_rad)
+    i, j = (axis.ravel() for axis in np.meshgrid(first_rows, second_rows, indexing="ij"))
     apart = np.abs(separation_rad(icrs[i], icrs[j]) - separation_rad(first, second))
     sense = np.linalg.det(triplet_cam)
     volume = np.cross(icrs[i], icrs[j]) @ icrs[candidate]

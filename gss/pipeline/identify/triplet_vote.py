@@ -63,10 +63,12 @@ def vote(
     triplet = np.stack([star, first, second], axis=1)
     if not len(star):
         return TripletVote(row, votes, triplet, none, none, 0)
-    which, entries = table.look_up(table.classes.key(*features(unit_cam[star], unit_cam[first], unit_cam[second])))
+    triplet_row, entries = table.look_up(
+        table.classes.key(*features(unit_cam[star], unit_cam[first], unit_cam[second]))
+    )
     keep = np.flatnonzero(allowed[entries])
-    which, candidate = which[keep], entries[keep].astype(np.intp)
-    centroid = star[which]
+    triplet_row, candidate = triplet_row[keep], entries[keep].astype(np.intp)
+    centroid = star[triplet_row]
     agree = agreement_of_candidates(unit_cam, centroid, icrs, candidate, tolerance_rad)
     # A measured star counts as one supporter, even if several of its candidates agree.
     support = np.zeros((len(centroid), n), bool)
@@ -77,7 +79,7 @@ def vote(
     row[centroid[chosen]] = candidate[chosen]
     votes[centroid[chosen]] = count[chosen]
     order = np.argsort(-count, kind="stable")
-    return TripletVote(row, votes, triplet, which[order], candidate[order], len(keep) * (len(keep) - 1) // 2)
+    return TripletVote(row, votes, triplet, triplet_row[order], candidate[order], len(keep) * (len(keep) - 1) // 2)
 
 
 def agreement_of_candidates(

@@ -134,11 +134,11 @@ def pair_up(predicted: Array, measured: Array, radius: Array) -> tuple[NDArray[n
     if not len(predicted) or not len(measured):
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
     d2 = distances2(predicted, measured)
-    to = d2.argmin(1)
+    nearest = d2.argmin(1)
     back = d2.argmin(0)
     p = np.arange(len(predicted))
-    ok = (back[to] == p) & (d2[p, to] <= radius**2)
-    return p[ok], to[ok]
+    ok = (back[nearest] == p) & (d2[p, nearest] <= radius**2)
+    return p[ok], nearest[ok]
 
 
 def verify(
@@ -186,9 +186,9 @@ def _first_offset(
 ) -> Array:
     """Return the (m,) distances of the matches from their first predictions, in acceptance radii; infinite if not
     predicted."""
-    at = np.minimum(np.searchsorted(visible, stars), len(visible) - 1)
-    off = places[at] - pixels
-    return np.asarray(np.where(visible[at] == stars, np.sqrt((off * off).sum(1)) / radius[at], np.inf))
+    position = np.minimum(np.searchsorted(visible, stars), len(visible) - 1)
+    off = places[position] - pixels
+    return np.asarray(np.where(visible[position] == stars, np.sqrt((off * off).sum(1)) / radius[position], np.inf))
 
 
 def _radius(

@@ -163,11 +163,11 @@ def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, 
         columns[k] = places[order[k], 0]
     ranked = np.sort(bright[:count])
     rivals_of_star = np.zeros(count, np.int64)
-    most = 64
+    capacity = 64
     pair_spot, pair_star, pair_expected_stars, pairs = (
-        np.empty(most, np.int64),
-        np.empty(most, np.int64),
-        np.empty(most),
+        np.empty(capacity, np.int64),
+        np.empty(capacity, np.int64),
+        np.empty(capacity),
         0,
     )
     rivals_of_spot, fitting_spots = np.zeros(n, np.int64), 0
@@ -199,8 +199,8 @@ def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, 
                 ranked, bright[e] - window
             )
             expected_stars = min(among * math.pi * gate * gate / (camera[COLUMNS] * camera[ROWS]), 1.0)
-            if pairs == most:
-                most *= 2
+            if pairs == capacity:
+                capacity *= 2
                 pair_spot, pair_star, pair_expected_stars = (
                     np.concatenate((pair_spot, pair_spot)),
                     np.concatenate((pair_star, pair_star)),

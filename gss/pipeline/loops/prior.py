@@ -61,21 +61,21 @@ def _agreement(unit, sigma_rad, observed, star, expected, count, sigmas):
 @loop
 def _partner(agree, p):
     """Return the candidate that agrees with ``p`` and with most of the other candidates that agree with ``p``."""
-    best, most = 0, -1
+    best, max_shared = 0, -1
     for q in range(len(agree)):
         if agree[p, q]:
             common = 0
             for k in range(len(agree)):
                 common += agree[q, k] and agree[p, k]
-            if common > most:
-                best, most = q, common
+            if common > max_shared:
+                best, max_shared = q, common
     return best
 
 
 @loop
 def _third(agree, p, q, unit, observed):
     """Return the candidate that agrees with ``p`` and ``q`` and gives the largest triangle, or -1."""
-    best, most = -1, -1.0
+    best, max_area = -1, -1.0
     u, v = unit[observed[p]], unit[observed[q]]
     side = v - u
     side2 = side[0] * side[0] + side[1] * side[1] + side[2] * side[2]
@@ -84,8 +84,8 @@ def _third(agree, p, q, unit, observed):
             other = unit[observed[k]] - u
             along = side[0] * other[0] + side[1] * other[1] + side[2] * other[2]
             area2 = side2 * (other[0] * other[0] + other[1] * other[1] + other[2] * other[2]) - along * along
-            if area2 > most:
-                best, most = k, area2
+            if area2 > max_area:
+                best, max_area = k, area2
     return best
 
 

@@ -61,16 +61,16 @@ def _anchor(i, distance, tolerance, table_rad, first, second, start, stop, offse
     offsets[0] = used
     for s in range(stars):
         offsets[s + 1] += offsets[s]
-    place = offsets[:stars].copy()
+    next_row = offsets[:stars].copy()
     for k in range(n):
         if k == i:
             continue
         for p in range(start[k], stop[k]):
             a, b = first[p], second[p]
-            pool_k[place[a]], pool_c[place[a]] = k, b
-            place[a] += 1
-            pool_k[place[b]], pool_c[place[b]] = k, a
-            place[b] += 1
+            pool_k[next_row[a]], pool_c[next_row[a]] = k, b
+            next_row[a] += 1
+            pool_k[next_row[b]], pool_c[next_row[b]] = k, a
+            next_row[b] += 1
     return pool_k, pool_c, used + total
 
 
@@ -103,12 +103,12 @@ def _join(
                     widest, third, its = wide, k, c
             if votes < need or (count == len(out) and votes <= out[count - 1, 4]):
                 continue
-            at = count if count < len(out) else count - 1
+            slot = count if count < len(out) else count - 1
             count = min(count + 1, len(out))
-            while at > 0 and out[at - 1, 4] < votes:
-                out[at] = out[at - 1]
-                at -= 1
-            out[at, 0], out[at, 1], out[at, 2], out[at, 3], out[at, 4] = a, b, third, its, votes
+            while slot > 0 and out[slot - 1, 4] < votes:
+                out[slot] = out[slot - 1]
+                slot -= 1
+            out[slot, 0], out[slot, 1], out[slot, 2], out[slot, 3], out[slot, 4] = a, b, third, its, votes
     return count
 
 

@@ -44,13 +44,13 @@ def pixel_groups(
     significance[mask] = 0.0
     labels, count = ndimage.label(significance > GROUP_SIGMA, np.ones((3, 3)))
     groups: list[tuple[float, PixelGroup]] = []
-    for label, place in enumerate(ndimage.find_objects(labels, count), 1):
-        inside = labels[place] == label
-        weight = np.where(inside, significance[place], 0.0)
+    for label, box in enumerate(ndimage.find_objects(labels, count), 1):
+        inside = labels[box] == label
+        weight = np.where(inside, significance[box], 0.0)
         total = float(weight.sum())
         # The filter correlates the noise of 4πσ² pixels.
-        whole = total / np.sqrt(inside.sum() * 4 * np.pi * variance)
-        if weight.max() < PEAK_SIGMA and whole < SUM_SIGMA:
+        total_snr = total / np.sqrt(inside.sum() * 4 * np.pi * variance)
+        if weight.max() < PEAK_SIGMA and total_snr < SUM_SIGMA:
             continue
         row, col = np.nonzero(inside)
         w = weight[row, col] / total
@@ -58,10 +58,10 @@ def pixel_groups(
         moments = np.cov(np.stack([col, row]).astype(float), aweights=w, bias=True) if len(row) > 2 else np.eye(2) * 0.1
         values, vectors = np.linalg.eigh(moments)
         length = np.sqrt(max(12 * (values[1] - values[0]), 0.0))
-        flux = float((image[place] * inside).sum())
+        flux = float((image[box] * inside).sum())
         group = PixelGroup(
-            round(x + place[1].start), round(y + place[0].start), vectors[:, 1] * length, max(flux, float(noise))
+            round(x + box[1].start), round(y + box[0].start), vectors[:, 1] * length, max(flux, float(noise))
         )
-        groups.append((max(float(weight.max()), whole), group))
+        groups.append((max(float(weight.max()), total_snr), group))
     groups.sort(key=lambda m: -m[0])
     return [group for _, group in groups[:MAX_GROUPS]]

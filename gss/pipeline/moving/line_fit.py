@@ -95,24 +95,24 @@ def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None
     point-spread function. ``free``: indices of the fitted ones. None if the pixels do not determine these
     parameters."""
     p = np.array(start, float)
-    which = np.array(free)
+    fitted = np.array(free)
     if len(cut.value) <= len(free):
         return None
     damping, longest = 1e-3, 3 * float(max(cut.dx.max(), cut.dy.max(), 1.0))
     model, slopes, weight, chi2 = _state(cut, p)
     normal = np.eye(len(free))
     for _ in range(ROUNDS):
-        jacobian = slopes[:, which]
+        jacobian = slopes[:, fitted]
         normal = jacobian.T @ (weight[:, None] * jacobian)
         gradient = jacobian.T @ (weight * (cut.value - model))
         scale = np.diag(normal)
         if not np.isfinite(normal).all() or (scale <= 0).any():
             return None
-        tried = p.copy()
-        tried[which] += np.linalg.solve(normal + damping * np.diag(scale), gradient)
-        tried[1:5] = np.clip(tried[1:5], -longest, longest)
-        tried[WIDTH] = np.clip(tried[WIDTH], 0.5 * p[WIDTH], 2 * p[WIDTH])
-        state = _state(cut, tried)
+        trial = p.copy()
+        trial[fitted] += np.linalg.solve(normal + damping * np.diag(scale), gradient)
+        trial[1:5] = np.clip(trial[1:5], -longest, longest)
+        trial[WIDTH] = np.clip(trial[WIDTH], 0.5 * p[WIDTH], 2 * p[WIDTH])
+        state = _state(cut, trial)
         # With shot noise the weights depend on the model. Both ends of a step are compared with the weights of its
         # start.
         after = float((weight * (cut.value - state[0]) ** 2).sum())
@@ -121,26 +121,26 @@ def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None
             if damping > 1e4:
                 break
             continue
-        done = chi2 - after < DONE_CHI2
+        converged = chi2 - after < DONE_CHI2
         damping = max(damping / 10, 1e-9)
-        p, (model, slopes, weight, chi2) = tried, state
-        if done:
+        p, (model, slopes, weight, chi2) = trial, state
+        if converged:
             break
     try:
         inverse = np.linalg.inv(normal)
     except np.linalg.LinAlgError:
         return None
-    whole = np.zeros((6, 6))
-    whole[np.ix_(which, which)] = inverse
-    if not (np.isfinite(inverse).all() and p[0] > 0 and whole[0, 0] > 0):
+    covariance = np.zeros((6, 6))
+    covariance[np.ix_(fitted, fitted)] = inverse
+    if not (np.isfinite(inverse).all() and p[0] > 0 and covariance[0, 0] > 0):
         return None
     return LineFit(
         p[1:3],
         p[3:5],
         float(p[WIDTH]),
         float(p[0]),
-        float(np.sqrt(whole[0, 0])),
-        whole[1:5, 1:5],
+        float(np.sqrt(covariance[0, 0])),
+        covariance[1:5, 1:5],
         chi2,
         len(cut.value) - len(free),
     )

@@ -80,13 +80,15 @@ class SkyMotion:
         time."""
         x = (time_s - self.start_s) / self.span_s
         powers = x ** np.arange(len(self.coefficients))
-        place = self.centre + (powers @ self.coefficients) @ self.plane
+        direction = self.centre + (powers @ self.coefficients) @ self.plane
         spread = float(powers @ self.covariance @ powers)
         speed = float(np.hypot(*self.rate_rad_s))
         # The geometry of a straight pass limits the next power: each derivative has one more factor of the rate.
         nodes = np.sort(np.abs(time_s - self.knots_s))[: len(self.coefficients)]
         model_error_rad = ACCELERATION * speed ** len(self.coefficients) * float(np.prod(nodes)) / 2
-        return np.asarray(place / np.linalg.norm(place)), float(np.hypot(np.sqrt(max(spread, 0.0)), model_error_rad))
+        return np.asarray(direction / np.linalg.norm(direction)), float(
+            np.hypot(np.sqrt(max(spread, 0.0)), model_error_rad)
+        )
 
 
 def fit_motion(frames: Sequence[FrameSpots], hits: Sequence[Hit]) -> SkyMotion | None:
@@ -101,7 +103,7 @@ def fit_motion(frames: Sequence[FrameSpots], hits: Sequence[Hit]) -> SkyMotion |
     if height.min() < 0.5:
         return None
     plane = tangent(centre[None])[0]
-    place = icrs @ plane.T / height[:, None]
+    plane_position = icrs @ plane.T / height[:, None]
     # Gate and fit use the same error for both axes; for a trail, this is the larger error, along its direction.
     sigma: Array = np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
     middle, span = float(times.mean()), float(max(np.ptp(times) / 2, 1e-6))
@@ -109,7 +111,7 @@ def fit_motion(frames: Sequence[FrameSpots], hits: Sequence[Hit]) -> SkyMotion |
     for degree in range(1, MAX_DEGREE + 1):
         if degree > 1 and len(hits) < degree + 2:
             break
-        best = _fitted(times, place, sigma, degree, centre, plane, middle, span)
+        best = _fitted(times, plane_position, sigma, degree, centre, plane, middle, span)
         if best.sound:
             break
     return best
@@ -143,8 +145,8 @@ def _fitted(
 def gate_rad(frame: FrameSpots, rows: NDArray[np.intp], sigma_rad: float) -> Array:
     """Return the (n,) distances within which sources are assigned to a prediction with error ``sigma_rad``."""
     star_variance = np.linalg.eigvalsh(frame.covariance_rad2[rows])[:, 1]
-    least = MIN_GATE_PX * frame.view.camera.pixel_rad
-    return np.asarray(np.maximum(GATE_SIGMA * np.sqrt(star_variance + sigma_rad**2), least))
+    min_gate_rad = MIN_GATE_PX * frame.view.camera.pixel_rad
+    return np.asarray(np.maximum(GATE_SIGMA * np.sqrt(star_variance + sigma_rad**2), min_gate_rad))
 
 
 def trail_agrees(frames: Sequence[FrameSpots], hits: Sequence[Hit], motion: SkyMotion) -> bool:

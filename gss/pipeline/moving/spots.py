@@ -109,17 +109,17 @@ def find_spots(pixels: NDArray[Any], view: SolvedView, stars: StarTable, sensor:
         saturation_dn=float(sensor.saturation_dn),
         e_per_dn=sensor.gain_e_per_dn,
     )
-    at, v_mag = _stars_on(view, stars)
+    star_px, v_mag = _stars_on(view, stars)
     columns, rows = np.arange(pixels.shape[1]), np.arange(pixels.shape[0])
     level = detections.background.on_grid(columns, rows)
     image = (pixels - level).astype(np.float32)
     noise = float(np.median(detections.background.noise))
     ceiling = float(sensor.saturation_dn) - float(np.median(level))
-    photometry = _photometry(image, noise, ceiling, detections, view, at, v_mag, sensor)
+    photometry = _photometry(image, noise, ceiling, detections, view, star_px, v_mag, sensor)
     if photometry is None:
         return None
     light_dn = 10 ** (-0.4 * (v_mag - photometry.zero_mag))
-    mask = star_mask(image.shape, at, light_dn, star_trail_px(view, at), photometry.variance_px2, noise)
+    mask = star_mask(image.shape, star_px, light_dn, star_trail_px(view, star_px), photometry.variance_px2, noise)
     spots = []
     free_image = np.where(mask, np.float32(np.nan), image)
     for group in pixel_groups(image, mask, noise, photometry.variance_px2):
@@ -143,9 +143,9 @@ def _stars_on(view: SolvedView, stars: StarTable) -> tuple[Array, Array]:
     """Return pixels and magnitudes of the catalogue stars on the detector or slightly beside it."""
     cam = stars.icrs @ view.cam_from_icrs.T
     ahead = np.flatnonzero(cam[:, 2] > np.cos(min(view.camera.half_diagonal_rad + 0.02, 1.5)))
-    at = view.camera.project(cam[ahead])
-    on = view.camera.contains(at, -20.0)
-    return at[on], stars.v_mag[ahead][on]
+    star_px = view.camera.project(cam[ahead])
+    on = view.camera.contains(star_px, -20.0)
+    return star_px[on], stars.v_mag[ahead][on]
 
 
 def _photometry(
@@ -154,21 +154,21 @@ def _photometry(
     ceiling: float,
     detections: Detections,
     view: SolvedView,
-    at: Array,
+    star_px: Array,
     v_mag: Array,
     sensor: Sensor,
 ) -> _Photometry | None:
     spots = detections.centroids.pixels
-    if len(spots) < 3 or not len(at):
+    if len(spots) < 3 or not len(star_px):
         return None
-    gap = np.linalg.norm(spots[:, None] - at[None], axis=2)
+    gap = np.linalg.norm(spots[:, None] - star_px[None], axis=2)
     star = np.array([np.argmin(v_mag + np.where(g < STAR_GATE_PX, 0.0, 100.0)) for g in gap])
     good = (gap[np.arange(len(spots)), star] < STAR_GATE_PX) & (detections.centroids.peak_dn < 0.8 * ceiling)
     if np.count_nonzero(good) < 3:
         return None
     rows = np.flatnonzero(good)
     zero = float(np.median(v_mag[star[rows]] + 2.5 * np.log10(detections.centroids.flux_dn[rows])))
-    off2 = float(np.median((spots[rows] - at[star[rows]]) ** 2)) / 0.455  # median of a squared normal deviate
+    off2 = float(np.median((spots[rows] - star_px[star[rows]]) ** 2)) / 0.455  # median of a squared normal deviate
     floor_px2 = max(off2 - float(np.median(detections.centroids.sigma_px[rows] ** 2)), FLOOR_PX**2)
     start = sensor.psf_sigma_px**2 + PIXEL_VARIANCE_PX2
     widths = []
@@ -256,12 +256,12 @@ def _without_pieces(sources: list[_Source], variance: float) -> list[_Source]:
     complete: list[_Source] = []
     margin_px = PIECE_WIDTHS * float(np.sqrt(variance))
     for source in sorted(sources, key=lambda s: -s.fit.flux_dn):
-        place = np.array(source.pixel) + source.fit.centre_px
+        centre = np.array(source.pixel) + source.fit.centre_px
         for line in complete:
             length = line.fit.length_px
             if length <= LONG_WIDTHS * np.sqrt(variance):
                 continue
-            off, along = place - np.array(line.pixel) - line.fit.centre_px, line.fit.trail_px / length
+            off, along = centre - np.array(line.pixel) - line.fit.centre_px, line.fit.trail_px / length
             beside = abs(float(along[0] * off[1] - along[1] * off[0]))
             if beside < margin_px and abs(float(along @ off)) < length / 2 + margin_px:
                 break
@@ -288,9 +288,9 @@ def _spots(view: SolvedView, sources: list[_Source], photometry: _Photometry, li
     spread = np.array([f.covariance[:2, :2] * f.excess + floor for f in fits]).reshape(n, 2, 2)
     end_spread = np.array([f.end_covariance() * f.excess + floor for f in fits]).reshape(n, 2, 2, 2)
     icrs, covariance = _on_sky(view, pixels, spread)
-    turned = [replace(view, cam_from_icrs=attitude_at(view, sign * view.exposure_s / 2)) for sign in (-1, 1)]
+    end_views = [replace(view, cam_from_icrs=attitude_at(view, sign * view.exposure_s / 2)) for sign in (-1, 1)]
     ends = [
-        [_on_sky(at, pixels + sign * trail / 2, end_spread[:, k]) for at in turned] for k, sign in enumerate((-1, 1))
+        [_on_sky(at, pixels + sign * trail / 2, end_spread[:, k]) for at in end_views] for k, sign in enumerate((-1, 1))
     ]
     flux, snr = np.array([f.flux_dn for f in fits]), np.array([f.snr for f in fits])
     return FrameSpots(

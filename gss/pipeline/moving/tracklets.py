@@ -148,14 +148,14 @@ def _fixed_on_detector(frames: Sequence[FrameSpots]) -> list[tuple[int, int]]:
         return []
     pixels = np.concatenate([f.pixels for f in frames])
     icrs = np.concatenate([f.icrs for f in frames])
-    of = np.array([k for k, _ in owner])
+    frame_of = np.array([k for k, _ in owner])
     pixel_rad = frames[0].view.camera.pixel_rad
     owners = []
-    for at, near in enumerate(cKDTree(pixels).query_ball_point(pixels, SAME_PIXEL_PX)):
-        if len(set(of[near])) < MIN_HITS:
+    for index, near in enumerate(cKDTree(pixels).query_ball_point(pixels, SAME_PIXEL_PX)):
+        if len(set(frame_of[near])) < MIN_HITS:
             continue
-        if float(separation_rad(icrs[near], icrs[at]).max()) > SKY_MOVED_PX * pixel_rad:
-            owners.append(owner[at])
+        if float(separation_rad(icrs[near], icrs[index]).max()) > SKY_MOVED_PX * pixel_rad:
+            owners.append(owner[index])
     return owners
 
 
@@ -221,8 +221,8 @@ def _extended(frames: Sequence[FrameSpots], rows: list[NDArray[np.intp]], hits: 
         frame = frames[k]
         if np.abs(motion.knots_s - frame.view.time_s).min() > MAX_STEP_S:
             break
-        place, sigma_rad = motion.at(frame.view.time_s)
-        gap = separation_rad(frame.icrs[rows[k]], place)
+        predicted, sigma_rad = motion.at(frame.view.time_s)
+        gap = separation_rad(frame.icrs[rows[k]], predicted)
         best = int(np.argmin(gap / gate_rad(frame, rows[k], sigma_rad)))
         if gap[best] > gate_rad(frame, rows[k], sigma_rad)[best]:
             continue
@@ -291,9 +291,9 @@ def _is_streak(frame: FrameSpots, row: int) -> bool:
     """True for a line in one frame that is long and not the trail of a star."""
     trail = frame.trail_px[row]
     star = star_trail_px(frame.view, frame.pixels[row][None])[0]
-    least = STREAK_LENGTH * frame.star_sigma_px
-    unlike = min(float(np.hypot(*(trail - star))), float(np.hypot(*(trail + star)))) > least
-    return bool(float(np.hypot(*trail)) > least and unlike and frame.snr[row] > STREAK_SNR)
+    min_length_px = STREAK_LENGTH * frame.star_sigma_px
+    unlike = min(float(np.hypot(*(trail - star))), float(np.hypot(*(trail + star)))) > min_length_px
+    return bool(float(np.hypot(*trail)) > min_length_px and unlike and frame.snr[row] > STREAK_SNR)
 
 
 def _streak(frames: Sequence[FrameSpots], k: int, row: int) -> Tracklet:

@@ -77,22 +77,22 @@ class ReferenceInput:
 def reference_errors(data: ReferenceInput, rng: np.random.Generator) -> ReferenceErrors:
     """Fit all terms. Raises BadInput with fewer than five pairs."""
     pairs = two_cameras(data.reference, data.camera)
-    at = np.searchsorted(data.camera.times_s, pairs.times_s - 1e-9)
-    at = np.clip(_nearest(data.camera.times_s, pairs.times_s, at), 0, len(data.camera) - 1)
-    camera, expected = data.camera.only(at), data.expected
+    index = np.searchsorted(data.camera.times_s, pairs.times_s - 1e-9)
+    index = np.clip(_nearest(data.camera.times_s, pairs.times_s, index), 0, len(data.camera) - 1)
+    camera, expected = data.camera.only(index), data.expected
     mounting = pairs.second_from_first if expected is None else expected
     reference = _at(data.reference, pairs.times_s)
     off = turn_between(
         np.broadcast_to(mounting, camera.quaternion.shape),
         quaternion_product(camera.quaternion, quaternion_inverse(reference)),
     )
-    columns: list[Array] = [_each_axis(np.ones(len(at)))]
+    columns: list[Array] = [_each_axis(np.ones(len(index)))]
     names = ["bias"]
     clock = camera.times_s - camera.times_s.mean()
     if np.ptp(clock) > MIN_DRIFT_S:
         columns.append(_each_axis(clock / DAY_S))
         names.append("drift")
-    temperature = np.full(len(at), np.nan) if data.temperature_c is None else data.temperature_c[at]
+    temperature = np.full(len(index), np.nan) if data.temperature_c is None else data.temperature_c[index]
     span_k = float(np.ptp(temperature)) if np.isfinite(temperature).all() else 0.0
     middle_c = float(temperature.mean()) if span_k else float("nan")
     if span_k >= MIN_SPAN_K:
@@ -103,16 +103,16 @@ def reference_errors(data: ReferenceInput, rng: np.random.Generator) -> Referenc
         columns.append(-rate[:, :, None])
         names.append("date")
     if data.velocity_c is not None:
-        shift = _aberration(camera.quaternion, data.velocity_c[at])
+        shift = _aberration(camera.quaternion, data.velocity_c[index])
         if not data.true_reference:
             turn = matrix_from_quaternion(mounting)
-            shift = shift - _aberration(reference, data.velocity_c[at]) @ turn.T
+            shift = shift - _aberration(reference, data.velocity_c[index]) @ turn.T
         if float(np.linalg.norm(shift - shift.mean(axis=0), axis=1).max()) >= MIN_ABERRATION_RAD:
             columns.append(shift[:, :, None])
             names.append("aberration")
-    blocks = data.block[at]
+    blocks = data.block[index]
     if len(np.unique(blocks)) < MIN_BLOCKS:
-        blocks = np.arange(len(at), dtype=np.intp) * min(BLOCKS, len(at)) // len(at)
+        blocks = np.arange(len(index), dtype=np.intp) * min(BLOCKS, len(index)) // len(index)
     fitted, residual = _fitted(np.concatenate(columns, axis=2), off, names, [c.shape[2] for c in columns], blocks, rng)
     return ReferenceErrors(
         fitted["bias"] if expected is not None else None,
@@ -126,7 +126,7 @@ def reference_errors(data: ReferenceInput, rng: np.random.Generator) -> Referenc
         residual,
         camera.times_s,
         temperature,
-        len(at),
+        len(index),
     )
 
 

@@ -52,17 +52,17 @@ def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.rand
     coordinates = 2 * np.count_nonzero(ok) / max(1, len(np.unique(sightings.frame[ok])))
     shrunk = max(0.1, 1 - 3 / coordinates)
     for hip in np.unique(sightings.hip[ok]).tolist():
-        at = np.flatnonzero(ok & (sightings.hip == hip))
-        at = at[rng.permutation(len(at))[:MAX_PER_STAR]]
-        first, second = np.triu_indices(len(at), 1)
-        apart = sightings.frame[at[first]] != sightings.frame[at[second]]
-        shift = sightings.pixels[at[first]] - sightings.pixels[at[second]]
+        rows = np.flatnonzero(ok & (sightings.hip == hip))
+        rows = rows[rng.permutation(len(rows))[:MAX_PER_STAR]]
+        first, second = np.triu_indices(len(rows), 1)
+        apart = sightings.frame[rows[first]] != sightings.frame[rows[second]]
+        shift = sightings.pixels[rows[first]] - sightings.pixels[rows[second]]
         move = np.linalg.norm(shift, axis=1)
         close, distant = apart & (move < SAME_PX), apart & (move > OTHER_PX)
         # Share of the pixel's area that is still covered by the star.
         share = np.where(close, np.prod(1 - np.minimum(np.abs(shift), 0.5), axis=1), 1.0)
-        product = spatial.rest_px[at[first]] * spatial.rest_px[at[second]] / (shrunk * share[:, None])
-        weight = np.sqrt(spatial.gain2[at[first]] * spatial.gain2[at[second]])
+        product = spatial.rest_px[rows[first]] * spatial.rest_px[rows[second]] / (shrunk * share[:, None])
+        weight = np.sqrt(spatial.gain2[rows[first]] * spatial.gain2[rows[second]])
         near.append(_sums(product[close], weight[close]))
         far.append(_sums(product[distant], weight[distant]))
         pairs, distant_pairs = pairs + int(close.sum()), distant_pairs + int(distant.sum())

@@ -72,9 +72,9 @@ def share_figure(name: str, hits: int, trials: int) -> SheetFigure:
 def draws(blocks: NDArray[np.intp], rng: np.random.Generator) -> Array:
     """Return (REPLICATES, n) numbers of occurrences of each item in each bootstrap sample. ``blocks`` (n,): label of
     each item. Items with equal labels are drawn together, because their errors are correlated."""
-    labels, of = np.unique(blocks, return_inverse=True)
+    labels, block_of = np.unique(blocks, return_inverse=True)
     count = len(labels)
-    return np.asarray(rng.multinomial(count, np.full(count, 1 / count), REPLICATES)[:, of], float)
+    return np.asarray(rng.multinomial(count, np.full(count, 1 / count), REPLICATES)[:, block_of], float)
 
 
 def resampled(

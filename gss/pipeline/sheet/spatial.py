@@ -116,8 +116,8 @@ def rotation_effect(camera: Camera, pixels: Array) -> Array:
     positions."""
     step = 1e-6
     unit = camera.unproject(pixels)
-    at = camera.project(unit)
-    columns = [(camera.project(unit + step * np.cross(np.eye(3)[k], unit)) - at) / step for k in range(3)]
+    centre_px = camera.project(unit)
+    columns = [(camera.project(unit + step * np.cross(np.eye(3)[k], unit)) - centre_px) / step for k in range(3)]
     return np.stack(columns, axis=-1)
 
 
@@ -175,14 +175,14 @@ def _drawn(
     each frame in each sample (r, n)."""
     normals, rights = np.array([f.normal for f in frame_sums]), np.array([f.right for f in frame_sums])
     p = rights.shape[1]
-    whole = normals.sum(axis=0)
-    best, observable = _solve(whole, rights.sum(axis=0)), _observed(whole)
+    total = normals.sum(axis=0)
+    best, observable = _solve(total, rights.sum(axis=0)), _observed(total)
     often = draws(block, rng)
     # Two matrix products replace a sum per sample.
     shaped = observable.T @ normals @ observable
     sums = (often @ shaped.reshape(len(frame_sums), -1)).reshape(len(often), observable.shape[1], observable.shape[1])
     right = often @ (rights @ observable)
-    tiny = np.eye(observable.shape[1]) * MIN_SHARE**2 * np.trace(whole) / p
+    tiny = np.eye(observable.shape[1]) * MIN_SHARE**2 * np.trace(total) / p
     return best, np.linalg.solve(sums + tiny, right[..., None])[..., 0] @ observable.T, often
 
 
@@ -253,31 +253,31 @@ def _design(true_px: Array, camera: Camera, degree: int) -> Array:
     return design
 
 
-def _absorbed(sightings: StarSightings, at: NDArray[Any], camera: Camera) -> tuple[Array, Array, Array]:
+def _absorbed(sightings: StarSightings, rows: NDArray[Any], camera: Camera) -> tuple[Array, Array, Array]:
     """Return rotation effect (2k, 3), weights (2k,) and the least-squares rotation per pixel (3, 2k) of the stars
     ``at`` of a frame."""
-    effect = rotation_effect(camera, sightings.pixels[at]).reshape(-1, 3)
-    weight = np.repeat(sightings.weight[at] / sightings.weight[at].mean(), 2)
+    effect = rotation_effect(camera, sightings.pixels[rows]).reshape(-1, 3)
+    weight = np.repeat(sightings.weight[rows] / sightings.weight[rows].mean(), 2)
     gain = np.linalg.pinv(effect.T @ (effect * weight[:, None])) @ (effect * weight[:, None]).T
     return effect, weight, gain
 
 
 def _frame(
-    sightings: StarSightings, at: NDArray[np.intp], keep: NDArray[np.bool_], camera: Camera, degree: int
+    sightings: StarSightings, rows: NDArray[np.intp], keep: NDArray[np.bool_], camera: Camera, degree: int
 ) -> _FrameSums:
     """Build the contribution of the stars ``at``; only those in ``keep`` (len(at),) enter the equations."""
-    effect, weight, gain = _absorbed(sightings, at, camera)
-    design = _design(sightings.pixels[at] - sightings.residual_px[at], camera, degree)
+    effect, weight, gain = _absorbed(sightings, rows, camera)
+    design = _design(sightings.pixels[rows] - sightings.residual_px[rows], camera, degree)
     slow = design[keep][:, :, : 2 * _terms(degree)]
     flat = design.reshape(-1, design.shape[2])
     turn = gain @ flat
-    both = np.repeat(keep, 2)
-    reduced = (flat - effect @ turn)[both]
-    residual = sightings.residual_px[at].ravel()
-    residual = (residual - effect @ (gain @ residual))[both]
+    keep_coordinates = np.repeat(keep, 2)
+    reduced = (flat - effect @ turn)[keep_coordinates]
+    residual = sightings.residual_px[rows].ravel()
+    residual = (residual - effect @ (gain @ residual))[keep_coordinates]
     return _FrameSums(
-        reduced.T @ (reduced * weight[both, None]),
-        reduced.T @ (weight[both] * residual),
+        reduced.T @ (reduced * weight[keep_coordinates, None]),
+        reduced.T @ (weight[keep_coordinates] * residual),
         turn,
         gain,
         np.einsum("mkp,mkq->pq", slow, slow, optimize=True) / 2,
@@ -288,19 +288,19 @@ def _frame(
 def _gains(sightings: StarSightings, frames: list[NDArray[np.intp]], frame_sums: list[_FrameSums]) -> Array:
     """Return the (m, 2, 3) squared sensitivities of the attitude to each star coordinate."""
     gains = np.zeros((len(sightings), 2, 3))
-    for at, frame_sum in zip(frames, frame_sums, strict=True):
-        gains[at] = (frame_sum.gain.T**2).reshape(-1, 2, 3)
+    for rows, frame_sum in zip(frames, frame_sums, strict=True):
+        gains[rows] = (frame_sum.gain.T**2).reshape(-1, 2, 3)
     return gains
 
 
 def _rest(sightings: StarSightings, frames: list[NDArray[np.intp]], camera: Camera, slow: Array, degree: int) -> Array:
     """Return the (m, 2) residuals without the slow part; NaN for stars that are in none of the frames."""
     remainder = np.full_like(sightings.residual_px, np.nan)
-    for at in frames:
-        effect, _, gain = _absorbed(sightings, at, camera)
-        design = _design(sightings.pixels[at] - sightings.residual_px[at], camera, degree)[:, :, : len(slow)]
-        residual = sightings.residual_px[at].ravel() - (design @ slow).ravel()
-        remainder[at] = (residual - effect @ (gain @ residual)).reshape(-1, 2)
+    for rows in frames:
+        effect, _, gain = _absorbed(sightings, rows, camera)
+        design = _design(sightings.pixels[rows] - sightings.residual_px[rows], camera, degree)[:, :, : len(slow)]
+        residual = sightings.residual_px[rows].ravel() - (design @ slow).ravel()
+        remainder[rows] = (residual - effect @ (gain @ residual)).reshape(-1, 2)
     return remainder
 
 

@@ -89,10 +89,15 @@ def tracking_row(series: AttitudeSeries, camera: Camera) -> SheetRow:
         rates.append(rate)
         accelerations.append(acceleration)
     figures = [share_figure("loss per frame", lost, followed)] if followed else []
-    top, most = float(np.max(np.concatenate(rates))), float(np.max(np.concatenate(accelerations), initial=0.0))
-    figures += [SheetFigure("largest rate tracked", top, top, float("inf"), "rad/s")]
-    if most > 0:
-        figures += [SheetFigure("largest acceleration tracked", most, most, float("inf"), "rad/s²")]
+    top_rate, top_acceleration = (
+        float(np.max(np.concatenate(rates))),
+        float(np.max(np.concatenate(accelerations), initial=0.0)),
+    )
+    figures += [SheetFigure("largest rate tracked", top_rate, top_rate, float("inf"), "rad/s")]
+    if top_acceleration > 0:
+        figures += [
+            SheetFigure("largest acceleration tracked", top_acceleration, top_acceleration, float("inf"), "rad/s²")
+        ]
     outage = _longest_outage_s(series)
     figures += [SheetFigure("longest loss", outage, outage, outage, "s")]
     text = "rates and accelerations are observed values, not limits"
@@ -111,11 +116,11 @@ def _motion(run: AttitudeSeries) -> tuple[Array, Array]:
 
 
 def _longest_outage_s(series: AttitudeSeries) -> float:
-    at = series.times_s[series.solved]
+    times_s = series.times_s[series.solved]
     steps = np.diff(series.times_s)
     usual = float(np.median(steps)) if len(steps) else 0.0
     longest = 0.0
-    for a, b in pairwise(at):
+    for a, b in pairwise(times_s):
         inside = int(np.count_nonzero((series.times_s > a) & (series.times_s < b)))
         if inside:
             longest = max(longest, float(b - a) - usual)

@@ -129,10 +129,10 @@ def observe(
 def sheet_input(observations: Sequence[Observation], camera: Camera) -> SheetInput:
     """Return the input of the sheet. The reference is the attitude of the body, which is known in a simulation.
     ``camera``: the assumed camera."""
-    at = [o.moment for o in observations]
-    times = [m.time_s for m in at]
+    moments = [o.moment for o in observations]
+    times = [m.time_s for m in moments]
     n = len(observations)
-    true = np.array([quaternion_from_matrix(m.cam_from_icrs) for m in at])
+    true = np.array([quaternion_from_matrix(m.cam_from_icrs) for m in moments])
     ones = np.ones(n, np.intp)
     reference = AttitudeSeries(np.array(times), true, np.zeros((n, 3, 3)), ones, ones, np.zeros(n))
     results = [o.result for o in observations]
@@ -146,8 +146,8 @@ def sheet_input(observations: Sequence[Observation], camera: Camera) -> SheetInp
             reference,
             pointing_blocks(series.quaternion, camera),
             np.array([0.0, 0.0, 0.0, 1.0]),
-            np.array([m.temperature_c for m in at]),
-            np.array([m.velocity_c for m in at]),
+            np.array([m.temperature_c for m in moments]),
+            np.array([m.velocity_c for m in moments]),
             true_reference=True,
         ),
     )

@@ -33,7 +33,7 @@ def walk(links: NeighbourLinks, icrs: Array, seeds: Index, centre_icrs: Array, r
     Without seeds, or if the list is too small for links, a linear search is used."""
     if not len(seeds):
         return linear_search(icrs, centre_icrs, radius_rad)
-    least = float(np.cos(radius_rad))
+    min_cosine = float(np.cos(radius_rad))
     cosine = {int(r): float(icrs[r] @ centre_icrs) for r in seeds}
     start = _downhill(links, icrs, centre_icrs, max(cosine, key=lambda r: (cosine[r], -r)), cosine)
     queue, inside = deque([start]), {start}
@@ -41,10 +41,10 @@ def walk(links: NeighbourLinks, icrs: Array, seeds: Index, centre_icrs: Array, r
         for other in links.of(queue.popleft()).tolist():
             if other not in cosine:
                 cosine[other] = float(icrs[other] @ centre_icrs)
-            if cosine[other] >= least and other not in inside:
+            if cosine[other] >= min_cosine and other not in inside:
                 inside.add(other)
                 queue.append(other)
-    rows = sorted(r for r in inside if cosine[r] >= least)
+    rows = sorted(r for r in inside if cosine[r] >= min_cosine)
     return Walk(np.array(rows, np.intp), len(cosine))
 
 
