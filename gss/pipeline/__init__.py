@@ -1,2 +1,1 @@
-"""Image processing, star identification, attitude and image rendering. Uses only numpy and scipy and has no side
-effects."""
+"""Image processing, star identification, attitude and image rendering, with numpy and scipy only."""

@@ -58,8 +58,7 @@ class DamagedPixels:
 
 
 def damage_of(radiation: Radiation, camera: Camera, days: float, seed: int) -> DamagedPixels:
-    """Return the pixels damaged in the first ``days``. With the same seed, a longer mission starts with the same
-    pixels."""
+    """Return the pixels damaged in the first ``days``. With the same seed, a longer mission starts with the same pixels."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 7, camera.rows, camera.columns]))
     max_count = camera.rows * camera.columns // 2
     count, day = 0, 0.0

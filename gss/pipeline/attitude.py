@@ -59,8 +59,7 @@ def quest(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None =
 
 
 def _quest_near_identity(profile: Array) -> Array:
-    """Return the quaternion that maximises qᵀKq, if its scalar part is not small. ``profile``: from weights with sum
-    1."""
+    """Return the quaternion that maximises qᵀKq, if its scalar part is not small. ``profile``: from weights with sum 1."""
     s, z, sigma = _davenport_parts(profile)
     k = _davenport(s, z, sigma)
     largest = _largest_root(s, z, sigma)
@@ -95,8 +94,7 @@ def _largest_root(s: Array, z: Array, sigma: float) -> float:
 
 
 def q_method(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = None) -> Array:
-    """Return the (4,) scalar-last quaternion cam_from_icrs: eigenvector of Davenport's matrix (Huffman 2006 eq.
-    6.21–6.24)."""
+    """Return the (4,) scalar-last quaternion cam_from_icrs: eigenvector of Davenport's matrix (Huffman 2006 eq. 6.21–6.24)."""
     parts = _davenport_parts(profile_matrix(observed, reference, weights))
     q = np.linalg.eigh(_davenport(*parts))[1][:, -1]
     return np.asarray(-q if q[3] < 0 else q)
@@ -119,8 +117,7 @@ def foam(observed: ArrayLike, reference: ArrayLike, weights: ArrayLike | None = 
 
 
 def _cofactors(m: Array) -> Array:
-    """Return the cofactors (transposed adjugate) of a (3, 3) matrix from cross products of its rows. The matrix can be
-    singular."""
+    """Return the cofactors (transposed adjugate) of a (3, 3) matrix from cross products of its rows. The matrix can be singular."""
     return np.stack([np.cross(m[1], m[2]), np.cross(m[2], m[0]), np.cross(m[0], m[1])])
 
 

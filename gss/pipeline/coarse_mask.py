@@ -32,8 +32,7 @@ def coarse_image(pixels: Pixels, block_px: int) -> Array:
 
 
 def coarse_mask(pixels: Pixels, dark_dn: float, noise_dn: float, block_px: int, sigmas: float) -> Mask:
-    """Return the (rows, columns) mask of blocks brighter than ``sigmas`` of noise, grown by one pixel to include wings
-    of stars."""
+    """Return the (rows, columns) mask of blocks brighter than ``sigmas`` of noise, grown by one pixel to include wings of stars."""
     rows, columns = pixels.shape
     size = coarse_image(np.ones((rows, columns), np.uint8), block_px)
     bright = coarse_image(pixels, block_px) - size * dark_dn > sigmas * noise_dn * np.sqrt(size)
@@ -53,8 +52,7 @@ def grown(mask: Mask) -> Mask:
 
 
 def windows_mask(shape: tuple[int, ...], places_px: Array, half_px: float) -> Mask:
-    """Return the (rows, columns) mask of square windows around (n, 2) predicted positions (col, row). NaN positions are
-    skipped."""
+    """Return the (rows, columns) mask of square windows around (n, 2) predicted positions (col, row). NaN positions are skipped."""
     mask = np.zeros(shape, bool)
     for col, row in places_px[np.isfinite(places_px).all(axis=1)].tolist():
         low, high = max(0, int(np.ceil(row - half_px))), int(np.floor(row + half_px)) + 1

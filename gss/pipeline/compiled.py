@@ -54,8 +54,7 @@ def _binomial_integer(image, out):
 
 @njit(cache=True)
 def _binomial_float(image, out):
-    """Add in the same order as the numpy version: pairs of neighbours, four times along rows, then four times along
-    columns."""
+    """Add in the same order as the numpy version: pairs of neighbours, four times along rows, then four times along columns."""
     rows, cols = image.shape
     across = np.empty((rows, cols), np.float32)
     line = np.empty(cols + 4, np.float32)
@@ -157,8 +156,7 @@ def _hits(smooth, lowest, tile, hit):
 
 
 def settle(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """Return the converged star offsets; equivalent to ``psf.settled``. All stars are iterated until the last has
-    converged."""
+    """Return the converged star offsets; equivalent to ``psf.settled``. All stars are iterated until the last has converged."""
     x, y = np.array(x, float), np.array(y, float)
     _settle(stamps.dx, stamps.dy, stamps.value, weight, inverse, x, y)
     return x, y
@@ -244,8 +242,7 @@ def _lit(flat, limit):
 
 
 def components(lit: Rows, columns: int) -> tuple[int, NDArray[np.int32]]:
-    """Label the 4-connected components of lit pixels, numbered by their first pixel; equivalent to
-    ``regions._label``."""
+    """Label the 4-connected components of lit pixels, numbered by their first pixel; equivalent to ``regions._label``."""
     label = np.empty(len(lit), np.int32)
     return int(_components(lit, columns, label)), label
 

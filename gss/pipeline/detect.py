@@ -1,5 +1,4 @@
-"""Star detection: a matched filter and a threshold above the local sky, then tests of shape that only star images
-pass."""
+"""Star detection: a matched filter and a threshold above the local sky, then tests of shape that only star images pass."""
 
 from __future__ import annotations
 
@@ -112,8 +111,7 @@ def _checked(pixels: NDArray[Any]) -> NDArray[Any]:
 
 
 def _ceiling(image: NDArray[Any]) -> float:
-    """Return the lowest value that counts as saturated: the frame's maximum if several pixels have it, otherwise
-    infinity."""
+    """Return the lowest value that counts as saturated: the frame's maximum if several pixels have it, otherwise infinity."""
     top = image.max()
     floor_ = np.median(image[::8, ::8])
     enough = int((image == top).sum()) >= 6 and float(top) > float(floor_) + 20
@@ -296,8 +294,7 @@ def _regions(
     half: int,
     limit: int = 200,
 ) -> tuple[Region, ...]:
-    """Return the windows of the stars, then those of rejected detections with the reason (at most ``limit``, brightest
-    first)."""
+    """Return the windows of the stars, then those of rejected detections with the reason (at most ``limit``, brightest first)."""
 
     col, row = peaks.col[stars].tolist(), peaks.row[stars].tolist()
     areas, tops, sums = area.tolist(), peak.tolist(), np.nan_to_num(fit.flux).tolist()

@@ -114,8 +114,7 @@ class Peaks:
 def find_peaks(
     image: NDArray[Any], covariance: Array, threshold_sigma: float, notes: list[str], loops: Kernels = NUMPY
 ) -> Peaks:
-    """Find the local maxima of a (rows, cols) frame that exceed ``threshold_sigma`` after filtering with the width of
-    its stars."""
+    """Find the local maxima of a (rows, cols) frame that exceed ``threshold_sigma`` after filtering with the width of its stars."""
     smooth, gain, (down, across) = _filter_frame(image, covariance, loops)
     background = measure_background(smooth, loops=loops)
     raw_background = _unfiltered(image, background, gain, loops)
@@ -151,8 +150,7 @@ def single_again(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
 def _above(
     smooth: NDArray[Any], background: Background, sigma: float, loops: Kernels = NUMPY
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return rows and columns of the pixels above the lowest threshold of their tile. Some may be below their own
-    threshold."""
+    """Return rows and columns of the pixels above the lowest threshold of their tile. Some may be below their own threshold."""
     tile = background.tile_px
     lowest = background.lowest_threshold(sigma)
     if smooth.dtype.kind == "u":
@@ -168,8 +166,7 @@ def _above(
 
 
 def _is_maximum(smooth: NDArray[Any], row: NDArray[np.intp], col: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """True for pixels without a brighter neighbour. Of equally bright neighbours, only the first in reading order is a
-    maximum."""
+    """True for pixels without a brighter neighbour. Of equally bright neighbours, only the first in reading order is a maximum."""
     rows, cols = smooth.shape
     r, c = row + AROUND[:, :1], col + AROUND[:, 1:]
     outside = (r < 0) | (r >= rows) | (c < 0) | (c >= cols)

@@ -61,8 +61,7 @@ def cut_stamps(
 
 @dataclass(frozen=True)
 class AdaptiveMoments:
-    """Adaptive second moments: centres (n,), covariance (n, 2, 2) in px²; ``good`` is True if the iteration
-    converged."""
+    """Adaptive second moments: centres (n,), covariance (n, 2, 2) in px²; ``good`` is True if the iteration converged."""
 
     col: Array
     row: Array
@@ -142,8 +141,7 @@ def fit_stars(
 
 
 def settled(stamps: Stamps, x: Array, y: Array, inverse: Array, weight: Array) -> tuple[Array, Array]:
-    """Return the converged offsets x (n,) and y (n,) of the stars from the stamp centres, iterated from a first
-    guess."""
+    """Return the converged offsets x (n,) and y (n,) of the stars from the stamp centres, iterated from a first guess."""
     for _ in range(FIT_ROUNDS):
         g, gx, gy = _model(stamps, x, y, inverse)
         wg, wx, wy = weight * g, weight * gx, weight * gy

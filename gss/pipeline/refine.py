@@ -189,8 +189,7 @@ def _moved(camera: Camera, cam_from_icrs: Array, step: Array, names: list[str]) 
 
 
 def _inliers(residual: Array, weight: Array, parameters: int) -> NDArray[np.bool_]:
-    """Return a mask of the stars within 4 robust sigmas, or of all visible stars if there are too few to estimate the
-    spread."""
+    """Return a mask of the stars within 4 robust sigmas, or of all visible stars if there are too few to estimate the spread."""
     scaled = np.sqrt((residual * residual).sum(1) * weight)
     if len(scaled) <= parameters // 2 + 3:
         return np.asarray(scaled < 1e6)

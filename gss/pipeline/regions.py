@@ -105,8 +105,7 @@ def find_blobs(pixels: Pixels, threshold_dn: float, step_px: int = 3, loops: Ker
 
 
 def _label(lit: NDArray[np.intp], columns: int) -> tuple[int, NDArray[np.int32]]:
-    """Return the number of components and the component of each lit pixel. Only lit pixels, few in a star frame, are
-    processed."""
+    """Return the number of components and the component of each lit pixel. Only lit pixels, few in a star frame, are processed."""
     right = np.flatnonzero((np.diff(lit) == 1) & (lit[1:] % columns != 0))
     below = np.searchsorted(lit, lit + columns)
     above = np.flatnonzero((below < len(lit)) & (lit[np.minimum(below, len(lit) - 1)] == lit + columns))

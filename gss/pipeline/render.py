@@ -155,8 +155,7 @@ def _expected_light(
 
 
 def longest_trail_s(camera: Camera, sensor: Sensor, rate_rad_s: ArrayLike) -> float:
-    """Return the longest exposure whose trails :func:`render` can draw at this angular velocity; infinite without
-    rotation."""
+    """Return the longest exposure whose trails :func:`render` can draw at this angular velocity; infinite without rotation."""
     step_px = BLUR_STEP_SIGMAS * sensor.psf_sigma_px
     sweep_px_s = float(np.linalg.norm(rate_rad_s)) * max(camera.focal_col_px, camera.focal_row_px)
     drawn_px = (MAX_BLUR_STEPS - 1) * step_px * np.cos(camera.half_diagonal_rad) ** 2

@@ -1,5 +1,4 @@
-"""Numeric helpers for small arrays, called many times per frame. General functions have too much overhead for a dozen
-numbers."""
+"""Numeric helpers for small arrays, called many times per frame. General functions have too much overhead for a dozen numbers."""
 
 from __future__ import annotations
 

@@ -113,8 +113,7 @@ def with_sign_of(turning: Turning, vector_rad_s: Array) -> Turning:
 
 
 def trail_per_rad(camera: Camera, pixels: Array) -> Array:
-    """Return the (n, 2, 3) displacements of stars at (n, 2) pixels, in px per radian of camera rotation about x, y,
-    z."""
+    """Return the (n, 2, 3) displacements of stars at (n, 2) pixels, in px per radian of camera rotation about x, y, z."""
     unit = camera.unproject(pixels)
     columns = []
     for axis in np.eye(3):
@@ -239,8 +238,7 @@ class _Fitted:
 
 
 def _fit(trails: Trails, turned: Array, width2: float, e_per_dn: float, *, turn: bool) -> _Fitted:
-    """Fit the common rotation and width by Levenberg–Marquardt. The position and flux of each trail are eliminated star
-    by star."""
+    """Fit the common rotation and width by Levenberg–Marquardt. The position and flux of each trail are eliminated star by star."""
     x, y, w2 = trails.col.copy(), trails.row.copy(), width2
     shared = 4 if turn else 1
     variance = np.broadcast_to(trails.sky_variance[:, None], trails.value.shape)

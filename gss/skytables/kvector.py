@@ -49,8 +49,7 @@ class KVector:
 
 
 def k_vector(values: NDArray[np.floating]) -> KVector:
-    """Build the k-vector of ascending values. Raises BadInput if they are not ascending. The step is 1 if all values
-    are equal."""
+    """Build the k-vector of ascending values. Raises BadInput if they are not ascending. The step is 1 if all values are equal."""
     v = np.asarray(values, float)
     if np.any(np.diff(v) < 0):
         raise BadInput("the table cannot be indexed by a k-vector", expected="ascending values")

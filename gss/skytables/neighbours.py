@@ -111,8 +111,7 @@ class NeighbourFigures:
 
 
 def figures(links: NeighbourLinks) -> NeighbourFigures:
-    """Compute the statistics of a network. The document's example has 3000 stars, 12 bits and a catalogue of 70
-    kbyte."""
+    """Compute the statistics of a network. The document's example has 3000 stars, 12 bits and a catalogue of 70 kbyte."""
     n, degree = len(links), np.diff(links.start)
     integers = 2 * links.links + 2 * n
     bits = max(1, int(np.ceil(np.log2(max(n, 2)))))

@@ -35,8 +35,7 @@ class DistanceTable:
         return replace(self, distance_rad=self.distance_rad.astype(np.float32))
 
     def ranges(self, low_rad: Array, high_rad: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return for each of n intervals the slice [from, to) of the pairs with a distance inside it, both ends
-        included."""
+        """Return for each of n intervals the slice [from, to) of the pairs with a distance inside it, both ends included."""
         return (
             np.searchsorted(self.distance_rad, low_rad, side="left"),
             np.searchsorted(self.distance_rad, high_rad, side="right"),
@@ -53,8 +52,7 @@ def expanded(low: NDArray[np.intp], high: NDArray[np.intp]) -> tuple[NDArray[np.
 
 
 def distance_table(stars: StarTable, min_rad: float, max_rad: float) -> DistanceTable:
-    """Build the table of all pairs of ``stars`` with ``min_rad`` ≤ distance ≤ ``max_rad``, in ascending order of
-    distance."""
+    """Build the table of all pairs of ``stars`` with ``min_rad`` ≤ distance ≤ ``max_rad``, in ascending order of distance."""
     return distance_table_of_units(stars.icrs, min_rad, max_rad)
 
 

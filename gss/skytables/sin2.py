@@ -32,8 +32,7 @@ class Sin2Directory:
         return len(self.sin2)
 
     def ranges(self, low: Array, high: Array) -> tuple[Rows, Rows]:
-        """Return for each of (n,) intervals of sin²θ the slice [from, to) of the pairs inside it, both ends
-        included."""
+        """Return for each of (n,) intervals of sin²θ the slice [from, to) of the pairs inside it, both ends included."""
         return self.index.ranges(self.sin2, low, high)
 
     def restricted(self, allowed: NDArray[np.bool_]) -> Sin2Directory:
@@ -61,15 +60,13 @@ def indexed(first: Rows, second: Rows, sin2: Array, stars: int) -> Sin2Directory
 
 
 def sin2_of(unit_a: Array, unit_b: Array) -> Array:
-    """Return sin² (n,) of the angles between (n, 3) unit vectors, from the cross product, which keeps full
-    precision."""
+    """Return sin² (n,) of the angles between (n, 3) unit vectors, from the cross product, which keeps full precision."""
     across = np.cross(unit_a, unit_b)
     return np.asarray(np.einsum("ij,ij->i", across, across))
 
 
 def sin2_interval(sin2: Array, tolerance_rad: Array) -> tuple[Array, Array]:
-    """Return the lower and upper ends (n,) of sin² for angles within ``tolerance_rad`` (n,) of the measured ones, below
-    90°."""
+    """Return the lower and upper ends (n,) of sin² for angles within ``tolerance_rad`` (n,) of the measured ones, below 90°."""
     angle = np.arcsin(np.sqrt(np.clip(sin2, 0.0, 1.0)))
     low = np.sin(np.maximum(angle - tolerance_rad, 0.0))
     high = np.sin(np.minimum(angle + tolerance_rad, np.pi / 2))

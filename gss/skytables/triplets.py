@@ -93,8 +93,7 @@ class TripletTable:
         return len(self.key)
 
     def look_up(self, keys: Keys) -> tuple[NDArray[np.intp], Rows]:
-        """Find the references with each of n keys. Returns one pair (index into ``keys``, star row) per matching
-        reference."""
+        """Find the references with each of n keys. Returns one pair (index into ``keys``, star row) per matching reference."""
         low, high = np.searchsorted(self.key, keys, "left"), np.searchsorted(self.key, keys, "right")
         key_index, entry = expanded(low, high)
         return key_index, self.star[entry]
@@ -231,8 +230,7 @@ def find_constellations(
 
 
 def _companions(unit: Array, mag: Array, blend_rad: float) -> NDArray[np.bool_]:
-    """Return the (n,) mask of stars with a brighter star within ``blend_rad``; of two equally bright stars, the later
-    is marked."""
+    """Return the (n,) mask of stars with a brighter star within ``blend_rad``; of two equally bright stars, the later is marked."""
     fainter = np.zeros(len(unit), bool)
     if blend_rad > 0:
         pairs = cKDTree(unit).query_pairs(2 * np.sin(blend_rad / 2), output_type="ndarray")
@@ -281,8 +279,7 @@ def _rows(table: Array) -> NDArray[np.intp]:
 
 
 def _without_self(chord: Array, near: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp]]:
-    """Remove the star itself from its neighbour list. It is not always the first, because two stars can have the same
-    position."""
+    """Remove the star itself from its neighbour list. It is not always the first, because two stars can have the same position."""
     is_self = near == np.arange(len(near))[:, None]
     is_self[:, -1] |= ~is_self.any(axis=1)
     keep = ~is_self

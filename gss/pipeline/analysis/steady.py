@@ -31,8 +31,7 @@ CONFIDENCE = 0.95
 BODY_AXES = ("across, x", "across, y", "about")
 SKY_AXES = ("RA · cos Dec", "Dec", "rotation")
 WANDER = 1.5
-"""If the scatter over the whole run exceeds the frame-to-frame scatter by this factor, a warning reports slow
-errors."""
+"""If the scatter over the whole run exceeds the frame-to-frame scatter by this factor, a warning reports slow errors."""
 
 
 @dataclass(frozen=True)

@@ -142,8 +142,7 @@ def _length(residual: Array, stars: StarStack) -> Array:
 
 
 def _scale(length: Array, stars: StarStack, parameters: int, keep: NDArray[np.bool_]) -> float:
-    """Return the ratio of the typical residual to the stars' stated errors, corrected for the fitted degrees of
-    freedom."""
+    """Return the ratio of the typical residual to the stars' stated errors, corrected for the fitted degrees of freedom."""
     if not len(length):
         return 1.0
     freedom = max(2 * int(keep.sum()) - 3 * stars.frames - parameters, 1)
@@ -260,8 +259,7 @@ def _covariances(normal: _Normal) -> tuple[Array, Array]:
 
 
 def _scaled_inverse(matrix: Array) -> Array:
-    """Return the inverse. Directions not determined by the data have a very large variance instead of a wrong
-    variance."""
+    """Return the inverse. Directions not determined by the data have a very large variance instead of a wrong variance."""
     if not len(matrix):
         return matrix
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))

@@ -39,8 +39,7 @@ class DarkLaw:
 
 
 def dark_against_temperature(temperature_k: Array, dark_e_s: Array, relative_sigma: Array | None = None) -> DarkLaw:
-    """Fit the law to (n,) temperatures in kelvin and positive dark currents. Needs at least three points over at least
-    5 K."""
+    """Fit the law to (n,) temperatures in kelvin and positive dark currents. Needs at least three points over at least 5 K."""
     t, dark = np.asarray(temperature_k, float), np.asarray(dark_e_s, float)
     if len(t) != len(dark) or len(t) < 3 or np.ptp(t) < 5 or not (dark > 0).all() or not (t > 150).all():
         raise BadInput(

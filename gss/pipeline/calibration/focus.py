@@ -106,8 +106,7 @@ class BestFocus:
 
 
 def best_focus(position: Array, sigma_px: Array, wished_sigma_px: float = 0.45) -> BestFocus:
-    """Compute the best focus from (n ≥ 4) lens settings on both sides and the measured widths, by fitting a parabola to
-    σ²."""
+    """Compute the best focus from (n ≥ 4) lens settings on both sides and the measured widths, by fitting a parabola to σ²."""
     x, width = np.asarray(position, float), np.asarray(sigma_px, float)
     if len(x) < 4 or len(x) != len(width):
         raise BadInput("too few settings of the focus", expected="4 or more with their widths", got=str(len(x)))

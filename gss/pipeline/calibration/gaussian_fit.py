@@ -20,8 +20,7 @@ MISFIT = 0.25
 
 @dataclass(frozen=True)
 class Spot:
-    """Fit of one star: position, round-equivalent σ of the optics (px), ratio of long to short axis, direction of the
-    long axis."""
+    """Fit of one star: position, round-equivalent σ of the optics (px), ratio of long to short axis, direction of the long axis."""
 
     col_px: float
     row_px: float
@@ -56,8 +55,7 @@ def fit_spots(image: NDArray[Any], detections: Detections, saturation_dn: float,
 
 
 def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
-    """Fit peak, position, three second moments and sky by Gauss–Newton. None if the fit does not converge to a
-    star-like spot."""
+    """Fit peak, position, three second moments and sky by Gauss–Newton. None if the fit does not converge to a star-like spot."""
     value = stamps.value[k]
     start = covariance - PIXEL_VARIANCE * np.eye(2)
     a, d = max(start[0, 0], 0.1), max(start[1, 1], 0.1)
@@ -96,8 +94,7 @@ def _fit(stamps: Stamps, k: int, covariance: Array) -> Spot | None:
 
 
 def _sampling_points(stamps: Stamps) -> tuple[Array, Array]:
-    """Return (SUB², n) offsets of the sampling points from the stamp's centre, right and down, for each of its n
-    pixels."""
+    """Return (SUB², n) offsets of the sampling points from the stamp's centre, right and down, for each of its n pixels."""
     offsets = (np.arange(SUB) - (SUB - 1) / 2) / SUB
     right, down = (grid.reshape(-1, 1) for grid in np.meshgrid(offsets, offsets))
     return stamps.dx + right, stamps.dy + down

@@ -32,8 +32,7 @@ class Histogram:
 
 
 def histogram(values: Array, label: str, width: float | None = None, most_bins: int = 60) -> Histogram:
-    """Build the histogram of the finite values with bins of ``width``. If None, the width is computed from the
-    spread."""
+    """Build the histogram of the finite values with bins of ``width``. If None, the width is computed from the spread."""
     v = np.asarray(values, float)
     v = v[np.isfinite(v)]
     if not len(v):

@@ -51,8 +51,7 @@ class Vector:
     focal_mm: float = float("nan")
 
     def moved(self, step: Array) -> Vector:
-        """Return the vector with ``step`` added to the free parameters. Focal length and aspect are multiplied by
-        exp(step)."""
+        """Return the vector with ``step`` added to the free parameters. Focal length and aspect are multiplied by exp(step)."""
         values = dict(self.values)
         for name, by in zip(self.free, step.tolist(), strict=True):
             values[name] = values[name] * float(np.exp(by)) if name in ("focal_px", "aspect") else values[name] + by

@@ -29,8 +29,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Frozen:
-    """Parameter that was fixed at a value, and the reason. ``sigma``: standard deviation that a fit would give, NaN if
-    unknown."""
+    """Parameter that was fixed at a value, and the reason. ``sigma``: standard deviation that a fit would give, NaN if unknown."""
 
     name: str
     value: float

@@ -1,5 +1,4 @@
-"""Screening of frames for a calibration. Unsuitable frames are excluded with a reason; the remaining frames are
-checked."""
+"""Screening of frames for a calibration. Unsuitable frames are excluded with a reason; the remaining frames are checked."""
 
 from __future__ import annotations
 

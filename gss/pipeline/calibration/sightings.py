@@ -104,8 +104,7 @@ def of_centroids(
     streak_px: float = 0.0,
     saturation_dn: float = float("inf"),
 ) -> FrameStars:
-    """Build the stars of a frame from centroids and the row of each in ``stars``. ``size``: columns, rows of the
-    detector."""
+    """Build the stars of a frame from centroids and the row of each in ``stars``. ``size``: columns, rows of the detector."""
     return FrameStars(
         name,
         *size,

@@ -79,8 +79,7 @@ class PredictedStars:
 def expected_stars(
     catalogue: AimCatalogue, camera: Camera, hint: AttitudePrior, parameters: AimParameters
 ) -> PredictedStars:
-    """Find the stars of the field predicted from the last attitudes, along the links from the previous field (step
-    2b)."""
+    """Find the stars of the field predicted from the last attitudes, along the links from the previous field (step 2b)."""
     if hint.quaternion is None:
         raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
     last = matrix_from_quaternion(hint.quaternion)

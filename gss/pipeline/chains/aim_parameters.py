@@ -110,8 +110,7 @@ FAINTEST_AREA_PX = 3.0
 
 
 def default_parameters(profile: CameraProfile, exposure_s: float | None = None, window_px: int = 3) -> AimParameters:
-    """Return the parameters for a camera. Position errors scale with the pixel, the bias corrector with the width of
-    the stars."""
+    """Return the parameters for a camera. Position errors scale with the pixel, the bias corrector with the width of the stars."""
     sensor, camera = profile.sensor, profile.camera
     exposure = sensor.exposure_s if exposure_s is None else exposure_s
     noise_dn = sensor.noise_e(exposure) / sensor.gain_e_per_dn
@@ -138,8 +137,7 @@ def light_share(ratio: float, window_px: int) -> float:
 
 
 def detectable_mag(profile: CameraProfile) -> float:
-    """Return the magnitude of a star with area ``FAINTEST_AREA_PX`` above the threshold; the area is 2πσ² ln(peak /
-    threshold)."""
+    """Return the magnitude of a star with area ``FAINTEST_AREA_PX`` above the threshold; the area is 2πσ² ln(peak / threshold)."""
     sensor = profile.sensor
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     threshold_dn = default_parameters(profile).threshold_dn

@@ -102,8 +102,7 @@ class PriorState:
 
     @property
     def rate_rad_s(self) -> float:
-        """Return the angular rate between the last two consecutive attitudes; NaN if an attitude or its time is
-        missing."""
+        """Return the angular rate between the last two consecutive attitudes; NaN if an attitude or its time is missing."""
         if len(self.series) < 2:
             return math.nan
         last, before = self.series[0], self.series[1]

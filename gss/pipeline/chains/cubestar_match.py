@@ -74,8 +74,7 @@ class CubestarMatching:
 
     @property
     def confidence(self) -> float:
-        """Return the mean number of verification votes of the selected stars divided by the maximum; 0 if no star is
-        selected."""
+        """Return the mean number of verification votes of the selected stars divided by the maximum; 0 if no star is selected."""
         max_votes = len(self.row) - 1
         return (
             float(np.mean(self.verification_votes[self.selected]) / max_votes)

@@ -72,8 +72,7 @@ def attitude_of(observed: Array, reference: Array, weight: Array, method: str) -
 
 
 def covariance_of(observed: Array, reference: Array, sigma_rad: Array, method: str) -> Array:
-    """Return the (3, 3) covariance in the camera frame by the formula of the method (Huffman 2006 eqs. 6.34, 6.53,
-    6.58)."""
+    """Return the (3, 3) covariance in the camera frame by the formula of the method (Huffman 2006 eqs. 6.34, 6.53, 6.58)."""
     if method == "svd":
         return svd_covariance_rad2(observed, reference, sigma_rad)
     if method == "foam":

@@ -1,5 +1,4 @@
-"""Star centroids and second moments by weighted sums, or centroids by Winick's maximum likelihood (Huffman 2006
-§4.2.2)."""
+"""Star centroids and second moments by weighted sums, or centroids by Winick's maximum likelihood (Huffman 2006 §4.2.2)."""
 
 from __future__ import annotations
 
@@ -30,8 +29,7 @@ FARTHEST_PX = 2.0
 
 @dataclass(frozen=True)
 class Signal:
-    """Frame above its dark level, computed only for the requested pixels. ``dark_dn``: scalar array or (rows,
-    columns)."""
+    """Frame above its dark level, computed only for the requested pixels. ``dark_dn``: scalar array or (rows, columns)."""
 
     pixels: Pixels
     dark_dn: Array
@@ -90,8 +88,7 @@ def _sum(values: Array, owner: NDArray[np.intp], n: int) -> Array:
 
 
 def weighted_sum(shapes: ClusterMoments, threshold_dn: float, noise_dn: float, p: FarMstParameters) -> Centroids:
-    """Return the centroids of the clusters, in their order, with ``sigma_px`` per axis according to
-    ``p.sigma_model``."""
+    """Return the centroids of the clusters, in their order, with ``sigma_px`` per axis according to ``p.sigma_model``."""
     if p.sigma_model == "document":
         sigma = document_sigma_px(shapes.peak_dn / noise_dn)
     else:
@@ -160,8 +157,7 @@ def _stamps(signal: Signal, stars: Centroids, p: FarMstParameters) -> tuple[Arra
 def _score(
     state: Array, count_e: Array, use: NDArray[np.bool_], dx: Array, dy: Array, background_e: float, sigma_px: float
 ) -> tuple[Array, Array]:
-    """Return the (n, 3) gradient of the log likelihood with respect to x, y and λ_s, and the (n, 3, 3) Fisher
-    information."""
+    """Return the (n, 3) gradient of the log likelihood with respect to x, y and λ_s, and the (n, 3, 3) Fisher information."""
     gx, slope_x = _share(dx[None] - state[:, :1], sigma_px)
     gy, slope_y = _share(dy[None] - state[:, 1:2], sigma_px)
     star_e = state[:, 2, None, None]

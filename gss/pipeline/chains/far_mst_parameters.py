@@ -134,8 +134,7 @@ def default_parameters(profile: CameraProfile, exposure_s: float | None = None) 
 
 
 def least_count(threshold_sigma: float, pixels: int) -> int:
-    """Return the smallest count of 25 for which pure noise leaves less than one pixel per frame after the
-    pre-filter."""
+    """Return the smallest count of 25 for which pure noise leaves less than one pixel per frame after the pre-filter."""
     chance = float(ndtr(-threshold_sigma))
     neighbours = PREFILTER_PX**2 - 1
     for count in range(1, neighbours + 1):

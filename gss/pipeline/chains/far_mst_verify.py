@@ -1,5 +1,4 @@
-"""Extension of a partial identification: prediction of the bank's stars, matching of centroids, and false-match
-bound."""
+"""Extension of a partial identification: prediction of the bank's stars, matching of centroids, and false-match bound."""
 
 from __future__ import annotations
 

@@ -178,8 +178,7 @@ def false_match_probability(
 
 
 def pair_placements(unit_cam: Array, stars: int, tolerance_rad: float) -> float:
-    """Return the expected number of mappings of any two of (n, 3) directions to any two of ``stars`` stars over the
-    whole sky."""
+    """Return the expected number of mappings of any two of (n, 3) directions to any two of ``stars`` stars over the whole sky."""
     good = unit_cam[np.isfinite(unit_cam).all(axis=1)]
     i, j = np.triu_indices(len(good), 1)
     sine = np.linalg.norm(np.cross(good[i], good[j]), axis=1)

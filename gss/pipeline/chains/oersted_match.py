@@ -52,8 +52,7 @@ class OerstedCatalogue:
 def prepare(
     catalogue: OnboardCatalogue, profile: CameraProfile, triplets: TripletTable | None = None
 ) -> OerstedCatalogue:
-    """Prepare the bank with the given triplets, else with the bank's triplets, else with triplets computed from its
-    stars."""
+    """Prepare the bank with the given triplets, else with the bank's triplets, else with triplets computed from its stars."""
     icrs = catalogue.icrs.astype(float)
     icrs /= np.maximum(np.linalg.norm(icrs, axis=1, keepdims=True), 1e-300)
     if triplets is not None and triplets.stars != len(catalogue):

@@ -130,8 +130,7 @@ def uncertainty_rad(profile: CameraProfile) -> float:
 
 
 def detectable_mag(profile: CameraProfile) -> float:
-    """Return the magnitude of a star with area ``FAINTEST_AREA_PX`` above the threshold; the area is 2πσ² ln(peak /
-    threshold)."""
+    """Return the magnitude of a star with area ``FAINTEST_AREA_PX`` above the threshold; the area is 2πσ² ln(peak / threshold)."""
     sensor = profile.sensor
     spread_px2 = 2 * np.pi * (sensor.psf_sigma_px**2 + 1 / 12)
     threshold_dn = default_parameters(profile).threshold_dn
@@ -140,7 +139,6 @@ def detectable_mag(profile: CameraProfile) -> float:
 
 
 def _full_dn(profile: CameraProfile) -> float:
-    """Return the saturation level of a pixel: slightly below the limit of the converter or the full well, whichever is
-    lower."""
+    """Return the saturation level of a pixel: slightly below the limit of the converter or the full well, whichever is lower."""
     s = profile.sensor
     return min(float(s.saturation_dn), s.bias_dn + s.full_well_e / s.gain_e_per_dn) * 0.99

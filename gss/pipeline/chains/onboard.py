@@ -71,8 +71,7 @@ class Matched(Protocol):
 
 @dataclass(frozen=True)
 class Commanded:
-    """Values that the operator can set on board. If a value is None, the chain's value is used. ``threshold_dn`` is
-    above black."""
+    """Values that the operator can set on board. If a value is None, the chain's value is used. ``threshold_dn`` is above black."""
 
     threshold_dn: float | None = None
     min_area_px: int | None = None
@@ -84,8 +83,7 @@ P = TypeVar("P")
 
 
 def with_detection(base: P, commanded: Commanded) -> P:
-    """Return a chain's parameters with the commanded threshold and areas. The maximum area is never below the
-    minimum."""
+    """Return a chain's parameters with the commanded threshold and areas. The maximum area is never below the minimum."""
     current: Any = base
     smallest = current.min_area_px if commanded.min_area_px is None else commanded.min_area_px
     largest = current.max_area_px if commanded.max_area_px is None else commanded.max_area_px
@@ -146,8 +144,7 @@ class OnboardChain(Protocol):
         """Return the mode of the next iteration."""
 
     def detect_ms(self, pixels: int, detection: Detection) -> float:
-        """Return the duration of the detection on the system's processor, from the document's times and the counted
-        operations."""
+        """Return the duration of the detection on the system's processor, from the document's times and the counted operations."""
 
     def match_ms(self, matching: Any) -> float:
         """Return the duration of the matching; see ``detect_ms``."""

@@ -111,7 +111,6 @@ def solid_angle_sr(camera: Camera) -> float:
 
 @lru_cache(maxsize=16)
 def _field_of(camera: Camera) -> tuple[float, float]:
-    """Return half diagonal, rad, and solid angle, sr, of the field of view. Cached because they are equal for all
-    frames."""
+    """Return half diagonal, rad, and solid angle, sr, of the field of view. Cached because they are equal for all frames."""
     fov_h, fov_v = camera.fov_rad
     return camera.half_diagonal_rad, float(4 * np.arcsin(np.sin(fov_h / 2) * np.sin(fov_v / 2)))

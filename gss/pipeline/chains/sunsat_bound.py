@@ -1,5 +1,4 @@
-"""Bound on the false-match probability. Sunsat's chain uses it in addition to the document's "largest group"
-criterion."""
+"""Bound on the false-match probability. Sunsat's chain uses it in addition to the document's "largest group" criterion."""
 
 from __future__ import annotations
 

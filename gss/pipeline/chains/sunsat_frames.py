@@ -79,8 +79,7 @@ class OrbitElements:
 
 
 def cam_from_icrs_of(orbit: OrbitElements, roll_rad: float, pitch_rad: float, yaw_rad: float) -> Array:
-    """Return the (3, 3) camera attitude from orbit and attitude angles: the transpose of eq. 1.23, combined with the
-    mounting."""
+    """Return the (3, 3) camera attitude from orbit and attitude angles: the transpose of eq. 1.23, combined with the mounting."""
     return np.asarray(BODY_FROM_CAM.T @ euler_123(roll_rad, pitch_rad, yaw_rad) @ orbit.orbit_from_icrs)
 
 

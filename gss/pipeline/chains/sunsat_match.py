@@ -169,8 +169,7 @@ def check_hint(mode: Mode, hint: AttitudePrior | None) -> AttitudePrior:
 
 
 def last_attitude(hint: AttitudePrior | None) -> Array:
-    """Return the (4,) quaternion of the last attitude for tracking. Raises :class:`BadInput` if the hint has no full
-    attitude."""
+    """Return the (4,) quaternion of the last attitude for tracking. Raises :class:`BadInput` if the hint has no full attitude."""
     prior = check_hint(Mode.TRACKING, hint)
     if prior.quaternion is None:
         raise BadInput("tracking needs a hint", expected="a full attitude", got="a boresight only")
@@ -180,8 +179,7 @@ def last_attitude(hint: AttitudePrior | None) -> Array:
 def _uncertainty_area(
     catalogue: SunsatCatalogue, camera: Camera, p: SunsatParameters, mode: Mode, hint: AttitudePrior | None
 ) -> Mask:
-    """Return the mask of the guide stars that can be in view: all stars, or those around the expected boresight (§3.3,
-    §4)."""
+    """Return the mask of the guide stars that can be in view: all stars, or those around the expected boresight (§3.3, §4)."""
     if mode is Mode.LOST_IN_SPACE:
         return np.ones(len(catalogue), bool)
     prior = check_hint(mode, hint)

@@ -198,8 +198,7 @@ def _three_stars(
     expected: ReferenceStars,
     windows: int,
 ) -> tuple[ThreeStars, list[int]]:
-    """Run the three-star test over the first ``windows`` expected stars. Also return the number of candidates of each
-    star used."""
+    """Run the three-star test over the first ``windows`` expected stars. Also return the number of candidates of each star used."""
     unit = camera.unproject(centroids.pixels)
     v_mag = magnitudes(centroids.flux_dn, p)
     off_px = np.abs(centroids.pixels[None] - expected.pixels[:windows, None])

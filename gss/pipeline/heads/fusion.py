@@ -25,8 +25,7 @@ BORESIGHT = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Agreement:
-    """Result of a χ² test. ``probability``: probability that heads with correct covariances differ at least this
-    much."""
+    """Result of a χ² test. ``probability``: probability that heads with correct covariances differ at least this much."""
 
     chi2: float
     freedom: int

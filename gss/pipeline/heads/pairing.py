@@ -73,8 +73,7 @@ def attitude_at(
 
 
 def _around(series: Sequence[MeasuredAttitude], time_s: float) -> tuple[MeasuredAttitude, MeasuredAttitude] | None:
-    """Return the two attitudes before and after the time, else the last two before or first two after it, if they are
-    close."""
+    """Return the two attitudes before and after the time, else the last two before or first two after it, if they are close."""
     if len(series) < 2:
         return None
     second = next((k for k, sample in enumerate(series) if sample.time_s >= time_s), len(series) - 1)

@@ -1,5 +1,4 @@
-"""Figures of one frame that change as the sensor ages: lens, focus, sensitivity per star colour, and counts of matched
-stars."""
+"""Figures of one frame that change as the sensor ages: lens, focus, sensitivity per star colour, and counts of matched stars."""
 
 from __future__ import annotations
 
@@ -51,8 +50,7 @@ FIGURES = {
     **{f"light of {name} stars": "mag" for name, _, _ in COLOURS},
     **dict.fromkeys(COUNTS, ""),
 }
-"""Unit of each figure. Distortion: displacement at the corner; light: magnitudes lost relative to the sensor's zero
-point."""
+"""Unit of each figure. Distortion: displacement at the corner; light: magnitudes lost relative to the sensor's zero point."""
 
 
 @dataclass(frozen=True)

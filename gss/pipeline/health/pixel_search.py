@@ -12,8 +12,7 @@ from gss.pipeline.calibration.robust import robust_sigma
 
 Map = NDArray[np.float32]
 TRIMMED = 0.2
-"""Share of the lowest and of the highest values of a pixel that a block ignores, because of particles and uncatalogued
-stars."""
+"""Share of the lowest and of the highest values of a pixel that a block ignores, because of particles and uncatalogued stars."""
 MAX_BLOCKS = 40
 MIN_FRAMES = 5
 """Minimum number of frames in a block."""
@@ -27,8 +26,7 @@ WINDOWS = (1, 2, 4, 8, MAX_BLOCKS)
 
 
 def block_edges(count: int) -> list[int]:
-    """Divide ``count`` frames in order into blocks. Returns the first frame of each block, and the end of the last
-    block."""
+    """Divide ``count`` frames in order into blocks. Returns the first frame of each block, and the end of the last block."""
     blocks = max(1, min(MAX_BLOCKS, count // MIN_FRAMES))
     return [round(count * b / blocks) for b in range(blocks + 1)]
 
@@ -91,8 +89,7 @@ def candidates(maps: NDArray[np.float32]) -> NDArray[np.intp]:
 
 
 def _block_noise(flat: NDArray[np.float32]) -> Array:
-    """Return the (blocks,) noise of the means, from differences of neighbouring blocks, in which the fixed pattern
-    cancels."""
+    """Return the (blocks,) noise of the means, from differences of neighbouring blocks, in which the fixed pattern cancels."""
     sample = flat[:, ::SAMPLED].astype(float)
     if len(flat) < 2:
         return np.array([robust_sigma(sample[0])])

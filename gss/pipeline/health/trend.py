@@ -17,8 +17,7 @@ MIN_EACH_SIDE = 5
 """Minimum number of samples before and after a jump."""
 MAX_JUMPS = 4
 JUMP_GAIN = 30.0
-"""Minimum improvement of χ² by a jump. Every sample is tested for a jump, so the limit is far above that of a single
-test."""
+"""Minimum improvement of χ² by a jump. Every sample is tested for a jump, so the limit is far above that of a single test."""
 TIME_GAIN = 6.0
 """Increase of χ² at the ends of the 95 % interval of a jump's time. It exceeds 3.84 because the time moves in steps."""
 MIN_KELVIN = 3.0
@@ -155,8 +154,7 @@ def _gains(design: Array, y: Array, s: Array, fit: Linear, skip: list[int]) -> A
 
 
 def _core(fit: Linear, s: Array) -> float:
-    """Return the scatter in units of the stated errors, from differences of neighbouring samples, which jumps hardly
-    affect."""
+    """Return the scatter in units of the stated errors, from differences of neighbouring samples, which jumps hardly affect."""
     step = np.diff(fit.residual / s)
     return float(robust_sigma(step) / np.sqrt(2.0))
 

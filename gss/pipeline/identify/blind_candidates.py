@@ -34,8 +34,7 @@ def look_up(
     pixels: Array,
     sky: SkyCatalogue,
 ) -> tuple[list[Candidate], int]:
-    """Return the candidates of one level that at least one more star supports, and the number of candidates before this
-    test."""
+    """Return the candidates of one level that at least one more star supports, and the number of candidates before this test."""
     near = level.tree.query_ball_point(codes, CODE_RADIUS, return_sorted=False)
     count = np.fromiter((len(x) for x in near), np.intp, len(near))
     if not count.sum():

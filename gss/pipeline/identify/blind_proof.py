@@ -1,5 +1,4 @@
-"""Verification of a blind candidate: alternate matching and refinement, then the probability that the matches are
-accidental."""
+"""Verification of a blind candidate: alternate matching and refinement, then the probability that the matches are accidental."""
 
 from __future__ import annotations
 

@@ -62,8 +62,7 @@ class Spots:
 
 @dataclass(frozen=True)
 class AllMatches:
-    """Result of the matching: rows of the detections, their stars' rows in the catalogue, and the fit to all
-    matches."""
+    """Result of the matching: rows of the detections, their stars' rows in the catalogue, and the fit to all matches."""
 
     rows: Rows
     stars: Rows

@@ -34,8 +34,7 @@ class FluxLine:
         return np.asarray(self.level + self.slope * (magnitude - self.middle))
 
     def sigma(self, magnitude: Array) -> Array:
-        """Return the standard deviation of a star about the line: scatter and error of the line, without photon
-        noise."""
+        """Return the standard deviation of a star about the line: scatter and error of the line, without photon noise."""
         away = self.slope_sigma * (magnitude - self.middle)
         return np.asarray(np.sqrt(self.scatter**2 + self.level_sigma**2 + away**2))
 
@@ -74,8 +73,7 @@ def flux_line(magnitude: Array, v_mag: Array, sigma: Array) -> FluxLine:
 
 
 def _scatter(residual: Array, photons2: float) -> float:
-    """Return the robust scatter in excess of photon noise with variance ``photons2``, combined with the prior for few
-    stars."""
+    """Return the robust scatter in excess of photon noise with variance ``photons2``, combined with the prior for few stars."""
     n = len(residual)
     observed2 = (1.4826 * median(np.abs(residual))) ** 2 - photons2
     mixed = (n * max(observed2, 0.0) + SCATTER_STARS * SCATTER_MAG**2) / (n + SCATTER_STARS)

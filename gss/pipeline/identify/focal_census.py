@@ -78,8 +78,7 @@ def focal_objection(
 
 
 def _seen_with(camera: Camera, scales: tuple[float, ...], pixels: Array) -> Array:
-    """Return the (scales, n, 3) directions of the pixels with each focal length. All distortions are inverted in one
-    call."""
+    """Return the (scales, n, 3) directions of the pixels with each focal length. All distortions are inverted in one call."""
     centre = np.array([camera.centre_col_px, camera.centre_row_px])
     nearer = centre + (pixels - centre) / np.array(scales)[:, None, None]
     return camera.unproject(nearer.reshape(-1, 2)).reshape(len(scales), len(pixels), 3)

@@ -83,8 +83,7 @@ def agreement(pairs: ImagePairs, row: Rows, catalogue: OnboardCatalogue, toleran
 
 
 def cluster(verification: NDArray[np.int64], margin: int) -> Rows:
-    """Return the stars with verification votes within ``margin`` of the highest count (Kolomenkin; Erlank 2013 §4.3.3
-    uses one)."""
+    """Return the stars with verification votes within ``margin`` of the highest count (Kolomenkin; Erlank 2013 §4.3.3 uses one)."""
     max_votes = int(verification.max(initial=0))
     return np.flatnonzero(verification >= max(1, max_votes - margin))
 

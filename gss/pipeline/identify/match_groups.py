@@ -164,8 +164,7 @@ class _Budget:
 
 
 def _cliques(graph: _Graph, size: int, spent: _Budget) -> list[tuple[Rows, Rows]]:
-    """Return the maximal complete sets of at least ``size`` matches (Bron and Kerbosch with pivot), in a fixed
-    order."""
+    """Return the maximal complete sets of at least ``size`` matches (Bron and Kerbosch with pivot), in a fixed order."""
     joined: list[set[int]] = [set() for _ in graph.observed]
     for a, b in zip(graph.a.tolist(), graph.b.tolist(), strict=True):
         joined[a].add(b)

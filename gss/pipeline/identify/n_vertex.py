@@ -20,8 +20,7 @@ FLATTEST = 1e-7
 
 
 def consistent_names(figure: tuple[int, ...], baselines: Baselines) -> Rows:
-    """Return all (m, n) sets of catalogue rows for the imaged stars ``figure`` that are consistent on every
-    baseline."""
+    """Return all (m, n) sets of catalogue rows for the imaged stars ``figure`` that are consistent on every baseline."""
     names = baselines.column(figure[0], figure[1]).pairs()
     for k in range(2, len(figure)):
         if not len(names):
@@ -34,8 +33,7 @@ def consistent_names(figure: tuple[int, ...], baselines: Baselines) -> Rows:
 
 
 def same_handed(names: Rows, figure: tuple[int, ...], unit_cam: Array, icrs: Array) -> Rows:
-    """Return the sets whose first three stars have the handedness of the imaged stars. Nearly flat figures are not
-    tested."""
+    """Return the sets whose first three stars have the handedness of the imaged stars. Nearly flat figures are not tested."""
     handedness = float(np.linalg.det(unit_cam[list(figure[:3])]))
     if not len(names) or abs(handedness) < FLATTEST:
         return names

@@ -40,8 +40,7 @@ class PairHypotheses:
 
 
 def magnitude_fits(spot_mag: Array, saturated: Mask, star_mag: Array, error_mag: float) -> Mask:
-    """True for spots and stars (…) of equal brightness. Unknown magnitudes fit, and a ``saturated`` spot fits a
-    brighter star."""
+    """True for spots and stars (…) of equal brightness. Unknown magnitudes fit, and a ``saturated`` spot fits a brighter star."""
     too_faint, too_bright = spot_mag - star_mag > error_mag, star_mag - spot_mag > error_mag
     return np.asarray(~too_bright & (~too_faint | saturated))
 
@@ -80,8 +79,7 @@ def pair_hypotheses(
 
 
 def pair_attitudes(unit_cam: Array, icrs: Array, h: PairHypotheses) -> Array:
-    """Return the (h, 3, 3) attitudes that align midpoint and direction of each pair of spots with those of its
-    stars."""
+    """Return the (h, 3, 3) attitudes that align midpoint and direction of each pair of spots with those of its stars."""
     camera_axes, icrs_axes = _axes(unit_cam[h.i], unit_cam[h.j]), _axes(icrs[h.a], icrs[h.b])
     return np.asarray(np.einsum("hka,hkb->hab", camera_axes, icrs_axes))
 

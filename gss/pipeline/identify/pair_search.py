@@ -38,8 +38,7 @@ class Trial(NamedTuple):
 
 
 def _pair_order(n: int) -> Iterator[tuple[int, int]]:
-    """Yield pairs (i, j), i < j, bright pairs first, in an order that spreads the pairs of a single (possibly false)
-    star."""
+    """Yield pairs (i, j), i < j, bright pairs first, in an order that spreads the pairs of a single (possibly false) star."""
     for total in range(1, 2 * n - 2):
         for i in range(max(0, total - n + 1), (total + 1) // 2):
             yield i, total - i
@@ -74,8 +73,7 @@ class PairSearch:
         self.is_too_long = False
 
     def _anchor(self, i: int) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.int32]]:
-        """Return all candidates of the pairs with star i as (offsets, other star, partner), grouped by the catalogue
-        star of i."""
+        """Return all candidates of the pairs with star i as (offsets, other star, partner), grouped by the catalogue star of i."""
         if i not in self.anchors:
             lists = [(k, slice(self.start[i, k], self.stop[i, k])) for k in range(self.n) if k != i]
             first = np.concatenate([self.table.first[s] for _, s in lists])

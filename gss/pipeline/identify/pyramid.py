@@ -25,8 +25,7 @@ MIN_MATCHED = 4  # three stars are never sufficient evidence over the whole sky,
 
 @dataclass(frozen=True)
 class PyramidMatch:
-    """Result of the identification: the accepted evidence, or None and the reason. ``hypotheses``: number of pointings
-    tried."""
+    """Result of the identification: the accepted evidence, or None and the reason. ``hypotheses``: number of pointings tried."""
 
     evidence: Evidence | None
     hypotheses: int

@@ -18,8 +18,7 @@ SIGMAS = 2.0
 
 
 def separate_stars(unit: Array, radius_rad: float) -> int:
-    """Return the number of (n, 3) directions that are further than ``radius_rad`` from every direction counted
-    before."""
+    """Return the number of (n, 3) directions that are further than ``radius_rad`` from every direction counted before."""
     counted: list[Array] = []
     for direction in unit:
         if all(np.linalg.norm(direction - other) > radius_rad for other in counted):

@@ -80,8 +80,7 @@ def _strike_out(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupL
 
 
 def _constellations(vectors: list[Rows], unit: Array, guides: Guides, limits: GroupLimits) -> tuple[list[Rows], int]:
-    """Return all choices of one guide star per vector for which all distances fit, and the number of steps. Stops at
-    the budget."""
+    """Return all choices of one guide star per vector for which all distances fit, and the number of steps. Stops at the budget."""
     n = len(vectors)
     if any(len(v) == 0 for v in vectors):
         return [], 0

@@ -13,8 +13,7 @@ from gss.skytables.kvector import Rows
 
 @dataclass(frozen=True)
 class Pyramid:
-    """Triangle confirmed by a fourth star. ``figure``: four imaged stars; ``names``: (4,) catalogue rows of these
-    stars."""
+    """Triangle confirmed by a fourth star. ``figure``: four imaged stars; ``names``: (4,) catalogue rows of these stars."""
 
     figure: tuple[int, ...]
     names: Rows

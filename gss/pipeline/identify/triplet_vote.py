@@ -95,8 +95,7 @@ def agreement_of_candidates(
 
 
 def consistent_set(agree: NDArray[np.bool_], count: Index) -> Index:
-    """Return the best supported candidate and, best first, every candidate that agrees with all candidates chosen
-    before."""
+    """Return the best supported candidate and, best first, every candidate that agrees with all candidates chosen before."""
     if not len(count) or not count.max():
         return np.empty(0, np.intp)
     leader = int(np.argmax(count))

@@ -184,8 +184,7 @@ def verify(
 def _first_offset(
     visible: NDArray[np.intp], places: Array, radius: Array, stars: NDArray[np.intp], pixels: Array
 ) -> Array:
-    """Return the (m,) distances of the matches from their first predictions, in acceptance radii; infinite if not
-    predicted."""
+    """Return the (m,) distances of the matches from their first predictions, in acceptance radii; infinite if not predicted."""
     position = np.minimum(np.searchsorted(visible, stars), len(visible) - 1)
     off = places[position] - pixels
     return np.asarray(np.where(visible[position] == stars, np.sqrt((off * off).sum(1)) / radius[position], np.inf))
@@ -194,8 +193,7 @@ def _first_offset(
 def _radius(
     field: FrameDetections, camera: Camera, unit: Array, used: Array, weights: Array, calibration_px: float
 ) -> Array:
-    """Return the acceptance radius of each predicted star, px, from the centroid error and the attitude error at its
-    position."""
+    """Return the acceptance radius of each predicted star, px, from the centroid error and the attitude error at its position."""
     total = float(weights.sum())
     information = (total + 1e-12 * 2 * total) * _EYE - (used * weights[:, None]).T @ used
     covariance = np.linalg.inv(information)

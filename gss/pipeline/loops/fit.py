@@ -104,8 +104,7 @@ def _inliers(residual, weight, n, used):
 
 @loop
 def fit_attitude(camera, pixels, icrs, sigma_px, turn, residual, weight, covariance):
-    """Fit ``turn`` in place to (n, 2) pixels of (n, 3) stars. Write residuals, weights and covariance, and return the
-    rms."""
+    """Fit ``turn`` in place to (n, 2) pixels of (n, 3) stars. Write residuals, weights and covariance, and return the rms."""
     n = len(pixels)
     used = np.ones(n, np.bool_)
     jacobian = np.empty((n, 2, 3))

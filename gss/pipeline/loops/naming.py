@@ -94,8 +94,7 @@ def aberrated(icrs, row, velocity, out):
 
 @loop
 def expected_stars(camera, icrs, v_mag, cells, velocity, turn, covariance, faintest):
-    """Return the stars on the detector down to magnitude ``faintest``: rows, pixels, errors of the pixels, and number
-    of stars."""
+    """Return the stars on the detector down to magnitude ``faintest``: rows, pixels, errors of the pixels, and number of stars."""
     below = np.searchsorted(v_mag, min(faintest, v_mag[-1]), side="right")
     room = room_near(cells, turn[2], camera[REACH])
     star, places, sigma = np.empty(room, np.int64), np.empty((room, 2)), np.empty(room)
@@ -154,8 +153,7 @@ def companions(star, v_mag, places, order, count, psf_px, bright, shift, share, 
 
 @loop
 def assign(spots, sigma_px, magnitude, magnitude_sigma, expected, count, order, line, extra_px, verified, camera, name):
-    """Write the expected star of each spot to ``name``, -1 if no star is unambiguous. Equivalent to
-    ``faint._assign``."""
+    """Write the expected star of each spot to ``name``, -1 if no star is unambiguous. Equivalent to ``faint._assign``."""
     star, places, place_sigma, bright, shift, share, reach = expected
     n = len(spots)
     columns = np.empty(count)

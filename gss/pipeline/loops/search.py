@@ -18,8 +18,7 @@ EXHAUSTED, TOO_LONG = 0, -1
 
 @loop
 def geometry(unit, sigma_rad, sigmas, scale_error):
-    """Return distance and tolerance of each pair of (n, 3) directions, and middle and half width of the range of its
-    cosine."""
+    """Return distance and tolerance of each pair of (n, 3) directions, and middle and half width of the range of its cosine."""
     n = len(unit)
     distance, tolerance = np.zeros((n, n)), np.zeros((n, n))
     middle, half = np.zeros((n, n)), np.zeros((n, n))

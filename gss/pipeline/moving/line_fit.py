@@ -147,8 +147,7 @@ def fit_line(cut: Cutout, start: Array, free: tuple[int, ...]) -> LineFit | None
 
 
 def _state(cut: Cutout, p: Array) -> tuple[Array, Array, Array, float]:
-    """Return the (k,) expected values, their (k, 6) derivatives with respect to the parameters, the (k,) weights and
-    χ²."""
+    """Return the (k,) expected values, their (k, 6) derivatives with respect to the parameters, the (k,) weights and χ²."""
     shape, by = trailed_gaussian((cut.dx - p[1])[None], (cut.dy - p[2])[None], p[None, 3:5], float(p[WIDTH]))
     slopes = np.column_stack([shape[0], p[0] * by[0]])
     slopes[:, 1:3] *= -1

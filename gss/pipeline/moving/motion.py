@@ -71,13 +71,11 @@ class SkyMotion:
 
     @property
     def slack_rad(self) -> float:
-        """Return the position error, one span from the middle, due to an acceleration that two sources cannot
-        determine."""
+        """Return the position error, one span from the middle, due to an acceleration that two sources cannot determine."""
         return float(ACCELERATION * np.sum(self.rate_rad_s**2) * self.span_s**2)
 
     def at(self, time_s: float) -> tuple[Array, float]:
-        """Return the (3,) direction at a time, and its standard deviation including the neglected next power of
-        time."""
+        """Return the (3,) direction at a time, and its standard deviation including the neglected next power of time."""
         x = (time_s - self.start_s) / self.span_s
         powers = x ** np.arange(len(self.coefficients))
         direction = self.centre + (powers @ self.coefficients) @ self.plane

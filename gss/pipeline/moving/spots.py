@@ -186,8 +186,7 @@ def _photometry(
 
 @dataclass(frozen=True)
 class _Source:
-    """Fitted group: middle pixel, point or line fit, longest trail that agrees with the fit, and True if narrower than
-    stars."""
+    """Fitted group: middle pixel, point or line fit, longest trail that agrees with the fit, and True if narrower than stars."""
 
     pixel: tuple[int, int]
     fit: LineFit

@@ -28,8 +28,7 @@ MAX_STEP_S = 120.0
 MAX_MISSES = 3
 MIN_HITS = 3
 MAX_CHANCE = 0.01
-"""A tracklet is accepted if the expected number of accidental tracklets of its quality in the sequence is at most
-this."""
+"""A tracklet is accepted if the expected number of accidental tracklets of its quality in the sequence is at most this."""
 SAME_PIXEL_PX = 0.8
 SKY_MOVED_PX = 2.0
 STREAK_SNR = 8.0
@@ -141,8 +140,7 @@ def link(
 
 
 def _fixed_on_detector(frames: Sequence[FrameSpots]) -> list[tuple[int, int]]:
-    """Return (frame, row) of sources that stay at their pixel in three or more frames while the sky moves over the
-    detector."""
+    """Return (frame, row) of sources that stay at their pixel in three or more frames while the sky moves over the detector."""
     owner = [(k, row) for k, frame in enumerate(frames) for row in range(len(frame))]
     if len(owner) < MIN_HITS:
         return []
@@ -165,8 +163,7 @@ def _candidates(
     top_rate_rad_s: float,
     progress: Callable[[float], None],
 ) -> list[tuple[list[Hit], SkyMotion, float]]:
-    """Return sources, motion and expected number of accidents of a tracklet from every pair that a third source
-    supports."""
+    """Return sources, motion and expected number of accidents of a tracklet from every pair that a third source supports."""
     seeds: list[tuple[Hit, Hit]] = []
     pairs = 0
     rows = [np.flatnonzero(f) for f in free]

@@ -1,2 +1,1 @@
-"""Performance sheet of a sensor in the terms of ECSS-E-ST-60-20C. Each row has figures with intervals, method and
-conditions."""
+"""Performance sheet of a sensor in the terms of ECSS-E-ST-60-20C. Each row has figures with intervals, method and conditions."""

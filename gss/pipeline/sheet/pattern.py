@@ -77,8 +77,7 @@ def pattern_error(sightings: StarSightings, spatial: SpatialErrors, rng: np.rand
 
 
 def _sums(product: Array, weight: Array) -> Array:
-    """Return the (2, 3) weighted sum of (k, 2) products per axis of the attitude, and the sum of the (k, 2, 3)
-    weights."""
+    """Return the (2, 3) weighted sum of (k, 2) products per axis of the attitude, and the sum of the (k, 2, 3) weights."""
     return np.stack([(product[:, :, None] * weight).sum(axis=(0, 1)), weight.sum(axis=(0, 1))])
 
 

@@ -54,8 +54,7 @@ class StarSightings:
 
 @dataclass(frozen=True)
 class AxisError:
-    """Root mean square of an attitude error over the frames, per camera axis (3,), in radians, with its 95 %
-    interval."""
+    """Root mean square of an attitude error over the frames, per camera axis (3,), in radians, with its 95 % interval."""
 
     value_rad: Array
     low_rad: Array
@@ -112,8 +111,7 @@ class _FrameSums:
 
 
 def rotation_effect(camera: Camera, pixels: Array) -> Array:
-    """Return the (m, 2, 3) image motion, in pixels per radian of rotation about the camera axes, at (m, 2)
-    positions."""
+    """Return the (m, 2, 3) image motion, in pixels per radian of rotation about the camera axes, at (m, 2) positions."""
     step = 1e-6
     unit = camera.unproject(pixels)
     centre_px = camera.project(unit)
@@ -241,8 +239,7 @@ def _phase_terms(within_px: Array) -> Array:
 
 
 def _design(true_px: Array, camera: Camera, degree: int) -> Array:
-    """Return the (m, 2, p) derivatives of the coordinate errors with respect to the coefficients: slow part, then
-    periodic part."""
+    """Return the (m, 2, p) derivatives of the coordinate errors with respect to the coefficients: slow part, then periodic part."""
     slow = _slow_terms(true_px, camera, degree)
     within = true_px - np.round(true_px)
     blocks = [slow, slow, _phase_terms(within[:, 0]), _phase_terms(within[:, 1])]

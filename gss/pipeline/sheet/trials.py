@@ -142,8 +142,7 @@ def condition_row(head: tuple[str, str, str], tried: tuple[Trials, ...], needs: 
 
 
 def _error(t: Trials) -> SheetFigure:
-    """Return the root mean square error across the boresight, per axis, with the χ² interval of 2k squares
-    (Wilson–Hilferty)."""
+    """Return the root mean square error across the boresight, per axis, with the χ² interval of 2k squares (Wilson–Hilferty)."""
     k = 2 * len(t.cross_rad)
     value = float(np.sqrt(np.mean(t.cross_rad**2) / 2))
     low, high = (float((1 - 2 / (9 * k) + z * np.sqrt(2 / (9 * k))) ** 1.5) for z in (1.96, -1.96))

@@ -1,5 +1,4 @@
-"""Simulated unit with chosen errors. Its frames test the performance sheet and predict the sheet of a planned
-camera."""
+"""Simulated unit with chosen errors. Its frames test the performance sheet and predict the sheet of a planned camera."""
 
 from __future__ import annotations
 
@@ -168,8 +167,7 @@ def scan(count: int, rng: np.random.Generator, begin_s: float = 0.0, step_s: flo
 
 
 def slew(start: Array, count: int, top_rad_s: float, begin_s: float = 0.0, step_s: float = 1.0) -> list[Moment]:
-    """Return moments of a rotation about the diagonal of the detector with a rate that oscillates between ±
-    ``top_rad_s``."""
+    """Return moments of a rotation about the diagonal of the detector with a rate that oscillates between ± ``top_rad_s``."""
     axis = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
     period_s = count * step_s
     observations = []

@@ -19,8 +19,7 @@ CONVERGED_RAD = 1e-12
 
 
 def small_rotation_rad(predicted_cam: Array, measured_cam: Array, weights: Array) -> Array | None:
-    """Return the (3,) rotation vector from (n, 3) predicted to measured directions. None if the stars do not determine
-    all axes."""
+    """Return the (3,) rotation vector from (n, 3) predicted to measured directions. None if the stars do not determine all axes."""
     normal = _information(predicted_cam, weights)
     if np.linalg.eigvalsh(normal)[0] <= 1e-14 * np.trace(normal):
         return None

@@ -16,15 +16,13 @@ Rows = NDArray[np.intp]
 
 
 def turned(unit_cam: Array, relative: Array, camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
-    """Return (n, 3) directions rotated by ``relative`` (3, 3), new camera from old, and a mask of the stars still in
-    the frame."""
+    """Return (n, 3) directions rotated by ``relative`` (3, 3), new camera from old, and a mask of the stars still in the frame."""
     moved = np.asarray(unit_cam, float) @ np.asarray(relative).T
     return moved, camera.contains(camera.project(moved))
 
 
 def mutual_nearest(predicted: Array, measured: Array, radius_rad: float) -> Rows:
-    """Return (m, 2) rows (predicted, measured) of (n, 3) directions that are mutual nearest neighbours within
-    ``radius_rad``."""
+    """Return (m, 2) rows (predicted, measured) of (n, 3) directions that are mutual nearest neighbours within ``radius_rad``."""
     if not len(predicted) or not len(measured):
         return np.empty((0, 2), np.intp)
     chord = np.linalg.norm(predicted[:, None] - measured[None], axis=2)

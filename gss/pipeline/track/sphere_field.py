@@ -29,8 +29,7 @@ class SphereField:
 
     @property
     def first_ra_rad(self) -> float:
-        """Return the right ascension at which an ascending search starts: the leftmost corner, or zero if a pole is
-        inside."""
+        """Return the right ascension at which an ascending search starts: the leftmost corner, or zero if a pole is inside."""
         if self.pole:
             return 0.0
         # The leftmost corner is a left end that is neither inside another edge nor a right end. All other left ends
@@ -59,8 +58,7 @@ def edge_dec_rad(normal: Array, ra_rad: Array) -> Array:
 
 
 def stars_inside(field: SphereField, ra_rad: Array, dec_rad: Array) -> NDArray[np.intp]:
-    """Return the rows of the stars inside the field, by ascending right ascension from its leftmost corner (eq.
-    4.4–4.7)."""
+    """Return the rows of the stars inside the field, by ascending right ascension from its leftmost corner (eq. 4.4–4.7)."""
     lowest, highest = np.full(len(ra_rad), np.inf), np.full(len(ra_rad), -np.inf)
     for left, width, normal in zip(field.left_rad, field.width_rad, field.normal, strict=True):
         over = np.flatnonzero(np.mod(ra_rad - left, TWO_PI_RAD) < width)

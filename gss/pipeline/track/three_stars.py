@@ -1,5 +1,4 @@
-"""Identification of three stars by their distances. Each of a few reference stars has several candidates (Jacobs 1995
-§4.1.4)."""
+"""Identification of three stars by their distances. Each of a few reference stars has several candidates (Jacobs 1995 §4.1.4)."""
 
 from __future__ import annotations
 
