@@ -12,7 +12,7 @@ from gss.catalogue_tools.sources.hipparcos import load_stars, propagate
 from gss.domain.angles import Array
 from gss.domain.camera import Brown, Camera
 from gss.domain.rotation import rotation_angle_rad
-from gss.pipeline.identify.blind import BlindFound, identify_blind
+from gss.pipeline.identify.blind import BlindResult, identify_blind
 from gss.pipeline.identify.faint import Spots
 from gss.pipeline.identify.patterns import PatternLevel, build_level, codes_of, radii_rad
 from gss.pipeline.identify.verify import SkyCatalogue
@@ -54,7 +54,7 @@ def view(
     return p[order], mag[order], np.concatenate([SKY.hip[on], np.full(false, -1)])[order], r
 
 
-def solve(pixels: Array, mag: Array, low_deg: float, high_deg: float) -> BlindFound:
+def solve(pixels: Array, mag: Array, low_deg: float, high_deg: float) -> BlindResult:
     spots = Spots(pixels, np.full(len(pixels), 0.2), mag, 1.0)
     return identify_blind(spots, SHAPE, (np.radians(low_deg), np.radians(high_deg)), SKY, level)
 

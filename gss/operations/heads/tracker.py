@@ -187,7 +187,7 @@ class HeadTracker:
     def _whole(self, unit: str, at: AttitudeAt) -> BodyAttitude:
         head = self.setup.head(unit)
         mounting = np.zeros((3, 3)) if head is None else head.mounting_rad2
-        return BodyAttitude(at.attitude.quaternion, at.whole.covariance_rad2 + mounting)
+        return BodyAttitude(at.attitude.quaternion, at.with_timing.covariance_rad2 + mounting)
 
     def _pairs(
         self, time_s: float, usable: Mapping[str, AttitudeAt], whole: Mapping[str, BodyAttitude]

@@ -105,7 +105,7 @@ def calibrate_checkerboard(
         cv.projectPoints(board, t, s, matrix, lens)[0].reshape(-1, 2) for t, s in zip(turns, shifts, strict=True)
     ]
     off = [s.reshape(-1, 2) - p for s, p in zip(detected, predicted, strict=True)]
-    return _made(camera, np.ravel(sigma)[:9], corners, off, [float(np.linalg.norm(np.ravel(t)[:2])) for t in turns])
+    return _result(camera, np.ravel(sigma)[:9], corners, off, [float(np.linalg.norm(np.ravel(t)[:2])) for t in turns])
 
 
 def _as_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -122,7 +122,7 @@ def _corners(cv: Any, image: NDArray[np.uint8], inner: tuple[int, int]) -> Array
     return np.asarray(corners, float).reshape(-1, 1, 2) if detected else None
 
 
-def _made(
+def _result(
     camera: Camera, sigma: Array, corners: Sequence[Array | None], off: list[Array], leaning_rad: list[float]
 ) -> CheckerboardCalibration:
     residual = np.concatenate(off)

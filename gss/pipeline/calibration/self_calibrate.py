@@ -32,7 +32,7 @@ from gss.pipeline.calibration.star_stack import StarStack, attitudes_of, stack
 from gss.pipeline.calibration.support import hold_unsupported
 
 MODELS = tuple(LENS_MODELS)
-STRANGE = 4.0  # a frame that fits worse than the median by this factor is from another camera or has false matches
+MISFIT_RATIO = 4.0  # a frame that fits worse than the median by this factor is from another camera or has false matches
 PLATE_SCALE = 0.01
 WORSE = 1.05
 
@@ -70,7 +70,7 @@ def calibrate_camera(
     stars = stack(screened.frames)
     scale_mm = focal_mm if focal_mm is not None else float("nan")
     trials = _fit_all(stars, start, chosen_models, scale_mm, prior_values, progress)
-    screened, stars, changed = _without_strange(screened, stars, trials)
+    screened, stars, changed = _without_misfits(screened, stars, trials)
     if changed:
         trials = _fit_all(stars, start, chosen_models, scale_mm, prior_values, progress)
     comparison, outside = _compare(stars, trials, prior_values, folds, progress)
@@ -134,27 +134,27 @@ def _fit_all(
     return trials
 
 
-def _without_strange(
+def _without_misfits(
     screened: ScreenedFrames, stars: StarStack, trials: Mapping[str, _Trial]
 ) -> tuple[ScreenedFrames, StarStack, bool]:
     """Exclude frames that fit far worse than the median under the best model: misidentified, or from another camera."""
     fit = min(trials.values(), key=lambda t: t.fit.scale).fit
     length = np.hypot(fit.residual_px[:, 0], fit.residual_px[:, 1]) / stars.sigma_px
     typical = np.array([float(np.median(length[stars.frame == f])) for f in range(stars.frames)])
-    strange = typical > STRANGE * max(float(np.median(typical)), 1e-9)
-    if not strange.any() or strange.mean() > 0.3:
+    misfits = typical > MISFIT_RATIO * max(float(np.median(typical)), 1e-9)
+    if not misfits.any() or misfits.mean() > 0.3:
         return screened, stars, False
-    names = [(f.name, "does not fit the others") for f, s in zip(screened.frames, strange, strict=True) if s]
+    names = [(f.name, "does not fit the others") for f, s in zip(screened.frames, misfits, strict=True) if s]
     text = f"{counted(len(names), 'frame')} excluded: they do not fit the others"
     hint = "check that they are from the same camera and focus, and that their stars are identified correctly"
-    remaining = tuple(f for f, s in zip(screened.frames, strange, strict=True) if not s)
+    remaining = tuple(f for f, s in zip(screened.frames, misfits, strict=True) if not s)
     better = ScreenedFrames(
         remaining,
-        screened.scale[~strange],
+        screened.scale[~misfits],
         (*screened.excluded, *names),
         (*screened.warnings, Advice("mixed-cameras", text, hint)),
     )
-    return better, stars.of_frames(~strange), True
+    return better, stars.of_frames(~misfits), True
 
 
 def _compare(

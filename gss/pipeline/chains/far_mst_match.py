@@ -271,7 +271,7 @@ def _reason(s: _FrameSearch) -> str:
     if s.best.count < needed:
         return f"{s.best.count} of {n} stars identified; {needed} needed in {mode} mode"
     if s.best.share < _min_share(s):
-        return f"{s.best.count} of {n} stars identified where the catalogue has {s.best.in_view}: the others contradict"
+        return f"only {s.best.count} of {n} stars identified, although the catalogue has {s.best.in_view} in this field"
     if s.best_bound <= s.p.max_false_probability:
         return "the stars fit only far from the hint"
     return (

@@ -15,7 +15,7 @@ from gss.domain.camera import Camera
 from gss.domain.results import Centroids, SolveResult
 from gss.pipeline.chains.reference import MIRRORED, as_velocity, mirrored, solved, turning_of, unsolved
 from gss.pipeline.detect import find_stars
-from gss.pipeline.identify.blind import BlindFound, identify_blind
+from gss.pipeline.identify.blind import BlindResult, identify_blind
 from gss.pipeline.identify.blind_proof import BlindSolution
 from gss.pipeline.identify.faint import Spots
 from gss.pipeline.identify.patterns import PatternLevel
@@ -108,7 +108,7 @@ def _blind(
     sky: SkyCatalogue,
     level: Callable[[float], PatternLevel],
     odd: bool = True,
-) -> BlindFound:
+) -> BlindResult:
     magnitude = -2.5 * np.log10(np.maximum(centroids.flux_dn, 1e-12))
     spots = Spots(centroids.pixels, centroids.sigma_px, magnitude, psf_sigma_px)
     return identify_blind(spots, shape, fov_range_rad, sky, level, odd=odd)

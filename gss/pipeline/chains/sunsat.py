@@ -181,7 +181,7 @@ def _unlike_the_sky(stars: Census, matching: SunsatMatching, confirming: int, p:
     if (is_few and too_many) or stars.absent * 4 > 3 * max(stars.expected, 4):
         return f"{identified} stars match, but {stars.absent} of {stars.expected} bright stars that should be in view are missing"
     if matching.looked_for is not None and not confirming and len(matching.looked_for) > p.confirm_windows + 1:
-        return f"none of {len(matching.looked_for) - len(matching.selected)} more stars looked for confirms the match"
+        return f"none of {len(matching.looked_for) - len(matching.selected)} further expected stars confirms the match"
     return ""
 
 

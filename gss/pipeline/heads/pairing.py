@@ -43,7 +43,7 @@ class AttitudeAt:
     timing_rad2: Array
 
     @property
-    def whole(self) -> BodyAttitude:
+    def with_timing(self) -> BodyAttitude:
         """Return the attitude with the covariance of all errors, including the clock's."""
         return BodyAttitude(self.attitude.quaternion, self.attitude.covariance_rad2 + self.timing_rad2)
 

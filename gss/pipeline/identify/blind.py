@@ -32,8 +32,8 @@ MAX_CANDIDATES = 40_000
 MAX_FULL_CHECKS = 400
 MAX_UNSETTLED = 15  # maximum number of verified pointings without a lens that fits the single stars
 NO_LENS = (
-    "a place on the sky was found, but no lens under which its stars fit one by one: "
-    "pixels that are not square, or a middle far from the optical axis"
+    "the pointing was identified, but no lens fits the single stars: "
+    "the pixels are possibly not square, or the optical axis is far from the middle"
 )
 
 
@@ -76,7 +76,7 @@ ODD_BATCHES = 2  # only figures of the brightest stars, because many geometries 
 
 
 @dataclass(frozen=True)
-class BlindFound:
+class BlindResult:
     """Result of a blind search. ``solved``: the solution, or None with a ``reason``. ``hypotheses``: number of
     candidates tested. ``placed``: True if the pointing was verified, even if no lens fits the single stars."""
 
@@ -95,7 +95,7 @@ def identify_blind(
     *,
     accept: float = ACCEPT,
     odd: bool = True,
-) -> BlindFound:
+) -> BlindResult:
     """Identify detections, brightest first, in a frame of (columns, rows) ``shape``.
 
     A camera with square pixels and a centred optical axis is tried first. If ``odd``, non-square pixels and off-centre
@@ -107,7 +107,7 @@ def identify_blind(
     """
     n = len(spots.pixels)
     if n < 5:
-        return BlindFound(None, 0, f"{counted(n)} found: at least 5 are needed without a calibrated camera")
+        return BlindResult(None, 0, f"{counted(n)} found: at least 5 are needed without a calibrated camera")
     search = _BlindSearch(spots, shape, fov_range_rad, sky, accept)
     batches = list(_rank_batches(n))
     plain = _search(search, batches, level)
@@ -125,18 +125,18 @@ def identify_blind(
 
 def _search(
     search: _BlindSearch, batches: list[NDArray[np.int32]], level: Callable[[float], PatternLevel]
-) -> BlindFound:
+) -> BlindResult:
     """Test all figures under all fields of view, within the limits on the number of candidates."""
     for batch in batches:
         for fov in _fov_hypotheses(*search.limits):
             solved = search.run(batch, fov, level)
             if solved is not None:
-                return BlindFound(solved, search.tried, placed=True)
+                return BlindResult(solved, search.tried, placed=True)
             if search.unsettled >= MAX_UNSETTLED:
-                return BlindFound(None, search.tried, search.why(""), placed=True)
+                return BlindResult(None, search.tried, search.why(""), placed=True)
             if search.tried > MAX_CANDIDATES or search.full > MAX_FULL_CHECKS:
-                return BlindFound(None, search.tried, search.why("budget used up; "), search.unsettled > 0)
-    return BlindFound(None, search.tried, search.why(""), search.unsettled > 0)
+                return BlindResult(None, search.tried, search.why("budget used up; "), search.unsettled > 0)
+    return BlindResult(None, search.tried, search.why(""), search.unsettled > 0)
 
 
 class _BlindSearch:
@@ -271,7 +271,7 @@ class _BlindSearch:
         if self.unsettled:
             return f"{prefix}{NO_LENS}"
         if best is None:
-            return f"{prefix}none of the figures made of the brightest of {n} stars is in the sky at this field of view"
+            return f"{prefix}no figure of the brightest of {n} stars matches the sky at this field of view"
         return (
             f"{prefix}best candidate has {len(best.rows)} of {n} stars, but a false-match probability of "
             f"{best.false_match_probability:.1e} (limit {self.accept:.0e})"

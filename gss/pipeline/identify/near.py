@@ -24,7 +24,7 @@ MAX_STARS = 40
 MAX_CANDIDATES = 700
 TRIES = 6
 FEW_CANDIDATES = 1  # reason code of the compiled search; other codes: no three stars agree
-FEW = "no catalogue stars near where the hint expects them"
+FEW = "no catalogue stars near the positions expected from the hint"
 NO_THREE = "no three stars agree with the catalogue near the hint"
 
 

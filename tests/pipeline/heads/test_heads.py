@@ -126,7 +126,7 @@ def test_attitude_between_measurements() -> None:
     assert attitude_at(series[:1], 0.1, 0.5, None) is None
     lone = attitude_at(series[:1], 0.1, 0.5, np.radians(0.5))
     assert lone is not None
-    grown = lone.whole.covariance_rad2 - series[0].attitude.covariance_rad2
+    grown = lone.with_timing.covariance_rad2 - series[0].attitude.covariance_rad2
     assert np.sqrt(grown[0, 0]) == pytest.approx(np.radians(0.5) * np.hypot(0.1, 0.01))
 
 
