@@ -13,7 +13,7 @@ from gss.domain.errors import BadInput
 from gss.domain.results import Centroids, Region
 from gss.pipeline.background import Background
 from gss.pipeline.kernels import NUMPY, Kernels, kernels
-from gss.pipeline.peaks import STREAK_RATIO, Peaks, find_peaks, single_again
+from gss.pipeline.peaks import STREAK_RATIO, Peaks, find_peaks, repeat_single_test
 from gss.pipeline.psf import PsfFit, Stamps, adaptive_shapes, cut_stamps, fit_stars, subtract_neighbours, widths_px
 
 THRESHOLD_SIGMA = 5.5
@@ -92,7 +92,7 @@ def find_stars(
                 notes.clear()
                 pass_one = find_peaks(image, covariance, threshold_sigma, notes, loops)
             else:
-                pass_one = single_again(image, pass_one, covariance)
+                pass_one = repeat_single_test(image, pass_one, covariance)
     detections = _measure(image, pass_one, covariance, ceiling, e_per_dn, max_stars, notes, loops)
     return replace(detections, trailed=trailed or detections.streak_px > 0)
 

@@ -141,7 +141,7 @@ def _unfiltered(image: NDArray[Any], background: Background, gain: float, loops:
     return level.scaled(1.0, pixel_noise(image, level, loops=loops) / float(np.median(background.noise)))
 
 
-def single_again(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
+def repeat_single_test(image: NDArray[Any], peaks: Peaks, covariance: Array) -> Peaks:
     """Repeat the single-pixel test with the frame's measured point-spread function."""
     single = _is_single_pixel(image, peaks.row, peaks.col, peaks.sky, peaks.noise, covariance)
     return replace(peaks, single=single)

@@ -76,7 +76,7 @@ class RenderedUnit:
     def frame(
         self, at: Moment, rng: np.random.Generator, disturbed: Disturbance | None = None, dark_factor: float = 1.0
     ) -> Rendered:
-        """Render the frame that the unit takes at a moment."""
+        """Render the frame that the unit takes at one of its moments."""
         rate = np.array(at.rate_rad_s)
         mounting = np.array(self.bias_rad) + np.array(self.thermal_rad_k) * (at.temperature_c - CALIBRATED_C)
         attitude = rotation_from_vector(mounting) @ rotation_from_vector(-rate * self.date_s) @ at.cam_from_icrs
