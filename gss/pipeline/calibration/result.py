@@ -111,7 +111,7 @@ class CameraCalibration:
         return tuple(p.name for p in self.parameters)
 
     def parameter(self, name: str) -> Parameter:
-        """Return the fitted parameter with this name. Raises an error if it was not fitted."""
+        """Return the fitted parameter with this name. Raises NotFound if it was not fitted."""
         match = next((p for p in self.parameters if p.name == name), None)
         if match is None:
             raise NotFound("this parameter was not fitted", expected=" | ".join(self.names), got=name)

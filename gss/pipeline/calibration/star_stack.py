@@ -42,7 +42,7 @@ class StarStack:
 
 
 def stack(frames: Sequence[FrameStars]) -> StarStack:
-    """Concatenate frames. No frame can be empty."""
+    """Concatenate frames, each of which must have at least one star."""
     counts = np.array([len(f) for f in frames])
     first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.intp)
     return StarStack(
