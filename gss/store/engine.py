@@ -23,6 +23,8 @@ from gss.domain.errors import BadInput, Conflict, CorruptData, StoreDown
 from gss.store.models import Base
 
 QUICK_CHECK_BYTES = 512 << 20
+MAX_WAL_BYTES = 64 << 20
+"""A write-ahead log that a long read made larger is cut to this size once it has been merged into the database."""
 DAMAGED_HINT = (
     "stop the server and keep the folder unchanged; run `gss check store` for details and `gss restore` to restore a backup; "
     "the raw captures hold data received since"
@@ -69,7 +71,8 @@ def open_to_check(url: str) -> Engine:
 
 def _tune_sqlite(connection: Any, _record: Any) -> None:
     cursor = connection.cursor()
-    for pragma in ("journal_mode=WAL", "busy_timeout=5000", "foreign_keys=ON"):
+    limit = f"journal_size_limit={MAX_WAL_BYTES}"
+    for pragma in ("journal_mode=WAL", limit, "busy_timeout=5000", "foreign_keys=ON"):
         cursor.execute(f"PRAGMA {pragma}")
     cursor.close()
 

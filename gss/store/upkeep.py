@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import ColumnElement, case, delete, func, inspect, select, text, update
@@ -263,10 +264,12 @@ def remove_events(session: Session, before: datetime, limit: int = BATCH) -> int
 
 
 def database_bytes(session: Session) -> int:
-    """Return the bytes used by the database, without free pages."""
+    """Return the bytes used by the database, without free pages, and by its write-ahead log."""
     if session.get_bind().dialect.name == "sqlite":
         pages, free, size = (session.scalar(text(f"PRAGMA {p}")) for p in ("page_count", "freelist_count", "page_size"))
-        return (int(pages) - int(free)) * int(size)
+        database = session.scalar(text("SELECT file FROM pragma_database_list"))
+        log = Path(f"{database}-wal")
+        return (int(pages) - int(free)) * int(size) + (log.stat().st_size if log.exists() else 0)
     return int(session.scalar(text("SELECT pg_database_size(current_database())")) or 0)
 
 

@@ -6,12 +6,15 @@ import os
 from pathlib import Path
 
 import pytest
+from sqlalchemy import text
 
 from gss.operations.clock import utc_now
 from gss.operations.line.line_capture import CaptureSync, LineCapture
 from gss.operations.line.raw_capture import RECEIVED, Retention
+from gss.store import engine
 from gss.store.blobs import BlobStore
 from gss.store.engine import Database, open_engine
+from gss.store.upkeep import database_bytes
 
 FULL, NORMAL = 2, 1
 
@@ -71,3 +74,32 @@ def test_captures_are_flushed_once_a_second(tmp_path: Path, flushed: list[str]) 
     sync()
     assert flushed == []
     capture.end()
+
+
+def test_a_large_write_ahead_log_is_cut_when_the_long_read_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A reader that stays open keeps the log from being merged: the health check counts it, every row is kept, and the next
+    write after the read makes the file small again."""
+    monkeypatch.setattr(engine, "MAX_WAL_BYTES", 100_000)
+    path = tmp_path / "gss.db"
+    database = Database(open_engine(f"sqlite:///{path}"))
+    with database.unit_of_work() as session:
+        session.execute(text("CREATE TABLE rows (content BLOB)"))
+    with database.engine.connect() as reader:
+        reader.exec_driver_sql("BEGIN")  # Python's driver begins no transaction for a SELECT
+        assert reader.scalar(text("SELECT count(*) FROM rows")) == 0
+        for _ in range(200):
+            with database.unit_of_work() as session:
+                session.execute(text("INSERT INTO rows VALUES (randomblob(20000))"))
+        log = path.with_name("gss.db-wal")
+        assert log.stat().st_size > 4_000_000
+        with database.unit_of_work() as session:
+            assert database_bytes(session) > 4_000_000
+    for _ in range(3):
+        with database.unit_of_work() as session:
+            session.execute(text("INSERT INTO rows VALUES (randomblob(20000))"))
+    assert log.stat().st_size <= 200_000
+    with database.unit_of_work() as session:
+        assert session.scalar(text("SELECT count(*) FROM rows")) == 203
+    database.close()

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from gss.device.session_events import DirectionCounters, LinkCounters
-from gss.domain.errors import NotFound
+from gss.domain.errors import Busy, NotFound
 from gss.operations.clock import Now
 from gss.operations.contacts.gaps import (
     CLOCK_JUMPED,
@@ -43,6 +45,7 @@ GROUND = "ground_line"
 SILENT_AFTER_S = 3.0
 STORE_EVERY_S = 10.0
 MAX_LISTED = 500
+MAX_READERS, READ_WAIT_S = 2, 15.0
 """Frames, commands and transfers of a contact in one response; the others are on the pages of their kind."""
 JUMPS_WITHIN = timedelta(days=2)
 T = TypeVar("T")
@@ -118,6 +121,7 @@ class ContactService:
         self.captures, self._now = captures, now
         self._stored_counters: tuple[int | None, float, dict[str, object]] = (None, 0.0, {})
         self._removed_before = removed_before
+        self._readers = threading.BoundedSemaphore(MAX_READERS)
 
     def handle(self, batch: LineBatch) -> None:
         """Store the counters: at once if an error counter or the silent flag changed, otherwise every ``STORE_EVERY_S``."""
@@ -173,7 +177,11 @@ class ContactService:
         return self.detail(contact_id)
 
     def detail(self, contact_id: int) -> ContactDetail:
-        """Return everything about a contact. Raises NotFound if there is no such contact."""
+        """Return everything about a contact. Raises NotFound if there is no such contact, Busy."""
+        with self._reading():
+            return self._detail(contact_id)
+
+    def _detail(self, contact_id: int) -> ContactDetail:
         with self._database.unit_of_work() as session:
             row, device = store.get_contact(session, contact_id)
             end = row.ended or self._now()
@@ -251,7 +259,7 @@ class ContactService:
         ]
         if all(gap.explained for gap in silences):
             return silences
-        late = self.record(row.id).late  # packets that arrived late may show that nothing is missing
+        late = self._record(row.id).late  # packets that arrived late may show that nothing is missing
         return [gap if gap.explained else _if_late(gap, late) for gap in silences]
 
     def _happenings(self, row: Contact, end: datetime) -> list[Happening]:
@@ -275,8 +283,27 @@ class ContactService:
             happenings.append(Happening(end.timestamp(), LINE_LOST, cause))
         return happenings
 
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Let a few requests read whole contacts at the same time: a long one takes seconds and much memory."""
+        if not self._readers.acquire(timeout=READ_WAIT_S):
+            raise Busy(
+                "too many requests read contacts at the same time",
+                expected=f"at most {MAX_READERS}",
+                hint="Try again.",
+                retry_after_s=READ_WAIT_S,
+            )
+        try:
+            yield
+        finally:
+            self._readers.release()
+
     def record(self, contact_id: int) -> RecordCheck:
-        """Check the completeness of a contact's housekeeping record."""
+        """Check the completeness of a contact's housekeeping record. Raises NotFound, Busy."""
+        with self._reading():
+            return self._record(contact_id)
+
+    def _record(self, contact_id: int) -> RecordCheck:
         with self._database.unit_of_work() as session:
             row, _ = store.get_contact(session, contact_id)
         end = row.ended or self._now()
