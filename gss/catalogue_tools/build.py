@@ -43,9 +43,10 @@ from gss.skytables.pairs import DistanceTable, distance_table
 MIN_STARS = 2
 # Coarser than the maps of a build, so that the page responds while the user changes parameters.
 MISTAKES_NSIDE = 8
-# Upper limits for a preview: fields of stepped blocks, and stars tested in frames.
-MAX_FIELDS, MAX_LOOKS = 2_000, 2_000_000
-# Margin for the sampling error of the pair estimate: a build is refused before making the table only beyond it.
+# Upper limits for a preview: number of stepped fields, and number of stars tested in frames.
+MAX_FIELDS, MAX_TESTED_STARS = 2_000, 2_000_000
+# The pair count is estimated from a sample. A build is rejected before its table is made only if the estimate exceeds
+# the limit by this factor.
 SURE_OVERFLOW = 1.25
 
 Progress = Callable[[str, float], None]
@@ -53,8 +54,8 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Preview:
-    """Preview of a request: everything except the tables. ``pairs`` is an estimate above 800 stars. ``ambiguity``:
-    coarse map, None if not requested."""
+    """Preview of a request: all results except the tables. ``pairs`` is an estimate if there are more than 800 stars.
+    ``ambiguity``: coarse map, None if not requested."""
 
     plan: BuildPlan
     selection: Selection
@@ -66,7 +67,8 @@ class Preview:
 
 @dataclass(frozen=True)
 class BuiltCatalogue:
-    """A finished catalogue. ``stars``: the rows of the image in its frame; ``distances``: at full precision."""
+    """A finished catalogue. ``stars``: rows of the image, in the image's frame. ``distances``: distance table at full
+    precision."""
 
     plan: BuildPlan
     image: bytes
@@ -103,8 +105,8 @@ class Prepared:
 
 
 def prepare(request: BuildRequest, source: StarSource | StarTable, progress: Progress | None = None) -> Prepared:
-    """Plan the request and select its stars; BadInput if it cannot be built, as far as this can be determined before
-    the tables are made.
+    """Plan the request and select its stars. Raises BadInput if the selection already shows that the catalogue cannot
+    be built.
 
     ``progress``: as for :func:`build`, up to 0.3.
     """
@@ -118,8 +120,8 @@ def prepare(request: BuildRequest, source: StarSource | StarTable, progress: Pro
 def preview(request: BuildRequest, source: StarSource | StarTable, *, mistakes: bool = False) -> Preview:
     """Compute counts, funnel and map of a request, fast enough for a page that updates while parameters change.
 
-    ``mistakes``: also compute a coarse map of where stars can be confused. BadInput if the request is too heavy for a
-    preview.
+    ``mistakes``: also compute a coarse map of the sky regions in which stars can be confused. Raises BadInput if the
+    request is too expensive for a preview.
     """
     p, origin = plan(request), _source(source)
     if (reason := too_heavy(p, origin)) is not None:
@@ -135,8 +137,8 @@ def preview(request: BuildRequest, source: StarSource | StarTable, *, mistakes: 
 def build(request: BuildRequest, source: StarSource | StarTable, progress: Progress | None = None) -> BuiltCatalogue:
     """Build the bank image of a request, its manifest and its quality figures.
 
-    ``progress`` is called with (stage, fraction done) before each stage and may raise to cancel; nothing is stored
-    then.
+    ``progress`` is called with (stage, fraction done) before each stage. It can raise an exception to cancel the build;
+    nothing is stored in that case.
     """
     report = progress or (lambda stage, share: None)
     report("envelope", 0.0)
@@ -158,7 +160,7 @@ def finish(ready: Prepared, progress: Progress | None = None) -> BuiltCatalogue:
     _check_size(p, len(image))
     report("quality", 0.6)
     reduced = catalogue_tables.tables.reduced
-    # The device searches the reduced catalogue if there is one; only the pairs among its stars are on board then.
+    # If there is a reduced catalogue, the device searches it, and only pairs of its stars are on board.
     directory = selection.kept if reduced is None else selection.kept.take(reduced.kept)
     assessment = assess_catalogue(
         p, selection.kept, pairs if reduced is None else catalogue_tables.distances, directory
@@ -179,15 +181,15 @@ def too_heavy(p: BuildPlan, source: StarSource | StarTable) -> BadInput | None:
     base = p.base
     fields = base.looked_at if isinstance(base, BlockEnvelope) else 0
     stars = int(np.count_nonzero(_source(source).stars.v_mag <= p.request.rules.faint_mag))
-    stars_looked_at = round(frame_looks(stars, p.request.rules, p.shape))
-    for count, most, quantity in (
+    tested_stars = round(frame_looks(stars, p.request.rules, p.shape))
+    for count, limit, quantity in (
         (fields, MAX_FIELDS, "fields of the blocks"),
-        (stars_looked_at, MAX_LOOKS, "stars in frames"),
+        (tested_stars, MAX_TESTED_STARS, "stars in frames"),
     ):
-        if count > most:
+        if count > limit:
             return BadInput(
                 f"too many combinations for a preview: {count}",
-                expected=f"at most {most} {quantity}",
+                expected=f"at most {limit} {quantity}",
                 got=str(count),
                 hint="build it as a job, or choose narrower limits, fewer stars or the exact method",
             )
@@ -230,7 +232,7 @@ def _check_kept(p: BuildPlan, selection: Selection) -> None:
             hint="relax the selection rules",
         )
     request = p.request
-    # A reduced catalogue keeps only the pairs among its own stars, which are unknown until it is made.
+    # A reduced catalogue stores only the pairs of its stars, and these stars are not selected yet.
     reduced = frame_for(request.format_name, p.profile.camera, request.reduced)
     if format_of(request.format_name).pair_bytes and reduced is None:
         pairs = estimate_pairs(selection.kept.icrs, p.request.pair_min_rad, p.pair_max_rad)
@@ -296,7 +298,7 @@ def _manifest(
 
 
 def _choice_facts(selection: Selection, reduced: ReducedCatalogue | None) -> dict[str, object]:
-    """Results of the screening and frame of the reduced catalogue; empty without either."""
+    """Return the results of the screening and the frame of the reduced catalogue; empty if the build has neither."""
     facts: dict[str, object] = {}
     if (screening := screening_facts(selection)) is not None:
         facts["screening"] = screening

@@ -1,7 +1,7 @@
-"""Apply corrections to the stars of a source; each can be switched on or off, and each is recorded.
+"""Apply corrections to the stars of a source and record them. Each correction can be switched on or off.
 
 The order follows the physical cause: magnitudes of the date, motion to the epoch, the camera's magnitudes, effective
-centres of light, the observer's position and velocity, the axes. With the defaults only ``propagate`` is applied.
+centres of light, the observer's position and velocity, the axes. The default applies only ``propagate``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ from gss.domain.response import response_of
 from gss.domain.stars import FLAG_VARIABLE, StarTable
 
 CorrectionFact = Mapping[str, object]
-"""One applied correction: ``name``, ``stars``, usually ``largest`` with its ``unit``, and values that only it has."""
+"""One applied correction: ``name``, ``stars``, usually ``largest`` with its ``unit``, and values specific to the
+correction."""
 
 
 class SkyFacts(TypedDict):
@@ -50,9 +51,9 @@ class SkyFacts(TypedDict):
 class CorrectedSky:
     """Corrected stars with a record of the corrections.
 
-    ``stars``: in the chosen frame. ``icrs_stars``: the same rows in ICRS axes, with which the envelope is tested.
-    ``rejected``: stars removed by the policy for doubles, ICRS. ``frame``: name for the manifest. ``facts``: plain
-    values.
+    ``stars``: in the chosen frame. ``icrs_stars``: the same rows in ICRS axes, used to test membership of the envelope.
+    ``rejected``: stars removed by the policy for doubles, ICRS. ``frame``: name of the frame for the manifest.
+    ``facts``: record of the corrections as plain values.
     """
 
     stars: StarTable
@@ -76,9 +77,10 @@ def corrected(
     date_jyear: float | None = None,
     profile: CameraProfile | None = None,
 ) -> CorrectedSky:
-    """Return the sky of ``epoch_jyear`` as seen on ``date_jyear`` (None: the same), a Julian year of TT; UTC is accurate enough.
+    """Return the sky of ``epoch_jyear`` as seen on ``date_jyear`` (None: at the epoch). Both are Julian years of TT;
+    UTC is accurate enough.
 
-    Doubles are merged from all given stars, so apply the limiting magnitude afterwards if faint companions matter.
+    Doubles are merged from all input stars. Apply the magnitude limit afterwards if faint companions matter. Raises
     BadInput if a date is out of range or a correction needs a camera profile.
     """
     date = epoch_jyear if date_jyear is None else date_jyear
@@ -203,8 +205,8 @@ def _seen_from_earth(stars: StarTable, c: Corrections, date: float, facts: list[
         now = near
     annual = mean_earth_velocity_c(date, c.aberration_days) if c.annual_aberration else np.zeros(3)
     if c.annual_aberration:
-        # Velocities must be added before aberration is applied, so the second step starts from the uncorrected
-        # positions.
+        # Velocities must be added before aberration is applied, so the second step uses the positions without
+        # aberration.
         shifted = replace(now, icrs=aberrate(now.icrs, annual))
         velocity = [float(v) for v in annual * LIGHT_KM_S]
         facts.append(_shift_fact("annual_aberration", now, shifted, velocity_km_s=velocity, days=c.aberration_days))
@@ -227,7 +229,7 @@ def _orbital_velocity_km_s(unit: Array, orbit: OrbitVelocity | MeanOrbitVelocity
 
 
 def _aberrate_each(unit: Array, velocity_c: Array) -> Array:
-    """Apply ``aberrate`` with a separate velocity for each direction."""
+    """Apply aberration with a separate velocity for each direction."""
     inverse_gamma = np.sqrt(1 - np.sum(velocity_c**2, axis=1))[:, None]
     along = np.sum(unit * velocity_c, axis=1)[:, None]
     return np.asarray((inverse_gamma * unit + (1 + along / (1 + inverse_gamma)) * velocity_c) / (1 + along))

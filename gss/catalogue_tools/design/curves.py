@@ -34,8 +34,9 @@ LIMIT_SPAN_MAG, LIMIT_STEP_MAG, GRID_BEYOND_MAG = 3.0, 0.1, 0.6
 
 @dataclass(frozen=True)
 class Curves:
-    """Curves of a report: fractions of fields with fewer than 3 and 5 stars by magnitude limit, by circle and by
-    focal length; signal-to-noise ratio and centroid error by magnitude; accuracy by exposure and by limit."""
+    """Curves of a report: fractions of fields with fewer than 3 and 5 stars by magnitude limit, by circle diameter and
+    by focal length; signal-to-noise ratio and centroid error by magnitude; accuracy by exposure and by magnitude
+    limit."""
 
     limit_mag: Array
     mean_stars: Array
@@ -62,11 +63,11 @@ def curves_of(
     attitudes: Array,
     pairs: StarsInFields,
     in_fields: StarsInFields,
-    most_pairs: float,
+    max_pairs: float,
     progress: Progress,
 ) -> Curves:
-    """Compute all curves. ``in_force_mag``: faintest magnitude; ``attitudes``: pointings, with the stars in their fields;
-    ``most_pairs``: largest number of stars that one curve may process."""
+    """Compute all curves. ``in_force_mag``: active magnitude limit. ``attitudes``: pointings. ``pairs``, ``in_fields``:
+    stars in their fields. ``max_pairs``: largest number of stars that one curve can process."""
     grid = _limit_grid(in_force_mag)
     nth = nth_brightest_mag(pairs, stars.v_mag)
     unit = stars.icrs[: bright_rows(stars, in_force_mag)]
@@ -74,14 +75,14 @@ def curves_of(
     circle = np.linspace(0.1, 1.0, 37) * min(4 * half, np.radians(120.0))
     focal = _focals(c)
     widest = c.edited(focal_mm=float(focal[0]))
-    some = attitudes[: affordable(widest, len(unit), len(attitudes), most_pairs)]
+    some = attitudes[: affordable(widest, len(unit), len(attitudes), max_pairs)]
     progress(0.2)
     v = np.arange(np.floor(min(saturation_mag(c), in_force_mag, 6.0)) - 1, in_force_mag + 2, 0.25)
     exposures = _exposures_s(c)
     used = np.linspace(max(-1.0, in_force_mag - 3.0), in_force_mag, 9)
     by_focal = p_fewer_by_focal(unit, some, c, focal, NEED)
     progress(0.4)
-    by_exposure = _by_exposure(c, stars, attitudes, exposures, most_pairs)
+    by_exposure = _by_exposure(c, stars, attitudes, exposures, max_pairs)
     progress(0.8)
     nearest = nth_nearest_rad(unit, attitudes[:, 2])
     return Curves(
@@ -105,21 +106,22 @@ def curves_of(
 
 
 def _exposures_s(c: DesignCamera) -> Array:
-    """Exposures around the camera's own, within the accepted range."""
+    """Return exposures around that of the camera, within the accepted range."""
     low, high, _ = LIMITS["exposure_s"]
     exposures = c.exposure_s * EXPOSURE_FACTORS
     return np.unique(np.append(exposures[(exposures >= low) & (exposures <= high)], c.exposure_s))
 
 
 def _by_exposure(
-    c: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, most_pairs: float
+    c: DesignCamera, stars: StarTable, attitudes: Array, exposure_s: Array, max_pairs: float
 ) -> tuple[Accuracy, ...]:
     """Compute the accuracy by exposure.
 
-    A longer exposure shows many more stars, so the number of pointings is limited to what is affordable at the longest.
+    A longer exposure shows many more stars, so the number of pointings is limited to the number that is affordable at
+    the longest exposure.
     """
     rows = bright_rows(stars, max(limit_at_mag(c, float(t)) for t in exposure_s))
-    some = attitudes[: affordable(c, rows, len(attitudes), most_pairs / 2)]
+    some = attitudes[: affordable(c, rows, len(attitudes), max_pairs / 2)]
     pairs = pairs_in_view(stars.icrs[:rows], some, c.shape)
     return tuple(against_exposure(c, stars, pairs, exposure_s))
 
@@ -131,7 +133,7 @@ def _limit_grid(limit: float) -> Array:
 
 
 def _focals(c: DesignCamera) -> Array:
-    """Focal lengths around the camera's own, as short as a flat detector allows."""
+    """Return focal lengths around that of the camera, as short as a flat detector allows."""
     shortest = np.hypot(*c.half_size_mm) / np.tan(np.radians(60.0))
     focal = c.focal_mm * FOCAL_FACTORS
     in_range = focal[(focal >= max(1.0, shortest)) & (focal <= 2000.0)]

@@ -1,4 +1,4 @@
-"""Complete design report of one camera: a fast version while parameters change, and the full one."""
+"""Design report of one camera: a fast version while parameters change, and the full report."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from gss.domain.experiment import Progress
 from gss.domain.stars import StarTable
 
 MAX_COUNTED = 40.0
-"""The histogram may process this many times as many stars as a curve, because it only counts them."""
+"""Factor by which the histogram can process more stars than a curve, because it only counts them."""
 EXCLUSION_RAD = float(np.radians(40.0))
 
 
@@ -50,8 +50,9 @@ EXCLUSION_RAD = float(np.radians(40.0))
 class DesignEffort:
     """Amount of computation.
 
-    ``pointings``: of the histogram; 0: use those of the curves. ``looks``: pointings of curves and accuracy. ``pairs``:
-    largest number of stars that one curve may process. ``trade_looks``: pointings per lens; 0: no lens trade-off.
+    ``pointings``: number of pointings of the histogram; 0: use the pointings of the curves. ``looks``: number of
+    pointings of curves and accuracy. ``pairs``: largest number of stars that one curve can process. ``trade_looks``:
+    pointings per lens; 0: no lens trade-off.
     """
 
     pointings: int
@@ -69,7 +70,7 @@ class DesignRequest:
     """Input of a design report.
 
     ``envelope`` None: the whole sky. ``exclusion_rad``: angle of Sun or Earth from the axis for which the baffle is
-    made; ``spare_mm``: widening of its front for misalignment.
+    designed. ``spare_mm``: widening of the baffle's front for misalignment.
     """
 
     camera: DesignCamera
@@ -81,7 +82,7 @@ class DesignRequest:
 
 @dataclass(frozen=True)
 class MagnitudeLimits:
-    """Faintest magnitude by each method. The last four use the documents' formulas with this camera's optics."""
+    """Magnitude limit by each method. The last four use the formulas of the documents with this camera's optics."""
 
     in_force_mag: float
     brightest_pixel_mag: float
@@ -97,7 +98,7 @@ class MagnitudeLimits:
 class DesignReport:
     """Results for one camera.
 
-    ``looks``: number of pointings behind the curves. ``two_stage`` None: a two-stage baffle would be too long.
+    ``looks``: number of pointings used for the curves. ``two_stage`` None: a two-stage baffle would be too long.
     ``baffle_problem``: why there is no baffle, empty if there is one.
     """
 
@@ -140,8 +141,8 @@ def design(
     each: Each = map,
     progress: Progress = no_progress,
 ) -> DesignReport:
-    """Compute the report. ``stars``: brightest first. ``each``: how blocks of pointings are mapped. BadInput if no
-    star is detected."""
+    """Compute the report. ``stars``: brightest first. ``each``: ``map`` or a parallel equivalent, applied to the blocks
+    of pointings. Raises BadInput if the camera detects no star."""
     c = request.camera
     limits = limits_of(c)
     _check(limits, stars)
@@ -186,7 +187,7 @@ def design(
 
 
 def camera_row(c: DesignCamera, stars: StarTable, looks: int, pairs: float, seed: int = 1) -> TradeRow:
-    """Return a camera's row in the table of cameras, over the whole sky."""
+    """Return the row of a camera in the table of cameras, for pointings over the whole sky."""
     return trade_row(c, stars, look(c, looks, seed), pairs)
 
 
@@ -195,7 +196,7 @@ def _count(request: DesignRequest, unit: Array, effort: DesignEffort, each: Each
     pointings = affordable(c, len(unit), effort.pointings, effort.pairs * MAX_COUNTED)
 
     def portion(k: int, m: int) -> Array:
-        # Seeds differ from those of all other portions and curves, whatever the size of the portions.
+        # The seed differs from the seeds of all other portions and curves, for any portion size.
         where = request.seed * 1_000_003 + 1 + k
         return look(c, m, where, request.envelope)
 

@@ -1,5 +1,5 @@
-"""Limiting magnitude by the method of Erlank 2013 §3.4.4: photons on a pixel against the number that the data sheet
-requires for SNR 10."""
+"""Limiting magnitude by the method of Erlank 2013 §3.4.4: compare the photons on a pixel with the number that the data
+sheet requires for SNR 10."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SNR10_W_CM2, WAVELENGTH_M = 25e-9, 535e-9
 
 @dataclass(frozen=True)
 class Lens:
-    """Parameters of eq. 3.4.2. Default: the document's order of magnitude, a lens of 1 cm radius."""
+    """Parameters of eq. 3.4.2. The default is the document's example, a lens of 1 cm radius."""
 
     area_cm2: float = float(np.pi)
     transmission: float = 0.6

@@ -1,4 +1,5 @@
-"""Limiting magnitude by the method of Huffman 2006 §3: peak of a Gaussian star over the noise of a pixel."""
+"""Limiting magnitude by the method of Huffman 2006 §3: compare the peak of a Gaussian star with the noise of a
+pixel."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ STAR_V6_E_S_CM2 = 1.5e3
 
 @dataclass(frozen=True)
 class MoniteqDetector:
-    """Detector parameters (Table 4.1). ``dark_share`` f: spread of the dark current. ``fixed_e2`` σ²_fix: read and
-    clock noise squared."""
+    """Detector parameters (Table 4.1). ``dark_share``: spread f of the dark current. ``fixed_e2``: σ²_fix, the sum of
+    the squared read and clock noise."""
 
     dark_e_s: float = 4e3
     dark_share: float = 0.01
@@ -49,6 +49,6 @@ def limit_for_snr_mag(d: MoniteqDetector, area_cm2: float, exposure_s: float, re
 
 
 def limit_mag(c: DesignCamera) -> float:
-    """Faintest V whose light is the camera's threshold times the noise of its 3 x 3 window: S/N ≥ 3 times the
+    """Faintest V whose signal is the camera's threshold times the noise of its 3 x 3 window, that is, S/N ≥ 3 times the
     threshold."""
     return limit_for_snr_mag(detector_of(c), c.aperture_cm2, c.exposure_s, 3 * c.threshold_snr)

@@ -19,13 +19,15 @@ PSF_GRID_PX = np.round(np.geomspace(0.25, 4.0, 25), 4)
 
 
 def column_shares(offset_px: Array | float, sigma_px: float, window_px: int) -> Array:
-    """(…, N) fraction of a star's light in each of N columns if it is ``offset_px`` from the middle of the window."""
+    """Return the (…, N) fraction of a star's light in each of N columns if the star is ``offset_px`` from the middle of
+    the window."""
     edge = np.arange(window_px + 1) - window_px / 2
     return np.asarray(np.diff(ndtr((edge - np.asarray(offset_px, float)[..., None]) / sigma_px), axis=-1))
 
 
 def brightest_pixel_share(sigma_px: float, streak_px: float = 0.0, centred: bool = False) -> float:
-    """Fraction of a star's light in its brightest pixel: averaged over the position within the pixel, or centred (the largest).
+    """Return the fraction of a star's light in its brightest pixel: averaged over the position within the pixel, or at
+    the centre, where it is largest.
 
     ``streak_px``: length of uniform motion along the columns during the exposure; the streak is centred.
     """
@@ -47,8 +49,8 @@ def brightest_pixel_share(sigma_px: float, streak_px: float = 0.0, centred: bool
 
 @lru_cache(maxsize=256)
 def energy_window(sigma_px: float) -> tuple[int, float]:
-    """Side N in pixels of the window that maximises the signal-to-noise ratio of a centred star over uniform noise,
-    and the fraction of light in it."""
+    """Return the window that maximises the signal-to-noise ratio of a centred star over uniform noise: its side N in
+    pixels, and the fraction of the star's light in it."""
     sizes = np.arange(1, 2 * int(np.ceil(3 * sigma_px)) + 3)
     shares = np.array([float(column_shares(0.0, sigma_px, int(n)).sum()) ** 2 for n in sizes])
     best = int(np.argmax(shares / sizes))
@@ -87,14 +89,14 @@ def limit_window_mag(c: DesignCamera) -> float:
 
 
 def limit_mag(c: DesignCamera) -> float:
-    """Magnitude limit in use: the given one, otherwise that of the brightest pixel, which all five systems compare
-    with the threshold."""
+    """Return the active magnitude limit: that of the design if stated, otherwise the limit by the brightest pixel,
+    which all five systems compare with the threshold."""
     return limit_brightest_pixel_mag(c) if c.mag_limit is None else c.mag_limit
 
 
 def saturation_mag(c: DesignCamera) -> float:
-    """Brightest V that keeps every pixel below full well and converter limit at any position; +inf if dark signal
-    alone saturates."""
+    """Return the brightest V at which no pixel reaches the full well or the converter limit, for any position within
+    the pixel; +inf if the dark signal alone saturates."""
     room_e = c.brightest_pixel_e
     if room_e <= 0:
         return float("inf")
@@ -112,8 +114,9 @@ def longest_exposure_s(c: DesignCamera) -> float:
 class Blur:
     """Motion limits.
 
-    ``streak_px``: streak that costs half a magnitude. ``rate_rad_s``: rate about a transverse axis that produces it.
-    ``smear_limit_rate_rad_s``: rate at which a star moves 0.88 px, the document's tolerable smear (Moniteq 1983 §4.2).
+    ``streak_px``: streak length that costs half a magnitude. ``rate_rad_s``: rate about a transverse axis that produces
+    this streak. ``smear_limit_rate_rad_s``: rate at which a star moves 0.88 px, the document's tolerable smear (Moniteq
+    1983 §4.2).
     """
 
     streak_px: float
@@ -125,7 +128,7 @@ TOLERABLE_SMEAR_PX = 0.88
 
 
 def blur_loss_mag(sigma_px: float, streak_px: Array) -> Array:
-    """Loss in magnitudes of the brightest-pixel limit for each streak length."""
+    """Return the loss of the brightest-pixel limit, in magnitudes, for each streak length."""
     still = brightest_pixel_share(sigma_px, centred=True)
     moving = np.array([brightest_pixel_share(sigma_px, float(s), centred=True) for s in np.ravel(streak_px)])
     return -2.5 * np.log10(moving / still)
@@ -134,7 +137,8 @@ def blur_loss_mag(sigma_px: float, streak_px: Array) -> Array:
 def motion_blur(c: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
     """Compute the angular rates that the camera tolerates.
 
-    The noise under a faint star is that of the sky, so the limit depends only on the peak's fraction of the light.
+    Under a faint star the sky noise dominates, so the limit depends only on the fraction of light in the brightest
+    pixel.
     """
 
     def excess(log_streak: float) -> float:
@@ -149,9 +153,9 @@ def motion_blur(c: DesignCamera, loss_mag: float = BLUR_LOSS_MAG) -> Blur:
 class PsfAdvice:
     """Effect of the focus for each ``sigma_px``.
 
-    ``limit_brightest_mag``, ``limit_window_mag``: limit by the brightest pixel and by the window. ``centroid_px``:
-    error of the faintest star now in use; ``best_px``: σ with the smallest error. ``kind``: of the present focus:
-    sharp, good or wide.
+    ``limit_brightest_mag``, ``limit_window_mag``: magnitude limit by the brightest pixel and by the window.
+    ``centroid_px``: error of the faintest star used at the present focus. ``best_px``: σ with the smallest error.
+    ``kind``: class of the present focus: sharp, good or wide.
     """
 
     sigma_px: Array
@@ -163,8 +167,8 @@ class PsfAdvice:
 
 
 SHARPEST_PX, MAX_OVER_BEST = 0.4, 2.5
-"""Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) a mean locator is biased by the pixel. Above 2.5 times the
-best the light is spread without benefit, except for a detector with non-uniform response within its pixels."""
+"""Below σ = 0.4 px (pixel over σ 2.5, Moniteq 1983 §4.2) the pixel biases a centre of light. Above 2.5 times the best
+σ, spreading the light has no benefit, unless the response within the pixels is non-uniform."""
 
 
 def psf_kind(sigma_px: float, best_px: float) -> str:

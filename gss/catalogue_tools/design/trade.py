@@ -1,4 +1,4 @@
-"""Camera comparison: the documents' cameras next to the edited one, and one camera with a grid of lenses."""
+"""Camera comparison: the documents' cameras next to the edited camera, and one camera with a grid of lenses."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from gss.domain.experiment import Progress
 from gss.domain.stars import StarTable
 
 LENS_FOCALS = np.array([0.5, 0.7, 1.0, 1.4, 2.0])
-"""Focal lengths of the trade-off, as multiples of the camera's own."""
+"""Focal lengths of the trade-off, as multiples of the camera's focal length."""
 LENS_F_NUMBERS = np.array([0.7, 1.0, 1.4])
-"""f-numbers of the trade-off, as multiples; steps of the standard scale (Erlank 2013 Table 3.4)."""
+"""f-numbers of the trade-off, as multiples of the camera's f-number; steps of the standard scale (Erlank 2013 Table
+3.4)."""
 
 
 @dataclass(frozen=True)
 class TradeRow:
     """Figures of one camera.
 
-    ``limit_mag``: limit in use. ``stars``: mean number in view. ``p_fewer_3``: fraction of fields with fewer than
-    three. ``cross_rad``, ``roll_rad``: median accuracy over all fields, one axis, 1σ. ``blur_rate_rad_s``: rate at
-    which half a magnitude is lost.
+    ``limit_mag``: active magnitude limit. ``stars``: mean number of stars in view. ``p_fewer_3``: fraction of fields
+    with fewer than three stars. ``cross_rad``, ``roll_rad``: median accuracy over all fields, one axis, 1σ.
+    ``blur_rate_rad_s``: angular rate that costs half a magnitude.
     """
 
     camera: DesignCamera
@@ -41,11 +42,11 @@ class TradeRow:
     blur_rate_rad_s: float
 
 
-def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: float) -> TradeRow:
-    """Assess one camera at (m, 3, 3) attitudes; fewer are used if it detects very many stars."""
+def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, max_pairs: float) -> TradeRow:
+    """Assess one camera at (m, 3, 3) attitudes. Fewer attitudes are used if the camera detects very many stars."""
     limit = limit_mag(c)
     rows = bright_rows(stars, limit)
-    count = affordable(c, rows, len(attitudes), most_pairs)
+    count = affordable(c, rows, len(attitudes), max_pairs)
     pairs = pairs_in_view(stars.icrs[:rows], attitudes[:count], c.shape)
     accuracies = accuracy(c, stars, pairs)
     return TradeRow(
@@ -62,9 +63,9 @@ def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: f
 
 
 def lens_trade(
-    c: DesignCamera, stars: StarTable, attitudes: Array, most_pairs: float, progress: Progress
+    c: DesignCamera, stars: StarTable, attitudes: Array, max_pairs: float, progress: Progress
 ) -> tuple[TradeRow, ...]:
-    """Assess the camera with shorter and longer, faster and slower lenses, each with the limit that its radiometry allows.
+    """Assess the camera with shorter, longer, faster and slower lenses, each with its radiometric magnitude limit.
 
     Star images keep their size in pixels. Lenses that give an invalid camera are omitted.
     """
@@ -77,5 +78,5 @@ def lens_trade(
                 other = replace(c, focal_mm=float(c.focal_mm * focal), f_number=float(c.f_number * number))
             except BadInput:
                 continue
-            rows.append(trade_row(other, stars, attitudes, most_pairs))
+            rows.append(trade_row(other, stars, attitudes, max_pairs))
     return tuple(rows)

@@ -1,6 +1,6 @@
 """Equal-area pixels on the sphere in ring order: centres and a search index (Górski et al. 2005).
 
-Tests compare with astropy-healpix, which is not used here because importing astropy takes a second.
+Tests compare the functions with astropy-healpix. The package is not used here because importing astropy takes a second.
 """
 
 from __future__ import annotations
@@ -60,5 +60,5 @@ def pixel_of(nside: int, unit: Array) -> NDArray[np.int64]:
 
 def pixel_radius_rad(nside: int) -> float:
     """Upper bound of the distance of a direction from the centre of its pixel."""
-    # The farthest corner is in the pixels between cap and belt; a test checks this bound for every nside.
+    # The pixels between cap and belt have the farthest corner. A test checks this bound for every nside.
     return float(1.1 * np.sqrt(pixel_area_sr(nside)))

@@ -1,5 +1,4 @@
-"""Liebe's triplet database in sections: its classes, and the constellations of each kind of uncertainty (Liebe
-1992)."""
+"""Liebe's triplet database in sections: its classes, and the constellations by type of uncertainty (Liebe 1992)."""
 
 from __future__ import annotations
 
@@ -41,8 +40,8 @@ def constellation_columns(constellations: Constellations, kind: int) -> Columns:
 
 
 def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellations:
-    """Read the constellations of all kinds; a kind missing from the bank is empty. CorruptData if they are not
-    valid."""
+    """Return the constellations of all kinds. A kind that the bank does not contain is empty. Raises CorruptData if a
+    section is not valid."""
     if "TCLS" not in content:
         raise CorruptData("triplets without their classes", expected="section TCLS", got=", ".join(content))
     classes = {k: float(v[0]) for k, v in to_columns(class_blocks(), content["TCLS"]).items()}

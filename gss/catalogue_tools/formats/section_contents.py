@@ -21,7 +21,7 @@ LINE = [("start", "<f8"), ("step", "<f8")]
 
 
 def line_index(values: NDArray[np.floating]) -> KVector | None:
-    """Return the k-vector of ascending values; None if there are fewer than two different ones."""
+    """Return the k-vector of ascending values; None if there are fewer than two different values."""
     if len(values) < 2 or not values[-1] > values[0]:
         return None
     return k_vector(values)

@@ -1,6 +1,7 @@
-"""Star list of far-mst and oersted, whose documents specify no bytes (chosen): unit vectors and magnitudes, 14 bytes per star.
+"""Star list of far-mst and oersted: unit vectors and magnitudes, 14 bytes per star. The layout is chosen, because the
+documents do not specify the bytes.
 
-The error of single precision is less than 0.02″; magnitudes are whole thousandths, −32 768 if unknown.
+The error of single precision is less than 0.02″; magnitudes are in thousandths, −32 768 if unknown.
 """
 
 from __future__ import annotations

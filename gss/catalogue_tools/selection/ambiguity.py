@@ -1,10 +1,11 @@
-"""Map of how easily stars can be confused: for each field, other parts of the catalogue that look like its stars.
+"""Map of how easily stars can be confused: for each field, other parts of the catalogue that look like the stars of the
+field.
 
-There are two figures for two kinds of matchers. A triangle matcher is misled by other triangles with the same three
-sides: for every triangle of a field's brightest stars the matching ones in the catalogue are counted, including mirror
-images, which distances cannot distinguish. A voting matcher is misled if wrong names get as many votes as the right
-one: ``rivals`` is the number of names that do so by chance, from the number of stars and the wrong pairs that each
-distance returns. With fewer than three stars both are infinite.
+There are two figures for two types of matchers. A triangle matcher is misled by other triangles with the same three
+sides. For every triangle of a field's brightest stars, the matching triangles in the catalogue are counted, including
+mirror images, which distances cannot distinguish. A voting matcher is misled if wrong stars get as many votes as the
+correct star. ``rivals`` is the expected number of such stars, computed from the number of stars and the number of wrong
+pairs that each distance query returns. For fields with fewer than three stars both figures are infinite.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ Rows = NDArray[np.intp]
 class AmbiguityMap:
     """Figures by HEALPix ring pixel; NaN (``stars``: −1) outside the envelope.
 
-    ``stars``: number in a circle around the pixel. ``wrong_pairs``: mean number of other pairs that match a pair of its
-    brightest. ``wrong_triangles``: mean number of other triangles that match one of theirs. ``rivals``: expected number
-    of wrong names per star with as many votes as the right one.
+    ``stars``: number of stars in a circle around the pixel. ``wrong_pairs``: mean number of other pairs that match a
+    pair of its brightest stars. ``wrong_triangles``: mean number of other triangles that match a triangle of these
+    stars. ``rivals``: expected number of wrong stars, per star, with as many votes as the correct star.
     """
 
     nside: int
@@ -46,8 +47,8 @@ class AmbiguityMap:
 
     @property
     def worst(self) -> tuple[float, float, float]:
-        """Right ascension, declination and ``rivals`` of the most ambiguous pixel; of infinite ones, that with the
-        fewest stars."""
+        """Right ascension, declination and ``rivals`` of the most ambiguous pixel. If ``rivals`` is infinite in several
+        pixels, the pixel with the fewest stars."""
         inside = np.flatnonzero(self.stars >= 0)
         if not len(inside):
             return float("nan"), float("nan"), float("nan")
@@ -57,7 +58,7 @@ class AmbiguityMap:
         return float(np.arctan2(y, x) % (2 * np.pi)), float(np.arcsin(z)), figure
 
     def facts(self) -> dict[str, object]:
-        """Medians and the fraction of the envelope with fewer than three stars, for the manifest."""
+        """Return medians and the fraction of the envelope with fewer than three stars, for the manifest."""
         inside = self.stars >= 0
         finite = np.isfinite(self.wrong_triangles) & inside
         ra, dec, figure = self.worst
@@ -85,8 +86,8 @@ def ambiguity_map(
 ) -> AmbiguityMap:
     """Compute the map of (n, 3) ICRS stars, brightest first.
 
-    ``radius_rad``: of the circle that represents a field. ``tolerance_rad``: half width of the matcher's distance
-    query. ``max_rad``: longest distance of the table.
+    ``radius_rad``: radius of the circle that represents a field. ``tolerance_rad``: half width of the matcher's
+    distance query. ``max_rad``: largest distance of the table.
     """
     if not tolerance_rad > 0 or brightest < 3 or not 0 < radius_rad < np.pi:
         raise BadInput(
@@ -121,10 +122,10 @@ def ambiguity_map(
 
 
 def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogue_stars: int) -> Array:
-    """(m,) expected number of wrong names with at least as many votes as the right one certainly gets, which is one per
-    other star of the field.
+    """Return the (m,) expected number of wrong stars with at least as many votes as the correct star is certain to get,
+    which is one per other star of the field.
 
-    Each wrong pair names two stars anywhere in the catalogue, so the votes follow Poisson's law.
+    Each wrong pair adds a vote to two stars anywhere in the catalogue, so the votes follow a Poisson distribution.
     """
     votes = field_stars - 1
     mean = votes * 2 * wrong_pairs / max(catalogue_stars, 1)
@@ -132,8 +133,8 @@ def expected_rivals(field_stars: NDArray[np.int64], wrong_pairs: Array, catalogu
 
 
 def wrong_matches(unit: Array, trios: Rows, tolerance_rad: float, max_rad: float) -> tuple[Array, Array]:
-    """Count the matches of (m, 3) rows of triangles: (m,) mean number of other pairs like each side, and (m,) number of
-    other triangles with the same three sides, all within the tolerance.
+    """Count the matches of (m, 3) triangles. Returns the (m,) mean number of other pairs with the length of a side, and
+    the (m,) number of other triangles with the same three sides, within the tolerance.
 
     Triangles of the same stars in a different order count once.
     """
@@ -159,20 +160,20 @@ class _Neighbours:
         self.key, self.neighbour = whole[sort], np.concatenate([second, first])[sort]
 
     def pairs_like(self, side: Array, tolerance_rad: float) -> Array:
-        """(m,) number of pairs with that length, within the tolerance."""
+        """Return the (m,) number of pairs with each length, within the tolerance."""
         low, high = self.pairs.ranges(side - tolerance_rad, side + tolerance_rad)
         return np.asarray(high - low, float)
 
 
 def _triangles_like(unit: Array, table: _Neighbours, trios: Rows, sides: list[Array], tolerance_rad: float) -> Array:
-    """(m,) number of other triangles that match each one: find pairs that match the first side, in both directions,
-    then third stars by the second side, then check the third side."""
+    """Return the (m,) number of other triangles that match each triangle. Pairs that match the first side are searched
+    in both directions, then third stars that match the second side; then the third side is checked."""
     owner, row = expanded(*table.pairs.ranges(sides[0] - tolerance_rad, sides[0] + tolerance_rad))
     owner = np.concatenate([owner, owner])
     i = np.concatenate([table.pairs.first[row], table.pairs.second[row]])
     j = np.concatenate([table.pairs.second[row], table.pairs.first[row]])
     keys = i * 4.0 + sides[1][owner]
-    ascending = np.argsort(keys)  # searchsorted is three times as fast with ordered keys
+    ascending = np.argsort(keys)  # searchsorted is three times as fast if the keys are sorted
     keys, owner, i, j = keys[ascending], owner[ascending], i[ascending], j[ascending]
     step, at = expanded(
         np.searchsorted(table.key, keys - tolerance_rad), np.searchsorted(table.key, keys + tolerance_rad)
