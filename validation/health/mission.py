@@ -1,4 +1,4 @@
-"""The simulated year: what the health of the sensor recovers of the ageing that was rendered."""
+"""Simulated year of a sensor: compare the ageing that the health analysis reports with the ageing that was rendered."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ CAMERA = "cubestar"
 LIMIT_MAG = 7.0
 YEAR_DAYS = 365.25
 RENDER_SHARE = 0.25
-FAR_HITS_S = 2.0
-"""Rate of hits, from which a place counts as inside the anomaly."""
+ANOMALY_HITS_S = 2.0
+"""Rate of hits above which a position counts as inside the anomaly."""
 
 
 def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
@@ -66,19 +66,22 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
         (
             f"{trials} frames at random attitudes and times of {DAYS:g} days of the {profile.title} in a polar orbit; "
             f"{len(health.times_s)} with an attitude",
-            f"the temperature swings by 9 K every 61 days; {RADIATION.damaged_per_day:g} damaged pixels a day, half of them anneal "
+            f"the temperature varies by ±9 K with a period of 61 days; {RADIATION.damaged_per_day:g} damaged "
+            "pixels a day, half of them anneal "
             f"with half-lives of {RADIATION.half_life_days[0]:g} to {RADIATION.half_life_days[1]:g} days, a tenth grows",
             f"{RADIATION.hits_s:g} particles a second, {RADIATION.anomaly_hits_s:g} in the middle of the South Atlantic Anomaly",
             "focal length, light and width of the stars drift; focal length and light jump once",
         ),
         seed,
         (
-            "Damaged pixels are found if their dark current exceeds the least of a warm pixel, which is stated above their row.",
-            "Particles beside stars, and those of less charge than the threshold, are not counted.",
-            "Levels outside their interval are mostly those of annealing pixels whose decay is not significant: they are called "
-            "steady, and their level is that of a mean over the decay. Intervals of the others hold.",
-            "Five of a hundred intervals miss the true value by chance; the trends share their samples, so that misses come "
-            "together.",
+            "A damaged pixel is detected if its dark current exceeds the smallest dark current of a warm pixel, "
+            "which a row states.",
+            "Particles next to stars and particles with less charge than the threshold are not counted.",
+            "Levels outside their interval are mostly those of annealing pixels whose decay is not significant. "
+            "Such a pixel is reported as steady, with its mean level over the decay. The intervals of the other "
+            "pixels are correct.",
+            "Five of a hundred intervals miss the true value by chance. The trends use the same samples, so "
+            "misses occur together.",
         ),
         (
             Curve(
@@ -111,7 +114,7 @@ def _scaled(e: Estimate, factor: float, offset: float = 0.0) -> Estimate:
 
 
 def _jump(jumps: tuple[Jump, ...], day: float) -> Jump | None:
-    """The jump nearest to a day, None without any."""
+    """Return the jump nearest to a day; None if there is no jump."""
     return min(jumps, key=lambda j: abs(j.time_s.value - START_S - day * DAY_S), default=None)
 
 
@@ -146,9 +149,7 @@ def _trends(health: MissionHealth, profile: CameraProfile) -> list[tuple[Cell, .
         f for f in health.figures if f.trend is not None and f.name in ("centre column", "centre row", "distortion")
     ]
     beside = [f.name for f in other if f.trend is not None and (f.trend.jumps or not f.trend.per_day.contains(0.0))]
-    rows.append(
-        ("figures that moved beside these", "none", ", ".join(beside) or "none", None, "no" if beside else "yes")
-    )
+    rows.append(("other figures that changed", "none", ", ".join(beside) or "none", None, "no" if beside else "yes"))
     return rows
 
 
@@ -188,7 +189,7 @@ def _pixels(health: MissionHealth, made: Year, profile: CameraProfile) -> list[t
     detected = {k for _, k in right}
     megapixels = profile.camera.rows * columns / 1e6
     return [
-        ("least dark current of a warm pixel, e/s", None, f"{health.warm_e_s:.0f}", None, None),
+        ("smallest dark current of a warm pixel, e/s", None, f"{health.warm_e_s:.0f}", None, None),
         ("damaged pixels above it", str(len(strong)), _share([k in detected for k in sorted(strong)]), None, None),
         ("onset within its interval", "95 %", _share([_dated(c, damage.onset_day[k]) for c, k in right]), None, None),
         (
@@ -207,7 +208,7 @@ def _pixels(health: MissionHealth, made: Year, profile: CameraProfile) -> list[t
         ),
         ("half-life within its interval", "95 %", _share(lives), None, None),
         (
-            "annealing pixels said to anneal",
+            "annealing pixels reported as annealing",
             None,
             _share([c.shape == ANNEALING for c, k in right if np.isfinite(damage.half_life_days[k])]),
             None,
@@ -239,7 +240,7 @@ def _particles(health: MissionHealth, made: Year) -> list[tuple[Cell, ...]]:
     true: Array = np.array([t.hits for f, t in zip(made.frames, made.true, strict=True) if f.solved], float)
     rate = np.array([t.rate_s for f, t in zip(made.frames, made.true, strict=True) if f.solved])
     rows: list[tuple[Cell, ...]] = []
-    for title, inside in (("in the anomaly", rate > FAR_HITS_S), ("elsewhere", rate <= FAR_HITS_S)):
+    for title, inside in (("in the anomaly", rate > ANOMALY_HITS_S), ("elsewhere", rate <= ANOMALY_HITS_S)):
         count = int(np.count_nonzero(inside))
         if count:
             text = f"{health.particles[inside].sum() / count:.2f}"

@@ -1,4 +1,4 @@
-"""Rerun of Huffman's comparison of his matchers on 14-frame sequences (Huffman 2006 §7.2–7.4, §8.1.2, Table 8.2)."""
+"""Rerun of Huffman's comparison of matchers on 14-frame sequences (Huffman 2006 §7.2–7.4, §8.1.2, Table 8.2)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,8 @@ WRONG_PX = 20.0
 
 @dataclass
 class _Tally:
-    """Results of one matcher: frames solved and wrong, and per track the error and its σ at the last frame, arcseconds."""
+    """Results of one matcher: numbers of solved and wrong frames, and for each track the error and its σ at the last
+    frame in arcseconds."""
 
     frames: int = 0
     solved: int = 0
@@ -97,14 +98,17 @@ def huffman_8_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
         tuple(_row(name, tolerance, t, reference) for (name, tolerance), t in tallies.items()),
         (
             f"{trials} tracks of {FRAMES} frames, 1° per frame, block filter at 1 σ, sky to V {SKY_MAG:g}, Table 7.1 with g = 1",
-            f"bank V ≤ {BANK_MAG:g}, directory of the eight brightest per field; σ of a centroid after eq. 4.2; wrong: more than "
+            f"bank V ≤ {BANK_MAG:g}, directory of the eight brightest stars per field; σ of a centroid after eq. "
+            "4.2; wrong: more than "
             f"{WRONG_PX:g} px off across the boresight, in a relative chain from there on",
         ),
         seed,
         (
-            "The paper has one sequence in one region and all frames solved. Frame-to-frame attitudes start at the true first "
-            "attitude, the rate match at the true first turn; a frame not matched ends its chain.",
-            "'document' accepts a unique figure or the matcher's pairs unchanged; 'bound' completes and verifies them.",
+            "The paper has one sequence in one region, with all frames solved. Frame-to-frame attitudes start "
+            "from the true first attitude, the rate match from the true first rotation. A frame without a match "
+            "ends its chain.",
+            "'document' accepts a unique figure or the matcher's pairs unchanged. 'bound' completes and verifies "
+            "the matches.",
             "Times include detection, matching and attitude, if a clock was available.",
         ),
     )
@@ -128,7 +132,7 @@ def _catalogue_run(
 def _relative_run(
     lists: list[Centroids], shots: list[Snapshot], camera: Camera, p: FarMstParameters, method: str
 ) -> list[Attitude | None]:
-    """Return the attitudes chained from the true first one."""
+    """Return the attitudes of a frame-to-frame chain that starts from the true first attitude."""
     attitude = Attitude(shots[0].truth.quaternion, np.zeros((3, 3)))
     expected = quaternion_from_matrix(shots[1].cam_from_icrs @ shots[0].cam_from_icrs.T)
     made: list[Attitude | None] = [attitude]

@@ -1,4 +1,4 @@
-"""Elements of Jacobs' simulations: attitudes within limits, the sub-catalogue in view, observed stars with errors."""
+"""Elements of Jacobs's simulations: attitudes within limits, the sub-catalogue in view, observed stars with errors."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ TABLE_3_5 = AngleRanges(_deg(-10, 10), _deg(-5, 5), _deg(130, 140), _deg(0, 360)
 
 
 def random_attitude(limits: AngleRanges, rng: np.random.Generator) -> Array:
-    """(3, 3) cam_from_icrs with each angle uniformly distributed within its limits."""
+    """Return a random (3, 3) cam_from_icrs with each angle uniformly distributed within its limits."""
     roll, pitch, yaw, latitude, inclination, raan = (
         float(rng.uniform(*pair))
         for pair in (
@@ -60,8 +60,8 @@ def random_attitude(limits: AngleRanges, rng: np.random.Generator) -> Array:
 
 
 def sub_catalogue(stars: StarTable, limits: AngleRanges, camera: Camera, rng: np.random.Generator) -> StarTable:
-    """Return the stars to V 6 that can be in view (§5.2.1). The document steps through all combinations and marks blocks of 1°;
-    here enough random attitudes are drawn that the gaps at the edge are smaller than these blocks."""
+    """Return the stars to V 6 that can be in view (§5.2.1). The document steps through all combinations and marks
+    blocks of 1°. This function draws enough random attitudes to make the gaps at the edge smaller than these blocks."""
     bright = stars.brighter_than(LIMITING_MAG)
     corners = camera.corners()
     edges = np.cross(corners, np.roll(corners, -1, axis=0))
@@ -84,7 +84,7 @@ def bank_of(stars: StarTable, camera: Camera) -> OnboardCatalogue:
 
 @dataclass(frozen=True)
 class Observed:
-    """Centroids with errors, brightest first, and the catalogue row of each."""
+    """Centroids with errors, brightest first. ``row``: catalogue row of each centroid."""
 
     centroids: Centroids
     row: NDArray[np.intp]
