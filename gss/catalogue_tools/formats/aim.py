@@ -29,7 +29,7 @@ STARS = Rows(
     (
         BlockField("ra_turn32", "<u4", "turn/2³²", "right ascension, ICRS"),
         BlockField("dec_turn32", "<i4", "turn/2³²", "declination, −2³⁰ to 2³⁰"),
-        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
+        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 if unknown"),
         BlockField("flags", "<u1", "", "1 variable, 2 multiple, 4 no proper motion, 8 poor position"),
     ),
 )

@@ -29,8 +29,8 @@ STARS = Rows(
 PAIRS = Rows(
     "pairs",
     (
-        BlockField("first", "<i2", "", "row of the one star"),
-        BlockField("second", "<i2", "", "row of the other, higher"),
+        BlockField("first", "<i2", "", "row of the first star"),
+        BlockField("second", "<i2", "", "row of the second star, higher than the first"),
         BlockField("distance_rad", "<f4", "rad", "angular distance, ascending"),
     ),
 )

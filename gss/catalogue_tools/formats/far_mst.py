@@ -22,8 +22,8 @@ from gss.skytables.pairs import DistanceTable
 PAIRS = Rows(
     "pairs",
     (
-        BlockField("first", "<u2", "", "row of the one star"),
-        BlockField("second", "<u2", "", "row of the other, higher"),
+        BlockField("first", "<u2", "", "row of the first star"),
+        BlockField("second", "<u2", "", "row of the second star, higher than the first"),
         BlockField("sin2", "<f4", "", "sin² of the angular distance, ascending"),
     ),
 )

@@ -81,9 +81,9 @@ def _kind_section(tag: str, title: str, kind: int) -> SectionType:
     fields = (
         BlockField("star", "<u2", "", "row of the star"),
         BlockField("first", "<u2", "", "class of the distance to the nearest neighbour"),
-        BlockField("second", "<u2", "", "class of the distance to the second nearest"),
+        BlockField("second", "<u2", "", "class of the distance to the second nearest neighbour"),
         BlockField("angle_low", "<u1", "", "lowest class of the angle between them"),
-        BlockField("angle_high", "<u1", "", "highest class"),
+        BlockField("angle_high", "<u1", "", "highest class of that angle"),
     )
     return SectionType(tag, title, _write_kind(kind), lambda size, n, m: constellation_blocks(kind, size // 8), fields)
 
@@ -97,8 +97,8 @@ SECTIONS: dict[str, SectionType] = {
             write_k,
             k_blocks,
             (
-                BlockField("start", "<f8", "", "the line's value at 0 (rad, or sin² in far-mst)"),
-                BlockField("step", "<f8", "", "its rise from one entry to the next"),
+                BlockField("start", "<f8", "", "value of the line at entry 0 (rad, or sin² in far-mst)"),
+                BlockField("step", "<f8", "", "increase of the line per entry"),
                 BlockField("k", "<u2 or <u4", "", "m counts: pairs not above the line; u32 from 65 536 pairs"),
             ),
         ),
@@ -110,9 +110,9 @@ SECTIONS: dict[str, SectionType] = {
             (
                 BlockField("width_rad", "<f4", "rad", "width of the frame"),
                 BlockField("height_rad", "<f4", "rad", "height of the frame"),
-                BlockField("step_rad", "<f4", "rad", "between pointings"),
-                BlockField("brightest", "<u4", "", "stars taken of each frame"),
-                BlockField("kept_bits", "<u1", "", "⌈n/8⌉ bytes, a bit per star, lowest first"),
+                BlockField("step_rad", "<f4", "rad", "angle between pointings"),
+                BlockField("brightest", "<u4", "", "number of brightest stars per frame"),
+                BlockField("kept_bits", "<u1", "", "⌈n/8⌉ bytes, one bit per star, lowest bit first"),
             ),
         ),
         SectionType(
@@ -124,14 +124,14 @@ SECTIONS: dict[str, SectionType] = {
                 BlockField("distance_rad", "<f8", "rad", "width of a class of distances"),
                 BlockField("angle_rad", "<f8", "rad", "width of a class of angles"),
                 BlockField("uncertainty_rad", "<f8", "rad", "largest error of one star's position"),
-                BlockField("limit_mag", "<f8", "mag", "magnitude at which a star is seen every second time"),
-                BlockField("brightness_error", "<f8", "", "uncertainty of brightness, share"),
+                BlockField("limit_mag", "<f8", "mag", "magnitude at which a star is detected half of the time"),
+                BlockField("brightness_error", "<f8", "", "relative uncertainty of brightness"),
                 BlockField("max_rad", "<f8", "rad", "largest distance of a neighbour"),
             ),
         ),
-        _kind_section("TCER", "triplets of stars that are always seen", 0),
-        _kind_section("TMAY", "triplets with a neighbour that may be missed or blends", 1),
-        _kind_section("TEXC", "triplets that an error of position brings about", 2),
+        _kind_section("TCER", "triplets of stars that are always detected", 0),
+        _kind_section("TMAY", "triplets with a neighbour that can be missed or blended", 1),
+        _kind_section("TEXC", "triplets that arise only from a position error", 2),
         SectionType(
             "LINK",
             "linked list of neighbours (Moniteq 1983 §6.1)",
@@ -139,7 +139,7 @@ SECTIONS: dict[str, SectionType] = {
             link_blocks,
             (
                 BlockField("count", "<u2", "", "n counts of neighbours"),
-                BlockField("pointer", "<u2", "", "n places of the first neighbour"),
+                BlockField("pointer", "<u2", "", "n positions of the first neighbour"),
                 BlockField("neighbour", "<u2", "", "rows of the neighbours, ascending for each star"),
             ),
         ),

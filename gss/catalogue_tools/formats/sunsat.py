@@ -22,15 +22,15 @@ STARS = Rows(
     (
         BlockField("ra_rad", "<f4", "rad", "right ascension, ICRS, 0 to 2π"),
         BlockField("dec_rad", "<f4", "rad", "declination"),
-        BlockField("v_mag", "<f4", "mag", "magnitude V, NaN where unknown"),
+        BlockField("v_mag", "<f4", "mag", "magnitude V, NaN if unknown"),
     ),
     records=True,
 )
 PAIRS = Rows(
     "pairs",
     (
-        BlockField("first", "<u2", "", "row of the one star"),
-        BlockField("second", "<u2", "", "row of the other, higher"),
+        BlockField("first", "<u2", "", "row of the first star"),
+        BlockField("second", "<u2", "", "row of the second star, higher than the first"),
         BlockField("distance_rad", "<f4", "rad", "angular distance, ascending"),
     ),
     records=True,

@@ -27,8 +27,8 @@ MAX_STEPS = (1 << BITS) - 1
 PAIRS = Rows(
     "pairs",
     (
-        BlockField("first", "u13", "", "row of the one star"),
-        BlockField("second", "u13", "", "row of the other, higher"),
+        BlockField("first", "u13", "", "row of the first star"),
+        BlockField("second", "u13", "", "row of the second star, higher than the first"),
         BlockField("steps", "u13", "50 µrad", "angular distance, ascending"),
         BlockField("zero", "u1", "", "always 0"),
     ),

@@ -19,7 +19,7 @@ STARS = Rows(
         BlockField("x", "<f4", "", "ICRS unit vector"),
         BlockField("y", "<f4", "", "ICRS unit vector"),
         BlockField("z", "<f4", "", "ICRS unit vector"),
-        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 where unknown"),
+        BlockField("v_mmag", "<i2", "0.001 mag", "magnitude V, −32 768 if unknown"),
     ),
 )
 
