@@ -39,7 +39,7 @@ def erlank_4_1_6(stars: StarTable, trials: int, seed: int, progress: Progress) -
         p = replace(base, threshold_dn=threshold_dn)
         errors = [centroid_errors_px(camera, p, drawing, rng) for _ in range(trials)]
         means = np.array([np.abs(e).mean(axis=0) for e in errors if len(e)])
-        seen = sum(map(len, errors))
+        detected = sum(map(len, errors))
         rows.append(
             (
                 title,
@@ -49,7 +49,7 @@ def erlank_4_1_6(stars: StarTable, trials: int, seed: int, progress: Progress) -
                 PAPER_ROW_PX,
                 round(float(means[:, 1].mean()), 4),
                 _range(means[:, 1]),
-                share_text(seen, STARS * trials),
+                share_text(detected, STARS * trials),
             )
         )
     progress(1.0)
@@ -93,8 +93,8 @@ def centroid_errors_px(camera: Camera, p: CubestarParameters, drawing: Drawing, 
     if not len(measured_px):
         return np.empty((0, 2))
     apart = np.linalg.norm(measured_px[:, None] - at[None], axis=2)
-    right = apart.min(axis=1) < MATCH_PX
-    return np.asarray((measured_px - at[apart.argmin(axis=1)])[right])
+    matched = apart.min(axis=1) < MATCH_PX
+    return np.asarray((measured_px - at[apart.argmin(axis=1)])[matched])
 
 
 def _positions(camera: Camera, rng: np.random.Generator) -> Array:

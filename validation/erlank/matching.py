@@ -223,17 +223,17 @@ def _count_document(
     row = document_rows(setup.camera.unproject(pixels), setup.bank, hint, factor * setup.parameters.tolerance_rad)
     hip = np.where(row >= 0, setup.bank.hip[row], -1)
     n = len(truth.hip)
-    right = int(np.count_nonzero(hip[:n] == truth.hip))
-    tally.shares.append(right / n if n else 0.0)
-    tally.enough += right >= ENOUGH
-    tally.false_names += bool(np.count_nonzero(row >= 0) > right)
+    correct = int(np.count_nonzero(hip[:n] == truth.hip))
+    tally.shares.append(correct / n if n else 0.0)
+    tally.enough += correct >= ENOUGH
+    tally.false_names += bool(np.count_nonzero(row >= 0) > correct)
 
 
 def _count_chain(tally: Tally, setup: Bench, centroids: Centroids, truth: Truth, hint: AttitudePrior | None) -> None:
     mode = Mode.LOST_IN_SPACE if hint is None else Mode.ASSISTED
     result = solve_centroids(centroids, setup.camera, setup.bank, setup.parameters, mode=mode, hint=hint)
     scored = assess(result, truth, setup.camera)
-    right = scored.matched if result.attitude is not None else 0
-    tally.shares.append(right / len(truth.hip) if len(truth.hip) else 0.0)
-    tally.enough += right >= ENOUGH and scored.verdict is not Verdict.WRONG
+    correct = scored.matched if result.attitude is not None else 0
+    tally.shares.append(correct / len(truth.hip) if len(truth.hip) else 0.0)
+    tally.enough += correct >= ENOUGH and scored.verdict is not Verdict.WRONG
     tally.wrong += scored.verdict is Verdict.WRONG

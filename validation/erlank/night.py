@@ -211,9 +211,9 @@ def _frame(
 ) -> Rendered:
     v_mag = sky.v_mag + weather.flicker_mag * rng.normal(size=len(sky))
     icrs = sky.icrs + weather.seeing_rad * rng.normal(size=sky.icrs.shape)
-    seen = replace(sky, v_mag=v_mag, icrs=icrs / np.linalg.norm(icrs, axis=1, keepdims=True))
+    observed = replace(sky, v_mag=v_mag, icrs=icrs / np.linalg.norm(icrs, axis=1, keepdims=True))
     rate_rad_s = attitude @ np.array([0.0, 0.0, SIDEREAL_RAD_S])
-    return render(seen, profile.camera, sensor, attitude, EXPOSURE_S, rng, rate_rad_s=rate_rad_s)
+    return render(observed, profile.camera, sensor, attitude, EXPOSURE_S, rng, rate_rad_s=rate_rad_s)
 
 
 def _fit(night: _Night, times_s: Array, attitudes: list[Attitude]) -> None:

@@ -84,15 +84,15 @@ class Drawing:
 
 def star_image(pixels: Array, camera: Camera, drawing: Drawing | None = None) -> NDArray[np.uint8]:
     """Return a (rows, columns) image of 5 x 5 Gaussians of equal brightness on black (Erlank 2013 eq. 4.1.7)."""
-    made = drawing if drawing is not None else Drawing()
+    style = drawing if drawing is not None else Drawing()
     image = np.zeros((camera.rows, camera.columns))
     step = np.arange(-2, 3)
     for col_px, row_px in pixels:
-        col = (int(np.floor(col_px)) if made.floor_col else round(float(col_px))) + step
-        row = (int(np.floor(row_px)) if made.floor_row else round(float(row_px))) + step
+        col = (int(np.floor(col_px)) if style.floor_col else round(float(col_px))) + step
+        row = (int(np.floor(row_px)) if style.floor_row else round(float(row_px))) + step
         col, row = col[(col >= 0) & (col < camera.columns)], row[(row >= 0) & (row < camera.rows)]
         square = (col[None] - col_px) ** 2 + (row[:, None] - row_px) ** 2
-        image[np.ix_(row, col)] += made.peak_dn * np.exp(-square / (2 * made.sigma_px))
+        image[np.ix_(row, col)] += style.peak_dn * np.exp(-square / (2 * style.sigma_px))
     return np.rint(np.minimum(image, 255.0)).astype(np.uint8)
 
 

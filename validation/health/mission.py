@@ -45,7 +45,7 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
     camera, sensor = profile.camera, profile.sensor
     deep = stars.brighter_than(LIMIT_MAG)
     sky = reference.known_sky(SkyCatalogue(deep.hip, deep.icrs, deep.v_mag), camera, sensor.faint_limit_mag)
-    made = year(
+    simulated = year(
         profile,
         deep,
         trials,
@@ -53,9 +53,16 @@ def mission(stars: StarTable, trials: int, seed: int, progress: Progress) -> Exp
         lambda pixels: reference.solve_known(pixels, camera, sensor, sky, exposure_s=sensor.exposure_s),
         lambda s: progress(RENDER_SHARE * s),
     )
-    health = mission_health(made.frames, camera, sensor, lambda s, _: progress(RENDER_SHARE + (1 - RENDER_SHARE) * s))
+    health = mission_health(
+        simulated.frames, camera, sensor, lambda s, _: progress(RENDER_SHARE + (1 - RENDER_SHARE) * s)
+    )
     progress(1.0)
-    rows = [*_trends(health, profile), *_dark(health), *_pixels(health, made, profile), *_particles(health, made)]
+    rows = [
+        *_trends(health, profile),
+        *_dark(health),
+        *_pixels(health, simulated, profile),
+        *_particles(health, simulated),
+    ]
     days = (health.figure("focal length").times_s - START_S) / DAY_S
     return Experiment(
         "mission-health",
@@ -167,42 +174,42 @@ def _dark(health: MissionHealth) -> list[tuple[Cell, ...]]:
     ]
 
 
-def _pixels(health: MissionHealth, made: Year, profile: CameraProfile) -> list[tuple[Cell, ...]]:
-    columns, damage = profile.camera.columns, made.damage
+def _pixels(health: MissionHealth, simulated: Year, profile: CameraProfile) -> list[tuple[Cell, ...]]:
+    columns, damage = profile.camera.columns, simulated.damage
     row_of = {int(p): k for k, p in enumerate(damage.place)}
     factor = float(health.dark.factor(20.0))
     days = (health.times_s - START_S) / DAY_S
     first = np.searchsorted(days, damage.onset_day)
-    seen = [k for k in range(len(first)) if first[k] < len(days)]
-    strong = {k for k in seen if float(damage.dark_e_s(float(days[first[k]]))[k]) / factor > health.warm_e_s}
+    exposed = [k for k in range(len(first)) if first[k] < len(days)]
+    strong = {k for k in exposed if float(damage.dark_e_s(float(days[first[k]]))[k]) / factor > health.warm_e_s}
     new = [(c, row_of.get(c.row * columns + c.col, -1)) for c in health.pixels if c.onset_s is not None]
-    right = [(c, k) for c, k in new if k >= 0]
-    factory = set(made.chip.hot.tolist())
+    matched = [(c, k) for c, k in new if k >= 0]
+    factory = set(simulated.chip.hot.tolist())
     false = [
         c for c in health.pixels if c.row * columns + c.col not in factory and c.row * columns + c.col not in row_of
     ]
     lives = [
         c.half_life_s.contains(float(damage.half_life_days[k]) * DAY_S)
-        for c, k in right
+        for c, k in matched
         if c.half_life_s is not None and np.isfinite(damage.half_life_days[k])
     ]
-    detected = {k for _, k in right}
+    detected = {k for _, k in matched}
     megapixels = profile.camera.rows * columns / 1e6
     return [
         ("smallest dark current of a warm pixel, e/s", None, f"{health.warm_e_s:.0f}", None, None),
         ("damaged pixels above it", str(len(strong)), _share([k in detected for k in sorted(strong)]), None, None),
-        ("onset within its interval", "95 %", _share([_dated(c, damage.onset_day[k]) for c, k in right]), None, None),
+        ("onset within its interval", "95 %", _share([_dated(c, damage.onset_day[k]) for c, k in matched]), None, None),
         (
             "dark current in the first frame, within its interval",
             "95 %",
-            _share([_level(c.first_e_s, damage.dark_e_s(float(days[first[k]]))[k] / factor) for c, k in right]),
+            _share([_level(c.first_e_s, damage.dark_e_s(float(days[first[k]]))[k] / factor) for c, k in matched]),
             None,
             None,
         ),
         (
             "dark current at the end, within its interval",
             "95 %",
-            _share([_level(c.now_e_s, damage.dark_e_s(float(days[-1]))[k] / factor) for c, k in right]),
+            _share([_level(c.now_e_s, damage.dark_e_s(float(days[-1]))[k] / factor) for c, k in matched]),
             None,
             None,
         ),
@@ -210,7 +217,7 @@ def _pixels(health: MissionHealth, made: Year, profile: CameraProfile) -> list[t
         (
             "annealing pixels reported as annealing",
             None,
-            _share([c.shape == ANNEALING for c, k in right if np.isfinite(damage.half_life_days[k])]),
+            _share([c.shape == ANNEALING for c, k in matched if np.isfinite(damage.half_life_days[k])]),
             None,
             None,
         ),
@@ -236,9 +243,9 @@ def _share(hits: list[bool]) -> str | None:
     return share_text(sum(hits), len(hits)) if hits else None
 
 
-def _particles(health: MissionHealth, made: Year) -> list[tuple[Cell, ...]]:
-    true: Array = np.array([t.hits for f, t in zip(made.frames, made.true, strict=True) if f.solved], float)
-    rate = np.array([t.rate_s for f, t in zip(made.frames, made.true, strict=True) if f.solved])
+def _particles(health: MissionHealth, simulated: Year) -> list[tuple[Cell, ...]]:
+    true: Array = np.array([t.hits for f, t in zip(simulated.frames, simulated.true, strict=True) if f.solved], float)
+    rate = np.array([t.rate_s for f, t in zip(simulated.frames, simulated.true, strict=True) if f.solved])
     rows: list[tuple[Cell, ...]] = []
     for title, inside in (("in the anomaly", rate > ANOMALY_HITS_S), ("elsewhere", rate <= ANOMALY_HITS_S)):
         count = int(np.count_nonzero(inside))

@@ -40,10 +40,10 @@ def huffman_5_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
             nth = nth_brightest_mag(bright, shape, attitudes, 6)
             for count, paper in zip((4, 6), limits, strict=True):
                 needed = nth[:, count - 1]
-                median, most, worst = np.quantile(needed, [0.5, 0.95, 1.0])
+                median, p95, worst = np.quantile(needed, [0.5, 0.95, 1.0])
                 share = share_text(int(np.count_nonzero(needed <= paper)), trials)
                 label = f"{fov_deg}° {name}, at least {count} stars"
-                rows.append((label, paper, *(round(float(x), 2) for x in (median, most, worst)), share))
+                rows.append((label, paper, *(round(float(x), 2) for x in (median, p95, worst)), share))
     progress(1.0)
     return Experiment(
         "huffman-5-1",

@@ -104,7 +104,7 @@ def huffman_4_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
     for v_mag, (sum_s, mle_s) in TIMES_4_2.items():
         progress((v_mag - 1) / len(TIMES_4_2))
         errors: dict[str, list[Array]] = {"weighted_sum": [], "mle": []}
-        spent = {"weighted_sum": 0.0, "mle": 0.0}
+        seconds = {"weighted_sum": 0.0, "mle": 0.0}
         rng = np.random.default_rng([seed, v_mag])
         for _ in range(trials):
             at = scattered(30, rng, 40.0)
@@ -113,10 +113,10 @@ def huffman_4_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
                 p = replace(parameters(TABLE_4_1, 5.0, "block"), centroider=kind)
                 start = clock() if clock else 0.0
                 centroids = find_centroids(image, p).centroids
-                spent[kind] += clock() - start if clock else 0.0
+                seconds[kind] += clock() - start if clock else 0.0
                 errors[kind].append(_nearest_error(centroids.pixels, at))
         plain, mle = (np.concatenate(errors[kind]) for kind in ("weighted_sum", "mle"))
-        ratio = round(spent["mle"] / spent["weighted_sum"], 2) if clock else None
+        ratio = round(seconds["mle"] / seconds["weighted_sum"], 2) if clock else None
         rows.append(
             (
                 f"V {v_mag}",

@@ -35,29 +35,32 @@ def huffman_7_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
     of sequences of 14 frames. The first sequence is in the star-poor region."""
     camera = shipped_camera("far_mst").camera
     bright = stars.brighter_than(FAINTEST_MAG)
-    right: dict[tuple[float, str], list[list[int]]] = {(n, f): [] for n in PAPER_7_2 for f in FILTERS}
-    false: dict[tuple[float, str], int] = dict.fromkeys(right, 0)
-    errors: dict[tuple[float, str], list[Array]] = {key: [] for key in right}
-    lit: dict[float, int] = dict.fromkeys(PAPER_7_2, 0)
-    spent = dict.fromkeys(right, 0.0)
+    true_counts: dict[tuple[float, str], list[list[int]]] = {(n, f): [] for n in PAPER_7_2 for f in FILTERS}
+    false: dict[tuple[float, str], int] = dict.fromkeys(true_counts, 0)
+    errors: dict[tuple[float, str], list[Array]] = {key: [] for key in true_counts}
+    above_threshold: dict[float, int] = dict.fromkeys(PAPER_7_2, 0)
+    seconds = dict.fromkeys(true_counts, 0.0)
     for track in range(trials):
         progress(track / trials)
         shots = sequence(bright, camera, TABLE_7_1, np.random.default_rng([seed, track]), track, STEP_RAD)
-        for n, kind in right:
-            right[n, kind].append([])
+        for n, kind in true_counts:
+            true_counts[n, kind].append([])
         for shot in shots:
             for n in PAPER_7_2:
                 mask = np.asarray(shot.pixels > n * TABLE_7_1.noise_e)
-                lit[n] += int(np.count_nonzero(mask))
+                above_threshold[n] += int(np.count_nonzero(mask))
                 for kind in FILTERS:
                     good, wrong, off = _graded(shot, n, kind)
-                    right[n, kind][-1].append(good)
+                    true_counts[n, kind][-1].append(good)
                     false[n, kind] += wrong
                     errors[n, kind].append(off)
-                    spent[n, kind] += _seconds(mask, kind, clock)
+                    seconds[n, kind] += _seconds(mask, kind, clock)
     progress(1.0)
     frames = trials * FRAMES
-    rows = [_row(n, k, right[n, k], false[n, k], errors[n, k], lit[n], spent, frames, clock) for n, k in right]
+    rows = [
+        _row(n, k, true_counts[n, k], false[n, k], errors[n, k], above_threshold[n], seconds, frames, clock)
+        for n, k in true_counts
+    ]
     return Experiment(
         "huffman-7-2",
         "Two centroiders at five thresholds",
@@ -115,27 +118,27 @@ def _seconds(mask: NDArray[np.bool_], kind: str, clock: Clock | None) -> float:
 def _row(
     n: float,
     kind: str,
-    right: list[list[int]],
+    true_counts: list[list[int]],
     false: int,
     errors: list[Array],
-    lit: int,
-    spent: dict[tuple[float, str], float],
+    above_threshold: int,
+    seconds: dict[tuple[float, str], float],
     frames: int,
     clock: Clock | None,
 ) -> tuple[Cell, ...]:
     sliding_stars, block_stars, sliding_s, block_s = PAPER_7_2[n]
     sliding = kind == "sliding"
-    every = np.concatenate([np.array(r) for r in right])
+    counts = np.concatenate([np.array(r) for r in true_counts])
     off = np.concatenate(errors)
-    half = 1.96 * float(every.std()) / np.sqrt(len(every))
+    half = 1.96 * float(counts.std()) / np.sqrt(len(counts))
     return (
         f"{n:g} σ, {kind}",
         sliding_stars if sliding else block_stars,
-        f"{min(right[0])}-{max(right[0])}",
-        f"{every.mean():.1f} (±{half:.1f})",
+        f"{min(true_counts[0])}-{max(true_counts[0])}",
+        f"{counts.mean():.1f} (±{half:.1f})",
         round(false / frames, 3),
         round(float(np.median(off)), 2) if off.size else None,
         round(sliding_s / block_s, 3) if sliding else 1.0,
-        round(25 * lit / (frames * 1280 * 1024), 3) if sliding else 1.0,
-        (round(spent[n, "sliding"] / spent[n, "block"], 2) if sliding else 1.0) if clock else None,
+        round(25 * above_threshold / (frames * 1280 * 1024), 3) if sliding else 1.0,
+        (round(seconds[n, "sliding"] / seconds[n, "block"], 2) if sliding else 1.0) if clock else None,
     )

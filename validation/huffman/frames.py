@@ -125,9 +125,9 @@ def sequence(
         start = cam_from_icrs(2 * np.pi * rng.random(), float(np.arcsin(rng.uniform(-1, 1))), 2 * np.pi * rng.random())
         turn = 2 * np.pi * rng.random()
         axis = np.array([np.cos(turn), np.sin(turn), 0.0])
-    made = []
+    snapshots = []
     for k in range(FRAMES):
         rotation = rotation_from_vector(-step_rad * k * axis) @ start
         truth = truth_of(stars_near(stars, camera, rotation, 20.0), camera, rotation)
-        made.append(Snapshot(frame(truth.pixels, truth.v_mag, preset, rng), truth, rotation))
-    return made
+        snapshots.append(Snapshot(frame(truth.pixels, truth.v_mag, preset, rng), truth, rotation))
+    return snapshots

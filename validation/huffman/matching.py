@@ -122,11 +122,11 @@ def _catalogue(stars: StarTable, camera: Camera) -> FarMstCatalogue:
 def _catalogue_run(
     lists: list[Centroids], camera: Camera, catalogue: FarMstCatalogue, p: FarMstParameters
 ) -> list[Attitude | None]:
-    made = []
+    attitudes = []
     for centroids in lists:
         matching = match_stars(centroids, camera, catalogue, p)
-        made.append(calculate_attitude(matching, centroids, camera, catalogue, p).attitude)
-    return made
+        attitudes.append(calculate_attitude(matching, centroids, camera, catalogue, p).attitude)
+    return attitudes
 
 
 def _relative_run(
@@ -135,14 +135,14 @@ def _relative_run(
     """Return the attitudes of a frame-to-frame chain that starts from the true first attitude."""
     attitude = Attitude(shots[0].truth.quaternion, np.zeros((3, 3)))
     expected = quaternion_from_matrix(shots[1].cam_from_icrs @ shots[0].cam_from_icrs.T)
-    made: list[Attitude | None] = [attitude]
+    attitudes: list[Attitude | None] = [attitude]
     for before, after in pairwise(lists):
         turn = relative_attitude(before, after, camera, p, method, expected if method == "rate" else None)
         if turn.quaternion is None:
             break
         attitude, expected = chained(attitude, turn), turn.quaternion
-        made.append(attitude)
-    return made + [None] * (len(lists) - len(made))
+        attitudes.append(attitude)
+    return attitudes + [None] * (len(lists) - len(attitudes))
 
 
 def _grade(

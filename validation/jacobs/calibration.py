@@ -78,10 +78,10 @@ def jacobs_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
     start = replace(profile.camera, centre_col_px=col_px, centre_row_px=row_px, distortion=Pinhole())
     start = start.with_focal_scaled(1 + FOCAL_ERROR)
     frames = _images(stars, profile, start, 2 * trials, rng, progress)
-    own, others = frames[:trials], frames[trials:]
-    steps = _step_by_step(own, start, bench, profile)
+    calibration_frames, other_frames = frames[:trials], frames[trials:]
+    steps = _step_by_step(calibration_frames, start, bench, profile)
     prior = {n: Prior(getattr(start, n), BENCH_CENTRE_PX) for n in ("centre_col_px", "centre_row_px")}
-    self_calibrated = calibrate_camera(own, start, focal_mm=profile.focal_mm, priors=prior)
+    self_calibrated = calibrate_camera(calibration_frames, start, focal_mm=profile.focal_mm, priors=prior)
     progress(0.95)
     cameras = {
         "before": start,
@@ -89,10 +89,12 @@ def jacobs_6(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
         "self-calibrated": self_calibrated.camera,
         "true": profile.camera,
     }
-    light = _light(own, self_calibrated.camera, default_parameters(profile))
-    made = _experiment(cameras, own, others, bench, self_calibrated, light, profile, trials, seed)
+    light = _light(calibration_frames, self_calibrated.camera, default_parameters(profile))
+    experiment = _experiment(
+        cameras, calibration_frames, other_frames, bench, self_calibrated, light, profile, trials, seed
+    )
     progress(1.0)
-    return made
+    return experiment
 
 
 def _bench(profile: CameraProfile, rng: np.random.Generator) -> _Bench:
@@ -123,17 +125,17 @@ def _images(
     p = default_parameters(profile)
     names = _sky(stars, start)
     chip = make_chip(profile.defects, profile.sensor, profile.camera, 1)
-    made: list[FrameStars] = []
+    identified: list[FrameStars] = []
     tried = 0
-    while len(made) < count and tried < 4 * count:
+    while len(identified) < count and tried < 4 * count:
         tried += 1
         frame = _image(
-            stars, profile, start, names, chip, p, _rich(stars, profile.camera, rng), rng, f"image {len(made)}"
+            stars, profile, start, names, chip, p, _rich(stars, profile.camera, rng), rng, f"image {len(identified)}"
         )
         if frame is not None:
-            made.append(frame)
-        progress(0.9 * len(made) / count)
-    return made
+            identified.append(frame)
+        progress(0.9 * len(identified) / count)
+    return identified
 
 
 def _sky(stars: StarTable, start: Camera) -> KnownSky:
@@ -164,8 +166,8 @@ def _image(
     b_v = np.where(np.isfinite(stars.b_v), stars.b_v, 0.6)
     seen_mag = stars.v_mag + COLOUR * (b_v - 0.6) + FLICKER_MAG * rng.normal(size=len(stars))
     place = stars.icrs + SEEING_RAD * rng.normal(size=stars.icrs.shape)
-    seen = replace(stars, v_mag=seen_mag, icrs=place / np.linalg.norm(place, axis=1, keepdims=True))
-    picture = render(seen, profile.camera, profile.sensor, attitude, profile.sensor.exposure_s, rng, chip=chip)
+    observed = replace(stars, v_mag=seen_mag, icrs=place / np.linalg.norm(place, axis=1, keepdims=True))
+    picture = render(observed, profile.camera, profile.sensor, attitude, profile.sensor.exposure_s, rng, chip=chip)
     centroids = find_in_frame(picture.pixels, replace(p, max_found=60)).centroids
     result = solve_centroids(centroids, start, names)
     saturation_dn = float(profile.sensor.saturation_dn - profile.sensor.bias_dn - 2)
@@ -206,8 +208,8 @@ def _light(frames: Sequence[FrameStars], camera: Camera, p: SunsatParameters) ->
 
 def _experiment(
     cameras: dict[str, Camera],
-    own: list[FrameStars],
-    others: list[FrameStars],
+    calibration_frames: list[FrameStars],
+    other_frames: list[FrameStars],
     bench: _Bench,
     self_calibrated: CameraCalibration,
     light: PhotometricCalibration,
@@ -215,7 +217,7 @@ def _experiment(
     trials: int,
     seed: int,
 ) -> Experiment:
-    sheets = {name: (_distances(own, c), _distances(others, c)) for name, c in cameras.items()}
+    sheets = {name: (_distances(calibration_frames, c), _distances(other_frames, c)) for name, c in cameras.items()}
     return Experiment(
         "jacobs-6",
         "Calibration of Sunsat's camera",

@@ -66,14 +66,14 @@ def sub_catalogue(stars: StarTable, limits: AngleRanges, camera: Camera, rng: np
     corners = camera.corners()
     edges = np.cross(corners, np.roll(corners, -1, axis=0))
     edges *= np.sign(edges @ corners.mean(axis=0))[:, None]
-    seen = np.zeros(len(bright), bool)
+    in_view = np.zeros(len(bright), bool)
     for _ in range(MARKING // BATCH):
         attitudes = np.stack([random_attitude(limits, rng) for _ in range(BATCH)])
         planes = np.einsum("ei,bij->bej", edges, attitudes)
-        left = np.flatnonzero(~seen)
+        left = np.flatnonzero(~in_view)
         inside = (np.einsum("bej,nj->nbe", planes, bright.icrs[left]) >= 0).all(axis=2).any(axis=1)
-        seen[left[inside]] = True
-    return bright.take(np.flatnonzero(seen))
+        in_view[left[inside]] = True
+    return bright.take(np.flatnonzero(in_view))
 
 
 def bank_of(stars: StarTable, camera: Camera) -> OnboardCatalogue:

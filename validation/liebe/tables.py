@@ -174,11 +174,11 @@ def liebe_18(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
         error[trial] = _estimate_rad(seen, camera, bank, p, attitude, Mode.TRACKING, _coarse(attitude, rng))
     progress(1.0)
     good = np.isfinite(error)
-    whole = np.sqrt(np.mean(error[good] ** 2 * number[good])) / STAR_SIGMA_RAD
+    rms_ratio = np.sqrt(np.mean(error[good] ** 2 * number[good])) / STAR_SIGMA_RAD
     rows: list[tuple[Cell, ...]] = [
         ("all: mean ″", 14.6, _mean_text(error.tolist()), None),
         ("stars in the field", 18.9, f"{np.mean(number):.1f}", None),
-        ("all: rms of σ_axis √n / σ_star", 1.0, f"{whole:.3f}", None),
+        ("all: rms of σ_axis √n / σ_star", 1.0, f"{rms_ratio:.3f}", None),
     ]
     curve: list[tuple[float, float]] = []
     for low, high in GROUPS:

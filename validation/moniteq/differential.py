@@ -103,14 +103,14 @@ def _errors(
 def _view(
     icrs: Array, camera: Camera, cam_from_icrs: Array, body_from_cam: Array, rng: np.random.Generator
 ) -> CameraView | None:
-    seen = icrs[icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad)]
-    cam = seen @ cam_from_icrs.T
+    in_cone = icrs[icrs @ cam_from_icrs[2] > np.cos(camera.half_diagonal_rad)]
+    cam = in_cone @ cam_from_icrs.T
     pixels = camera.project(cam)
     inside = camera.contains(pixels)
-    cam, seen = cam[inside], seen[inside]
+    cam, in_cone = cam[inside], in_cone[inside]
     if len(cam) < STARS:
         return None
     nearest = np.argsort(-cam[:, 2])[:STARS]
     noisy = cam[nearest] + rng.normal(scale=SIGMA_RAD, size=(STARS, 3))
     noisy /= np.linalg.norm(noisy, axis=1, keepdims=True)
-    return CameraView(noisy, seen[nearest], np.full(STARS, SIGMA_RAD), body_from_cam)
+    return CameraView(noisy, in_cone[nearest], np.full(STARS, SIGMA_RAD), body_from_cam)

@@ -26,13 +26,13 @@ def moniteq_screening(stars: StarTable, trials: int, seed: int, progress: Progre
     bright = stars.brighter_than(LIMIT_MAG)
     all_stars, bin_only = false_matches(bright.v_mag), false_matches(bright.v_mag, CENTRE_MAG)
     progress(0.2)
-    chosen = np.random.default_rng(seed).permutation(len(bright))[: max(1, trials)]
+    sample = np.random.default_rng(seed).permutation(len(bright))[: max(1, trials)]
     middle = (float(bright.v_mag.min()) + LIMIT_MAG) / 2
     ways = ((middle, 100.0), (CENTRE_MAG, MONITEQ_MAG))
     counted = []
     for magnitude, tolerance in ways:
         companion_stars = companions(bright.icrs, bright.v_mag, MONITEQ_ARC_RAD, MONITEQ_RAD, magnitude, tolerance)[
-            chosen
+            sample
         ]
         counted.append(
             (
@@ -62,7 +62,7 @@ def moniteq_screening(stars: StarTable, trials: int, seed: int, progress: Progre
         "Moniteq 1983 §2.1–2.3, Table 2.4",
         ("what", "paper", "Poisson with our density", "counted"),
         rows,
-        ("ring of ±0.01° at 8°, stars of ±0.5 mag; Hipparcos V", f"counted round {len(chosen)} stars to V {LIMIT_MAG}"),
+        ("ring of ±0.01° at 8°, stars of ±0.5 mag; Hipparcos V", f"counted round {len(sample)} stars to V {LIMIT_MAG}"),
         seed,
         (
             "The document's value of 0.17 uses all stars to magnitude 6.5, although its text specifies stars "

@@ -58,9 +58,9 @@ def moniteq_2_1(stars: StarTable, trials: int, seed: int, progress: Progress) ->
     cells += [(limit, AIM_FIELD_DEG2, (), True) for limit in (5.5, 6.0, 6.5, 7.5)]
     for k, (limit, area, paper, aim) in enumerate(cells):
         progress(k / len(cells))
-        chosen = stars.icrs[stars.v_mag <= limit]
-        counts = _counts(chosen, centres, 1 - area * (np.pi / 180) ** 2 / (2 * np.pi))
-        mean = len(chosen) * area / WHOLE_SKY_DEG2
+        bright_stars = stars.icrs[stars.v_mag <= limit]
+        counts = _counts(bright_stars, centres, 1 - area * (np.pi / 180) ** 2 / (2 * np.pi))
+        mean = len(bright_stars) * area / WHOLE_SKY_DEG2
         if aim:
             enough, many = int(np.count_nonzero(counts >= 3)), 1 - sum(_poisson(mean, n) for n in range(3))
             rows.append(

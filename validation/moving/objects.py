@@ -52,10 +52,10 @@ class _Result:
     """Results of one scene: the reported tracks, and for each true object its signal-to-noise ratio, its trail length
     and True if it was detected."""
 
-    found: list[_ReportedTrack]
+    reported: list[_ReportedTrack]
     snr: list[float]
     trail_px: list[float]
-    seen: list[bool]
+    detected: list[bool]
 
 
 def moving_objects(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
@@ -63,35 +63,39 @@ def moving_objects(stars: StarTable, trials: int, seed: int, progress: Progress)
     profile = shipped_camera(CAMERA)
     catalogue = SkyCatalogue(stars.hip, stars.icrs, stars.v_mag)
     sky = known_sky(catalogue, profile.camera, profile.sensor.faint_limit_mag)
-    of = population(OBJECTS, np.random.default_rng([seed, 0]))
+    objects = population(OBJECTS, np.random.default_rng([seed, 0]))
     results = []
     for k in range(trials):
         progress(k / trials)
         rng = np.random.default_rng([seed, 1, k])
-        results.append(_searched(profile, stars, sky, of, scene(profile, stars, of, MAGNITUDES, rng)))
+        results.append(_search_scene(profile, stars, sky, objects, scene(profile, stars, objects, MAGNITUDES, rng)))
     progress(1.0)
     return _experiment(profile, results, trials, seed)
 
 
-def _searched(profile: CameraProfile, stars: StarTable, sky: KnownSky, of: Population, made: Scene) -> _Result:
+def _search_scene(
+    profile: CameraProfile, stars: StarTable, sky: KnownSky, objects: Population, rendered: Scene
+) -> _Result:
     camera, sensor = profile.camera, profile.sensor
-    solved = [reference.solve_known(image, camera, sensor, sky, exposure_s=sensor.exposure_s) for image in made.images]
-    views = views_of(made.times_s.tolist(), [sensor.exposure_s] * len(solved), solved)
+    solved = [
+        reference.solve_known(image, camera, sensor, sky, exposure_s=sensor.exposure_s) for image in rendered.images
+    ]
+    views = views_of(rendered.times_s.tolist(), [sensor.exposure_s] * len(solved), solved)
     index = [k for k, r in enumerate(solved) if r.attitude is not None]
     frames: list[FrameSpots] = []
-    frame_of = []
+    frame_numbers = []
     for k, view in zip(index, views, strict=True):
-        spots = find_spots(made.images[k], view, stars, sensor)
+        spots = find_spots(rendered.images[k], view, stars, sensor)
         if spots is not None:
             frames.append(spots)
-            frame_of.append(k)
+            frame_numbers.append(k)
     linked = link(frames, TOP_RATE_RAD_S) if frames else Linked([], [], [], [])
     detected = [
-        _compared(t, frame_of, made, of, camera.pixel_rad, streak)
+        _identify_track(t, frame_numbers, rendered, objects, camera.pixel_rad, streak)
         for tracks, streak in ((linked.moving, False), (linked.streaks, True))
         for t in tracks
     ]
-    true = [t for t in made.tracks if np.count_nonzero(t.on) >= MIN_FRAMES]
+    true = [t for t in rendered.tracks if np.count_nonzero(t.on) >= MIN_FRAMES]
     rows = {f.row for f in detected}
     return _Result(
         detected,
@@ -101,12 +105,12 @@ def _searched(profile: CameraProfile, stars: StarTable, sky: KnownSky, of: Popul
     )
 
 
-def _compared(
-    track: Tracklet, frame_of: list[int], made: Scene, of: Population, pixel_rad: float, streak: bool
+def _identify_track(
+    track: Tracklet, frame_numbers: list[int], rendered: Scene, objects: Population, pixel_rad: float, streak: bool
 ) -> _ReportedTrack:
-    index = np.array(frame_of)[track.frames]
+    index = np.array(frame_numbers)[track.frames]
     best: tuple[float, TrueTrack | None] = (np.inf, None)
-    for true in made.tracks:
+    for true in rendered.tracks:
         off = float(np.median(separation_rad(track.icrs, true.icrs[index]))) / pixel_rad
         near_px = max(NEAR_PX, NEAR_SHARE * float(np.median(true.trail_px[index])))
         best = min(best, (off / near_px, true), key=lambda b: b[0])
@@ -115,9 +119,9 @@ def _compared(
             track.times_s,
             track.icrs,
             np.sqrt(np.trace(track.covariance_rad2, axis1=1, axis2=2) / 2),
-            made.observer_km[index],
+            rendered.observer_km[index],
         ),
-        of.catalogue,
+        objects.catalogue,
     )
     name = "" if named is None else named.name
     if best[1] is None or best[0] > 1:
@@ -130,15 +134,15 @@ def _compared(
 
 
 def _experiment(profile: CameraProfile, results: list[_Result], trials: int, seed: int) -> Experiment:
-    detected = [f for r in results for f in r.found]
+    detected = [f for r in results for f in r.reported]
     linked, streaks = [f for f in detected if not f.streak], [f for f in detected if f.streak]
-    right = [f for f in detected if f.row >= 0]
-    z = np.concatenate([f.z for f in right]) if right else np.zeros((0, 2))
-    off = np.concatenate([f.off_px for f in right]) if right else np.zeros(0)
+    matched = [f for f in detected if f.row >= 0]
+    z = np.concatenate([f.z for f in matched]) if matched else np.zeros((0, 2))
+    off = np.concatenate([f.off_px for f in matched]) if matched else np.zeros(0)
     snr = np.array([s for r in results for s in r.snr])
     trail = np.array([t for r in results for t in r.trail_px])
-    seen = np.array([s for r in results for s in r.seen], bool)
-    named = [f for f in right if f.name]
+    seen = np.array([s for r in results for s in r.detected], bool)
+    named = [f for f in matched if f.name]
     wrong = [f for f in detected if f.name and f.name != f"SIM {f.row}"]
     rows: list[tuple[Cell, ...]] = [
         (
@@ -156,7 +160,7 @@ def _experiment(profile: CameraProfile, results: list[_Result], trials: int, see
         ),
         ("rms of error over stated error", "1", round(float(np.sqrt(np.mean(z**2))), 3) if len(z) else None, ""),
         ("median error, px", None, round(float(np.median(off)), 3) if len(off) else None, ""),
-        ("named", None, share_text(len(named), len(right)), "true tracklets that the elements explain"),
+        ("named", None, share_text(len(named), len(matched)), "true tracklets that the elements explain"),
         ("wrong names", "0", len(wrong), ""),
     ]
     for low, high in itertools.pairwise(SNR_EDGES):

@@ -65,8 +65,8 @@ def scene(
             break
     # Near objects are fast and rare, so half of the scenes point at one of them.
     near = 1 / distance_km[:, FRAMES // 2] ** (2 if rng.random() < 0.5 else 0)
-    chosen = np.where(visible, near, 0.0)
-    target = int(rng.choice(len(chosen), p=chosen / chosen.sum()))
+    weight = np.where(visible, near, 0.0)
+    target = int(rng.choice(len(weight), p=weight / weight.sum()))
     rate = rng.normal(0, 1, 3) * np.radians(0.01 if rng.random() < 0.5 else 0.05)
     attitude = _pointing(camera, icrs[target, FRAMES // 2], rng)
     attitudes = [rotation_from_vector(-rate * (t - times_s[FRAMES // 2])) @ attitude for t in times_s]
@@ -107,11 +107,11 @@ def scene(
             lights=lights,
         )
         images.append(drawn.pixels)
-    made = [
+    tracks_of_objects = [
         TrueTrack(k, v_mag[k], np.array(on), icrs[k], np.array(snr), np.array(length))
         for k, (on, snr, length) in tracks.items()
     ]
-    return Scene(images, times_s, place_km, made)
+    return Scene(images, times_s, place_km, tracks_of_objects)
 
 
 def _visible(icrs: Array, distance_km: Array, place_km: Array) -> Array:
@@ -185,16 +185,16 @@ def _hot(camera: Camera, full_e_s: float, rng: np.random.Generator) -> HotPixel:
 
 def _rays(camera: Camera, full_e_s: float, rng: np.random.Generator) -> Sequence[HotPixel]:
     """Return the cosmic rays of one frame: single pixels, and tracks that are one pixel wide."""
-    made = [_hot(camera, full_e_s, rng) for _ in range(rng.poisson(RAYS))]
+    rays = [_hot(camera, full_e_s, rng) for _ in range(rng.poisson(RAYS))]
     for _ in range(rng.poisson(RAY_TRACKS)):
         angle, length = rng.uniform(0, np.pi), rng.uniform(4, 40)
         start, level = rng.uniform((0, 0), (camera.columns, camera.rows)), full_e_s * rng.uniform(0.05, 0.5)
         steps = np.arange(0, length, 0.5)
         cells = {(int(start[0] + s * np.cos(angle)), int(start[1] + s * np.sin(angle))) for s in steps}
-        made += [
+        rays += [
             HotPixel(c, r, float(level)) for c, r in sorted(cells) if 0 <= c < camera.columns and 0 <= r < camera.rows
         ]
-    return made
+    return rays
 
 
 def _new_stars(attitude: Array, profile: CameraProfile, rng: np.random.Generator) -> Lights:

@@ -76,8 +76,8 @@ def read(file: Path) -> dict[Shard | FrameShard, dict[str, Any]]:
             record = json.loads(line)
         except ValueError:
             continue
-        made = FrameShard if record["kind"] == "frames" else Shard
-        done[made(**record["shard"])] = record
+        shard_type = FrameShard if record["kind"] == "frames" else Shard
+        done[shard_type(**record["shard"])] = record
     return done
 
 
@@ -91,8 +91,8 @@ def run_campaign(
 ) -> int:
     """Run the shards that ``file`` does not contain, or all shards if ``again`` is True. Return the number of shards
     run."""
-    held = {} if again else read(file)
-    missing = [key for key in keys(settings) if key not in held]
+    completed = {} if again else read(file)
+    missing = [key for key in keys(settings) if key not in completed]
     if not missing:
         return 0
     code = fingerprint()

@@ -108,11 +108,11 @@ def _summary(cells: Cells) -> str:
         counts = sum(by_fault.values(), Counter[str]())
         total, none = counts.total(), counts[Verdict.NONE]
         bad = counts[Verdict.WRONG]
-        most = 100 * share_interval(bad, total - none)[1]
+        upper_limit = 100 * share_interval(bad, total - none)[1]
         rows.append(
             f"| {camera} | {chain if chain != OWN else setting_of(camera, OWN).chain + ' (own)'} | {kind} | {total} | "
             + " | ".join(str(counts[v]) for v in ORDER)
-            + f" | < {most:.2g} % |"
+            + f" | < {upper_limit:.2g} % |"
         )
     head = "| camera | chain | input | cases | correct | imprecise | wrong | none | wrong solutions, 95 % |"
     return "## All faults\n\n" + head + "\n|" + "---|" * 9 + "\n" + "\n".join(rows) + "\n"

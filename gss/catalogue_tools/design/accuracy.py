@@ -93,10 +93,14 @@ def summary(across: Array, about: Array) -> Accuracy:
     finite = np.isfinite(across) & np.isfinite(about)
 
     def statistics_of(values: Array) -> tuple[float, float, float, float]:
-        ranked, some = np.sort(np.where(finite, values, np.inf)), values[finite]
-        at_half, at_most = (float(ranked[int(q * (len(ranked) - 1))]) for q in (0.5, 0.95))
-        mean, worst = (float(some.mean()), float(some.max())) if len(some) else (float("nan"), float("nan"))
-        return at_half, mean, at_most, worst
+        ranked, finite_values = np.sort(np.where(finite, values, np.inf)), values[finite]
+        median, p95 = (float(ranked[int(q * (len(ranked) - 1))]) for q in (0.5, 0.95))
+        mean, worst = (
+            (float(finite_values.mean()), float(finite_values.max()))
+            if len(finite_values)
+            else (float("nan"), float("nan"))
+        )
+        return median, mean, p95, worst
 
     return Accuracy(float(finite.mean()), *statistics_of(across), *statistics_of(about))
 

@@ -99,12 +99,14 @@ def two_stage(lens_radius_mm: float, half_fov_rad: float, required_rad: float) -
     """
     _check(lens_radius_mm, half_fov_rad, required_rad)
     a, phi, theta = lens_radius_mm, float(np.tan(half_fov_rad)), float(np.tan(required_rad))
-    least = 2 * a / (theta - phi)
+    shortest_inner_mm = 2 * a / (theta - phi)
 
     def outer(inner_mm: float) -> float:
         return 2 * (a + inner_mm * phi) / (theta - phi - 2 * a / inner_mm)
 
-    minimum = minimize_scalar(lambda l1: l1 + outer(l1), bounds=(least * 1.0001, least * 100), method="bounded")
+    minimum = minimize_scalar(
+        lambda l1: l1 + outer(l1), bounds=(shortest_inner_mm * 1.0001, shortest_inner_mm * 100), method="bounded"
+    )
     inner_mm = float(minimum.x)
     outer_mm = float(outer(inner_mm))
     rise = (2 * a + inner_mm * phi) / inner_mm

@@ -75,12 +75,12 @@ def curves_of(
     circle = np.linspace(0.1, 1.0, 37) * min(4 * half, np.radians(120.0))
     focal = _focals(c)
     widest = c.edited(focal_mm=float(focal[0]))
-    some = attitudes[: affordable(widest, len(unit), len(attitudes), max_pairs)]
+    focal_attitudes = attitudes[: affordable(widest, len(unit), len(attitudes), max_pairs)]
     progress(0.2)
     v = np.arange(np.floor(min(saturation_mag(c), in_force_mag, 6.0)) - 1, in_force_mag + 2, 0.25)
     exposures = _exposures_s(c)
     used = np.linspace(max(-1.0, in_force_mag - 3.0), in_force_mag, 9)
-    by_focal = p_fewer_by_focal(unit, some, c, focal, NEED)
+    by_focal = p_fewer_by_focal(unit, focal_attitudes, c, focal, NEED)
     progress(0.4)
     by_exposure = _by_exposure(c, stars, attitudes, exposures, max_pairs)
     progress(0.8)
@@ -121,8 +121,8 @@ def _by_exposure(
     the longest exposure.
     """
     rows = bright_rows(stars, max(limit_at_mag(c, float(t)) for t in exposure_s))
-    some = attitudes[: affordable(c, rows, len(attitudes), max_pairs / 2)]
-    pairs = pairs_in_view(stars.icrs[:rows], some, c.shape)
+    affordable_attitudes = attitudes[: affordable(c, rows, len(attitudes), max_pairs / 2)]
+    pairs = pairs_in_view(stars.icrs[:rows], affordable_attitudes, c.shape)
     return tuple(against_exposure(c, stars, pairs, exposure_s))
 
 

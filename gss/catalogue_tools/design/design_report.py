@@ -161,8 +161,8 @@ def design(
     single_stage, double_stage, problem = _baffles(request)
     trade: tuple[TradeRow, ...] = ()
     if effort.trade_looks:
-        some = attitudes[: effort.trade_looks]
-        trade = lens_trade(c, stars, some, effort.pairs / 4, _part(progress, 0.85, 1.0))
+        trade_attitudes = attitudes[: effort.trade_looks]
+        trade = lens_trade(c, stars, trade_attitudes, effort.pairs / 4, _part(progress, 0.85, 1.0))
     accuracies = accuracy(c, stars, used_stars)
     blur, psf = motion_blur(c), psf_advice(c)
     notes = _notes(request, limits, counted)

@@ -102,18 +102,18 @@ def count_stars(
     checked.
     """
     histogram = np.zeros(1, np.int64)
-    worst, place = np.iinfo(np.int64).max, np.array([1.0, 0.0, 0.0])
+    worst, worst_boresight = np.iinfo(np.int64).max, np.array([1.0, 0.0, 0.0])
     for k, start in enumerate(range(0, pointings, PORTION)):
-        some = attitudes(k, min(PORTION, pointings - start))
-        each_reported = _reporting(each, _within(progress, start / pointings, len(some) / pointings))
-        counts = stars_per_field(unit, some, shape, each_reported)
+        portion = attitudes(k, min(PORTION, pointings - start))
+        each_reported = _reporting(each, _within(progress, start / pointings, len(portion) / pointings))
+        counts = stars_per_field(unit, portion, shape, each_reported)
         batch_histogram = np.bincount(counts, minlength=len(histogram))
         batch_histogram[: len(histogram)] += histogram
         histogram = batch_histogram
         if counts.min() < worst:
-            worst, place = int(counts.min()), some[int(counts.argmin()), 2]
+            worst, worst_boresight = int(counts.min()), portion[int(counts.argmin()), 2]
     progress(1.0)
-    ra, dec = ra_dec_from_unit(place)
+    ra, dec = ra_dec_from_unit(worst_boresight)
     return InView(pointings, histogram, int(worst), float(ra), float(dec))
 
 

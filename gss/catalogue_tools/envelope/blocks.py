@@ -108,12 +108,12 @@ class BlockEnvelope:
         """
         blocks = np.zeros((DEC_BLOCKS, RA_BLOCKS), bool)
         nodes, node_parts = stepped(self.orbit.raan_rad, self.steps.raan_rad), self._node_parts
-        done, whole = 0, self.looked_at
+        done, total = 0, self.looked_at
 
         def count(fields: int) -> None:
             nonlocal done
             done += fields
-            self.report(done / whole)
+            self.report(done / total)
 
         for part in np.unique(node_parts):
             at_first_node = self._marked_at(_deg(float(part)), count)

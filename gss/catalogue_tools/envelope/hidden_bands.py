@@ -89,6 +89,6 @@ def _angles(band: BandEnvelope, limit: float, tries: Array) -> tuple[Array, NDAr
     limb = np.stack([flat * np.cos(turn), flat * np.sin(turn), np.full_like(turn, limit)], axis=-1)
     outline = np.einsum("nji,nj->ni", cam, band.shape.edge(4 * tries[:, 3]))
     direction = np.where(on_limb[:, None], limb, outline)
-    shown = ~on_limb | band.shape.inside(np.einsum("nij,nj->ni", cam, direction))
+    in_field = ~on_limb | band.shape.inside(np.einsum("nij,nj->ni", cam, direction))
     clear = (cam[:, 2, 2] <= limit) & (direction[:, 2] <= limit + 1e-12)
-    return np.arccos(np.clip(direction[:, 1], -1, 1)), shown & clear
+    return np.arccos(np.clip(direction[:, 1], -1, 1)), in_field & clear

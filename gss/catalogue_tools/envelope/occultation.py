@@ -191,7 +191,7 @@ class OccultedEnvelope:
 
     def usable_moments(self, rng: np.random.Generator, count: int) -> Moments:
         """Return ``count`` random usable moments. Raises BadInput if all or nearly all fields are blinded."""
-        got: list[Moments] = []
+        batches: list[Moments] = []
         drawn = usable = 0
         draw = min(max(2 * count, 1000), HOPELESS_DRAWS)
         while usable < count:
@@ -199,14 +199,14 @@ class OccultedEnvelope:
                 raise BadInput(
                     "every field is blinded by Earth, Sun or Moon",
                     expected="some usable fields",
-                    got=f"{usable} of {drawn} tried",
+                    batches=f"{usable} of {drawn} tried",
                     hint="use smaller baffle angles or margin, other dates or another pointing",
                 )
             moments = self.at(rng.random((draw, self.dimensions)))
             good = np.flatnonzero(self.usable(moments))
-            got.append(_take(moments, good))
+            batches.append(_take(moments, good))
             drawn, usable = drawn + draw, usable + len(good)
-        return _take(_joined(got), np.arange(count))
+        return _take(_joined(batches), np.arange(count))
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
         """(count, 3, 3) random usable cam_from_icrs."""

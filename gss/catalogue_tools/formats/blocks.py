@@ -142,9 +142,9 @@ def pack_bits(values: Sequence[AnyArray], bits: Sequence[int]) -> NDArray[np.uin
 
 def unpack_bits(packed: NDArray[np.uint8], bits: Sequence[int]) -> list[AnyArray]:
     """Unpack the numbers of (n, bytes) words as u16."""
-    whole = np.zeros((len(packed), 8), np.uint8)
-    whole[:, : packed.shape[1]] = packed
-    word = whole.view("<u8")[:, 0]
+    padded = np.zeros((len(packed), 8), np.uint8)
+    padded[:, : packed.shape[1]] = packed
+    word = padded.view("<u8")[:, 0]
     values, shift = [], 0
     for width in bits:
         values.append(((word >> np.uint64(shift)) & np.uint64((1 << width) - 1)).astype(np.uint16))

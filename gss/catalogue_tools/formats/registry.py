@@ -151,7 +151,7 @@ def decode(image: bytes, hip: Ids | None = None) -> OnboardCatalogue:
     because a flash bank is larger than its image.
     """
     header = read_header(image)
-    whole = memoryview(image)[: _checked_end(image, header)]
+    image_data = memoryview(image)[: _checked_end(image, header)]
     fmt, n = format_of(header.format_name), header.stars
     if hip is not None and len(hip) != n:
         raise BadInput(
@@ -161,14 +161,14 @@ def decode(image: bytes, hip: Ids | None = None) -> OnboardCatalogue:
             hint="use the manifest that was written together with this image",
         )
     star_end, core = core_bytes(header.format_name, n, 0), core_bytes(header.format_name, n, header.pairs)
-    star_columns = to_columns(fmt.stars.blocks(n), whole[HEADER_BYTES:star_end])
-    pair_columns = to_columns(fmt.pairs.blocks(header.pairs), whole[star_end:core]) if fmt.pairs else {}
+    star_columns = to_columns(fmt.stars.blocks(n), image_data[HEADER_BYTES:star_end])
+    pair_columns = to_columns(fmt.pairs.blocks(header.pairs), image_data[star_end:core]) if fmt.pairs else {}
     content = fmt.read(star_columns, pair_columns, header)
     check_content(content.icrs, content.distances, n)
     tables = content.tables
     if header.version == SECTIONS_VERSION:
-        tables = read_sections(whole, core, tables, content.distances, n, header.pairs)
-    _check_sections(fmt, header, whole, core)
+        tables = read_sections(image_data, core, tables, content.distances, n, header.pairs)
+    _check_sections(fmt, header, image_data, core)
     rows = np.arange(n, dtype=np.int32) if hip is None else np.asarray(hip, np.int32)
     return OnboardCatalogue(rows, content.icrs, content.v_mag, content.distances, tables)
 

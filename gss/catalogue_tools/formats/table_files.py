@@ -149,8 +149,8 @@ def _bytes_of(name: str, block: Block, columns: Columns) -> bytes:
 def _require_whole(quantity: str, values: np.ndarray[Any, Any], low: int, high: int) -> None:
     """Raise CorruptData unless all values are whole numbers in the range of the type. A cast would silently convert NaN
     to 0 and wrap 256 in a byte."""
-    whole = values.dtype.kind in "iu" or (values.dtype.kind == "f" and bool(np.all(values == np.floor(values))))
-    if len(values) and not (whole and low <= values.min() and values.max() <= high):
+    is_whole = values.dtype.kind in "iu" or (values.dtype.kind == "f" and bool(np.all(values == np.floor(values))))
+    if len(values) and not (is_whole and low <= values.min() and values.max() <= high):
         raise CorruptData(
             f"{quantity} contains a value that does not fit its type",
             expected=f"whole numbers of {low} to {high}",

@@ -95,29 +95,29 @@ def ambiguity_map(
             expected="tolerance and radius above 0, brightest at least 3",
             got=f"{tolerance_rad:g} rad, {radius_rad:g} rad, {brightest}",
         )
-    places = centres(nside)
-    inside = np.flatnonzero(envelope.contains(places))
-    stars = np.full(len(places), -1, np.int64)
-    pairs, triangles = np.full(len(places), np.nan), np.full(len(places), np.nan)
+    directions = centres(nside)
+    inside = np.flatnonzero(envelope.contains(directions))
+    stars = np.full(len(directions), -1, np.int64)
+    pairs, triangles = np.full(len(directions), np.nan), np.full(len(directions), np.nan)
     if not len(inside) or not len(unit):
         stars[inside], triangles[inside] = 0, np.inf
         return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
-    near = cKDTree(unit).query_ball_point(places[inside], 2 * np.sin(radius_rad / 2), return_sorted=True)
+    near = cKDTree(unit).query_ball_point(directions[inside], 2 * np.sin(radius_rad / 2), return_sorted=True)
     stars[inside] = [len(f) for f in near]
     trios = [list(combinations(f[:brightest], 3)) for f in near]
     owner = np.repeat(inside, [len(t) for t in trios])
     triangles[inside] = np.inf
     if not len(owner):
         return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, triangles.copy())
-    every = np.array([t for group in trios for t in group], np.intp)
-    unique, back = np.unique(every, axis=0, return_inverse=True)
+    all_trios = np.array([t for group in trios for t in group], np.intp)
+    unique, back = np.unique(all_trios, axis=0, return_inverse=True)
     other_pairs, other_triangles = wrong_matches(unit, unique, tolerance_rad, max_rad)
-    count = np.bincount(owner, minlength=len(places))
-    some = count > 0
+    count = np.bincount(owner, minlength=len(directions))
+    has_trios = count > 0
     for target, figure in ((pairs, other_pairs), (triangles, other_triangles)):
-        target[some] = np.bincount(owner, figure[back.ravel()], len(places))[some] / count[some]
+        target[has_trios] = np.bincount(owner, figure[back.ravel()], len(directions))[has_trios] / count[has_trios]
     rivals = triangles.copy()
-    rivals[some] = expected_rivals(np.minimum(stars[some], brightest), pairs[some], len(unit))
+    rivals[has_trios] = expected_rivals(np.minimum(stars[has_trios], brightest), pairs[has_trios], len(unit))
     return AmbiguityMap(nside, tolerance_rad, stars, pairs, triangles, rivals)
 
 
@@ -155,9 +155,9 @@ class _Neighbours:
     def __init__(self, unit: Array, max_rad: float) -> None:
         self.pairs = distance_table_of_units(unit, 0.0, min(max_rad, np.pi))
         first, second, distance = self.pairs.first, self.pairs.second, self.pairs.distance_rad
-        whole = np.concatenate([first, second]) * 4.0 + np.concatenate([distance, distance])
-        sort = np.argsort(whole)
-        self.key, self.neighbour = whole[sort], np.concatenate([second, first])[sort]
+        sort_key = np.concatenate([first, second]) * 4.0 + np.concatenate([distance, distance])
+        sort = np.argsort(sort_key)
+        self.key, self.neighbour = sort_key[sort], np.concatenate([second, first])[sort]
 
     def pairs_like(self, side: Array, tolerance_rad: float) -> Array:
         """Return the (m,) number of pairs with each length, within the tolerance."""

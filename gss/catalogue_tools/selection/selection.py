@@ -268,7 +268,7 @@ def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -
 
     The search starts with the brightest stars. More stars are searched for fields that are not full.
     """
-    chosen = np.zeros(len(unit), bool)
+    selected = np.zeros(len(unit), bool)
     grid = centres(_grid_nside(radius_rad))
     pointings = grid[envelope.contains(grid)]
     circle_share = (1 - np.cos(radius_rad)) / 2
@@ -278,11 +278,11 @@ def _brightest(unit: Array, envelope: Envelope, count: int, radius_rad: float) -
         in_field = tree.query_ball_point(pointings, 2 * np.sin(radius_rad / 2), return_sorted=True)
         filled = np.array([len(inside) >= count for inside in in_field])
         for inside in in_field:
-            chosen[inside[:count]] = True
+            selected[inside[:count]] = True
         if depth >= len(unit):
             break
         pointings, depth = pointings[~filled], 4 * depth
-    return chosen
+    return selected
 
 
 def frame_looks(stars: int, rules: SelectionRules, shape: FieldShape) -> float:

@@ -194,9 +194,9 @@ def _delimited(text: str, delimiter: str | None) -> RawList:
         ),
     ).slice(1)
     count = table.num_rows + len(broken)
-    whole = np.ones(count, bool)
-    whole[[number - 1 for number, _, _ in broken]] = False
-    rows = np.flatnonzero(whole) + 1
+    complete = np.ones(count, bool)
+    complete[[number - 1 for number, _, _ in broken]] = False
+    rows = np.flatnonzero(complete) + 1
     return RawList({name: _numbers_or_text(table.column(name)) for name in names}, rows, broken=broken)
 
 

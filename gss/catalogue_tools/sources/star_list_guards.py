@@ -259,13 +259,13 @@ def check_quotes(text: str, delimiter: str) -> None:
     if '"' not in text:
         return
     value = rf'(?:"(?:[^"]|"")*+"|(?!"))[^{re.escape(delimiter)}]*+'
-    whole = re.compile(rf"{value}(?:{re.escape(delimiter)}{value})*+")
+    row_pattern = re.compile(rf"{value}(?:{re.escape(delimiter)}{value})*+")
     row = -1
     for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n"):
         if not line:
             continue
         row += 1
-        if '"' in line and not whole.fullmatch(line):
+        if '"' in line and not row_pattern.fullmatch(line):
             where = f"row {row}" if row else "the header"
             raise BadInput(
                 f"{where}: a quote is opened and not closed on its line",

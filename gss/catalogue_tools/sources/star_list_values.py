@@ -145,10 +145,10 @@ def _degrees(text: str, scale: float) -> float:
     match = NUMBERS.match(text) if len(text) <= MAX_NUMBER_LENGTH else None
     if not match:
         return np.nan
-    whole, minutes, seconds = (float(part or 0) for part in match.groups()[1:])
+    degrees_or_hours, minutes, seconds = (float(part or 0) for part in match.groups()[1:])
     if minutes >= 60 or seconds >= 60:
         return np.nan
-    return (-1 if match[1] == "-" else 1) * scale * (whole + minutes / 60 + seconds / 3600)
+    return (-1 if match[1] == "-" else 1) * scale * (degrees_or_hours + minutes / 60 + seconds / 3600)
 
 
 def require_clear_unit(
@@ -214,8 +214,8 @@ def numbering_of(
         return serial, [name or f"row {n}" for n, name in enumerate(names, 1)]
     column = raw.columns[columns["id"]]
     numbers = np.array([number_of(v) for v in column]) if _is_text(column) else column.astype(float)
-    whole = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
-    if not whole.any() or np.nanmax(numbers) > MAX_NUMBER:
+    is_star_number = np.isfinite(numbers) & (numbers == np.floor(numbers)) & (numbers >= 1)
+    if not is_star_number.any() or np.nanmax(numbers) > MAX_NUMBER:
         notes.append(
             f"{columns['id']} is not a number of at most ten digits: stars are numbered by row and named by this column"
         )
@@ -223,9 +223,9 @@ def numbering_of(
         names = [name or text for name, text in zip(names, texts, strict=True)]
         bad.mark(_repeated(np.array(texts, np.str_), bad.good()), "id", "named twice")
         return serial, names
-    bad.mark(~whole, "id", "not a star number")
+    bad.mark(~is_star_number, "id", "not a star number")
     bad.mark(_repeated(numbers, bad.good()), "id", "numbered twice")
-    whole_numbers = np.where(whole, numbers, 0).astype(np.int32)
+    whole_numbers = np.where(is_star_number, numbers, 0).astype(np.int32)
     if not columns["id"].lower().startswith("hip"):
         # A number from another list must not be displayed as a Hipparcos or Gaia number.
         names = [
