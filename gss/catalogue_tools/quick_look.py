@@ -43,7 +43,7 @@ class QuickLook:
         return self.plan.base
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) ICRS directions that are in the field at some time.
+        """Return the (n,) mask of the (n, 3) ICRS directions that are in the field at some time.
 
         For a patch, permanent occultation is not applied here but in the build. The map shows it, and a patch that
         follows the Sun loses whole fields before it loses a star.
@@ -55,7 +55,7 @@ class QuickLook:
         return self.envelope.contains(u)
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) fraction of time in the field."""
+        """Return the (n,) fraction of time in the field."""
         if self._occulted:
             return self.envelope.time_fraction(unit)
         return self._base_fraction(np.asarray(unit, float))
@@ -65,11 +65,11 @@ class QuickLook:
         return self.plan.envelope.edges(at_end)
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 3, 3) random cam_from_icrs within the limits."""
+        """Return (count, 3, 3) random cam_from_icrs within the limits."""
         return self.plan.envelope.attitudes(rng, count)
 
     def at(self, cube: Array) -> Moments:
-        """Same as the envelope's ``at``."""
+        """Same as :meth:`Envelope.at`."""
         return self.plan.envelope.at(cube)
 
     @property
@@ -79,7 +79,7 @@ class QuickLook:
 
     @property
     def dimensions(self) -> int:
-        """Same as the envelope's ``dimensions``."""
+        """Same as :attr:`Envelope.dimensions`."""
         return self.plan.envelope.dimensions
 
     @property

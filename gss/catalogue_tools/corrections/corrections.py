@@ -39,7 +39,8 @@ def parallactic(unit: Array, parallax_rad: Array, observer_au: Array) -> Array:
 
 
 def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresight_orbit: Array) -> Array:
-    """(n, 3) orbital velocity at the time each of (n, 3) stars crosses the middle of a field fixed in the orbit frame.
+    """Return the (n, 3) orbital velocity at the time each of (n, 3) stars crosses the middle of a field fixed in the
+    orbit frame.
 
     ``normal``: (3,) pole of a circular orbit, in the sense of the motion. ``boresight_orbit``: (3,) boresight in the
     axes of docs/conventions.md (+x along the velocity, +z to nadir). If the boresight or the star is at the pole, the
@@ -60,7 +61,7 @@ def crossing_velocity_km_s(unit: Array, speed_km_s: float, normal: Array, boresi
 
 
 def date_from_icrs(jyear: float) -> Array:
-    """(3, 3) rotation from ICRS to the mean equator and equinox of date: IAU 2006 precession with frame bias
+    """Return the (3, 3) rotation from ICRS to the mean equator and equinox of date: IAU 2006 precession with frame bias
     (Fukushima–Williams angles, Hilton et al. 2006)."""
     t = (jyear - J2000_JYEAR) / 100
 

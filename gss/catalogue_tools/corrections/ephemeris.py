@@ -91,7 +91,7 @@ def bodies_at(jyear: float, observer_km: Array | None = None) -> Bodies:
 
 
 def earth_motion(jyear: float) -> tuple[Array, Array]:
-    """(3,) barycentric position of the Earth in au and (3,) velocity in units of c, ICRS."""
+    """Return the (3,) barycentric position of the Earth in au and (3,) velocity in units of c, ICRS."""
     _, bary = erfa.epv00(J2000_JD, _days(jyear))
     return np.asarray(bary["p"]), np.asarray(bary["v"] * AU_DAY)
 
@@ -123,7 +123,7 @@ def teme_from_icrs(jyear: float) -> Array:
 
 
 def earth_pole_icrs(jyear: float) -> Array:
-    """(3,) ICRS direction of the Earth's axis of date."""
+    """Return the (3,) ICRS direction of the Earth's axis of date."""
     return np.asarray(erfa.pnm06a(J2000_JD, _days(jyear))[2])
 
 

@@ -38,7 +38,7 @@ E_TERMS_OBLIQUITY_RAD = 84404.84 * ARCSEC_RAD
 
 
 def e_terms() -> Array:
-    """(3,) E-terms of B1950 as a vector in its axes."""
+    """Return the (3,) E-terms of B1950 as a vector in its axes."""
     size = E_TERMS_ABERRATION_RAD * E_TERMS_ECCENTRICITY
     sin, cos = np.sin(E_TERMS_PERIGEE_RAD), np.cos(E_TERMS_PERIGEE_RAD)
     obliquity = E_TERMS_OBLIQUITY_RAD

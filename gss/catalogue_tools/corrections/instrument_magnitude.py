@@ -39,7 +39,7 @@ def temperature_k(b_v: Array | float) -> Array:
 
 
 def planck(wavelength_nm: Array, kelvin: Array) -> Array:
-    """(n, m) spectral exitance of n temperatures at m wavelengths, in a common unit."""
+    """Return the (n, m) spectral exitance of n temperatures at m wavelengths, in a common unit."""
     exponent = HC_OVER_K_NM_K / (np.asarray(wavelength_nm)[None, :] * np.asarray(kelvin)[:, None])
     return np.asarray(1 / (np.asarray(wavelength_nm)[None, :] ** 5 * np.expm1(exponent)))
 

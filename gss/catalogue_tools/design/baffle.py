@@ -67,7 +67,7 @@ def length_for_mm(lens_radius_mm: float, half_fov_rad: float, required_rad: floa
 
 
 def one_stage(lens_radius_mm: float, half_fov_rad: float, required_rad: float, spare_mm: float = 0.0) -> BaffleGeometry:
-    """Return the tube of Jacobs 1995 Fig. 7-4 with vanes on its wall; BadInput if the angle is not possible."""
+    """Return the tube of Jacobs 1995 Fig. 7-4 with vanes on its wall. Raises BadInput if the angle is not possible."""
     length = length_for_mm(lens_radius_mm, half_fov_rad, required_rad, spare_mm)
     return one_stage_of_length(lens_radius_mm, half_fov_rad, length, spare_mm)
 
@@ -95,7 +95,7 @@ def two_stage(lens_radius_mm: float, half_fov_rad: float, required_rad: float) -
     Inner stage of length l₁ and front radius r₁ = a + l₁ tan φ. The line from the lens's far edge past the inner front
     rises by (a + r₁)/l₁; the outer edges lie on this line or beyond it, so r₂ = r₁ + l₂ (a + r₁)/l₁. Direct light at
     the angle θ misses the inner front if l₂ tan θ ≥ r₁ + r₂. Hence l₂ = 2 r₁/(tan θ − tan φ − 2a/l₁); l₁ is chosen to
-    minimise l₁ + l₂. BadInput if the angle is not possible or the baffle too long.
+    minimise l₁ + l₂. Raises BadInput if the angle is not possible or the baffle is too long.
     """
     _check(lens_radius_mm, half_fov_rad, required_rad)
     a, phi, theta = lens_radius_mm, float(np.tan(half_fov_rad)), float(np.tan(required_rad))

@@ -150,7 +150,7 @@ def turns_of(body_from_cam: Array) -> tuple[float, float, float]:
 
 
 def orbit_axes(raan_rad: Array, inclination_rad: Array, latitude_rad: Array) -> Array:
-    """(n, 3, 3) rotations: vectorised ``orbit_from_icrs`` of ``gss.domain.frames``."""
+    """Return (n, 3, 3) rotations: ``orbit_from_icrs`` of ``gss.domain.frames``, vectorised."""
     co, so, ci, si = np.cos(raan_rad), np.sin(raan_rad), np.cos(inclination_rad), np.sin(inclination_rad)
     cu, su = np.cos(latitude_rad), np.sin(latitude_rad)
     zenith = np.stack([co * cu - so * su * ci, so * cu + co * su * ci, su * si], axis=-1)

@@ -91,7 +91,7 @@ class BlockEnvelope:
 
     @property
     def dimensions(self) -> int:
-        """Same as the band's."""
+        """Same as :attr:`BandEnvelope.dimensions`."""
         return self.band.dimensions
 
     @cached_property
@@ -122,7 +122,7 @@ class BlockEnvelope:
         return blocks
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions in marked blocks."""
+        """Return the (n,) mask of the (n, 3) directions in marked blocks."""
         u = np.asarray(unit, float)
         ra = np.mod(np.arctan2(u[:, 1], u[:, 0]), 2 * np.pi)
         dec = np.arctan2(u[:, 2], np.hypot(u[:, 0], u[:, 1]))
@@ -134,15 +134,15 @@ class BlockEnvelope:
         return np.asarray(np.where(self.contains(unit), self.band.time_fraction(unit), 0.0))
 
     def edges(self, at_end: bool) -> list[Array]:
-        """Same as the band's."""
+        """Same as :meth:`BandEnvelope.edges`."""
         return self.band.edges(at_end)
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """Same as the band's."""
+        """Same as :meth:`BandEnvelope.attitudes`."""
         return self.band.attitudes(rng, count)
 
     def at(self, cube: Array) -> Moments:
-        """Same as the band's."""
+        """Same as :meth:`BandEnvelope.at`."""
         return self.band.at(cube)
 
     @property

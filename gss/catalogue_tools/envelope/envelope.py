@@ -67,11 +67,12 @@ class Envelope(Protocol):
         ...
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions that are ever in the field."""
+        """Return the (n,) mask of the (n, 3) directions that are in the field at some time."""
         ...
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) fraction of time in the field, with every orbit, date and attitude within the limits equally likely."""
+        """Return the (n,) fraction of time in the field, with every orbit, date and attitude within the limits equally
+        likely."""
         ...
 
     def edges(self, at_end: bool) -> list[Array]:
@@ -79,7 +80,7 @@ class Envelope(Protocol):
         ...
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 3, 3) random cam_from_icrs within the limits."""
+        """Return (count, 3, 3) random cam_from_icrs within the limits."""
         ...
 
     def at(self, cube: Array) -> Moments:
@@ -135,8 +136,8 @@ class BandEnvelope:
         return polar_interval(self.shape, self.limits.cam_from_body, self.limits.low, self.limits.high)
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask. A star is inside if its range of components along +y over all planes overlaps the interval that
-        the camera covers."""
+        """Return the (n,) mask of the directions inside. A direction is inside if its range of components along +y over
+        all planes overlaps the interval that the camera covers."""
         lowest, highest = self.polar_interval
         smallest, largest = polar_range(self.orbit, unit)
         return np.asarray((largest >= lowest - TOLERANCE_RAD) & (smallest <= highest + TOLERANCE_RAD))
@@ -146,7 +147,7 @@ class BandEnvelope:
         return self.share_in_planes(unit, *self._planes(rng, PLANES_PER_BIN if np.ptp(self.orbit.raan_rad) > 0 else 1))
 
     def share_in_planes(self, unit: Array, raan_rad: Array, inclination_rad: Array) -> Array:
-        """(n,) fraction of time in the field over (k,) planes, which need not be within the limits."""
+        """Return the (n,) fraction of time in the field over (k,) planes, which need not be within the limits."""
         knots, share = self._share_by_angle
         flat = np.sin(inclination_rad)
         normal = np.stack([np.sin(raan_rad) * flat, -np.cos(raan_rad) * flat, np.cos(inclination_rad)])
@@ -223,15 +224,15 @@ class PatchEnvelope:
         return self._contains(np.asarray(unit, float), PATCH_TOLERANCE_RAD)
 
     def witnessed(self, unit: Array, fields: int) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions in one of ``fields`` sampled fields within the limits.
+        """Return the (n,) mask of the (n, 3) directions in one of ``fields`` sampled fields within the limits.
 
         The samples are concentrated at the ends of the limits, which determine the edge of the envelope.
         """
         return fields_per_star(unit, self.crowded(fields, CROWDING), self.shape) > 0
 
     def crowded(self, count: int, crowding: float) -> Array:
-        """(count, 3, 3) cam_from_icrs within the limits, drawn from a symmetric Beta distribution with parameter
-        ``crowding`` along every axis."""
+        """Return the (count, 3, 3) cam_from_icrs within the limits, drawn from a symmetric Beta distribution with
+        parameter ``crowding`` along every axis."""
         along = np.random.default_rng(0).beta(crowding, crowding, (count, 4))
         sun = np.asarray(self.sun_longitude_rad, float)
         base = base_from_icrs(self.limits, sun[0] + (sun[1] - sun[0]) * along[:, 0])

@@ -110,7 +110,7 @@ class FieldShape:
         return float(np.arccos(1 - self.area_sr / (2 * np.pi)))
 
     def inside(self, unit_cam: Array) -> NDArray[np.bool_]:
-        """(…) mask of the (…, 3) camera-frame unit vectors that are in the field."""
+        """Return the (…) mask of the (…, 3) camera-frame unit vectors that are in the field."""
         x, y, z = np.moveaxis(np.asarray(unit_cam), -1, 0)
         return np.asarray((z > 0) & (np.hypot(x, y) <= z * self._radius(np.arctan2(y, x))))
 

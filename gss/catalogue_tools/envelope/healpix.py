@@ -15,7 +15,7 @@ from gss.domain.angles import Array
 
 @lru_cache(maxsize=8)
 def centres(nside: int) -> Array:
-    """(12·nside², 3) read-only unit vectors of the pixel centres in ring order."""
+    """Return the (12·nside², 3) read-only unit vectors of the pixel centres in ring order."""
     ring = np.arange(1, 4 * nside)
     from_pole = np.minimum(ring, 4 * nside - ring)
     in_cap = from_pole < nside
@@ -38,7 +38,7 @@ def pixel_area_sr(nside: int) -> float:
 
 
 def pixel_of(nside: int, unit: Array) -> NDArray[np.int64]:
-    """(n,) ring-order pixel numbers of (n, 3) unit vectors."""
+    """Return the (n,) ring-order pixel numbers of (n, 3) unit vectors."""
     x, y, z = np.asarray(unit, float).T
     turn = np.mod(np.arctan2(y, x) * (2 / np.pi), 4.0)
     away = np.abs(z)

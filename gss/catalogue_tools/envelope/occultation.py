@@ -151,7 +151,7 @@ class OccultedEnvelope:
 
     @cached_property
     def baffle(self) -> AvoidanceAngles:
-        """Directions of Sun and Moon over the validity; BadInput without dates."""
+        """Directions of Sun and Moon over the validity. Raises BadInput without dates."""
         if self.start_jyear is None or self.end_jyear is None:
             raise BadInput("Sun and Moon need dates", expected="a start and a number of days", got="no dates")
         angles, steps = (
@@ -180,7 +180,7 @@ class OccultedEnvelope:
         return moments if moments.nadir is not None else replace(moments, nadir=self._nadir(moments.part, cube[:, -2:]))
 
     def usable(self, moments: Moments) -> NDArray[np.bool_]:
-        """(n,) mask of the moments whose field is not blinded."""
+        """Return the (n,) mask of the moments whose field is not blinded."""
         return np.asarray(~np.logical_or.reduce(self._blinding(moments)))
 
     def shadow(self, moments: Moments) -> Shadow | None:
@@ -209,7 +209,7 @@ class OccultedEnvelope:
         return _take(_joined(batches), np.arange(count))
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 3, 3) random usable cam_from_icrs."""
+        """Return (count, 3, 3) random usable cam_from_icrs."""
         return self.usable_moments(rng, count).cam_from_icrs
 
     @cached_property
@@ -219,7 +219,7 @@ class OccultedEnvelope:
         return Blinded(*(float(np.mean(b)) for b in (earth, sun, moon, earth | sun | moon)))
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) fraction of time in a usable field and clear of the Earth. The fraction is sampled; see
+        """Return the (n,) fraction of time in a usable field and clear of the Earth. The fraction is sampled; see
         HITS_PER_DIRECTION."""
         u = np.asarray(unit, float)
         # Only a band has a fast membership test. The count over fields always examines only nearby directions.
@@ -235,7 +235,7 @@ class OccultedEnvelope:
         return share
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions that are visible in a usable field at some time."""
+        """Return the (n,) mask of the (n, 3) directions that are visible in a usable field at some time."""
         u = np.asarray(unit, float)
         visible = self.base.contains(u)
         visible[visible] = self._clear_of_earth(u[visible])

@@ -62,8 +62,8 @@ def from_elements(inclination_rad: Range, raan_rad: Range) -> OrbitRanges:
 def from_tle(text: str, start: datetime, days: float) -> OrbitRanges:
     """Return the planes of a satellite over ``days`` from ``start`` (UTC, with a time zone).
 
-    Uses the secular J2 drift of SGP4's mean node, rotated from the equator of date to ICRS. BadInput if the TLE or the
-    dates are not valid.
+    Uses the secular J2 drift of SGP4's mean node, rotated from the equator of date to ICRS. Raises BadInput if the TLE
+    or the dates are not valid.
     """
     satellite = read_tle(text)
     end = start + timedelta(days=days)
@@ -186,7 +186,7 @@ def _check_span(satellite: Satrec, start: datetime, end: datetime) -> None:
 
 
 def _mean_normal(satellite: Satrec, moment: datetime) -> Array:
-    """(3,) ICRS unit vector along the orbital momentum, from the mean elements with their secular rate."""
+    """Return the (3,) ICRS unit vector along the orbital momentum, from the mean elements with their secular rate."""
     jd, part = _julian(moment)
     minutes = (jd - satellite.jdsatepoch + part - satellite.jdsatepochF) * 1440.0
     raan, i = satellite.nodeo + satellite.nodedot * minutes, satellite.inclo

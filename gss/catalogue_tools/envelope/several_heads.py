@@ -32,12 +32,12 @@ class HeadsEnvelope:
         return self.heads[0].dimensions + 1
 
     def contains(self, unit: Array) -> NDArray[np.bool_]:
-        """(n,) mask of the (n, 3) directions that are in the field of a head at some time."""
+        """Return the (n,) mask of the (n, 3) directions that are in the field of a head at some time."""
         return np.asarray(np.logical_or.reduce([head.contains(unit) for head in self.heads]))
 
     def time_fraction(self, unit: Array) -> Array:
-        """(n,) fraction of time in the field of a head, at most 1. Times at which two heads see a direction count
-        twice."""
+        """Return the (n,) fraction of time in the field of a head, at most 1. Times at which two heads see a direction
+        count twice."""
         return np.asarray(np.minimum(1.0, np.sum([head.time_fraction(unit) for head in self.heads], axis=0)))
 
     def edges(self, at_end: bool) -> list[Array]:
@@ -45,7 +45,7 @@ class HeadsEnvelope:
         return [line for head in self.heads for line in head.edges(at_end)]
 
     def attitudes(self, rng: np.random.Generator, count: int) -> Array:
-        """(count, 3, 3) random cam_from_icrs within the limits, evenly distributed over the heads."""
+        """Return (count, 3, 3) random cam_from_icrs within the limits, evenly distributed over the heads."""
         return _chosen([head.attitudes(rng, count) for head in self.heads], rng.integers(len(self.heads), size=count))
 
     def at(self, cube: Array) -> Moments:

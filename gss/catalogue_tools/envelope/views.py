@@ -54,6 +54,6 @@ def views_of(shape: FieldShape, limits: AttitudeLimits, seed: int = 0) -> Views:
 
 
 def cams_within(limits: AttitudeLimits, count: int, seed: int) -> Array:
-    """(count, 3, 3) rotations cam_from_base within the limits, including their ends and corners."""
+    """Return (count, 3, 3) rotations cam_from_base within the limits, including their ends and corners."""
     cube = np.random.default_rng(seed).uniform(-OVERDRAW, 1 + OVERDRAW, (count, 3))
     return np.asarray(limits.cam_from_body @ euler_123(limits.low + (limits.high - limits.low) * np.clip(cube, 0, 1)))

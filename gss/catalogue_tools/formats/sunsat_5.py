@@ -49,7 +49,7 @@ def write(stars: StarTable, distances: DistanceTable) -> tuple[Columns, Columns]
 
 
 def distances_rad(pairs: Columns) -> NDArray[np.float32]:
-    """(m,) distances at the middle of their steps."""
+    """Return the (m,) distances at the middle of their steps."""
     return (pairs["steps"].astype(float) * STEP_RAD).astype(np.float32)
 
 

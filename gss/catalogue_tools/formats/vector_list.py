@@ -31,10 +31,10 @@ def star_columns(stars: StarTable) -> Columns:
 
 
 def directions(stars: Columns) -> NDArray[np.float32]:
-    """(n, 3) unit vectors at the precision stored on the device."""
+    """Return (n, 3) unit vectors at the precision stored on the device."""
     return np.column_stack([stars["x"], stars["y"], stars["z"]]).astype(np.float32)
 
 
 def magnitudes(stars: Columns) -> NDArray[np.float32]:
-    """(n,) magnitudes V."""
+    """Return the (n,) magnitudes V."""
     return from_millimag(stars["v_mmag"])

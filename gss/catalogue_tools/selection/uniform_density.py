@@ -51,7 +51,7 @@ def survey_attitudes(step_rad: float, roll_rad: float = 0.0) -> Array:
 
 
 def _attitudes(ra_rad: Array, dec_rad: Array, roll_rad: float) -> Array:
-    """(m, 3, 3) vectorised :func:`gss.domain.frames.cam_from_icrs`."""
+    """Return (m, 3, 3) rotations: :func:`gss.domain.frames.cam_from_icrs`, vectorised."""
     boresight = unit_from_ra_dec(ra_rad, dec_rad)
     east = np.column_stack([-np.sin(ra_rad), np.cos(ra_rad), np.zeros(len(ra_rad))])
     north = np.cross(boresight, east)
