@@ -89,6 +89,7 @@ class Campaign:
                 off_px = judged.cross_rad / subject.camera.pixel_rad
                 wrong.append(
                     f"{shard.camera}, {subject.setting.chain}, {FAULTS[j].title}, {MODES[k].value}: {judged.false_matches} false "
-                    f"of {judged.false_matches + judged.matched} names, {off_px:.1f} px off; generator {key}"
+                    f"of {judged.false_matches + judged.matched} matches, boresight error {off_px:.1f} px; "
+                    f"generator {key}"
                 )
         return Verdicts(dict(counts), tuple(wrong))

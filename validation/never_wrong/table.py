@@ -89,7 +89,7 @@ def _notes(cells: list[_Cell]) -> tuple[str, ...]:
     named = [text for c in cells for text in c.named]
     more = len(named) - MAX_NAMED
     return (
-        "Correct: cross-boresight error within three of its standard deviations, all matches right. Wrong: a false "
+        "Correct: cross-boresight error within three of its standard deviations, all matches correct. Wrong: a false "
         "match in the attitude, or an error of more than five pixels; for a mirrored list, any solution.",
         "If the true focal length differs and a few stars in a corner are matched, the matches are correct but "
         "the boresight has an error: the scale error times the distance of these stars from the centre, 1 % of "
@@ -130,7 +130,7 @@ def _named(subject: Subject, fault: Fault, key: tuple[int, ...], judged: Score) 
     off_px = judged.cross_rad / subject.camera.pixel_rad
     return (
         f"WRONG: {subject.setting.chain}, {fault.title}, {MODES[key[3]].value}: {judged.false_matches} false of "
-        f"{judged.false_matches + judged.matched} names, boresight {off_px:.1f} px off; generator {list(key)}"
+        f"{judged.false_matches + judged.matched} matches, boresight error {off_px:.1f} px; generator {list(key)}"
     )
 
 
