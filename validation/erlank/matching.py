@@ -185,8 +185,8 @@ def _conditions(setup: Bench) -> tuple[str, ...]:
     return (
         f"bank V ≤ {BANK_MAG}: {len(setup.bank)} stars, {len(setup.bank.distances)} pairs up to the field's diagonal "
         "(paper 405, 11 486)",
-        f"54° x 28.6°, no distortion, tolerance 0.001 rad (one pixel), centroids with {FINE_PX} px of error per axis; 35° round "
-        "the hint",
+        f"54° x 28.6°, no distortion, tolerance 0.001 rad (one pixel), centroids with {FINE_PX} px of error per "
+        "axis; assisted mode: within 35° of the hint",
     )
 
 

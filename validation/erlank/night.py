@@ -104,11 +104,11 @@ def erlank_6_1(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
         "erlank-6-1",
         "Accuracy of an Earth-fixed camera",
         "Erlank 2013 §6.1, Figs. 6.1–6.3, Table 6.1",
-        ("quantity", "paper 1σ", "ours 1σ", "95 %", "paper 3σ", "ours 3σ", "our own σ says"),
+        ("quantity", "paper 1σ", "ours 1σ", "95 %", "paper 3σ", "ours 3σ", "predicted σ"),
         tuple(rows),
         (
-            f"{trials} frames at 1 Hz in each of {len(STARTS_RAD)} places at Dec −33.9°, the sky turning at 15.04″/s; a line "
-            "fitted to each angle of each place, deviations of all places together",
+            f"{trials} frames at 1 Hz in each of {len(STARTS_RAD)} fields at Dec −33.9°, sky rotation 15.04″/s; a "
+            "line is fitted to each angle in each field; deviations of all fields together",
             f"the unit's camera with noise and distortion, {EXPOSURE_S} s, stars to V {SKY_MAG}; lost in space, then tracking",
             "semi-urban night: noise of each star ±0.2 mag and 3″ per frame, sky of 19 mag per square arcsecond; "
             "calibration off: distortion coefficients changed by the uncertainties of Fig. 5.12",

@@ -80,13 +80,13 @@ def erlank_6_2(
             "mean rate measured, °/s",
             "σ across, °/s",
             "σ about, °/s",
-            "error in own σ, rms",
+            "error over predicted σ, rms",
             "wrong",
         ),
         tuple(rows),
         (
             f"{trials} runs of {FRAMES} frames at 1 Hz per rate and axis, {EXPOSURE_S} s of exposure with "
-            f"rendered smear, stars to V {SKY_MAG}, noise and distortion; random attitudes that show at least "
+            f"rendered smear, stars to V {SKY_MAG}, noise and distortion; random attitudes with at least "
             f"{MIN_STARS} stars of the "
             "bank at the start",
             "across: rotation about any axis across the boresight; about: rotation about the boresight. Lost in "

@@ -100,7 +100,7 @@ def huffman_8_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
             f"{trials} tracks of {FRAMES} frames, 1° per frame, block filter at 1 σ, sky to V {SKY_MAG:g}, Table 7.1 with g = 1",
             f"bank V ≤ {BANK_MAG:g}, directory of the eight brightest stars per field; σ of a centroid after eq. "
             "4.2; wrong: more than "
-            f"{WRONG_PX:g} px off across the boresight, in a relative chain from there on",
+            f"{WRONG_PX:g} px of error across the boresight; a relative chain passes its error on to later frames",
         ),
         seed,
         (

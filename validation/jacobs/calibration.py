@@ -282,12 +282,12 @@ def _rows(
         ("σ_pos, px", PAPER_POS_PX, *(round(s.sigma_rad / np.sqrt(2) / DOCUMENT_PIXEL_RAD, 3) for s in first)),
         ("σ_pos on other images, px", None, *(round(s.sigma_rad / np.sqrt(2) / DOCUMENT_PIXEL_RAD, 3) for s in second)),
         (
-            "off the true camera, px rms",
+            "difference from the true camera, px rms",
             None,
             *(round(camera_difference(c, profile.camera).rms_px, 3) for c in cameras.values()),
         ),
         (
-            "centre off by, px",
+            "centre error, px",
             "a few",
             *(round(_centre_off_px(c, profile.camera), 1) for c in cameras.values()),
         ),

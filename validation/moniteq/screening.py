@@ -62,7 +62,10 @@ def moniteq_screening(stars: StarTable, trials: int, seed: int, progress: Progre
         "Moniteq 1983 §2.1–2.3, Table 2.4",
         ("what", "paper", "Poisson with our density", "counted"),
         rows,
-        ("ring of ±0.01° at 8°, stars of ±0.5 mag; Hipparcos V", f"counted round {len(sample)} stars to V {LIMIT_MAG}"),
+        (
+            "ring of ±0.01° at 8°, stars of ±0.5 mag; Hipparcos V",
+            f"counted around {len(sample)} stars to V {LIMIT_MAG}",
+        ),
         seed,
         (
             "The document's value of 0.17 uses all stars to magnitude 6.5, although its text specifies stars "

@@ -188,7 +188,8 @@ def _experiment(profile: CameraProfile, results: list[_Result], trials: int, see
             "or 0.05°/s (1 σ per axis)",
             "each sequence has 8 hot pixels and 2 stars that the catalogue lacks; each frame has on average 3 "
             "pixels hit by particles, 0.3 long particle tracks and 1 flash in the shape of a star",
-            f"a track is an object if it is within {NEAR_PX:g} px of it, or within a tenth of the trail if that is more",
+            f"a track counts as an object if it is within {NEAR_PX:g} px of the object, or within a tenth of its "
+            "trail if that is larger",
             "SNR: signal-to-noise ratio of the light in one frame, with a filter as long as the trail",
             f"one pixel is {profile.camera.pixel_rad / ARCSEC_RAD:.1f}″",
         ),

@@ -224,7 +224,8 @@ def shipped_units(
             "up to 2° (Jacobs 1995 §3.5), and AIM, which starts from an attitude of its inertial system with an "
             "error of up to 1°",
             "camera, exposure, defects, period, chain and its constants, and the factory bank of the whole sky as shipped; stars "
-            f"{FAINTER_MAG} mag beyond the camera's limit, V {DEEPEST_MAG:g} at most; smear drawn, no planets, no stray light",
+            f"{FAINTER_MAG} mag beyond the camera's limit, V {DEEPEST_MAG:g} at most; with smear, without planets "
+            "and stray light",
             f"AIM: the exposure is shortened until a star moves {SMEAR_PX} px",
             "processor: times of the documents, scaled with the work; not the time of this computer",
         ),
