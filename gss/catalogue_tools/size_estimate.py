@@ -26,22 +26,26 @@ REDUCED_HEAD_BYTES = 8 + 16
 SECTION_HEAD_BYTES = 8
 
 
-def estimated(p: BuildPlan, stars: StarTable) -> tuple[int, int]:
+def estimated(build_plan: BuildPlan, stars: StarTable) -> tuple[int, int]:
     """Return (pairs, bytes) of the image of ``stars``.
 
     Pairs are counted for up to 800 stars. For more stars the count is scaled up from a sample of 800. With a reduced
     catalogue, only pairs of its stars count. For a format without pairs the count is 0, and the size is exact up to
     6000 stars because the image is built.
     """
-    request = p.request
-    name, frame, pairs = request.format_name, frame_for(request.format_name, p.profile.camera, request.reduced), 0
+    request = build_plan.request
+    name, frame, pairs = (
+        request.format_name,
+        frame_for(request.format_name, build_plan.profile.camera, request.reduced),
+        0,
+    )
     if not format_of(name).pair_bytes:
         if 2 <= len(stars) <= EXACT_SIZE_STARS:
-            return 0, _built_bytes(p, stars)
+            return 0, _built_bytes(build_plan, stars)
     elif frame is None:
-        pairs = estimate_pairs(stars.icrs, request.pair_min_rad, p.pair_max_rad)
+        pairs = estimate_pairs(stars.icrs, request.pair_min_rad, build_plan.pair_max_rad)
     else:
-        pairs = reduced_pairs(stars, frame, request.pair_min_rad, p.pair_max_rad)
+        pairs = reduced_pairs(stars, frame, request.pair_min_rad, build_plan.pair_max_rad)
     return pairs, image_bytes(name, len(stars), pairs) + _reduced_bytes(name, len(stars), frame)
 
 
@@ -68,10 +72,10 @@ def reduced_pairs(selected: StarTable, frame: ReducedFrame, min_rad: float, max_
     return int(min(round(drawn), estimate_pairs(selected.icrs, min_rad, max_rad)))
 
 
-def searched(p: BuildPlan, stars: StarTable) -> StarTable:
+def searched(build_plan: BuildPlan, stars: StarTable) -> StarTable:
     """Return an approximate list of the stars that the device searches: all stars, or those of a reduced catalogue
     computed with a coarse step."""
-    frame = frame_for(p.request.format_name, p.profile.camera, p.request.reduced)
+    frame = frame_for(build_plan.request.format_name, build_plan.profile.camera, build_plan.request.reduced)
     if frame is None:
         return stars
     step_rad = max(frame.step_rad, COARSE_STEPS_RAD[0])
@@ -94,12 +98,14 @@ def estimate_pairs(unit: Array, min_rad: float, max_rad: float) -> int:
     return round(float(within.sum()) * n / len(sample) / 2)
 
 
-def _built_bytes(p: BuildPlan, stars: StarTable) -> int:
+def _built_bytes(build_plan: BuildPlan, stars: StarTable) -> int:
     none = np.empty(0, np.int32)
-    nothing = DistanceTable(none, none, np.empty(0), p.request.pair_min_rad, p.pair_max_rad)
-    name = p.request.format_name
-    catalogue_tables = tables_for(name, stars, nothing, p.profile.camera, reduced=_coarser(p.request.reduced))
-    return len(encode(stars, catalogue_tables.distances, name, p.profile.name, tables=catalogue_tables.tables))
+    nothing = DistanceTable(none, none, np.empty(0), build_plan.request.pair_min_rad, build_plan.pair_max_rad)
+    name = build_plan.request.format_name
+    catalogue_tables = tables_for(
+        name, stars, nothing, build_plan.profile.camera, reduced=_coarser(build_plan.request.reduced)
+    )
+    return len(encode(stars, catalogue_tables.distances, name, build_plan.profile.name, tables=catalogue_tables.tables))
 
 
 def _coarser(frame: ReducedFrame | None) -> ReducedFrame | None:

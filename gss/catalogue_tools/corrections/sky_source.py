@@ -81,7 +81,7 @@ def corrected(
     UTC is accurate enough.
 
     Doubles are merged from all input stars. Apply the magnitude limit afterwards if faint companions matter. Raises
-    Raises BadInput if a date is out of range or a correction needs a camera profile.
+    BadInput if a date is out of range or a correction needs a camera profile.
     """
     date = epoch_jyear if date_jyear is None else date_jyear
     low, high = EPOCH_RANGE_JYEAR
