@@ -151,8 +151,13 @@ class BuildRequest:
     def depth_mag(self) -> float | None:
         """Magnitude limit for reading the source. None: read all stars, because companions matter or corrections change
         magnitudes."""
-        c = self.corrections
-        deeper = c.doubles is not None or c.instrument_magnitude or c.roll_off != "off" or c.variables_at_date
+        corrections = self.corrections
+        deeper = (
+            corrections.doubles is not None
+            or corrections.instrument_magnitude
+            or corrections.roll_off != "off"
+            or corrections.variables_at_date
+        )
         return None if deeper else self.rules.faint_mag
 
     @property

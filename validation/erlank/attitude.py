@@ -98,12 +98,12 @@ def _rendered(stars: StarTable, setup: Bench) -> Draw:
 
 
 def _errors(
-    setup: Bench, p: CubestarParameters, stars: StarTable, draw: Draw, trials: int, rng: np.random.Generator
+    setup: Bench, parameters: CubestarParameters, stars: StarTable, draw: Draw, trials: int, rng: np.random.Generator
 ) -> _Errors:
     errors = _Errors()
     for _ in range(trials):
         attitude = random_attitude(rng)
-        result = solve(draw(attitude, rng), setup.camera, setup.bank, p)
+        result = solve(draw(attitude, rng), setup.camera, setup.bank, parameters)
         scored = assess(result, in_view(stars, setup.camera, attitude), setup.camera)
         if scored.verdict is not Verdict.NONE:
             errors.cross_deg.append(float(np.degrees(scored.cross_rad)))

@@ -86,10 +86,12 @@ def erlank_4_1_6(stars: StarTable, trials: int, seed: int, progress: Progress) -
     )
 
 
-def centroid_errors_px(camera: Camera, p: CubestarParameters, drawing: Drawing, rng: np.random.Generator) -> Array:
+def centroid_errors_px(
+    camera: Camera, parameters: CubestarParameters, drawing: Drawing, rng: np.random.Generator
+) -> Array:
     """Return the (m, 2) errors (col, row) of the stars detected in one image."""
     at = _positions(camera, rng)
-    measured_px = find_centroids(star_image(at, camera, drawing), p).centroids.pixels
+    measured_px = find_centroids(star_image(at, camera, drawing), parameters).centroids.pixels
     if not len(measured_px):
         return np.empty((0, 2))
     apart = np.linalg.norm(measured_px[:, None] - at[None], axis=2)

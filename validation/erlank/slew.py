@@ -125,7 +125,7 @@ def _one(
     slew: _Slew,
     sky: StarTable,
     bank: OnboardCatalogue,
-    p: CubestarParameters,
+    parameters: CubestarParameters,
     rate_rad_s: Array,
     rng: np.random.Generator,
 ) -> None:
@@ -134,7 +134,7 @@ def _one(
     mode, hint, last = Mode.LOST_IN_SPACE, None, None
     for _ in range(FRAMES):
         frame = render(sky, profile.camera, profile.sensor, truth, EXPOSURE_S, rng, rate_rad_s=rate_rad_s)
-        result = solve(frame.pixels, profile.camera, bank, p, mode=mode, hint=hint)
+        result = solve(frame.pixels, profile.camera, bank, parameters, mode=mode, hint=hint)
         attitude = result.attitude
         slew.frames += 1
         slew.solved += attitude is not None

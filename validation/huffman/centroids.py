@@ -110,9 +110,9 @@ def huffman_4_2(stars: StarTable, trials: int, seed: int, progress: Progress, cl
             at = scattered(30, rng, 40.0)
             image = frame(at, np.full(30, float(v_mag)), TABLE_4_1, rng)
             for kind in errors:
-                p = replace(parameters(TABLE_4_1, 5.0, "block"), centroider=kind)
+                chain_parameters = replace(parameters(TABLE_4_1, 5.0, "block"), centroider=kind)
                 start = clock() if clock else 0.0
-                centroids = find_centroids(image, p).centroids
+                centroids = find_centroids(image, chain_parameters).centroids
                 seconds[kind] += clock() - start if clock else 0.0
                 errors[kind].append(_nearest_error(centroids.pixels, at))
         plain, mle = (np.concatenate(errors[kind]) for kind in ("weighted_sum", "mle"))

@@ -60,8 +60,8 @@ def _deltas(v_mag: float, images: int, rng: np.random.Generator) -> list[Array]:
         at = scattered(STARS, rng, 60.0)
         image = frame(at, np.full(STARS, v_mag), TABLE_5_2, rng)
         for k, (prefilter, centroider) in enumerate(KINDS):
-            p = replace(parameters(TABLE_5_2, 5.0, prefilter), centroider=centroider)
-            centroids = find_centroids(image, p).centroids
+            chain_parameters = replace(parameters(TABLE_5_2, 5.0, prefilter), centroider=centroider)
+            centroids = find_centroids(image, chain_parameters).centroids
             if len(centroids) == STARS:
                 deltas[k].append(TABLE_5_2.magnitude(centroids.flux_dn) - v_mag)
     return [np.concatenate(k) if k else np.empty(0) for k in deltas]

@@ -122,7 +122,7 @@ def _images(
 ) -> list[FrameStars]:
     """Render frames of star-rich fields, detect stars with the system's region growing, and identify them with the
     camera before calibration."""
-    p = default_parameters(profile)
+    parameters = default_parameters(profile)
     names = _sky(stars, start)
     chip = make_chip(profile.defects, profile.sensor, profile.camera, 1)
     identified: list[FrameStars] = []
@@ -130,7 +130,15 @@ def _images(
     while len(identified) < count and tried < 4 * count:
         tried += 1
         frame = _image(
-            stars, profile, start, names, chip, p, _rich(stars, profile.camera, rng), rng, f"image {len(identified)}"
+            stars,
+            profile,
+            start,
+            names,
+            chip,
+            parameters,
+            _rich(stars, profile.camera, rng),
+            rng,
+            f"image {len(identified)}",
         )
         if frame is not None:
             identified.append(frame)
@@ -157,7 +165,7 @@ def _image(
     start: Camera,
     names: KnownSky,
     chip: Chip,
-    p: SunsatParameters,
+    parameters: SunsatParameters,
     attitude: Array,
     rng: np.random.Generator,
     name: str,
@@ -168,10 +176,10 @@ def _image(
     place = stars.icrs + SEEING_RAD * rng.normal(size=stars.icrs.shape)
     observed = replace(stars, v_mag=seen_mag, icrs=place / np.linalg.norm(place, axis=1, keepdims=True))
     picture = render(observed, profile.camera, profile.sensor, attitude, profile.sensor.exposure_s, rng, chip=chip)
-    centroids = find_in_frame(picture.pixels, replace(p, max_found=60)).centroids
+    centroids = find_in_frame(picture.pixels, replace(parameters, max_found=60)).centroids
     result = solve_centroids(centroids, start, names)
     saturation_dn = float(profile.sensor.saturation_dn - profile.sensor.bias_dn - 2)
-    frame = frame_stars(name, result, stars, exposure_s=p.exposure_s, saturation_dn=saturation_dn)
+    frame = frame_stars(name, result, stars, exposure_s=parameters.exposure_s, saturation_dn=saturation_dn)
     if frame is None:
         return None
     return frame.take(np.flatnonzero((frame.v_mag >= LIMITS_MAG[0]) & (frame.v_mag <= LIMITS_MAG[1])))
@@ -199,11 +207,11 @@ def _distances(frames: Sequence[FrameStars], camera: Camera) -> _DistanceErrors:
     return _DistanceErrors(np.concatenate(errors), sum(map(len, frames)))
 
 
-def _light(frames: Sequence[FrameStars], camera: Camera, p: SunsatParameters) -> PhotometricCalibration:
+def _light(frames: Sequence[FrameStars], camera: Camera, parameters: SunsatParameters) -> PhotometricCalibration:
     """Calibrate the photometry. The chain's brightness includes k_area. It is removed first, because the calibration
     fits it."""
-    above = [replace(f, flux_dn=f.flux_dn - p.k_area * f.area_px * p.threshold_dn) for f in frames]
-    return calibrate_photometry(above, camera, threshold_above_dark_dn=p.threshold_dn, limits_mag=LIMITS_MAG)
+    above = [replace(f, flux_dn=f.flux_dn - parameters.k_area * f.area_px * parameters.threshold_dn) for f in frames]
+    return calibrate_photometry(above, camera, threshold_above_dark_dn=parameters.threshold_dn, limits_mag=LIMITS_MAG)
 
 
 def _experiment(

@@ -113,12 +113,14 @@ def jacobs_3_7(stars: StarTable, trials: int, seed: int, progress: Progress) -> 
     )
 
 
-def _try(seen: Observed, camera: Camera, catalogue: SunsatCatalogue, p: SunsatParameters, count: _Count) -> None:
-    matching = match_stars(seen.centroids, camera, catalogue, p, Mode.LOST_IN_SPACE, None)
+def _try(
+    seen: Observed, camera: Camera, catalogue: SunsatCatalogue, parameters: SunsatParameters, count: _Count
+) -> None:
+    matching = match_stars(seen.centroids, camera, catalogue, parameters, Mode.LOST_IN_SPACE, None)
     count.entries += matching.operations
     named = matching.selected
-    if p.acceptance == "bound" and not matching.reason:
-        solution = calculate_attitude(matching, seen.centroids, camera, catalogue, p)
+    if parameters.acceptance == "bound" and not matching.reason:
+        solution = calculate_attitude(matching, seen.centroids, camera, catalogue, parameters)
         named = named if solution.attitude is not None else named[:0]
     if len(named) == 0:
         few = len(seen.centroids) < MIN_STARS

@@ -96,7 +96,7 @@ def observe(
     attitude: Array,
     sigma_rad: float,
     sigma_mag: float,
-    p: SunsatParameters,
+    parameters: SunsatParameters,
     rng: np.random.Generator,
 ) -> Observed:
     """Simulate the catalogue stars in view with normal errors of position per axis and of magnitude (§3.5)."""
@@ -107,7 +107,7 @@ def observe(
     pixels = pixels + sigma_rad * np.array([camera.focal_col_px, camera.focal_row_px]) * rng.normal(size=pixels.shape)
     v_mag = stars.v_mag[row] + sigma_mag * rng.normal(size=len(row))
     order = np.argsort(v_mag, kind="stable")
-    flux = brightness_dn(v_mag[order], p)
+    flux = brightness_dn(v_mag[order], parameters)
     sigma_px = max(sigma_rad / camera.pixel_rad, 1e-3)
     return Observed(Centroids.from_pixels(pixels[order], flux, sigma_px), row[order])
 

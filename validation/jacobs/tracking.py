@@ -130,15 +130,15 @@ def with_discs(pixels: Pixels, count: int, rng: np.random.Generator) -> NDArray[
     return eight_bit
 
 
-def _row(false: int, t: _TrackingTally) -> tuple[Cell, ...]:
+def _row(false: int, tally: _TrackingTally) -> tuple[Cell, ...]:
     return (
         false,
         "smooth" if not false else "smooth, occasionally starting again",
-        share_text(t.tracked, t.frames),
-        t.imprecise,
-        f"{t.starts} of {t.frames}",
-        t.wrong,
-        t.windows / max(1, t.frames),
+        share_text(tally.tracked, tally.frames),
+        tally.imprecise,
+        f"{tally.starts} of {tally.frames}",
+        tally.wrong,
+        tally.windows / max(1, tally.frames),
     )
 
 

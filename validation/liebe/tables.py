@@ -86,14 +86,14 @@ def _estimate_rad(
     seen: Image,
     camera: Camera,
     bank: OerstedCatalogue,
-    p: OerstedParameters,
+    parameters: OerstedParameters,
     truth: Array,
     mode: Mode,
     hint: AttitudePrior | None,
 ) -> float:
     """Return the boresight error; NaN without an estimate."""
-    matching = match_stars(seen.centroids, camera, bank, p, mode, hint)
-    solution = calculate_attitude(matching, seen.centroids, camera, bank, p, hint)
+    matching = match_stars(seen.centroids, camera, bank, parameters, mode, hint)
+    solution = calculate_attitude(matching, seen.centroids, camera, bank, parameters, hint)
     if solution.attitude is None:
         return float("nan")
     return float(separation_rad(solution.attitude.cam_from_icrs[2], truth[2]))
@@ -163,7 +163,7 @@ GROUPS = ((5, 9), (10, 14), (15, 19), (20, 24), (25, 29), (30, 39))
 def liebe_18(stars: StarTable, trials: int, seed: int, progress: Progress) -> Experiment:
     """Measure the boresight error against the number of stars, and test σ_axis ≈ σ_star/√n. ``trials``: predictional estimates."""
     bank, camera = catalogue(stars), instrument().camera
-    p = default_parameters(instrument())
+    parameters = default_parameters(instrument())
     number, error = np.zeros(trials, int), np.full(trials, np.nan)
     for trial in range(trials):
         progress(trial / trials)
@@ -171,7 +171,7 @@ def liebe_18(stars: StarTable, trials: int, seed: int, progress: Progress) -> Ex
         attitude = matrix_from_quaternion(random_quaternion(rng))
         seen = image(bank, camera, attitude, SITUATIONS[0], rng)
         number[trial] = len(seen.row)
-        error[trial] = _estimate_rad(seen, camera, bank, p, attitude, Mode.TRACKING, _coarse(attitude, rng))
+        error[trial] = _estimate_rad(seen, camera, bank, parameters, attitude, Mode.TRACKING, _coarse(attitude, rng))
     progress(1.0)
     good = np.isfinite(error)
     rms_ratio = np.sqrt(np.mean(error[good] ** 2 * number[good])) / STAR_SIGMA_RAD

@@ -133,9 +133,11 @@ def _light_fact(name: str, before: StarTable, after: StarTable, **details: objec
     }
 
 
-def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: list[CorrectionFact]) -> StarTable:
+def _magnitudes_of_date(
+    stars: StarTable, corrections: Corrections, date: float, facts: list[CorrectionFact]
+) -> StarTable:
     now = stars
-    if c.flag_variables:
+    if corrections.flag_variables:
         flagged = variables.flagged(now)
         new = int(np.count_nonzero(flagged.flags != now.flags))
         total = int(np.count_nonzero(flagged.flags & FLAG_VARIABLE))
@@ -143,7 +145,7 @@ def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: li
             {"name": "flag_variables", "stars": new, "variables": total, "source": "Hipparcos, Jacobs 1995 Table A-1"}
         )
         now = flagged
-    if c.variables_at_date:
+    if corrections.variables_at_date:
         dated = variables.at_date(now, date)
         facts.append(_light_fact("variables_at_date", now, dated, source="GCVS 5.1"))
         now = dated
@@ -151,12 +153,12 @@ def _magnitudes_of_date(stars: StarTable, c: Corrections, date: float, facts: li
 
 
 def _camera_magnitudes(
-    stars: StarTable, c: Corrections, profile: CameraProfile, facts: list[CorrectionFact]
+    stars: StarTable, corrections: Corrections, profile: CameraProfile, facts: list[CorrectionFact]
 ) -> StarTable:
     now = stars
-    if c.instrument_magnitude:
+    if corrections.instrument_magnitude:
         response = response_of(profile)
-        corrected = replace(now, v_mag=now.v_mag + instrument_minus_v(now.b_v, response, c.unknown_b_v))
+        corrected = replace(now, v_mag=now.v_mag + instrument_minus_v(now.b_v, response, corrections.unknown_b_v))
         guessed = int(np.count_nonzero(np.isnan(now.b_v)))
         facts.append(
             _light_fact(
@@ -169,23 +171,25 @@ def _camera_magnitudes(
             )
         )
         now = corrected
-    if c.roll_off != "off":
-        dimmed = replace(now, v_mag=now.v_mag + roll_off_mag(profile, c.roll_off))
-        facts.append(_light_fact("roll_off", now, dimmed, over=c.roll_off, corner_loss=profile.defects.corner_loss))
+    if corrections.roll_off != "off":
+        dimmed = replace(now, v_mag=now.v_mag + roll_off_mag(profile, corrections.roll_off))
+        facts.append(
+            _light_fact("roll_off", now, dimmed, over=corrections.roll_off, corner_loss=profile.defects.corner_loss)
+        )
         now = dimmed
     return now
 
 
 def _merged(
-    stars: StarTable, c: Corrections, profile: CameraProfile | None, facts: list[CorrectionFact]
+    stars: StarTable, corrections: Corrections, profile: CameraProfile | None, facts: list[CorrectionFact]
 ) -> tuple[StarTable, StarTable]:
-    if c.doubles is None:
+    if corrections.doubles is None:
         return stars, stars.take(np.zeros(len(stars), bool))
-    merged = pairs.merge(stars, c.doubles, profile)
+    merged = pairs.merge(stars, corrections.doubles, profile)
     facts.append(
         {
             "name": "doubles",
-            "policy": c.doubles.policy,
+            "policy": corrections.doubles.policy,
             "separation_rad": merged.separation_rad,
             "stars": merged.members,
             "centres": merged.groups,
@@ -197,25 +201,32 @@ def _merged(
     return merged.stars, merged.rejected
 
 
-def _seen_from_earth(stars: StarTable, c: Corrections, date: float, facts: list[CorrectionFact]) -> StarTable:
+def _seen_from_earth(stars: StarTable, corrections: Corrections, date: float, facts: list[CorrectionFact]) -> StarTable:
     now = stars
-    if c.parallax:
+    if corrections.parallax:
         near = replace(now, icrs=parallactic(now.icrs, now.parallax_rad, earth_motion(date)[0]))
         facts.append(_shift_fact("parallax", now, near, below_zero=int(np.count_nonzero(now.parallax_rad < 0))))
         now = near
-    annual = mean_earth_velocity_c(date, c.aberration_days) if c.annual_aberration else np.zeros(3)
-    if c.annual_aberration:
+    annual = mean_earth_velocity_c(date, corrections.aberration_days) if corrections.annual_aberration else np.zeros(3)
+    if corrections.annual_aberration:
         # Velocities must be added before aberration is applied, so the second step uses the positions without
         # aberration.
         shifted = replace(now, icrs=aberrate(now.icrs, annual))
         velocity = [float(v) for v in annual * LIGHT_KM_S]
-        facts.append(_shift_fact("annual_aberration", now, shifted, velocity_km_s=velocity, days=c.aberration_days))
-    if c.orbital_aberration is None:
-        return shifted if c.annual_aberration else now
-    orbital = _orbital_velocity_km_s(now.icrs, c.orbital_aberration) / LIGHT_KM_S
+        facts.append(
+            _shift_fact("annual_aberration", now, shifted, velocity_km_s=velocity, days=corrections.aberration_days)
+        )
+    if corrections.orbital_aberration is None:
+        return shifted if corrections.annual_aberration else now
+    orbital = _orbital_velocity_km_s(now.icrs, corrections.orbital_aberration) / LIGHT_KM_S
     both = replace(now, icrs=_aberrate_each(now.icrs, orbital + annual))
     facts.append(
-        _shift_fact("orbital_aberration", shifted if c.annual_aberration else now, both, **asdict(c.orbital_aberration))
+        _shift_fact(
+            "orbital_aberration",
+            shifted if corrections.annual_aberration else now,
+            both,
+            **asdict(corrections.orbital_aberration),
+        )
     )
     return both
 
@@ -235,11 +246,11 @@ def _aberrate_each(unit: Array, velocity_c: Array) -> Array:
     return np.asarray((inverse_gamma * unit + (1 + along / (1 + inverse_gamma)) * velocity_c) / (1 + along))
 
 
-def _in_frame(stars: StarTable, c: Corrections, date: float) -> StarTable:
-    if c.frame == "icrs":
+def _in_frame(stars: StarTable, corrections: Corrections, date: float) -> StarTable:
+    if corrections.frame == "icrs":
         return stars
-    if c.frame == "of_date":
+    if corrections.frame == "of_date":
         turn = date_from_icrs(date).T
         return replace(stars, icrs=stars.icrs @ turn, proper_motion_rad_yr=stars.proper_motion_rad_yr @ turn)
-    place, motion = to_b1950(stars.icrs, stars.proper_motion_rad_yr, stars.epoch_jyear, c.e_terms)
+    place, motion = to_b1950(stars.icrs, stars.proper_motion_rad_yr, stars.epoch_jyear, corrections.e_terms)
     return replace(stars, icrs=place, proper_motion_rad_yr=motion)

@@ -42,7 +42,7 @@ class Accuracy:
     roll_worst_rad: float
 
 
-def sigma_rad(c: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tuple[Array, Array]:
+def sigma_rad(camera: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tuple[Array, Array]:
     """Return the (m,) standard deviations (across, about) of the attitude of each field; NaN for fields with fewer than
     three stars.
 
@@ -54,8 +54,8 @@ def sigma_rad(c: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tu
     sigma = star_sigma_px[pairs.star]
     used = np.isfinite(sigma)
     field, x, y = pairs.field[used], pairs.plane[used, 0], pairs.plane[used, 1]
-    wx = (c.camera.focal_col_px / sigma[used]) ** 2
-    wy = (c.camera.focal_row_px / sigma[used]) ** 2
+    wx = (camera.camera.focal_col_px / sigma[used]) ** 2
+    wy = (camera.camera.focal_row_px / sigma[used]) ** 2
     g = (-x * y, 1 + x * x, -y)
     h = (-1 - y * y, x * y, x)
     information = np.empty((m, 3, 3))
@@ -72,20 +72,20 @@ def sigma_rad(c: DesignCamera, pairs: StarsInFields, star_sigma_px: Array) -> tu
     return across, about
 
 
-def star_sigma_px(c: DesignCamera, stars: StarTable, rows: int) -> Array:
+def star_sigma_px(camera: DesignCamera, stars: StarTable, rows: int) -> Array:
     """Return the (rows,) centroid errors of the brightest stars. A saturated star counts as a star just below
     saturation."""
-    bright = saturation_mag(c)
+    bright = saturation_mag(camera)
     v = np.maximum(stars.v_mag[:rows], bright if np.isfinite(bright) else -2.0)
     grid = np.arange(np.floor(v.min()) if rows else 0.0, (v.max() if rows else 0.0) + 2 * MAG_STEP, MAG_STEP)
-    return np.exp(np.interp(v, grid, np.log(centroid_sigma_px(c, grid))))
+    return np.exp(np.interp(v, grid, np.log(centroid_sigma_px(camera, grid))))
 
 
-def accuracy(c: DesignCamera, stars: StarTable, pairs: StarsInFields, limit: float | None = None) -> Accuracy:
+def accuracy(camera: DesignCamera, stars: StarTable, pairs: StarsInFields, limit: float | None = None) -> Accuracy:
     """Compute the accuracy over the pointings of ``pairs``, using stars to the active magnitude limit or to
     ``limit``."""
-    rows = bright_rows(stars, limit_mag(c) if limit is None else limit)
-    return summary(*sigma_rad(c, pairs.brighter_than(rows), star_sigma_px(c, stars, rows)))
+    rows = bright_rows(stars, limit_mag(camera) if limit is None else limit)
+    return summary(*sigma_rad(camera, pairs.brighter_than(rows), star_sigma_px(camera, stars, rows)))
 
 
 def summary(across: Array, about: Array) -> Accuracy:
@@ -105,22 +105,23 @@ def summary(across: Array, about: Array) -> Accuracy:
     return Accuracy(float(finite.mean()), *statistics_of(across), *statistics_of(about))
 
 
-def limit_at_mag(c: DesignCamera, exposure_s: float) -> float:
+def limit_at_mag(camera: DesignCamera, exposure_s: float) -> float:
     """Return the magnitude limit at another exposure: the radiometric limit, or the stated limit, which a shorter
     exposure makes brighter and a longer one does not change."""
-    other = replace(c, exposure_s=exposure_s)
-    if c.mag_limit is None:
+    other = replace(camera, exposure_s=exposure_s)
+    if camera.mag_limit is None:
         return limit_mag(other)
-    return c.mag_limit + min(0.0, limit_brightest_pixel_mag(other) - limit_brightest_pixel_mag(c))
+    return camera.mag_limit + min(0.0, limit_brightest_pixel_mag(other) - limit_brightest_pixel_mag(camera))
 
 
-def against_exposure(c: DesignCamera, stars: StarTable, pairs: StarsInFields, exposure_s: Array) -> list[Accuracy]:
+def against_exposure(camera: DesignCamera, stars: StarTable, pairs: StarsInFields, exposure_s: Array) -> list[Accuracy]:
     """Return the accuracy for each exposure (s) with the camera at rest: the noise-equivalent angle."""
     return [
-        accuracy(replace(c, exposure_s=float(t)), stars, pairs, limit_at_mag(c, float(t))) for t in np.ravel(exposure_s)
+        accuracy(replace(camera, exposure_s=float(t)), stars, pairs, limit_at_mag(camera, float(t)))
+        for t in np.ravel(exposure_s)
     ]
 
 
-def against_limit(c: DesignCamera, stars: StarTable, pairs: StarsInFields, limits_mag: Array) -> list[Accuracy]:
+def against_limit(camera: DesignCamera, stars: StarTable, pairs: StarsInFields, limits_mag: Array) -> list[Accuracy]:
     """Return the accuracy for each magnitude limit, using only stars up to that limit."""
-    return [accuracy(c, stars, pairs, float(v)) for v in np.ravel(limits_mag)]
+    return [accuracy(camera, stars, pairs, float(v)) for v in np.ravel(limits_mag)]

@@ -110,27 +110,27 @@ class DesignCamera:
     @classmethod
     def from_profile(cls, chosen: CameraProfile) -> DesignCamera:
         """Return the design of a documented camera. Its efficiency is computed from the zero point."""
-        c, s = chosen.camera, chosen.sensor
+        geometry, sensor = chosen.camera, chosen.sensor
         photons_s = chosen.aperture_cm2 * chosen.transmission * BANDWIDTH_NM * PHOTONS_S_CM2_NM
         return cls(
             chosen.name,
-            c.columns,
-            c.rows,
+            geometry.columns,
+            geometry.rows,
             chosen.pitch_col_mm * 1e3,
             chosen.pitch_row_mm * 1e3,
             chosen.focal_mm,
             chosen.f_number,
             chosen.transmission,
-            s.zero_point_e_s / photons_s,
-            s.exposure_s,
-            s.psf_sigma_px,
-            s.bits,
-            s.gain_e_per_dn,
-            s.bias_dn,
-            s.full_well_e,
-            s.read_noise_e,
-            s.dark_current_e_s,
-            s.background_e_s,
+            sensor.zero_point_e_s / photons_s,
+            sensor.exposure_s,
+            sensor.psf_sigma_px,
+            sensor.bits,
+            sensor.gain_e_per_dn,
+            sensor.bias_dn,
+            sensor.full_well_e,
+            sensor.read_noise_e,
+            sensor.dark_current_e_s,
+            sensor.background_e_s,
             chosen.defects.response_sigma,
         )
 

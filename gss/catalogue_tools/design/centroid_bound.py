@@ -68,17 +68,17 @@ def pixel_bias_px(sigma_px: Array | float) -> Array:
     return np.asarray(np.exp(-2 * (np.pi * np.asarray(sigma_px, float)) ** 2) / (np.pi * np.sqrt(2)))
 
 
-def centroid_sigma_px(c: DesignCamera, v_mag: Array | float) -> Array:
+def centroid_sigma_px(camera: DesignCamera, v_mag: Array | float) -> Array:
     """Return the centroid bound for stars of magnitude V in this camera."""
-    star_e = c.sensor.star_e(v_mag, c.exposure_s)
-    return bound_px(star_e, c.psf_sigma_px, c.noise_e, c.response_sigma)
+    star_e = camera.sensor.star_e(v_mag, camera.exposure_s)
+    return bound_px(star_e, camera.psf_sigma_px, camera.noise_e, camera.response_sigma)
 
 
-def psf_advice(c: DesignCamera) -> PsfAdvice:
+def psf_advice(camera: DesignCamera) -> PsfAdvice:
     """Compute the effect of a different focus: magnitude limits, and the centroid error of the faintest star used at
     the present focus, with noise and pixel bias combined."""
-    tried = [with_psf(c, float(s)) for s in PSF_GRID_PX]
-    star_e = np.array([float(c.sensor.star_e(limit_mag(c), c.exposure_s))])
+    tried = [with_psf(camera, float(s)) for s in PSF_GRID_PX]
+    star_e = np.array([float(camera.sensor.star_e(limit_mag(camera), camera.exposure_s))])
     noise = np.array([exact_bound_px(star_e, t.psf_sigma_px, t.noise_e, t.response_sigma)[0] for t in tried])
     best = float(PSF_GRID_PX[int(np.argmin(np.hypot(noise, pixel_bias_px(PSF_GRID_PX))))])
     return PsfAdvice(
@@ -87,5 +87,5 @@ def psf_advice(c: DesignCamera) -> PsfAdvice:
         np.array([limit_window_mag(t) for t in tried]),
         np.hypot(noise, pixel_bias_px(PSF_GRID_PX)),
         best,
-        psf_kind(c.psf_sigma_px, best),
+        psf_kind(camera.psf_sigma_px, best),
     )

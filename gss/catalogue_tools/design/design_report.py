@@ -119,17 +119,17 @@ class DesignReport:
     notes: tuple[str, ...]
 
 
-def limits_of(c: DesignCamera) -> MagnitudeLimits:
+def limits_of(camera: DesignCamera) -> MagnitudeLimits:
     """Compute all limiting magnitudes."""
     return MagnitudeLimits(
-        limit_mag(c),
-        limit_brightest_pixel_mag(c),
-        limit_window_mag(c),
-        saturation_mag(c),
-        limits_jacobs.limit_mag(c),
-        limits_huffman.limit_mag(c),
-        limits_erlank.limit_mag(c),
-        limits_moniteq.limit_mag(c),
+        limit_mag(camera),
+        limit_brightest_pixel_mag(camera),
+        limit_window_mag(camera),
+        saturation_mag(camera),
+        limits_jacobs.limit_mag(camera),
+        limits_huffman.limit_mag(camera),
+        limits_erlank.limit_mag(camera),
+        limits_moniteq.limit_mag(camera),
     )
 
 
@@ -143,30 +143,30 @@ def design(
 ) -> DesignReport:
     """Compute the report. ``stars``: brightest first. ``each``: ``map`` or a parallel equivalent, applied to the blocks
     of pointings. Raises BadInput if the camera detects no star."""
-    c = request.camera
-    limits = limits_of(c)
+    camera = request.camera
+    limits = limits_of(camera)
     _check(limits, stars)
     rows = bright_rows(stars, limits.in_force_mag)
     grid_rows = bright_rows(stars, limits.in_force_mag + GRID_BEYOND_MAG)
-    looks = affordable(c, grid_rows, effort.looks, effort.pairs)
-    attitudes = look(c, looks, request.seed, request.envelope)
-    pairs = pairs_in_view(stars.icrs[:grid_rows], attitudes, c.shape)
+    looks = affordable(camera, grid_rows, effort.looks, effort.pairs)
+    attitudes = look(camera, looks, request.seed, request.envelope)
+    pairs = pairs_in_view(stars.icrs[:grid_rows], attitudes, camera.shape)
     used_stars = pairs.brighter_than(rows)
     counted = counted_pairs(used_stars, attitudes)
     if effort.pointings:
         counted = _count(request, stars.icrs[:rows], effort, each, _part(progress, 0.0, 0.6))
     curves = curves_of(
-        c, stars, limits.in_force_mag, attitudes, pairs, used_stars, effort.pairs, _part(progress, 0.6, 0.85)
+        camera, stars, limits.in_force_mag, attitudes, pairs, used_stars, effort.pairs, _part(progress, 0.6, 0.85)
     )
     single_stage, double_stage, problem = _baffles(request)
     trade: tuple[TradeRow, ...] = ()
     if effort.trade_looks:
         trade_attitudes = attitudes[: effort.trade_looks]
-        trade = lens_trade(c, stars, trade_attitudes, effort.pairs / 4, _part(progress, 0.85, 1.0))
-    accuracies = accuracy(c, stars, used_stars)
-    blur, psf = motion_blur(c), psf_advice(c)
+        trade = lens_trade(camera, stars, trade_attitudes, effort.pairs / 4, _part(progress, 0.85, 1.0))
+    accuracies = accuracy(camera, stars, used_stars)
+    blur, psf = motion_blur(camera), psf_advice(camera)
     notes = _notes(request, limits, counted)
-    longest = longest_exposure_s(c)
+    longest = longest_exposure_s(camera)
     return DesignReport(
         request,
         effort,
@@ -186,32 +186,32 @@ def design(
     )
 
 
-def camera_row(c: DesignCamera, stars: StarTable, looks: int, pairs: float, seed: int = 1) -> TradeRow:
+def camera_row(camera: DesignCamera, stars: StarTable, looks: int, pairs: float, seed: int = 1) -> TradeRow:
     """Return the row of a camera in the table of cameras, for pointings over the whole sky."""
-    return trade_row(c, stars, look(c, looks, seed), pairs)
+    return trade_row(camera, stars, look(camera, looks, seed), pairs)
 
 
 def _count(request: DesignRequest, unit: Array, effort: DesignEffort, each: Each, progress: Progress) -> InView:
-    c = request.camera
-    pointings = affordable(c, len(unit), effort.pointings, effort.pairs * MAX_COUNTED)
+    camera = request.camera
+    pointings = affordable(camera, len(unit), effort.pointings, effort.pairs * MAX_COUNTED)
 
     def portion(k: int, m: int) -> Array:
         # The seed differs from the seeds of all other portions and curves, for any portion size.
         where = request.seed * 1_000_003 + 1 + k
-        return look(c, m, where, request.envelope)
+        return look(camera, m, where, request.envelope)
 
-    return count_stars(unit, portion, pointings, c.shape, each, progress)
+    return count_stars(unit, portion, pointings, camera.shape, each, progress)
 
 
 def _baffles(request: DesignRequest) -> tuple[BaffleGeometry | None, BaffleGeometry | None, str]:
-    c = request.camera
-    radius = c.pupil_mm / 2
+    camera = request.camera
+    radius = camera.pupil_mm / 2
     try:
-        single_stage = one_stage(radius, c.half_diagonal_rad, request.exclusion_rad, request.spare_mm)
+        single_stage = one_stage(radius, camera.half_diagonal_rad, request.exclusion_rad, request.spare_mm)
     except BadInput as error:
         return None, None, str(error)
     try:
-        return single_stage, two_stage(radius, c.half_diagonal_rad, request.exclusion_rad), ""
+        return single_stage, two_stage(radius, camera.half_diagonal_rad, request.exclusion_rad), ""
     except BadInput as error:
         return single_stage, None, str(error)
 
@@ -228,7 +228,7 @@ def _check(limits: MagnitudeLimits, stars: StarTable) -> None:
 
 
 def _notes(request: DesignRequest, limits: MagnitudeLimits, counted: InView) -> tuple[str, ...]:
-    c, notes = request.camera, []
+    camera, notes = request.camera, []
     if limits.in_force_mag > COMPLETE_V_MAG:
         notes.append(
             f"The limit V {limits.in_force_mag:.2f} is beyond V {COMPLETE_V_MAG}, above which Hipparcos is incomplete: star "
@@ -236,10 +236,10 @@ def _notes(request: DesignRequest, limits: MagnitudeLimits, counted: InView) -> 
         )
     if limits.saturation_mag > limits.in_force_mag:
         notes.append("Every detected star saturates: the exposure is too long or the converter too small.")
-    if c.mag_limit is not None and c.mag_limit > limits.brightest_pixel_mag + 0.005:
+    if camera.mag_limit is not None and camera.mag_limit > limits.brightest_pixel_mag + 0.005:
         notes.append(
-            f"The magnitude limit V {c.mag_limit:.2f} is fainter than the radiometry allows "
-            f"(V {limits.brightest_pixel_mag:.2f} at SNR {c.threshold_snr:g})."
+            f"The magnitude limit V {camera.mag_limit:.2f} is fainter than the radiometry allows "
+            f"(V {limits.brightest_pixel_mag:.2f} at SNR {camera.threshold_snr:g})."
         )
     if counted.p_fewer_than(3) > 0.01:
         notes.append(

@@ -68,11 +68,11 @@ class StarsInFields:
         return StarsInFields(self.field[keep], self.star[keep], self.plane[keep], count)
 
 
-def look(c: DesignCamera, pointings: int, seed: int, envelope: Envelope | None = None) -> Array:
+def look(camera: DesignCamera, pointings: int, seed: int, envelope: Envelope | None = None) -> Array:
     """Return (m, 3, 3) random cam_from_icrs, uniform over the sky and the roll, or within an envelope."""
     if pointings < 1:
         raise BadInput("the number of pointings is out of range", expected="at least 1", got=str(pointings))
-    where = WholeSky(c.shape) if envelope is None else envelope
+    where = WholeSky(camera.shape) if envelope is None else envelope
     return where.attitudes(np.random.default_rng(seed), pointings)
 
 
@@ -81,10 +81,10 @@ def bright_rows(stars: StarTable, limit_mag: float) -> int:
     return int(np.searchsorted(stars.v_mag, limit_mag, side="right"))
 
 
-def affordable(c: DesignCamera, rows: int, pointings: int, max_pairs: float) -> int:
+def affordable(camera: DesignCamera, rows: int, pointings: int, max_pairs: float) -> int:
     """Return the number of pointings for which the expected number of counted stars is below ``max_pairs``; at least
     50."""
-    per_field = rows * c.shape.area_sr / (4 * np.pi)
+    per_field = rows * camera.shape.area_sr / (4 * np.pi)
     return max(min(pointings, 50), min(pointings, int(max_pairs / max(per_field, 1e-9))))
 
 
@@ -198,16 +198,18 @@ def p_fewer_in_circle(nth_rad: Array, stars: int, diameter_rad: Array) -> Array:
     )
 
 
-def p_fewer_by_focal(unit: Array, attitudes: Array, c: DesignCamera, focal_mm: Array, stars: tuple[int, ...]) -> Array:
+def p_fewer_by_focal(
+    unit: Array, attitudes: Array, camera: DesignCamera, focal_mm: Array, stars: tuple[int, ...]
+) -> Array:
     """Return the (len(stars), len(focal_mm)) fraction of this detector's rectangular fields with fewer stars, for each
     focal length.
 
     One search with the shortest focal length is sufficient, because the tangent plane coordinates of a star give the
     longest focal length at which it is in the field.
     """
-    widest = c.edited(focal_mm=float(np.min(focal_mm)))
+    widest = camera.edited(focal_mm=float(np.min(focal_mm)))
     pairs = pairs_in_view(unit, attitudes, widest.shape)
-    half_x, half_y = c.half_size_mm
+    half_x, half_y = camera.half_size_mm
     longest_mm = np.minimum(
         half_x / np.maximum(np.abs(pairs.plane[:, 0]), 1e-12), half_y / np.maximum(np.abs(pairs.plane[:, 1]), 1e-12)
     )

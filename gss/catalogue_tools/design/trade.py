@@ -42,40 +42,42 @@ class TradeRow:
     blur_rate_rad_s: float
 
 
-def trade_row(c: DesignCamera, stars: StarTable, attitudes: Array, max_pairs: float) -> TradeRow:
+def trade_row(camera: DesignCamera, stars: StarTable, attitudes: Array, max_pairs: float) -> TradeRow:
     """Assess one camera at (m, 3, 3) attitudes. Fewer attitudes are used if the camera detects very many stars."""
-    limit = limit_mag(c)
+    limit = limit_mag(camera)
     rows = bright_rows(stars, limit)
-    count = affordable(c, rows, len(attitudes), max_pairs)
-    pairs = pairs_in_view(stars.icrs[:rows], attitudes[:count], c.shape)
-    accuracies = accuracy(c, stars, pairs)
+    count = affordable(camera, rows, len(attitudes), max_pairs)
+    pairs = pairs_in_view(stars.icrs[:rows], attitudes[:count], camera.shape)
+    accuracies = accuracy(camera, stars, pairs)
     return TradeRow(
-        c,
+        camera,
         limit,
-        saturation_mag(c),
+        saturation_mag(camera),
         float(pairs.count.mean()),
         float((pairs.count < 3).mean()),
         count,
         accuracies.cross_median_rad,
         accuracies.roll_median_rad,
-        motion_blur(c).rate_rad_s,
+        motion_blur(camera).rate_rad_s,
     )
 
 
 def lens_trade(
-    c: DesignCamera, stars: StarTable, attitudes: Array, max_pairs: float, progress: Progress
+    camera: DesignCamera, stars: StarTable, attitudes: Array, max_pairs: float, progress: Progress
 ) -> tuple[TradeRow, ...]:
     """Assess the camera with shorter, longer, faster and slower lenses, each with its radiometric magnitude limit.
 
     Star images keep their size in pixels. Lenses that give an invalid camera are omitted.
     """
     rows = []
-    c = replace(c, mag_limit=None)
+    camera = replace(camera, mag_limit=None)
     for k, focal in enumerate(LENS_FOCALS):
         progress(k / len(LENS_FOCALS))
         for number in LENS_F_NUMBERS:
             try:
-                other = replace(c, focal_mm=float(c.focal_mm * focal), f_number=float(c.f_number * number))
+                other = replace(
+                    camera, focal_mm=float(camera.focal_mm * focal), f_number=float(camera.f_number * number)
+                )
             except BadInput:
                 continue
             rows.append(trade_row(other, stars, attitudes, max_pairs))

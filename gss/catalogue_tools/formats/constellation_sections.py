@@ -75,13 +75,13 @@ def read_constellations(content: Mapping[str, bytes], stars: int) -> Constellati
     )
 
 
-def _check(c: Columns, stars: int) -> None:
-    if not len(c["star"]):
+def _check(columns: Columns, stars: int) -> None:
+    if not len(columns["star"]):
         return
-    if c["star"].max() >= stars:
+    if columns["star"].max() >= stars:
         raise CorruptData("a triplet names a star that is not in the list", expected=f"below {stars}")
-    fits = (c["angle_low"] <= c["angle_high"]) & (c["angle_high"] <= MAX_ANGLE)
-    fits &= np.maximum(c["first"], c["second"]) <= MAX_DISTANCE + 1
+    fits = (columns["angle_low"] <= columns["angle_high"]) & (columns["angle_high"] <= MAX_ANGLE)
+    fits &= np.maximum(columns["first"], columns["second"]) <= MAX_DISTANCE + 1
     if not fits.all():
         raise CorruptData(
             "the classes of a triplet are out of range", expected="at most 12 bits and 6 bits, angles in order"

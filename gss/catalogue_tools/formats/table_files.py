@@ -259,7 +259,7 @@ def _write_csv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     # numpy prints the shortest text that restores the same number.
-    writer.writerows(zip(*([str(v) for v in c] for c in columns.values()), strict=True))
+    writer.writerows(zip(*([str(v) for v in values] for values in columns.values()), strict=True))
     return text.getvalue().encode()
 
 
@@ -270,8 +270,10 @@ def _read_csv(data: bytes) -> Columns:
 
 
 def _numbers(cells: tuple[str, ...]) -> np.ndarray[Any, Any]:
-    whole = all(c.lstrip("-").isdigit() for c in cells)
-    return np.array([int(c) for c in cells], np.int64) if whole else np.array([float(c) for c in cells])
+    all_integers = all(cell.lstrip("-").isdigit() for cell in cells)
+    return (
+        np.array([int(cell) for cell in cells], np.int64) if all_integers else np.array([float(cell) for cell in cells])
+    )
 
 
 def _write_ecsv(name: str, columns: Columns, facts: Mapping[str, Any]) -> bytes:
