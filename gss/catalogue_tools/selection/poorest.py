@@ -14,8 +14,8 @@ from gss.domain.angles import Array
 
 FIRST, KEPT, CHILDREN, ROUNDS = 4096, 24, 24, 8
 START_SCALE, SHRINK = 0.06, 0.6
-# Margin of an enlarged field, whose stars break ties between fields with the same number of stars: fewer stars around a
-# field indicate that a poorer field is near.
+# Margin of an enlarged field on each side, as a fraction of the half diagonal. Its stars break ties between fields with
+# the same number of stars: fewer stars around a field indicate that a poorer field is near.
 COLLAR = 0.15
 BLIND = 1e6
 
