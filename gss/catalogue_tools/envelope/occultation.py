@@ -199,7 +199,7 @@ class OccultedEnvelope:
                 raise BadInput(
                     "every field is blinded by Earth, Sun or Moon",
                     expected="some usable fields",
-                    batches=f"{usable} of {drawn} tried",
+                    got=f"{usable} of {drawn} tried",
                     hint="use smaller baffle angles or margin, other dates or another pointing",
                 )
             moments = self.at(rng.random((draw, self.dimensions)))
